@@ -36,7 +36,7 @@ from mavdem.units import (
     with_unit,
 )
 
-SCHEMA_VERSION = 13
+SCHEMA_VERSION = 14
 """Version of the columns and of what they mean: logs whose rows have another version are read again."""
 
 UNKNOWN = "unknown"
@@ -256,6 +256,8 @@ class FlightRow:
     """the worst that was found, or how the flight was lost, one sentence"""
     headline_level: OptionalText = report_column("headline_fact.level")
     """good, watch, bad or unknown"""
+    next_step: OptionalText = report_column("next_step")
+    """what to do next by this log alone, one sentence"""
     light_motors: OptionalText = report_column("lights.motors.level")
     """good, watch, bad or unknown"""
     light_vibration: OptionalText = report_column("lights.vibration.level")

@@ -44,6 +44,7 @@ BRIEF_COLUMNS = (
     "wind_direction",
     "headline",
     "headline_level",
+    "next_step",
     *(f"light_{light}" for light in Light),
     "health",
     "fault_probability",

@@ -12,28 +12,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array
-from mavdem.containers import JsonValues, Numbers
+from mavdem.containers import JsonValues
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact, Facts
 from mavdem.facts.fleet import FleetFolderFact, ReadingFact
 from mavdem.facts.motors import HealthUnknown
 from mavdem.fleet.cluster import Cluster
+from mavdem.fleet.health_figures import column_array, health_figures
 from mavdem.fleet.judgement import AssessRows, publish_judgements
 from mavdem.fleet.row import UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.sources import LogSource, find_logs
 from mavdem.fleet.store import Store, open_store
 from mavdem.fleet.stored_rows import is_fleet, read_rows
 from mavdem.fleet.workers import Job, JobOutcome, MakePage, WorkerPool
-from mavdem.ingest.motors import MotorGeometry
-from mavdem.motors.balance_figures import BalanceFigures
 from mavdem.motors.health import assess_motor_health
-from mavdem.motors.healthy_flights import HealthFigures
-from mavdem.motors.signatures import motor_signatures
-
-MAX_SATURATED_SHARE = 0.01
-"""Fraction of the time that a motor of a sound flight spends at its upper limit, at most: a motor that is there for
-longer has no thrust left, and its trim is not what the flight needs."""
 
 ASSESSMENT_COLUMNS = ("health", "fault_probability", "change_probability", "suspect_motor")
 """Columns that are attributes of the assessment of a flight's motors."""
@@ -127,55 +119,6 @@ def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
     return assessed_rows
 
 
-def health_figures(row: FlightRow) -> HealthFigures:
-    """Returns the figures of one flight by which the health of its motors is judged.
-
-    Args:
-        row: any row of the flight, since these columns are the same for all axes.
-
-    Returns:
-        The figures, None for those that the log does not have:
-
-        - ``balance``: steady commands in roll, pitch and yaw (3,), the mean roll and pitch (2,), and the effect of roll
-          and pitch on each command (3, 2);
-        - ``signatures``: how the balance changes if one motor loses thrust, by the geometry of the motors;
-        - ``sound``: whether the flight may be a healthy one to compare with: it did not oscillate, and no motor was at
-          its upper limit for long.
-    """
-    motors = row.motors or ()
-    balance = None
-    signatures = None
-    if row.balance is not None:
-        balance = BalanceFigures(
-            _array(row.balance, 3),
-            error=_array(row.balance_error, 3),
-            lean=_array(row.balance_lean, 2),
-            lean_effect=_array(row.lean_effect, 6).reshape(3, 2),
-            lean_effect_error=_array(row.lean_effect_error, 6).reshape(3, 2),
-            seconds=row.duration or 0.0,
-        )
-    if motors:
-        # The signatures follow from positions and spins alone. Which output channel drives which motor does not matter
-        # here, so that both get the same numbers.
-        numbers = tuple(range(len(motors)))
-        geometry = MotorGeometry(numbers, numbers, row.positions or (), spins=row.spins or ())
-        signatures = motor_signatures(geometry)
-    name = f"{row.file} {row.system} {row.component}"
-    # The largest of the motors' fractions of time at a limit counts.
-    saturated_share = max(row.saturated or (0.0,))
-    is_sound = row.oscillation is None and saturated_share < MAX_SATURATED_SHARE
-    return HealthFigures(
-        name,
-        motors=motors,
-        signatures=signatures,
-        balance=balance,
-        date=row.date,
-        collective=row.collective,
-        voltage=row.voltage_mean,
-        sound=is_sound,
-    )
-
-
 def _flight_key(row: FlightRow) -> FlightKey:
     """Returns the key of a row's flight, equal for all rows of it."""
     return row.key or row.file, row.vehicle, row.system, row.component
@@ -184,11 +127,6 @@ def _flight_key(row: FlightRow) -> FlightKey:
 def _model_inputs(row: FlightRow) -> tuple[object, ...]:
     """Returns axis, motors, inputs and their unit: if these agree, a model can be evaluated in another flight."""
     return row.axis, row.motors, row.inputs, row.input_unit
-
-
-def _array(values: Numbers | None, count: int) -> Array:
-    """Returns a column as an array, of ``count`` NaN where it is not known."""
-    return np.full(count, np.nan) if values is None else np.array(values, dtype=np.float64)
 
 
 def residual_mean(row: FlightRow, healthy_models: Iterable[FlightRow]) -> float | None:
@@ -214,11 +152,11 @@ def residual_mean(row: FlightRow, healthy_models: Iterable[FlightRow]) -> float 
             continue
         if _model_inputs(model) != _model_inputs(row):
             continue
-        model_inputs = _array(model.mean_inputs, len(row.mean_inputs))
+        model_inputs = column_array(model.mean_inputs, len(row.mean_inputs))
         input_change = np.subtract(row.mean_inputs, model_inputs)
         # The rate is the last output.
         rate_change = row.mean_outputs[-1] - (model.mean_outputs or (0.0,))[-1]
-        effect = _array(model.effect, len(input_change))
+        effect = column_array(model.effect, len(input_change))
         residuals.append(float((model.damping or 0.0) * rate_change - effect @ input_change))
     return float(np.mean(residuals)) if residuals else None
 

@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import coverage_factor
+from mavdem.confidence import coverage_factor, half_width
 from mavdem.motors.balance_figures import BalanceFigures
 from mavdem.motors.healthy_flights import HealthFigures, HealthFlights
+from mavdem.motors.signatures import MotorSignatures
 
 PRIOR_BALANCE_SD = np.array([0.010, 0.010, 0.008])
 """Prior standard deviation of the level balance in roll, pitch and yaw between healthy flights, relative to the thrust.
@@ -131,6 +132,31 @@ def level_balances(flights: Sequence[BalanceFigures]) -> LevelBalances:
     level = mean - np.einsum("fal,fl->fa", effects.effects, lean)
     lean_variance = np.einsum("fal,fl->fa", effects.variances, lean**2)
     return LevelBalances(level, error**2 + lean_variance)
+
+
+class MotorDeviations(NamedTuple):
+    """Deviations of k motors from their mean in n flights, as fractions of the mean command, without lean."""
+
+    estimates: Array
+    """(n, k) deviations; positive of a motor that works harder than the mean."""
+    half_widths: Array
+    """(n, k) half widths of their 90 % intervals."""
+
+
+def deviations_of_motors(level: LevelBalances, signatures: MotorSignatures) -> MotorDeviations:
+    """Converts level balances into how much each motor deviates from the mean of all motors.
+
+    Of more than four motors the balance determines only what the mixer can command.
+
+    Args:
+        level: Balances of n flights without lean.
+        signatures: Mixer of the vehicle, in which all of thrust, roll, pitch and yaw are known.
+    """
+    allocation = signatures.torque_allocation
+    return MotorDeviations(
+        estimates=level.balances @ allocation.T,
+        half_widths=half_width(level.variances @ (allocation**2).T),
+    )
 
 
 @dataclass(frozen=True, eq=False)

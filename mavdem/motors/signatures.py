@@ -50,6 +50,11 @@ class MotorSignatures:
         allocation = np.linalg.pinv(self.mixer_rows)
         return (allocation @ self.mixer_rows).T
 
+    @cached_property
+    def torque_allocation(self) -> Array:
+        """(k, a - 1) change of the command of each motor by the commands of all axes but thrust."""
+        return np.linalg.pinv(self.mixer_rows)[:, 1:].astype(np.float64)
+
     @property
     def own_rise_ratios(self) -> Array:
         """(k,) rise of a motor's own command if it must work harder by 1; its neighbours supply the rest."""

@@ -9,7 +9,6 @@ it may explain widens the intervals.
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import half_width
 from mavdem.containers import JsonValues
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
@@ -26,6 +25,7 @@ from mavdem.motors.deviation import (
     PRIOR_BALANCE_FREEDOM,
     PRIOR_BALANCE_SD,
     Deviation,
+    deviations_of_motors,
     level_balances,
 )
 from mavdem.motors.health import MIN_NAMED_PROBABILITY, MIN_REPORTED_PROBABILITY
@@ -92,10 +92,7 @@ def trim_pattern(balance: BalanceFigures | None, geometry: MotorGeometry) -> Fac
     level = level_balances([balance])
     level_balance = level.balances[0]
     variance = level.variances[0]
-    # (k, 3): turns roll, pitch and yaw commands into commands of motors; the column of thrust is left out.
-    allocation = np.linalg.pinv(signatures.mixer_rows)[:, 1:]
-    deviations = allocation @ level_balance
-    half_widths = half_width(allocation**2 @ variance)
+    (deviations,), (half_widths,) = deviations_of_motors(level, signatures)
     # What each deviation is at least, within its interval.
     least_deviations = abs(deviations) - half_widths
     is_uneven = bool(least_deviations.max() > FAULT_RISE)
@@ -122,7 +119,7 @@ def trim_pattern(balance: BalanceFigures | None, geometry: MotorGeometry) -> Fac
             )
         # A trim of the vehicle in the opposite direction may have hidden a loss. The deviation of the weak motor rises
         # by less than its command, since the mean command rises too.
-        own_deviation_ratios = np.diag(allocation @ signatures.mixer_rows[1:])
+        own_deviation_ratios = np.diag(signatures.torque_allocation @ signatures.mixer_rows[1:])
         hidden_deviations = FAULT_RISE + deviations + half_widths
         own_rise_ratios = signatures.own_rise_ratios
         hidden_rises = hidden_deviations * own_rise_ratios / own_deviation_ratios

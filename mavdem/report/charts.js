@@ -172,7 +172,8 @@
     ctx.save();
     ctx.beginPath(); ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height); ctx.clip();
     // Dots of several lines stand beside each other where things are counted.
-    const dotDistance = data.x.names.length ? 9 * ratio : 0, dots = data.lines.filter(isDots);
+    const dots = data.lines.filter(isDots), room = bbox.width / data.x.names.length;
+    const dotDistance = data.x.names.length ? Math.min(9 * ratio, 0.8 * room / dots.length) : 0;
     for (const line of data.lines) {
       const stems = line.kind === "stems";
       if (!stems && !isDots(line)) continue;
@@ -202,14 +203,8 @@
         ctx.stroke();
       });
     }
-    ctx.font = `${10 * ratio}px system-ui, sans-serif`; ctx.textAlign = "left"; ctx.textBaseline = "top";
+    ctx.font = `${10 * ratio}px system-ui, sans-serif`; ctx.textBaseline = "top";
     ctx.strokeStyle = colour("--card"); ctx.lineWidth = 3 * ratio;
-    for (const line of dots.filter(line => line.remark)) {
-      const last = line.y.findLastIndex(value => value != null), place = [chart.valToPos(data.columns[last], "x", true), chart.valToPos(line.y[last], "y", true)];
-      const isHigh = place[1] < bbox.top + bbox.height / 2, text = [line.remark, place[0], place[1] + (isHigh ? 10 : -20) * ratio];
-      ctx.textAlign = "right"; ctx.fillStyle = line.colour;
-      ctx.strokeText(...text); ctx.fillText(...text);
-    }
     ctx.textAlign = "left";
     // Marks of things that are counted stand above the plot, beside the values.
     if (dotDistance) { ctx.restore(); ctx.save(); ctx.font = `${10 * ratio}px system-ui, sans-serif`; ctx.textBaseline = "top"; ctx.strokeStyle = colour("--card"); ctx.lineWidth = 3 * ratio; }
@@ -253,6 +248,9 @@
     },
   });
 
+  // Whether names fit below the things that they name; otherwise only the first and the last one are written.
+  const hasRoom = (chart, names) => Math.max(...names.map(name => name.length)) * 6.5 < chart.bbox.width / devicePixelRatio / names.length;
+
   // Pixels of a plot's padding above, which the numbers of events need.
   const above = data => hasNumbers(data) && data.lines.length ? 13 : data.x.names.length && data.marks.length ? MARKS_ABOVE + 2 : 6;
   const height = (figure, data) => {
@@ -293,7 +291,7 @@
     const width = (_, texts) => Math.max(50, ...(texts ?? []).filter(text => text?.length > 5).map(text => 14 + 7.2 * text.length));
     const base = { stroke: () => colour("--ink"), font: font(), grid, ticks: grid, labelFont: font(), labelSize: 16, labelGap: 0 };
     const shown = axis => axis.names.length
-      ? { splits: () => axis.names.map((_, i) => i), values: (_, splits) => splits.map(i => axis.names[i]) }
+      ? { splits: () => axis.names.map((_, i) => i), values: (chart, splits) => splits.map(i => hasRoom(chart, axis.names) || i === 0 || i === axis.names.length - 1 ? axis.names[i] : "") }
       : axis.log ? { splits: logarithmicSplits, filter: labelledSplits, grid: { ...grid, filter: labelledSplits }, ticks: { ...grid, filter: labelledSplits }, values: (_, splits) => splits.map(value => value == null ? null : digits(value)) } : { values: (_, splits, axis, space, step) => splits.map(value => digits(value, step)) };
     // The last name is centred on its tick, so that half of it needs room to the right.
     const rightPadding = data.beside ? 0 : edge + 2 * (data.x.names.at(-1)?.length ?? 0);
@@ -375,6 +373,14 @@
       return value;
     });
     data.at = at;
+    if (data.x.names.length) {
+      // Where things are counted, the words on a line stand beside the title, since in the plot they would lie over lines;
+      // the thing under the cursor has their place.
+      const remarked = data.lines.find(line => line.remark), remark = element("span", "remark");
+      if (remarked) Object.assign(remark, { textContent: remarked.remark, style: `color: ${remarked.colour}` });
+      header.append(remark, at);
+      legend.classList.add("below");
+    }
     header.append(legend);
   };
   const element = (tag, name = "") => Object.assign(document.createElement(tag), { className: name });

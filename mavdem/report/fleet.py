@@ -17,8 +17,8 @@ from mavdem.fleet.flights import (
     worst_row,
 )
 from mavdem.fleet.names import GivenNames
-from mavdem.fleet.row import UNKNOWN
-from mavdem.report.blocks import Rated
+from mavdem.fleet.row import UNKNOWN, FlightRow
+from mavdem.report.blocks import Rated, Sentence
 from mavdem.report.templates import render_section
 
 ANOMALOUS_HEALTHS = MotorHealth.FAULT, MotorHealth.DRIFT
@@ -109,6 +109,9 @@ class VehicleTexts(NamedTuple):
 
     all_flights: str
     """In how many flights the motors had a fault or a drift, and the latest of these; may be empty."""
+
+    next_step: str
+    """What to do next about what is wrong; empty where nothing is."""
 
 
 def is_serial(name: str) -> bool:
@@ -299,7 +302,44 @@ def vehicle_texts(flights: Flights) -> VehicleTexts:
     reason = ""
     if latest_anomalous_row is not None and has_anomaly:
         reason = first_sentence(latest_anomalous_row.health_reason or "")
-    return VehicleTexts(latest_flight.text, reason, all_flights.text)
+    next_step = _next_step(flights, latest_anomalous_row if has_anomaly else None)
+    return VehicleTexts(latest_flight.text, reason, all_flights.text, next_step)
+
+
+def _next_step(flights: Flights, anomalous_row: FlightRow | None) -> str:
+    """Returns what to do next about a vehicle; empty where nothing is wrong with it.
+
+    What a bad latest flight needs comes first, then what its motors need. A headline that is only to be watched has a
+    next step where the motors need nothing.
+
+    Args:
+        flights: rows of the vehicle's flights, in the order of date; at least one flight.
+        anomalous_row: row of the latest flight whose motors have a fault or a drift; None if they are healthy again.
+    """
+    latest_row = log_row(flights[-1])
+    step_of_log = latest_row.next_step or ""
+    steps = [step_of_log] if bad_headline(flights) else []
+    if anomalous_row is not None:
+        steps += [step.text for step in motor_next_step(anomalous_row)]
+    elif not steps and latest_row.headline_level == Level.WATCH:
+        steps.append(step_of_log)
+    # A dictionary keeps each step once, in order.
+    return " ".join(dict.fromkeys(step for step in steps if step))
+
+
+def motor_next_step(row: FlightRow) -> list[Sentence]:
+    """Returns what to do about a fault or a drift of motors that shows beside other flights of their vehicle.
+
+    Args:
+        row: row of a flight whose motors have a fault or a drift, with the number of the suspected motor if any is.
+    """
+    motor = suspected_motor(row)
+    return [*render_section("difference_next", motor=motor, is_weaker=bool(motor))]
+
+
+def suspected_motor(row: FlightRow) -> str:
+    """Returns the name of the motor that is suspected beside the other flights, such as "motor 1"; "" where none is."""
+    return f"motor {row.suspect_motor}" if row.suspect_motor else ""
 
 
 def _reason_for_latest_health(flights: Flights) -> str:

@@ -204,6 +204,9 @@ class HealthSummary(NamedTuple):
     healthy_count: int
     """Number of vehicles whose motors are healthy."""
 
+    next_step: str
+    """What to do next about the most urgent vehicle, which is named unless it is the only one; empty for nothing."""
+
 
 def _health_summary(
     vehicles: Mapping[str, VehicleFlights],
@@ -221,7 +224,8 @@ def _health_summary(
         lists_follow: whether a list of the vehicles follows, so that of more than two the most urgent one alone is
             named.
     """
-    urgent = []
+    urgent: list[str] = []
+    next_step = ""
     watched_count = 0
     recovered_labels = []
     healthy_count = 0
@@ -231,6 +235,9 @@ def _health_summary(
         is_shared = name in shared_names
         label = vehicle_label(name, vehicle.last.frame, names, is_shared=is_shared)
         if vehicle.urgency.rank < MAX_URGENT_RANK:
+            if not urgent and vehicle.texts.next_step:
+                is_alone = len(vehicles) == 1
+                next_step = f"{'' if is_alone else f'{label}: '}{vehicle.texts.next_step}"
             urgent.append(f"{label} ({as_clause(vehicle.texts.latest_flight)})")
         elif vehicle.last.badge_level is Level.WATCH:
             watched_count += 1
@@ -247,6 +254,7 @@ def _health_summary(
         watched_count=watched_count,
         recovered_list=abbreviated_list(sorted(recovered_labels)),
         healthy_count=healthy_count,
+        next_step=next_step,
     )
 
 

@@ -240,13 +240,13 @@ def _wind_text(flight: AxisRows) -> str:
 
 
 COLUMNS = {
-    "flight": Column("text", _file_name, "11rem", "flight"),
+    "flight": Column("text", _file_name, "12rem", "flight"),
     "vehicle": Column("text", _vehicle, "8rem", "vehicle"),
-    "date": Column("text", _date, "6rem", "date"),
-    "tier": Column("text", _tier, "2.6rem"),
+    "date": Column("text", _date, "6.6rem", "date"),
+    "tier": Column("text", _tier, "3.2rem"),
     "health": Column("health", _badge, "5.8rem", "health"),
     "lights": Column("lights", _warning_lights, "9rem", "lights"),
-    "motor": Column("text", _suspect_motors, "3.4rem"),
+    "motor": Column("text", _suspect_motors, "4.6rem"),
     "notes": Column("notes", _notes_on_flight, "auto", "notes"),
     "settled (s)": Column("number", _settled_seconds, "4.4rem"),
     "wind (m/s)": Column("number", _wind_text, "6rem"),

@@ -35,6 +35,20 @@ def fleet_counts(rows):
     return fleet_summary.fleet_counts(vehicle_summaries(rows))
 
 
+def test_the_next_step_of_a_fleet_is_that_of_its_most_urgent_vehicle():
+    inspect = "Inspect motor 2 and its propeller before the next flight."
+    weak = flight_row("beta", 0, health="fault", suspect_motor=2, next_step="Fly longer.")
+    assert f"Next: {inspect}" in plain_text(fleet_blocks([weak]))
+    cycle = {"headline": "Oscillates.", "headline_level": "bad", "next_step": "Lower the gains."}
+    rows = [flight_row("alpha", 0, **cycle), weak]
+    assert f"Next: beta: {inspect}" in plain_text(fleet_blocks(rows))
+    assert vehicle_texts([[rows[0]]]).next_step == "Lower the gains."
+    lost = flight_row("beta", 1, **cycle, health="fault", suspect_motor=2)
+    assert vehicle_texts([[weak], [lost]]).next_step == f"Lower the gains. {inspect}"
+    sound = flight_row("alpha", 0, headline_level="good", next_step="Fly longer.")
+    assert "Next:" not in plain_text(fleet_blocks([sound]))
+
+
 def test_vehicles_in_trouble_come_first_and_the_worst_before_others():
     cycle = {"headline": "Oscillates.", "headline_level": "bad"}
     rows = [

@@ -134,7 +134,7 @@ class Line(NamedTuple):
     """Whether its values belong to the axis on the right of the chart."""
 
     remark: str = ""
-    """What is written beside its last value; empty for nothing."""
+    """What is written in its colour beside the title of a chart that counts things; empty for nothing."""
 
     bridged_gap: float = 0.0
     """A distance of two samples that is no gap however small the usual one is, in the unit of the axis."""

@@ -9,6 +9,8 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.fleet.flights import AxisRows, log_row, worst_health
+from mavdem.fleet.health_figures import health_figures
+from mavdem.motors.deviation import deviations_of_motors, level_balances
 from mavdem.report.charts.chart import Axis, Chart, Group, Line, LineStyle, Mark
 from mavdem.report.numbers import TORQUE_UNIT, without_remark
 from mavdem.report.palette import BAD, LIMITED, distinct
@@ -16,8 +18,8 @@ from mavdem.report.palette import BAD, LIMITED, distinct
 HEALTH_MARKS = {"fault": ("●", BAD), "drift": ("▲", LIMITED)}
 """Symbol and colour of the mark at a flight in which the motors had a fault or a drift."""
 
-COLUMNS = 3
-"""Columns in which the charts are arranged."""
+PERCENT = 100
+"""Percent of the whole."""
 
 
 class AxisQuantity(NamedTuple):
@@ -45,6 +47,14 @@ AXIS_QUANTITIES = (
     AxisQuantity("Error ratio (1: as the mean)", "error_ratio", 1.0),
 )
 """The quantities that are drawn by axis, in the order of their charts."""
+
+MAX_DATED_FLIGHTS = 200
+"""Flights up to which each has its date in the charts, of which each chart has a copy."""
+
+TRIM_TITLE = "Trim deviation (%)"
+TRIM_WITHOUT_LEAN_TITLE = "Trim without lean (%)"
+TITLES_OF_DEVIATIONS = TRIM_TITLE, TRIM_WITHOUT_LEAN_TITLE
+"""Titles of the charts of the motors, whose quantity is 0 of even motors."""
 
 Estimates = dict[str, Array]
 """Estimates and half widths of their intervals (flights, 2) by name of the line; NaN where not known."""
@@ -74,22 +84,27 @@ def vehicle_group(flights: Sequence[AxisRows]) -> Group | None:
     for title, estimates in _charted_quantities(flights):
         lines = tuple(_lines_of_estimates(estimates, suspect))
         if lines:
-            charts.append(Chart(title, axis, Axis(""), lines, marks=tuple(marks)))
-    if not charts:
-        return None
-    # The charts go from left to right, and then to the next row.
-    columns = [tuple(charts[first_chart::COLUMNS]) for first_chart in range(COLUMNS)]
-    return Group(tuple(column for column in columns if column))
+            levels = (0.0,) if title in TITLES_OF_DEVIATIONS else ()
+            charts.append(Chart(title, axis, Axis(""), lines, levels, marks=tuple(marks)))
+    return Group.side_by_side(charts) if charts else None
 
 
 def _flight_axis(flights: Sequence[AxisRows]) -> Axis:
-    """Returns an axis that counts the flights and has the dates of the first and the last one."""
-    dates = []
-    for flight in flights:
+    """Returns an axis that counts the flights and has their dates; of many only those of the first and the last one.
+
+    A page has room for two of them below a chart; it shows the others under the cursor.
+    """
+    names = []
+    for number, flight in enumerate(flights, start=1):
         date = log_row(flight).past_date
-        dates.append("" if date is None else f"{date:%Y-%m-%d}")
-    empty_labels = [""] * (len(flights) - 2)
-    return Axis("flight", names=(dates[0] or "first", *empty_labels, dates[-1] or "last"))
+        is_end = number in (1, len(flights))
+        if date is None:
+            names.append(f"flight {number}")
+        elif is_end or len(flights) <= MAX_DATED_FLIGHTS:
+            names.append(f"{date:%Y-%m-%d %H:%M}")
+        else:
+            names.append("")
+    return Axis("flight (UTC)", names=tuple(names))
 
 
 def _suspect_motor(flights: Sequence[AxisRows]) -> str:
@@ -130,15 +145,22 @@ def _lines_of_estimates(estimates: Estimates, suspect_motor: str) -> Iterator[Li
 def _charted_quantities(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Estimates]]:
     """Yields the title of each chart, with the unit, and the estimates that it shows by the name of their line.
 
-    First come the motors' shares of the mean output and the vibration, then ``AXIS_QUANTITIES`` with a line for each
-    axis.
+    First come the deviations of the motors from their mean and the vibration, then ``AXIS_QUANTITIES`` with a line for
+    each axis. The deviations are those without lean, by which flights are compared; where no flight has them, since the
+    places of the motors are not known, they are those of the outputs as they were.
 
     Args:
         flights: rows of the vehicle's flights, in the order of date.
     """
     motors = _motor_names(flights)
-    shares = _estimates_of_column(flights, "trim_share", len(motors))
-    yield "Motor shares (mean 1)", dict(zip(motors, shares, strict=True))
+    trims = _trims_without_lean(flights)
+    if trims:
+        yield TRIM_WITHOUT_LEAN_TITLE, trims
+    else:
+        shares = _estimates_of_column(flights, "trim_share", len(motors))
+        # A half width keeps its meaning when 1 is taken from its estimate.
+        deviations = PERCENT * (shares - [1.0, 0.0])
+        yield TRIM_TITLE, dict(zip(motors, deviations, strict=True))
     vibration = _estimates_of_column(flights, "vibration", 3)
     yield "Vibration, first IMU (m/s²)", dict(zip("xyz", vibration, strict=True))
     # Some firmware has a single level in the place of three components.
@@ -153,6 +175,38 @@ def _charted_quantities(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Esti
                 yield title, _estimates_by_axis(flights, quantity, unit)
         else:
             yield quantity.title, _estimates_by_axis(flights, quantity)
+
+
+def _trims_without_lean(flights: Sequence[AxisRows]) -> Estimates:
+    """Returns how much each motor deviates from the mean of all without the vehicle's lean, %, by which it is judged.
+
+    Wind makes a vehicle lean, and the lean asks for a torque, so that in wind sound motors deviate as weak ones do.
+
+    Args:
+        flights: rows of the vehicle's flights. Those with other motors than the latest flight with a known balance
+            count as unknown.
+
+    Returns:
+        Deviation and half width of its 90 % interval (flights, 2) by motor, NaN where not known; empty if no flight has
+        them.
+    """
+    figures = [health_figures(log_row(flight)) for flight in flights]
+    known_figures = [one for one in figures if one.missing is None]
+    if not known_figures:
+        return {}
+    latest = known_figures[-1]
+    numbers = []
+    balances = []
+    for number, one in enumerate(figures):
+        if one.missing is None and one.geometry_key == latest.geometry_key:
+            numbers.append(number)
+            balances.append(one.known_balance)
+    assert latest.signatures is not None
+    deviations = deviations_of_motors(level_balances(balances), latest.signatures)
+    trims = np.full((len(latest.motors), len(flights), 2), np.nan)
+    trims[:, numbers, 0] = PERCENT * deviations.estimates.T
+    trims[:, numbers, 1] = PERCENT * deviations.half_widths.T
+    return dict(zip(map(without_remark, latest.motors), trims, strict=True))
 
 
 def _motor_names(flights: Sequence[AxisRows]) -> list[str]:

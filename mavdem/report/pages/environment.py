@@ -23,6 +23,9 @@ _UNSAFE_CHARACTERS = re.compile(
 _SPACE_BEFORE_PERCENT = re.compile(r"(?<=\d) ?%")
 """A percent sign after a number, with the space before it if there is one."""
 
+_ELLIPSIS_IN_NAME = re.compile(r"(?<=\w)…(?=\w)")
+"""An ellipsis within a shortened name, such as "001a…333539"."""
+
 _CODE = re.compile("`([^`]*)`")
 """Text between backquotes, such as a command."""
 
@@ -61,7 +64,7 @@ def environment() -> Environment:
 
 
 def _prose_as_html(text: str) -> Markup:
-    """Converts text to HTML: parts between backquotes become code, and percent signs stay on the line of their number.
+    """Converts text to HTML: parts between backquotes become code; numbers with "%" and shortened names stay on a line.
 
     The text is escaped first, since it may come from a log. If a backquote has no partner, all are kept as they are.
 
@@ -71,7 +74,8 @@ def _prose_as_html(text: str) -> Markup:
     Returns:
         The HTML.
     """
-    html = str(escape(_SPACE_BEFORE_PERCENT.sub("\N{NO-BREAK SPACE}%", text)))
+    text = _SPACE_BEFORE_PERCENT.sub("\N{NO-BREAK SPACE}%", text)
+    html = str(escape(_ELLIPSIS_IN_NAME.sub("…\N{WORD JOINER}", text)))
     has_unpaired_backquote = html.count("`") % 2 == 1
     if has_unpaired_backquote:
         return Markup(html)

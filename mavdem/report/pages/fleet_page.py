@@ -15,7 +15,7 @@ from mavdem.facts.lights import Light
 from mavdem.fleet.flights import group_into_flights
 from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.fleet.row import UNKNOWN, FlightRows
-from mavdem.report.blocks import Block, Rated, Table
+from mavdem.report.blocks import Block, Rated, Sentence, Table
 from mavdem.report.charts.chart import Plan
 from mavdem.report.charts.plans import MIN_ROSE_FLIGHTS, dots_of_flights, rose_of_flights
 from mavdem.report.charts.vehicle_charts import vehicle_group
@@ -40,8 +40,8 @@ MAX_DRAWN = 20
 FIRST_SHOWN = 50
 """Rows of the table that a browser without scripts shows."""
 
-SUMMARY_BLOCKS = 2
-"""Paragraphs of the summary at the top of the page: the headline, and what was flown."""
+LAST_SUMMARY_LEAD = "Flown:"
+"""Lead of the last paragraph of the summary at the top of the page: headline, next step, and what was flown."""
 
 MIN_BARS = 12
 """Bars for which the list of vehicles has room at least, so that a few flights are not drawn as wide blocks."""
@@ -98,8 +98,11 @@ def fleet_page(
     cells = [_named_cells(line, names) for line in lines]
     vehicles = _vehicle_sections(summaries, changes or {}, charts, names)
     blocks = fleet_blocks(summaries, names, lists_follow=True)
-    # The headline and what was flown; without a flight there is nothing but the reasons.
-    first_blocks = SUMMARY_BLOCKS if vehicles else len(blocks)
+    # Without a flight there is nothing but the reasons.
+    first_blocks = len(blocks)
+    if vehicles:
+        leads = [block.lead if isinstance(block, Sentence) else "" for block in blocks]
+        first_blocks = leads.index(LAST_SUMMARY_LEAD) + 1
     return render_page(
         environment().get_template("fleet.html"),
         blocks=blocks[:first_blocks],
@@ -263,6 +266,8 @@ class VehicleSection:
     """Its latest flights."""
     note: str
     """What is to be known of it at a glance; empty where nothing is."""
+    next_step: str
+    """What to do next about it; empty where nothing is wrong."""
     summary: str
     """What was found in all its flights; may be empty."""
     changes: Sequence[Block]
@@ -326,6 +331,7 @@ def _vehicle_sections(
                 flights=vehicle.flight_count,
                 bars=_level_bars(vehicle.levels, bar_count),
                 note=_note_on_vehicle(vehicle),
+                next_step=vehicle.texts.next_step,
                 summary=vehicle.texts.all_flights,
                 changes=changes.get(name, ()),
                 # They are HTML of this program.

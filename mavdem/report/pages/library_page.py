@@ -319,10 +319,16 @@ def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values
     Returns:
         The page as HTML.
     """
-    summary = vehicle_texts(flights).all_flights if flights else ""
+    texts = vehicle_texts(flights) if flights else None
     charts = vehicle_group(flights) if len(flights) > 1 else None
-    groups = [] if charts is None else [charts]
-    return render_server_page("vehicle", words=summary, changes=[*changes], groups=groups, **values)
+    return render_server_page(
+        "vehicle",
+        words="" if texts is None else texts.all_flights,
+        next_step="" if texts is None else texts.next_step,
+        changes=[*changes],
+        groups=[] if charts is None else [charts],
+        **values,
+    )
 
 
 def refusal_page(fact: Fact, *, asks_for_token: bool, **values: Any) -> str:

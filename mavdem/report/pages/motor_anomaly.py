@@ -18,10 +18,15 @@ from mavdem.facts.motors import MotorHealth
 from mavdem.fleet.report_columns import value_at
 from mavdem.fleet.row import FlightRow
 from mavdem.report.blocks import Sentence
-from mavdem.report.fleet import ANOMALOUS_HEALTHS, HEALTH_LEVELS, motors_level
+from mavdem.report.fleet import (
+    ANOMALOUS_HEALTHS,
+    HEALTH_LEVELS,
+    motor_next_step,
+    motors_level,
+    suspected_motor,
+)
 from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.pages.page_link import PageLink
-from mavdem.report.templates import render_section
 
 RESULT = re.compile(
     r'(?P<anomaly><section id="beside".*?</section>\n)?'
@@ -87,11 +92,10 @@ def motor_anomaly(row: FlightRow | None) -> MotorAnomaly | None:
     """
     if row is None or row.health not in ANOMALOUS_HEALTHS:
         return None
-    motor = f"motor {row.suspect_motor}" if row.suspect_motor else ""
-    next_step: list[Sentence] = []
+    motor = suspected_motor(row)
     # A fault has a next step even where the motor is not known; a drift has one only for a suspected motor.
-    if row.health == MotorHealth.FAULT or motor:
-        next_step = [*render_section("difference_next", motor=motor, is_weaker=bool(motor))]
+    has_next_step = row.health == MotorHealth.FAULT or bool(motor)
+    next_step = motor_next_step(row) if has_next_step else []
     level = HEALTH_LEVELS[MotorHealth(row.health)]
     return MotorAnomaly(level, row.health_reason or "", next_step, motor)
 

@@ -1,0 +1,69 @@
+"""Figures of a flight by which the health of its motors is judged, from its row in the table of a fleet."""
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.containers import Numbers
+from mavdem.fleet.row import FlightRow
+from mavdem.ingest.motors import MotorGeometry
+from mavdem.motors.balance_figures import BalanceFigures
+from mavdem.motors.healthy_flights import HealthFigures
+from mavdem.motors.signatures import motor_signatures
+
+MAX_SATURATED_SHARE = 0.01
+"""Fraction of the time that a motor of a sound flight spends at its upper limit, at most: a motor that is there for
+longer has no thrust left, and its trim is not what the flight needs."""
+
+
+def health_figures(row: FlightRow) -> HealthFigures:
+    """Returns the figures of one flight by which the health of its motors is judged.
+
+    Args:
+        row: any row of the flight, since these columns are the same for all axes.
+
+    Returns:
+        The figures, None for those that the log does not have:
+
+        - ``balance``: steady commands in roll, pitch and yaw (3,), the mean roll and pitch (2,), and the effect of roll
+          and pitch on each command (3, 2);
+        - ``signatures``: how the balance changes if one motor loses thrust, by the geometry of the motors;
+        - ``sound``: whether the flight may be a healthy one to compare with: it did not oscillate, and no motor was at
+          its upper limit for long.
+    """
+    motors = row.motors or ()
+    balance = None
+    signatures = None
+    if row.balance is not None:
+        balance = BalanceFigures(
+            column_array(row.balance, 3),
+            error=column_array(row.balance_error, 3),
+            lean=column_array(row.balance_lean, 2),
+            lean_effect=column_array(row.lean_effect, 6).reshape(3, 2),
+            lean_effect_error=column_array(row.lean_effect_error, 6).reshape(3, 2),
+            seconds=row.duration or 0.0,
+        )
+    if motors:
+        # The signatures follow from positions and spins alone. Which output channel drives which motor does not matter
+        # here, so that both get the same numbers.
+        numbers = tuple(range(len(motors)))
+        geometry = MotorGeometry(numbers, numbers, row.positions or (), spins=row.spins or ())
+        signatures = motor_signatures(geometry)
+    name = f"{row.file} {row.system} {row.component}"
+    # The largest of the motors' fractions of time at a limit counts.
+    saturated_share = max(row.saturated or (0.0,))
+    is_sound = row.oscillation is None and saturated_share < MAX_SATURATED_SHARE
+    return HealthFigures(
+        name,
+        motors=motors,
+        signatures=signatures,
+        balance=balance,
+        date=row.date,
+        collective=row.collective,
+        voltage=row.voltage_mean,
+        sound=is_sound,
+    )
+
+
+def column_array(values: Numbers | None, count: int) -> Array:
+    """Returns a column as an array, of ``count`` NaN where it is not known."""
+    return np.full(count, np.nan) if values is None else np.array(values, dtype=np.float64)
