@@ -7,7 +7,8 @@ settled.
 
 A landing is known only once it has happened; the last seconds before it are then withdrawn. While the autopilot does
 not report whether it is in the air, a vehicle that descends may be landing: nothing is settled until it has not
-descended for ``TRANSIENT_SECONDS``. Without a vertical speed only the motors show a landing, once it is over.
+descended for ``TRANSIENT_SECONDS``. Without a vertical speed only the motors show a landing, once it is over. A loss of
+control, too, is known only a moment after its onset, and withdraws what came since.
 """
 
 from dataclasses import replace
@@ -74,7 +75,10 @@ class FlightPhase:
         self._settled_start: float | None = None
         # The time since which the vehicle flies freely on its way up, s; infinite before it climbs.
         self._free_climb_start = inf
-        self._landing_time: float | None = None
+        # The time since which the vehicle is out of control, s; infinite while it is under control.
+        self._loss_onset = inf
+        # The time since which samples that counted as settled are withdrawn, s; None where none are.
+        self._withdrawal_time: float | None = None
 
     @property
     def not_flying_reason(self) -> Fact | None:
@@ -86,11 +90,14 @@ class FlightPhase:
 
     def is_settled(self, time: float) -> bool:
         """Returns whether the flight is settled at ``time``, s; the tilt, which is judged for each row, is left out."""
-        return self.is_in_air and self._settled_start is not None and time >= self._settled_start
+        if not self.is_in_air or self._settled_start is None:
+            return False
+        return self._settled_start <= time < self._loss_onset
 
     def is_free(self, time: float) -> bool:
         """Returns whether nothing holds the vehicle at ``time``, s: the flight is settled, or on its way up."""
-        return self.is_settled(time) or (self.is_flying and time >= self._free_climb_start)
+        is_climbing = self.is_flying and self._free_climb_start <= time < self._loss_onset
+        return is_climbing or self.is_settled(time)
 
     @property
     def takeoff_time(self) -> float:
@@ -106,11 +113,25 @@ class FlightPhase:
         """Returns the time since which the flight is settled, s; None if it is not settled ``now``, s."""
         return self._settled_start if self.is_settled(now) else None
 
-    def pop_landing_time(self) -> float | None:
-        """Returns the time, s, since which samples that counted as settled were of a landing; None without one."""
-        landing_time = self._landing_time
-        self._landing_time = None
-        return landing_time
+    def pop_withdrawal_time(self) -> float | None:
+        """Returns the time, s, since which samples that counted as settled were not; None without such samples.
+
+        They were of a landing or of a loss of control.
+        """
+        withdrawal_time = self._withdrawal_time
+        self._withdrawal_time = None
+        return withdrawal_time
+
+    def note_loss(self, onset: float | None) -> None:
+        """Notes since when the vehicle is out of control: from then on its flight is neither settled nor free.
+
+        Args:
+            onset: beginning of the loss of control, s of the boot clock; None while the vehicle is under control.
+        """
+        is_new_loss = onset is not None and self._loss_onset == inf
+        self._loss_onset = inf if onset is None else onset
+        if is_new_loss and self.is_flying:
+            self._withdraw_since(self._loss_onset)
 
     def review(self, now: float, vehicle: Telemetry, collective: TimeSeries | None) -> None:
         """Decides the phase of flight by the messages and motor outputs of the last seconds, twice a second.
@@ -183,7 +204,8 @@ class FlightPhase:
 
     def _end_flight(self, touchdown_time: float) -> None:
         """Ends the flight at a touch-down, s of the boot clock, and withdraws its last seconds."""
-        self._withdraw_landing(touchdown_time)
+        # The last seconds before a touch-down are of the landing, and not settled flight.
+        self._withdraw_since(touchdown_time - TRANSIENT_SECONDS)
         self.is_in_air = False
         self._settled_start = None
         self._free_climb_start = inf
@@ -255,20 +277,18 @@ class FlightPhase:
             free_time = float(climbing_times[0]) + FREE_CLIMB_DELAY
             self._free_climb_start = min(self._free_climb_start, free_time)
 
-    def _withdraw_landing(self, touchdown_time: float) -> None:
-        """Marks the last ``TRANSIENT_SECONDS`` before a touch-down as landing, since they are not settled flight.
+    def _withdraw_since(self, start_time: float) -> None:
+        """Marks samples that counted as settled for withdrawal.
 
-        The caller gets the beginning of the landing by ``pop_landing_time``, and withdraws the samples that were
-        learned since then. If it did not do so after an earlier landing, the earlier time is kept, so that both are
-        withdrawn.
+        The caller gets the time by ``pop_withdrawal_time``, and withdraws what was learned since then. If it did not do
+        so after an earlier landing or loss of control, the earlier time is kept, so that both are withdrawn.
 
         Args:
-            touchdown_time: time of the touch-down on the boot clock, s.
+            start_time: time of the first sample to be withdrawn, s of the boot clock.
         """
-        landing_time = touchdown_time - TRANSIENT_SECONDS
-        if self._landing_time is not None:
-            landing_time = min(landing_time, self._landing_time)
-        self._landing_time = landing_time
+        if self._withdrawal_time is not None:
+            start_time = min(start_time, self._withdrawal_time)
+        self._withdrawal_time = start_time
 
 
 def _interval_at(time: float, intervals: Intervals) -> TimeInterval | None:

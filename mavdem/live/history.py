@@ -4,7 +4,7 @@ from array import array
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite, nan
+from math import inf, isfinite, nan
 from operator import itemgetter
 from typing import NamedTuple, Self
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.containers import Names
-from mavdem.dataset.intervals import TimeInterval
+from mavdem.dataset.intervals import TimeInterval, intersection
 from mavdem.dataset.setpoints import STAMP_ROUNDING
 from mavdem.dem import Estimate
 from mavdem.facts.event import Event
@@ -293,6 +293,16 @@ class LiveHistory:
                 start = last_start
                 self.learned_intervals.pop()
         self.learned_intervals.append((start, time))
+
+    def forget_learned_since(self, start_time: float) -> None:
+        """Removes from the learned intervals what was withdrawn from the model.
+
+        Args:
+            start_time: time of the first withdrawn sample, s of the present boot's clock.
+        """
+        start_time += self.timeline_offset
+        kept_intervals = [(-inf, start_time)]
+        self.learned_intervals = intersection(self.learned_intervals, kept_intervals)
 
     def _remember_predictions(self, time: float, outputs: list[float], estimate: Estimate) -> None:
         """Keeps an estimate's predictions, by horizon, until their time has come.

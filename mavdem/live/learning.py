@@ -242,14 +242,14 @@ class FlightLearning:
             self._log(gust)
 
     def withdraw_since(self, landing_time: float) -> None:
-        """Forgets the samples of a landing, and the models that were learned from them.
+        """Forgets the samples of a landing or of a loss of control, and the models that were learned from them.
 
-        Ground contact and ground effect would spoil the model. The learner starts a fit to the samples before; until it
-        has ended, the last model from before the landing is the final one (``has_landed``). There must be a learner,
-        without which there is nothing to forget.
+        Ground contact, ground effect and a tumble would spoil the model. The learner starts a fit to the samples
+        before; until it has ended, the last model from before the landing is the final one (``has_landed``). There must
+        be a learner, without which there is nothing to forget.
 
         Args:
-            landing_time: time when the landing began, s of the boot clock.
+            landing_time: time when the landing or the loss of control began, s of the boot clock.
         """
         assert self.learner is not None
         self.learner.forget_since(landing_time)

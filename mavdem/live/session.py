@@ -285,7 +285,7 @@ class LiveSession:
 
         1. The time before these messages is added to the time account, before they change the state of the session.
         2. The frames become rows, from each of which the model learns, and the timeline is advanced.
-        3. If the vehicle has landed, what was learned in the last seconds before is withdrawn.
+        3. If the vehicle has landed or is out of control, what was learned of that is withdrawn.
         4. The end of a silence is reported.
         5. After a reboot or a silence the vehicle may have forgotten its message rates, which are requested again.
 
@@ -306,7 +306,7 @@ class LiveSession:
         silence = self._note_messages(first_arrival, batches[-1].arrival_time, frames)
         self.history.advance(self.stream.now, self.stream.boot)
         self._add_sample_to_history()
-        self._withdraw_landing()
+        self._withdraw_unsettled()
         self._report_resumption(silence)
         has_rebooted = self.stream.boot != former_boot
         if has_rebooted or silence > SILENCE_SECONDS:
@@ -427,19 +427,20 @@ class LiveSession:
         model = None if learning.learner is None else learning.learner.learned
         self._presentation.show(row, self.stream.pose, estimate, model, wind)
 
-    def _withdraw_landing(self) -> None:
-        """If the vehicle has landed, removes the landing from the samples of the model, and has the recording judged.
+    def _withdraw_unsettled(self) -> None:
+        """Removes a landing or a loss of control from the samples of the model, and has the recording judged.
 
-        A landing is recognised some seconds after it has happened. Until then its samples are taken for settled flight,
-        and the model is trained on them.
+        Both are recognised some time after they have begun. Until then their samples are taken for settled flight, and
+        the model is trained on them.
         """
-        landing_time = self.stream.pop_landing_time()
-        if landing_time is None:
+        withdrawal_time = self.stream.pop_withdrawal_time()
+        if withdrawal_time is None:
             return
         if self.gain_adviser is not None:
             self.gain_adviser.is_due = True
+        self.history.forget_learned_since(withdrawal_time)
         if self._learning.learner is not None:
-            self._learning.withdraw_since(landing_time)
+            self._learning.withdraw_since(withdrawal_time)
 
     def _update_status(self, now: float) -> SessionStatus:
         """Determines the status, reports it, and shows what a display needs between two rows; called once a second.

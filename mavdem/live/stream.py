@@ -280,9 +280,9 @@ class LiveStream:
         """When the vehicle left the ground last, s of this boot; minus infinity where that was not seen."""
         return self._phase.takeoff_time
 
-    def pop_landing_time(self) -> float | None:
-        """Returns the time since which settled rows were of a landing, s of this boot; None without a new landing."""
-        return self._phase.pop_landing_time()
+    def pop_withdrawal_time(self) -> float | None:
+        """Returns the time since which settled rows were of a landing or a loss of control, s of this boot, or None."""
+        return self._phase.pop_withdrawal_time()
 
     def latest_row(self) -> FormattedRow | None:
         """Returns the latest sample of attitude and motors as a row of its own format; None once there are rows."""

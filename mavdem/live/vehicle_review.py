@@ -4,6 +4,7 @@ from collections import deque
 from collections.abc import Callable
 from math import inf
 
+from mavdem.assessment.flights import loss_onset
 from mavdem.dataset.time_series import AVERAGING_SECONDS
 from mavdem.facts import Fact
 from mavdem.facts.session import RowsFact
@@ -105,6 +106,8 @@ class VehicleReview:
         self.recent_messages = recent_messages
         self.phase = FlightPhase(recent_messages)
         self.watchdog = Watchdog(recent_messages, former, was_flying=was_flying)
+        # It has a time of the former boot's clock.
+        self._loss_of_former_boot = self.watchdog.loss
         # The steps of the present review that are not done yet.
         self._pending_steps: deque[Callable[[], None]] = deque()
         # Times of the boot clock, s: of the latest message, of the present review, of its latest step, and since when
@@ -170,6 +173,7 @@ class VehicleReview:
         moment = FlightMoment(now, self.telemetry, self.phase.takeoff_time, motion)
         for fact in watchdog.review_control(moment):
             self._report(fact)
+        self._note_loss()
 
     def _perform_next_step(self) -> None:
         """Performs the next step of the review, which may add further steps."""
@@ -340,6 +344,16 @@ class VehicleReview:
         """
         for fact in self.watchdog.finish_review(self._motion, self.phase.takeoff_time):
             self._report(fact)
+        self._note_loss()
         now = self._review_time
         reason = self._motor_alarms.reason_not_watched(now, is_flying=self.phase.is_flying)
         self.watchdog.set_motors_watched(reason, now)
+
+    def _note_loss(self) -> None:
+        """Tells the phase of flight since when the vehicle is out of control, if it is: that ends settled flight."""
+        loss = self.watchdog.loss
+        if loss is None or loss == self._loss_of_former_boot:
+            self.phase.note_loss(None)
+        else:
+            onset = loss_onset(loss)
+            self.phase.note_loss(self._review_time if onset is None else onset)

@@ -153,7 +153,7 @@ def replay(pieces, stream=None, **options):
             made.came += [time] * len(rows)
             made.setups[rows[-1].segment] = made.stream.row_format
         made.events += made.stream.drain_events()
-        since = made.stream.pop_landing_time()
+        since = made.stream.pop_withdrawal_time()
         if since is not None and made.rows:
             made.taken_back.append((made.rows[-1].segment, since))
     return made

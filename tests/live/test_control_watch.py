@@ -109,6 +109,24 @@ def test_after_a_loss_nothing_speaks_as_of_a_landing(lost):
 
 
 @dataclass(frozen=True)
+class TurningOver(Leaving):
+    """Turns over again and again, and is upright once in each turn."""
+
+    def roll(self, t):
+        return np.angle(np.exp(1j * super().roll(t)))
+
+
+def test_a_loss_of_control_ends_settled_flight_at_its_onset():
+    tumbling = flown(TurningOver())
+    alarm = alarms(tumbling)[0]
+    _, withdrawal_time = tumbling.taken_back[0]
+    assert withdrawal_time == alarm.figures["reason"].time
+    assert LOST <= withdrawal_time < alarm.time
+    settled_times = [row.time for row in tumbling.rows if row.is_settled]
+    assert settled_times and max(settled_times) <= alarm.time
+
+
+@dataclass(frozen=True)
 class LimitedBefore(Leaving):
     """Motor 3 is at its upper limit for three seconds of the hover, until long before the loss."""
 

@@ -65,6 +65,9 @@ def test_the_timeline_goes_on_after_a_reboot():
     assert history.learned_intervals == [approx((100.0, 102.99)), approx((103.99, 106.98))]
     assert [one.samples for one in history.errors()] == [598, 550]
     assert history.now == approx(106.98) and history.timeline_offset == approx(98.99)
+    # What was withdrawn from the model is no longer shaded as learned from.
+    history.forget_learned_since(6.0)
+    assert history.learned_intervals == [approx((100.0, 102.99)), approx((103.99, 104.99))]
 
 
 @mark.slow

@@ -126,14 +126,14 @@ def test_a_landing_is_dated_by_the_last_report_in_flight():
     one = Vehicle()
     assert one.fly(20.0)
     one.fly(2.0, armed=False)
-    assert one.phase.pop_landing_time() == approx(19.0 - TRANSIENT_SECONDS)
+    assert one.phase.pop_withdrawal_time() == approx(19.0 - TRANSIENT_SECONDS)
     one = Vehicle()
     one.fly(20.0, landed=IN_AIR)
     first = one.time
     one.fly(2.0, landed=ON_GROUND)
     one.fly(20.0, landed=IN_AIR)
     one.fly(2.0, landed=ON_GROUND)
-    assert one.phase.pop_landing_time() == approx(first - 1.0 - TRANSIENT_SECONDS), (
+    assert one.phase.pop_withdrawal_time() == approx(first - 1.0 - TRANSIENT_SECONDS), (
         "the last report in the air, as offline"
     )
 

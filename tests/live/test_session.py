@@ -383,12 +383,12 @@ def test_a_landing_never_replaces_the_last_model_before_it():
         is one._learning._models[-1][1].model
     )
     learner_of_flight, one._learning.learner = one._learning.learner, None
-    one.stream.pop_landing_time = lambda: 54.0
-    one._withdraw_landing()
+    one.stream.pop_withdrawal_time = lambda: 54.0
+    one._withdraw_unsettled()
     assert adviser.is_due, "the recording of a flight without a model is judged, too"
     adviser.is_due = False
     one._learning.learner = learner_of_flight
-    one.stream.pop_landing_time = lambda: 55.0
+    one.stream.pop_withdrawal_time = lambda: 55.0
     one.backlog.add([FrameBatch(0.0, 0.0, [])])
     one._analyse()
     learner.forget_since.assert_called_with(55.0)
