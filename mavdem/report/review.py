@@ -41,11 +41,12 @@ HARD_SPACE = "\N{NO-BREAK SPACE}"
 
 
 def review_screen(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> str:
-    """Returns the review as text of at most ``SCREEN_LINES``; facts that are not good may need more lines.
+    """Returns the review of a log as text for one screen of the terminal.
 
-    A light is the judgement of one subject, such as the motors: a fact with a level. The sentence of a good light loses
-    its details where that makes it one line; that of any other light is continued on further lines. As many alarms are
-    shown as fit. The headline and the next step come last, where the user looks after everything has scrolled by.
+    It has the title, a line for each status light (the judgement of one subject, such as the motors), as many alarms as
+    there is room for, and last, where the user looks after everything has scrolled by, the headline and the next step.
+    Sentences of good lights are shortened to one line. Only lights that warn may make the text longer than
+    ``SCREEN_LINES``.
 
     Args:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
@@ -58,15 +59,15 @@ def review_screen(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> str:
 
 
 def first_lines(findings: FirstFindings, columns: int = SCREEN_COLUMNS) -> str:
-    """Returns the first lines of the review that are known before the control loops: its title, and some lights.
+    """Returns the first lines of a review, which are printed before the control loops are identified.
 
-    To identify the control loops takes longest, and the user can read these lines meanwhile. A light is the judgement
-    of one subject, such as the motors. Lights have the same order everywhere, so that only those are shown that come
-    before the first one which needs the loops. :func:`further_lines` returns the other lines of the review.
+    To identify the loops takes longest, and the user can read these lines meanwhile: the title, and the status lights
+    (the judgement of one subject each, such as the motors) before the first one that needs the loops, since lights have
+    the same order everywhere. :func:`further_lines` returns the remaining lines.
 
     Args:
         findings: findings on the flight so far.
-        columns: characters of a line.
+        columns: number of characters in a line.
     """
     evidence = findings.evidence
     title = vehicle_title(evidence.log, evidence.signals, findings.analysis)
@@ -75,10 +76,10 @@ def first_lines(findings: FirstFindings, columns: int = SCREEN_COLUMNS) -> str:
 
 
 def _lights_before_loops(findings: FirstFindings) -> NamedFacts:
-    """Returns the lights at the beginning of the list of all lights that are judged before the control loops.
+    """Returns the status lights that can be printed before the control loops are identified, in the usual order.
 
-    The list ends before the first light that is not judged yet, even if further ones are, since lines that are printed
-    stay in this order.
+    Printed lines cannot be inserted later. So these are the lights from the beginning of the list of all lights up to
+    the first one that is not judged yet, even if later ones are.
 
     Args:
         findings: findings on the flight so far, with the lights that are judged already.
@@ -146,25 +147,27 @@ def _lines_of_lights(
 
 
 def _last_lines(assessment: Assessment, light_line_count: int, columns: int) -> list[str]:
-    """Returns the lines that follow the lights: as many alarms as there is room for, the headline, and the next step.
+    """Returns the end of a review: as many alarms as there is room for, the headline, and the next step.
+
+    There is room for alarms as long as the whole review has no more than ``SCREEN_LINES``.
 
     Args:
         assessment: all results on the flight: events, status lights, model, loops and wind.
-        light_line_count: number of lines of all lights above.
-        columns: characters of a line.
+        light_line_count: number of lines of all status lights above.
+        columns: number of characters in a line.
     """
     headline_and_next_step = [
         *wrap(headline(assessment.headline), columns),
         *_evidence_lines(assessment.headline, columns),
         *_wrapped_lines(f"Next: {assessment.next_step}", columns),
     ]
-    # Of the title the first line is among the reserved ones.
+    # The first line of the title is counted by ``RESERVED_LINES``.
     further_title_lines = _title_lines(review_title(assessment), columns)[1:]
     other_line_count = len(further_title_lines) + light_line_count + len(headline_and_next_step)
-    available_lines = max(SCREEN_LINES - RESERVED_LINES - other_line_count, 0)
+    available_line_count = SCREEN_LINES - RESERVED_LINES - other_line_count
     alarm_lines: list[str] = []
     for lines_of_alarm in _alarm_lines(assessment, columns):
-        if len(alarm_lines) + len(lines_of_alarm) > available_lines:
+        if len(alarm_lines) + len(lines_of_alarm) > available_line_count:
             break
         alarm_lines += lines_of_alarm
     return [*alarm_lines, *headline_and_next_step]
@@ -220,13 +223,14 @@ def _log_name(log: Log) -> str:
 
 
 def _wrapped_lines(text: str, columns: int) -> Iterator[str]:
-    """Yields the lines of a text, of at most so many ``columns``.
+    """Yields the lines of a text that is wrapped for the terminal.
 
-    A command between backquotes stays on one line, so that it can be copied.
+    A command between backquotes stays on one line, so that it can be copied. For this its spaces are replaced by ones
+    at which no line is broken, and restored after that.
 
     Args:
         text: the text, without line breaks.
-        columns: largest number of characters of a line.
+        columns: largest number of characters in a line; a longer command or word makes a longer line.
     """
     unbroken = re.sub("`.*?`", lambda command: command[0].replace(" ", HARD_SPACE), text)
     for line in wrap(unbroken, columns, break_long_words=False, break_on_hyphens=False):
@@ -234,39 +238,42 @@ def _wrapped_lines(text: str, columns: int) -> Iterator[str]:
 
 
 def _alarm_lines(assessment: Assessment, columns: int) -> Iterator[list[str]]:
-    """Yields the lines of each alarm: a bad event, which may have lost the vehicle, other than that of the headline.
+    """Yields the lines of each alarm of a review; an alarm is a bad event, such as the failure of a motor.
 
-    Of equal events, such as several losses of the same motor, the first one is shown with their number. If the
-    autopilot restarted between two alarms, its clock began again, and a line says so: the times are not in order then.
+    The event that is the headline already is left out. Of equal events, such as several losses of the same motor, the
+    first one is shown with their number. If the autopilot restarted between two alarms, its clock began again; a line
+    says so, since the times are not in order then.
 
     Args:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
-        columns: number of characters of a line of the terminal.
+        columns: number of characters in a line of the terminal.
     """
-    former_boot = None
+    previous_boot = None
     for index, count in worst_events(assessment.events):
         event = assessment.events[index]
-        if event.is_bad and event.time != assessment.headline.time:
-            # The number of the boot, by which the autopilot's restarts are counted; only some events have it.
-            boot = event.figures.get("boot", former_boot)
-            if former_boot is not None and boot > former_boot:
-                yield [CLOCK_BEGINS_ANEW]
-            former_boot = boot
-            has_time = event.time is not None and isfinite(event.time)
-            label = f"{event.time:.0f} s" if has_time else "event"
-            yield _wrapped_fact(label, event, columns, count_text=first_of_count(count))
+        is_headline = event.time == assessment.headline.time
+        if not event.is_bad or is_headline:
+            continue
+        # The number of the boot, by which the autopilot's restarts are counted; only some events have it.
+        boot = event.figures.get("boot", previous_boot)
+        if previous_boot is not None and boot > previous_boot:
+            yield [CLOCK_BEGINS_ANEW]
+        previous_boot = boot
+        has_time = event.time is not None and isfinite(event.time)
+        label = f"{event.time:.0f} s" if has_time else "event"
+        yield _wrapped_fact(label, event, columns, count_text=first_of_count(count))
 
 
 def _lines_of_light(name: str, fact: Fact, columns: int) -> list[str]:
-    """Returns the lines of a status light on the terminal.
+    """Returns the lines of one status light of a review for the terminal.
+
+    A light that is good or not judged gets one line if its main clauses fit into that. Any other has its whole text,
+    on as many lines as that needs.
 
     Args:
-        name: name of the light, its subject.
-        fact: the status light: the judgement of one subject, such as the motors, with a level.
-        columns: characters of a line.
-
-    Returns:
-        One line if the light is good or not judged and one line holds its main clauses, otherwise its whole text.
+        name: name of the light, its subject, such as "motors".
+        fact: the judgement of this subject, a coded finding with a level.
+        columns: number of characters in a line.
     """
     may_be_shortened = fact.level == Level.GOOD or fact.code == Unjudged.NOT_JUDGED
     if may_be_shortened:
@@ -278,17 +285,18 @@ def _lines_of_light(name: str, fact: Fact, columns: int) -> list[str]:
 
 
 def _wrapped_fact(label: str, fact: Fact, columns: int, count_text: str = "") -> list[str]:
-    """Returns the lines of a fact with its whole sentence: its label and level, and then the sentence in a column.
+    """Returns the lines of a status light or an event: its label and level, and beside them its whole sentence.
 
     Args:
-        label: name of a light, or time of an event.
-        fact: status light or event, whose sentence is shown.
-        columns: characters of a line.
+        label: name of the light, or time of the event.
+        fact: the light or event, a coded finding with a level and a sentence.
+        columns: number of characters in a line.
         count_text: text after the sentence on how many equal events there are; empty for a single one.
     """
     label_and_level = _label_and_level(label, fact)
+    sentence = headline(fact) + count_text
     return wrap(
-        headline(fact) + count_text,
+        sentence,
         columns,
         initial_indent=label_and_level,
         subsequent_indent=" " * len(label_and_level),

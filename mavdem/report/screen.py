@@ -84,27 +84,26 @@ def summary(learned: Learned) -> str:
 
 
 def analysis_blocks(assessment: Assessment) -> Blocks:
-    """Returns the report of a log: headline, findings, and next step.
+    """Returns the report of a log for the terminal: first the headline, then the findings, and last the next step.
+
+    If no vehicle was analysed, the status lights that warn take the place of the findings.
 
     Args:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
-
-    Returns:
-        The report, with the headline first and the next step last.
     """
     judgement = judgement_sentences(assessment.judgement)
     if assessment.analysis is None:
-        # No vehicle was analysed, so that there are no figures between the headline and the next step.
         return [judgement.headline, *judgement.lights, judgement.next_step]
     body = analysis_body(assessment.analysis, assessment)
     return [judgement.headline, *body, judgement.next_step]
 
 
 def analysis_body(analysis: LogAnalysis, assessment: Assessment) -> Blocks:
-    """Returns the findings of a log: lights that warn, the model or why there is none, condition, and wind.
+    """Returns the findings of a log: warnings, the model or why there is none, the vehicle's condition, and the wind.
 
-    A light is the judgement of one subject, such as the motors. Without a full model, sentences take its place on the
-    tier of the log, which is the kind of model that its message rates allow, and on the vehicle's condition.
+    Warnings come from status lights (the judgement of one subject each, such as the motors) and from alarms. If no full
+    model was learned, sentences on the vehicle's condition take its place, and on which kind of model the message rates
+    of the log allow (its tier).
 
     Args:
         analysis: the analysis of one axis of the vehicle, with the model if one was learned.
@@ -113,15 +112,16 @@ def analysis_body(analysis: LogAnalysis, assessment: Assessment) -> Blocks:
     Returns:
         The report without its headline and next step.
     """
-    has_full_model = analysis.learned is not None and analysis.tier.allows_full_model
-    blocks = [*judgement_sentences(assessment.judgement).lights, *_learned_blocks(analysis)]
+    blocks: Blocks = [*judgement_sentences(assessment.judgement).lights]
+    blocks += _learned_blocks(analysis)
     for alarm in analysis.alarms:
         if not alarm.is_weak:
-            blocks.append(Sentence(str(alarm.fact), "Motors:"))
+            blocks.append(Sentence(str(alarm.fact), lead="Motors:"))
+    has_full_model = analysis.learned is not None and analysis.tier.allows_full_model
     if not has_full_model:
         blocks += render_section("tier", analysis.tier)
         blocks += render_section("condition", analysis.condition)
-    # Overrides are facts, such as an oscillation, that make all figures of the flight doubtful.
+    # Overrides are findings, such as an oscillation, that make all figures of the flight doubtful.
     is_flight_doubtful = bool(analysis.findings.overrides)
     blocks += vehicle_blocks(analysis.axes, is_doubtful=is_flight_doubtful)
     if analysis.truth is not None:
@@ -130,7 +130,10 @@ def analysis_body(analysis: LogAnalysis, assessment: Assessment) -> Blocks:
 
 
 def instance_blocks(assessment: Assessment) -> Blocks:
-    """Returns the tables of what can be trusted, and of every instance, as far as a vehicle was judged.
+    """Returns two tables on the sensors and other parts of which a vehicle has several: their agreement, and each one.
+
+    The first table says which sensors can be trusted, since they agree with others. The second has a row for every
+    instance of a battery, sensor, estimator or motor output. A table is left out if the vehicle was not judged by it.
 
     Args:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
@@ -147,15 +150,19 @@ def instance_blocks(assessment: Assessment) -> Blocks:
 
 
 def _learned_blocks(analysis: LogAnalysis) -> Blocks:
-    """Returns the report of a log's model or, without one, the reason where there is one.
+    """Returns the report on the model of an axis or, if none was learned, the sentence with the reason.
 
     Args:
         analysis: analysis of the axis, with the model or the reason why there is none.
+
+    Returns:
+        The report; empty if there is neither a model nor a reason.
     """
     if analysis.learned is None:
         if analysis.reason is None:
             return []
-        return [Sentence(str(analysis.reason), "No model:")]
+        return [Sentence(str(analysis.reason), lead="No model:")]
+    # Otherwise sentences on the condition, which follow, have the figures of the hover.
     hover = analysis.condition.hover if analysis.tier.allows_full_model else None
     return _model_blocks(analysis.findings, analysis.learned, analysis.held_out, hover)
 
@@ -166,36 +173,34 @@ def _model_blocks(
     held_out: HeldOut | None = None,
     hover: HoverFigures | None = None,
 ) -> Blocks:
-    """Returns the report of a model: grades, motors, wind torque, errors of the prediction, and warnings.
+    """Returns the report on a model: its grades, the motors, the wind torque, errors of its forecasts, and warnings.
 
     Args:
         findings: grades of the model by purpose, and warnings.
         learned: the linear model that was learned from a flight, with its training data.
-        held_out: forecasts of windows that no model was trained on; None without.
+        held_out: forecasts of windows of the flight that no model was trained on; None if there are none.
         hover: command and headroom of each motor in hover; None if they are not known.
     """
-    return [
-        *purpose_tables(findings),
-        *motor_blocks(learned, hover),
-        *torque_blocks(learned),
-        *prediction_blocks(Labels.of(learned), held_out),
-        *[warning(fact) for fact in findings.warnings],
-    ]
+    blocks: Blocks = [*purpose_tables(findings)]
+    blocks += motor_blocks(learned, hover)
+    blocks += torque_blocks(learned)
+    blocks += prediction_blocks(Labels.of(learned), held_out)
+    blocks += [warning(fact) for fact in findings.warnings]
+    return blocks
 
 
 def purpose_tables(findings: Findings) -> Blocks:
-    """Returns a table with the grade of a model for each purpose, and the reason.
+    """Returns a table of what a model is good for: a row for each purpose, such as forecasts, with grade and reason.
 
     Args:
         findings: findings on the model, with its grade for each purpose.
 
     Returns:
-        The table; empty without a model.
+        A list with the table; empty without a model.
     """
-    rows: list[list[str]] = [
-        [str(purpose), Rated(grade, grade.level), reason.sentence_and_remedy]
-        for purpose, grade, reason in findings.purposes
-    ]
+    rows: list[list[str]] = []
+    for purpose, grade, reason in findings.purposes:
+        rows.append([str(purpose), Rated(grade, grade.level), reason.sentence_and_remedy])
     if not rows:
         return []
     return [Table(["purpose", "grade", "reason"], rows, words=True)]
@@ -215,21 +220,21 @@ class JudgementSentences(NamedTuple):
 
 
 def judgement_sentences(judgement: Judgement) -> JudgementSentences:
-    """Returns the judgement of a flight in sentences: its headline, the lights that warn, and the next step.
+    """Returns the judgement of a flight in sentences: its headline, the status lights that warn, and the next step.
 
-    A light is the judgement of one subject, such as the motors: a fact whose level is good, watch, bad or unknown. It
-    warns if the level is watch or bad.
+    A status light is the judgement of one subject, such as the motors, with a level; it warns if the level is "watch"
+    or "bad". A light that is itself the headline is not repeated.
 
     Args:
-        judgement: headline, status lights and next step. A light that is the headline itself is not repeated.
+        judgement: headline, status lights and next step of the flight.
     """
-    lights = [
-        Sentence(str(fact), f"{name.capitalize()}:")
-        for name, fact in judgement.lights.items()
-        if fact.warns and fact != judgement.headline
-    ]
+    light_sentences = []
+    for name, light in judgement.lights.items():
+        if light.warns and light != judgement.headline:
+            light_sentences.append(Sentence(str(light), lead=f"{name.capitalize()}:"))
     heading = headline_sentence(headline(judgement.headline))
-    return JudgementSentences(heading, lights, Sentence(str(judgement.next_step), "Next:"))
+    next_step = Sentence(str(judgement.next_step), lead="Next:")
+    return JudgementSentences(heading, light_sentences, next_step)
 
 
 def warnings_of_lights(judgement: Judgement, names: Sequence[Light]) -> list[Sentence]:
@@ -253,25 +258,22 @@ def warnings_of_lights(judgement: Judgement, names: Sequence[Light]) -> list[Sen
 def assessment_blocks(findings: Findings, judgement: Judgement | None) -> Blocks:
     """Returns the judgement of a flight as sentences without tables, for a narrow column of a dashboard.
 
-    The most important comes first: headline and lights that need attention, the grade of the model for each purpose,
-    the next step for the user, and warnings.
+    They come in this order: the headline, status lights that warn, the grade of the model for each purpose, the next
+    step for the user, and warnings about the model.
 
     Args:
         findings: grades of the model by purpose with their reasons, and warnings.
-        judgement: headline, lights and next step; None if there is none, and then these are left out.
-
-    Returns:
-        The sentences.
+        judgement: headline, status lights and next step; None if there is none, and then these are left out.
     """
-    grades = [
-        Sentence(reason.sentence_and_remedy, f"{purpose.capitalize()}: {grade}.")
-        for purpose, grade, reason in findings.purposes
-    ]
+    grades = []
+    for purpose, grade, reason in findings.purposes:
+        lead = f"{purpose.capitalize()}: {grade}."
+        grades.append(Sentence(reason.sentence_and_remedy, lead))
     warnings = [warning(fact) for fact in findings.warnings]
     if judgement is None:
         return [*grades, *warnings]
-    headline_of_flight, lights, next_step = judgement_sentences(judgement)
-    return [headline_of_flight, *lights, *grades, next_step, *warnings]
+    sentences = judgement_sentences(judgement)
+    return [sentences.headline, *sentences.lights, *grades, sentences.next_step, *warnings]
 
 
 def flight_title(flights: Flights, simulation_fact: Fact | None = None) -> Sentence:
@@ -289,16 +291,16 @@ def flight_title(flights: Flights, simulation_fact: Fact | None = None) -> Sente
 
 
 def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
-    """Returns the report on the motors: tables of each motor, and of the motion that they cause as a sentence.
+    """Returns the report on the motors: a table with a row for each motor, and a sentence on the motion they cause.
 
-    There are two sources. A model gives the control effectiveness: the angular acceleration per unit of motor output.
-    The hover figures tell how hard each motor works: its mean output as flown, the headroom up to the limit, and the
-    time at a limit. They share one table where the inputs of the model are these motors. A model may have other inputs,
-    such as the controller's demand; then each source has its own table.
+    The figures have two sources. A model gives the control effectiveness, the angular acceleration per unit of motor
+    output. The hover shows how hard each motor works: its mean output, the headroom up to the limit, and the time at a
+    limit. Both are columns of one table if the inputs of the model are these motors. If they are something else, such
+    as the demand of the controller, each source has its own table.
 
     Args:
         learned: a model; None, or one without physical parameters, adds no column.
-        hover: hover figures of the motors; None if they are not known.
+        hover: figures of the motors in hover; None if they are not known.
 
     Returns:
         No, one or two tables, and then a sentence on rate damping, time constant, delay and mean lean.
@@ -309,24 +311,24 @@ def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
     blocks = Blocks()
     if learned is not None and physical is not None:
         labels = Labels.of(learned)
-        columns = _effectiveness_column(physical, labels)
+        effectiveness_column = _effectiveness_column(physical, labels)
         if hover is not None and hover.motors == labels.input_names:
-            # The effectiveness becomes the first column of the table of hover figures, which is appended below.
-            hover_columns = columns | hover_columns
+            # The effectiveness becomes the first column of the table of the hover, which is appended below.
+            hover_columns = effectiveness_column | hover_columns
         else:
-            blocks += _motor_table("input", labels.input_names, columns)
+            blocks += _motor_table("input", labels.input_names, effectiveness_column)
     if hover is not None:
         blocks += _motor_table("motor in settled flight", hover.motors, hover_columns)
     return [*blocks, *render_section("motion", physical=physical, half=half_widths, hover=hover)]
 
 
 def _hover_columns(hover: HoverFigures) -> dict[str, list[str]]:
-    """Returns the columns of a table of motors: mean command, its share of the range, headroom, and time at the limits.
+    """Returns the columns of the table of motors that show how hard each motor works in settled flight.
 
-    The commands are as flown. The deviation of one from their mean is left out: it includes what lean and manoeuvres
-    ask for, so that it would contradict the trim that the light of the motors judges.
-
-    The lower limit has a column only if a motor reached it.
+    They are the mean command in its unit (if it has one), the command and the headroom as percentages of the range, and
+    the percentage of the time at a limit. The lower limit has a column only if a motor reached it. The deviation of a
+    command from the mean of all motors is left out: it includes what lean and manoeuvres demand, and would contradict
+    the trim by which the motors are judged.
 
     Args:
         hover: command and headroom of each motor in settled flight.
@@ -334,39 +336,40 @@ def _hover_columns(hover: HoverFigures) -> dict[str, list[str]]:
     Returns:
         Cells of each column by its header, one for each motor.
     """
-    # Commands of a bus, such as DShot, have no unit, so they are shown as shares of their range.
+    columns = {}
+    # Commands of a bus, such as DShot, have no unit, and are shown as percentages of their range only.
     if hover.unit:
-        columns = {f"command ({hover.unit})": [f"{output:.4g}" for output in hover.trim]}
-    else:
-        columns = {}
-    columns |= {
-        "of range (%)": [f"{100 * share:.1f}" for share in hover.trim_of_range],
-        "headroom (%)": [f"{100 * headroom:.0f}" for headroom in hover.headroom],
-        "at upper limit (%)": [f"{100 * share:.1f}" for share in hover.at_upper_limit],
-    }
+        columns[f"command ({hover.unit})"] = [f"{output:.4g}" for output in hover.trim]
+    columns["of range (%)"] = [f"{100 * fraction:.1f}" for fraction in hover.trim_of_range]
+    columns["headroom (%)"] = [f"{100 * headroom:.0f}" for headroom in hover.headroom]
+    columns["at upper limit (%)"] = [f"{100 * fraction:.1f}" for fraction in hover.at_upper_limit]
     if any(hover.at_lower_limit):
-        columns["at lower limit (%)"] = [f"{100 * share:.1f}" for share in hover.at_lower_limit]
+        columns["at lower limit (%)"] = [
+            f"{100 * fraction:.1f}" for fraction in hover.at_lower_limit
+        ]
     return columns
 
 
 def _effectiveness_column(physical: Physical, labels: Labels) -> dict[str, list[str]]:
-    """Returns the column of a table of motors, by its header, with each motor's control effectiveness.
+    """Returns the column of the table of motors with the control effectiveness of each.
 
     It is the angular acceleration per unit of the motor's output, °/s² per unit, with the half width of its 90 %
     interval.
 
     Args:
-        physical: control effectiveness, damping, motor time constant and delay of the axis.
+        physical: physical parameters of the axis, among them the effectiveness of each motor.
         labels: names and units of the motors.
+
+    Returns:
+        The cells, one for each motor, by the header of the column.
     """
-    half_widths = physical.interval().effect
-    cells = [
-        plus_minus(effect, half_width)
-        for effect, half_width in zip(
-            TORQUE_UNIT.scale * physical.effect, TORQUE_UNIT.scale * half_widths, strict=True
-        )
-    ]
-    return {f"effectiveness ({unit_per_input(TORQUE_UNIT, labels.input_units[0])})": cells}
+    effects = TORQUE_UNIT.scale * physical.effect
+    half_widths = TORQUE_UNIT.scale * physical.interval().effect
+    cells = []
+    for effect, half_width in zip(effects, half_widths, strict=True):
+        cells.append(plus_minus(effect, half_width))
+    unit = unit_per_input(TORQUE_UNIT, labels.input_units[0])
+    return {f"effectiveness ({unit})": cells}
 
 
 def _motor_table(
@@ -389,28 +392,32 @@ def _motor_table(
 
 
 def torque_blocks(learned: Learned) -> Blocks:
-    """Returns the wind torque of a model in a sentence: its standard deviation, its largest gust, and its share.
+    """Returns the sentence on the wind torque of a model: its standard deviation, its largest gust, and its share.
 
-    The wind torque is the angular acceleration that the motors do not explain. It is scaled by the motors' control
-    effectiveness, so that it is called uncertain if that has a wide interval.
+    The wind torque is the angular acceleration, rad/s², that the motors do not explain; the share is that of the whole
+    angular acceleration. The torque is scaled by the control effectiveness of the motors, so that the sentence calls it
+    uncertain if the interval of the effectiveness is wide.
 
     Args:
         learned: the linear model that was learned from a flight, with its training data.
 
     Returns:
-        The sentence; empty if the effectiveness is not identifiable, or the wind torque is not larger than its error.
+        A list with the sentence; empty if the effectiveness is not identifiable, or the wind torque is not larger than
+        its error.
     """
     physical = learned.physical
     wind_torque = learned.resolved_wind_torque
     if physical is None or wind_torque is None:
         return []
     largest_gust = max(wind_torque.gusts, key=lambda gust: abs(gust.size), default=None)
-    start = None if largest_gust is None else sample_times(learned.record)[largest_gust.sample]
+    start_time = None
+    if largest_gust is not None:
+        start_time = sample_times(learned.record)[largest_gust.sample]
     sentences = render_section(
         "torque",
         wind=wind_torque,
         largest=largest_gust,
-        began=start,
+        began=start_time,
         is_uncertain=wind_torque.scale_error > MAX_RELATIVE_HALF_WIDTHS["wind"],
         share=physical.wind_share,
     )
@@ -418,33 +425,33 @@ def torque_blocks(learned: Learned) -> Blocks:
 
 
 def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> Blocks:
-    """Returns the errors of a model's forecasts and of the baselines over all held-out windows.
+    """Returns the errors of the forecasts of a model and of the baselines, over the held-out windows of a flight.
 
     Args:
         labels: names and units of the outputs.
-        held_out: windows of the flight that the models of their forecasts were not trained on; None if there are none.
+        held_out: forecasts in windows of the flight that their models were not trained on; None if there are none.
 
     Returns:
-        A table of RMSE by output and error ratio, the best forecast first, and a sentence on how windows differ. Empty
-        without windows.
+        A table with a row for each method, the best first: its RMSE of each output, and its error ratio (NMSE). After
+        it a sentence on how much the windows differ. Empty without windows.
     """
     if held_out is None:
         return []
     units = [display_unit(unit) for unit in labels.output_units]
-    output_headers = [
-        name_with_unit(name, unit.name)
-        for name, unit in zip(labels.output_names, units, strict=True)
-    ]
+    output_headers = []
+    for name, unit in zip(labels.output_names, units, strict=True):
+        output_headers.append(name_with_unit(name, unit.name))
     rows = []
     for forecast in held_out.ranked_errors:
         # The name of the model's own forecast has a place for that of the model, which format() fills.
-        cells = [FORECAST_NAMES.get(forecast.name, str(forecast.name)).format(held_out.model)]
+        name = FORECAST_NAMES.get(forecast.name, str(forecast.name)).format(held_out.model)
+        errors = []
         for unit, rmse in zip(units, forecast.rmse, strict=True):
-            cells.append(rounded(unit.scale * rmse))
-        cells.append(rounded(forecast.error_ratio))
-        rows.append(cells)
+            errors.append(rounded(unit.scale * rmse))
+        rows.append([name, *errors, rounded(forecast.error_ratio)])
     windows = counted(len(held_out), "held-out window")
     first_header = f"RMSE, {held_out.seconds:.2g} s ahead, {windows}"
+    table = Table([first_header, *output_headers, "error ratio"], rows)
     sentences = render_section(
         "prediction",
         windows=len(held_out),
@@ -452,59 +459,62 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> Blocks:
         worse=held_out.worse_shares,
         coverage=held_out.coverage,
     )
-    return [Table([first_header, *output_headers, "error ratio"], rows), *sentences]
+    return [table, *sentences]
 
 
 def vehicle_blocks(axes: Mapping[str, AxisEstimates], *, is_doubtful: bool) -> Blocks:
-    """Returns a table with a row for each axis of a vehicle, and the reasons why figures are missing in it.
+    """Returns a table of the physical parameters of a vehicle, a row for each axis, and why figures are missing in it.
 
     Args:
         axes: physical parameters and wind torque by axis; an axis without any figure has no row.
-        is_doubtful: whether the flight itself is doubtful; then there is no advice to learn more from another flight.
+        is_doubtful: whether the flight itself is doubtful, because of an oscillation for example. Then the reasons come
+            without the advice to learn more from another flight.
 
     Returns:
         The table, and a sentence for each reason.
     """
     rows = []
-    for axis, figures in axes.items():
-        cells = _axis_cells(figures)
+    for axis, estimates in axes.items():
+        cells = _axis_cells(estimates)
         if any(cell != UNKNOWN_FIGURE for cell in cells):
-            model = UNKNOWN_FIGURE if figures.physical is None else figures.physical.model
+            physical = estimates.physical
+            model = UNKNOWN_FIGURE if physical is None else physical.model
             rows.append([axis, *cells, model])
     blocks = Blocks()
     if rows:
         blocks.append(Table(_axis_header(axes), rows))
     # Axes without physical parameters, each with the reason.
-    axes_without_figures = []
-    for axis, figures in axes.items():
-        if figures.reason:
-            axes_without_figures.append((axis, figures.reason))
+    axes_without_parameters = []
+    for axis, estimates in axes.items():
+        if estimates.reason:
+            axes_without_parameters.append((axis, estimates.reason))
             continue
         # Single parameters of the axis may be biased or not identifiable.
-        reasons = parameter_reasons(figures.physical, is_doubtful=is_doubtful)
+        reasons = parameter_reasons(estimates.physical, is_doubtful=is_doubtful)
         if reasons:
-            blocks.append(Sentence(" ".join(reasons), f"{axis.capitalize()}:"))
+            blocks.append(Sentence(" ".join(reasons), lead=f"{axis.capitalize()}:"))
     text_of_reason = str if is_doubtful else attrgetter("sentence_and_remedy")
-    return blocks + sentences_by_axes(axes_without_figures, text_of_reason)
+    return blocks + sentences_by_axes(axes_without_parameters, text_of_reason)
 
 
 def _axis_header(axes: Mapping[str, AxisEstimates]) -> list[str]:
-    """Returns the header of the table of physical parameters, which has a row for each axis.
+    """Returns the header of the table of physical parameters, in which each axis has a row.
 
-    Control effectiveness is an angular acceleration per unit of the model's inputs. All rows share this header, so that
-    the first axis with a flight decides the unit.
+    The control effectiveness is an angular acceleration per unit of the model's inputs, which the header names. The
+    unit is that of the first axis with a flight, since the header is common to all rows.
 
     Args:
-        axes: figures by axis; an axis whose data could not be used has no flights.
+        axes: physical parameters by axis; an axis whose data could not be used has no flights.
     """
     input_unit = ""
-    for figures in axes.values():
-        if figures.flights:
-            input_unit = figures.flights[0].input_units[0]
+    for estimates in axes.values():
+        if estimates.flights:
+            input_unit = estimates.flights[0].input_units[0]
             break
+    effectiveness_unit = unit_per_input(TORQUE_UNIT, input_unit)
     return [
         "all settled flight",
-        f"mean effectiveness ({unit_per_input(TORQUE_UNIT, input_unit)})",
+        f"mean effectiveness ({effectiveness_unit})",
         "rate damping (1/s)",
         "time constant (ms)",
         "wind torque, sd (°/s²)",
@@ -550,59 +560,59 @@ def _axis_cells(figures: AxisEstimates) -> list[str]:
 
 
 def parameter_reasons(physical: Physical | None, *, is_doubtful: bool = False) -> list[str]:
-    """Returns the reasons why physical parameters are biased or not identifiable, such as too little excitation.
+    """Returns why physical parameters of an axis are biased or not identifiable, such as too little excitation.
 
     Args:
-        physical: the parameters, each with its status and the reason for that; None gives nothing.
-        is_doubtful: whether the flight itself is doubtful; then the reasons are without advice.
+        physical: the parameters, each with its status and the reason for that; None without any.
+        is_doubtful: whether the flight itself is doubtful; then the reasons come without advice.
 
     Returns:
-        One text for each reason, after the parameters to which it applies: "Rate damping biased: REASON".
+        A text for each reason, which begins with the parameters that it applies to: "Rate damping biased: REASON".
     """
     if physical is None:
         return []
     reasons = physical.reasons
     has_same_status = len(set(physical.status.values())) == 1
     if has_same_status:
-        # The other parameters follow from the effectiveness, whose reason is the cause of theirs.
+        # The other parameters follow from the effectiveness, so that its reason is the cause of theirs.
         reasons = {"effect": reasons["effect"]}
-    parameters_by_text = dict[str, list[str]]()
+    parameters_by_reason = dict[str, list[str]]()
     for name, reason in reasons.items():
         if reason is not None:
             text = reason.sentence if is_doubtful else reason.sentence_and_remedy
-            parameter = f"{PARAMETERS[name]} {physical.status[name]}"
-            parameters_by_text.setdefault(text, []).append(parameter)
-    return [
-        f"{listed(parameters).capitalize()}: {text}"
-        for text, parameters in parameters_by_text.items()
-    ]
+            parameter_and_status = f"{PARAMETERS[name]} {physical.status[name]}"
+            parameters_by_reason.setdefault(text, []).append(parameter_and_status)
+    texts = []
+    for reason_text, parameters in parameters_by_reason.items():
+        texts.append(f"{listed(parameters).capitalize()}: {reason_text}")
+    return texts
 
 
 def detail_blocks(learned: Learned) -> Blocks:
-    """Returns the details that the screen leaves out: cautions, poles, and how a model was learned, but no matrices.
+    """Returns the details of a model that the terminal leaves out: cautions, poles, and how it was learned.
 
-    Learning is described by the gain of the free energy over its iterations, nats, both of DEM and, where there was
-    one, of the fit by simulation that followed.
+    Learning maximises the free energy F̄, nats. The sentences say by how much it increased, and by how much the
+    objective of the output-error fit did, if such a fit followed.
 
     Args:
         learned: the linear model that was learned from a flight, with its training data.
     """
-    energy = learned.free_energy
-    fit = learned.simulation_fit
-    fit_gain = 0.0
-    if fit is not None:
+    free_energy = learned.free_energy
+    simulation_fit = learned.simulation_fit
+    gain_of_fit = 0.0
+    if simulation_fit is not None:
         # The objective of the fit is the sum of its terms, each of which has a value for every iteration.
-        energy_at_start = sum(term[0] for term in fit.terms.values())
-        energy_at_end = sum(term[-1] for term in fit.terms.values())
-        fit_gain = energy_at_end - energy_at_start
+        objective_at_start = sum(term[0] for term in simulation_fit.terms.values())
+        objective_at_end = sum(term[-1] for term in simulation_fit.terms.values())
+        gain_of_fit = objective_at_end - objective_at_start
     learning = render_section(
         "learning",
         learned=learned,
-        gained=energy.gained,
-        iterations=len(energy) - 1,
-        end=energy[-1],
-        fit=fit,
-        fit_gained=fit_gain,
+        gained=free_energy.gained,
+        iterations=len(free_energy) - 1,
+        end=free_energy[-1],
+        fit=simulation_fit,
+        fit_gained=gain_of_fit,
     )
     cautions = [caution(fact) for fact in learned.cautions]
     return [*cautions, *pole_sentences(learned.model.A), *learning]

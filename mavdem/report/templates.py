@@ -77,6 +77,9 @@ MAX_DECIMALS_BELOW_LIMIT = 5
 _IDENTIFIER = re.compile(r"\w+[A-Z_]")
 """A first word with a capital letter or an underscore after its first letter: an acronym, a class, a parameter."""
 
+SMALLEST_SHOWN_HALF_WIDTH = 0.1
+"""Half width, % or °, up to which it is left out beside an estimate: it is below the digits of the estimate."""
+
 ROUNDS_TO_NO_PERCENT = 0.005
 """Share below which a text in whole percent says 0 %."""
 
@@ -148,10 +151,10 @@ def render_section(name: str, record: object = None, /, **values: Any) -> list[S
 def sentences_by_axes(
     facts: Iterable[tuple[str, Fact]], text_of_fact: Callable[[Fact], str] = str
 ) -> list[Sentence]:
-    """Renders facts about axes as sentences, one for all axes that share a text: "Roll and pitch: …".
+    """Renders facts (coded findings) about axes as sentences, in which axes with the same text share one.
 
-    Texts are compared without their axis, so that axes share a sentence if their rounded figures agree. A group is then
-    rendered as one fact about all its axes.
+    Two axes share a sentence, such as "Roll and pitch: …", if their texts are equal apart from the name of the axis,
+    which holds if their rounded figures agree.
 
     Args:
         facts: pairs of an axis and a fact about it.
@@ -160,28 +163,33 @@ def sentences_by_axes(
     Returns:
         Sentences in the order in which their facts come first.
     """
-    groups = group_by(facts, lambda pair: text_of_fact(pair[1].replace(axis="")))
+    groups = group_by(facts, lambda axis_and_fact: text_of_fact(axis_and_fact[1].replace(axis="")))
     sentences = []
     for axes_and_facts in groups.values():
         axes = listed(axis for axis, _ in axes_and_facts)
-        _, fact = axes_and_facts[0]
-        sentences.append(Sentence(text_of_fact(fact.replace(axis=axes)), f"{axes.capitalize()}:"))
+        # One fact stands for the group, with the names of all its axes.
+        _, first_fact = axes_and_facts[0]
+        text = text_of_fact(first_fact.replace(axis=axes))
+        sentences.append(Sentence(text, lead=f"{axes.capitalize()}:"))
     return sentences
 
 
 def margins_in_short(rating: Fact) -> str:
-    """Returns the margins of a rating (``Loops.MARGIN_RATING``) without intervals, such as "49°, 6.8 dB and Ms 2.2".
+    """Returns the stability margins of a control loop in few words, without intervals: "49°, 6.8 dB and Ms 2.2".
 
-    A loop that no gain makes unstable has no gain margin, which is then left out.
+    Phase margin, gain margin and maximum sensitivity Ms follow each other. A loop that no gain makes unstable has no
+    gain margin, which is then left out.
 
     Args:
-        rating: the rating of a loop, with the figures "phase_margin", degrees, "gain_margin", dB, and "ms".
+        rating: the rating of the loop's margins (``Loops.MARGIN_RATING``), with the figures "phase_margin", degrees,
+            "gain_margin", dB, and "ms".
     """
     figures = rating.figures
     margins = [f"{figures['phase_margin']:.0f}°"]
     if figures["gain_margin"] is not None:
         margins.append(f"{figures['gain_margin']:.1f} dB")
-    return listed([*margins, f"Ms {figures['ms']:.2g}"])
+    margins.append(f"Ms {figures['ms']:.2g}")
+    return listed(margins)
 
 
 @cache
@@ -199,30 +207,32 @@ def sentence_templates() -> dict[str, dict[str, str]]:
 
 
 def _render(fact: Fact, key: str) -> str:
-    """Fills one of the templates that the code of a fact has with the figures of the fact.
+    """Returns one of the texts on a fact (a coded finding): the template of its code, filled with its figures.
 
     Args:
-        fact: a coded finding, whose figures fill the template.
+        fact: the fact.
         key: which template: "sentence", "remedy" (what to do), "headline" (a shorter sentence) or "step_in_flight".
 
     Returns:
-        The text, in words for the medium in use: pages show gains in a table, the terminal a command. Empty where the
-        code has no such template, or the text would advise to fly a vehicle that must not fly.
+        The text for the medium in use: for example, pages show gains in a table, and the terminal names a command. It
+        is empty if the code has no such template, or if it would advise to fly a vehicle that must not fly.
     """
-    if _advises_flight(fact.code, key) and "is_grounded" in fact.figures:
+    is_grounded = "is_grounded" in fact.figures
+    if is_grounded and _advises_flight(fact.code, key):
         return ""
-    return _compiled(fact.code, key).render(_template_values(fact)).strip()
+    template = _compiled(fact.code, key)
+    return template.render(_template_values(fact)).strip()
 
 
 def _advises_flight(code: Code, key: str) -> bool:
-    """Returns whether a template of a code advises to fly, for example to record more.
+    """Returns whether a template advises to fly, for example to record more data.
 
-    The templates of such a code are marked by ``advises_flight``. The advice is in the remedy. A fact without a remedy,
-    such as a next step, is itself advice, in its sentence.
+    The file of templates marks the codes whose texts do so by the key ``advises_flight``. The advice is in the remedy.
+    A fact without a remedy, such as a next step, is itself advice, which is in its sentence.
 
     Args:
-        code: code that says what the fact states, by which its sentence is found.
-        key: which template, such as "sentence".
+        code: code of a fact, by which its templates are found.
+        key: which template, such as "sentence" or "remedy".
     """
     templates = sentence_templates()[code]
     key_of_advice = "remedy" if "remedy" in templates else "sentence"
@@ -294,11 +304,11 @@ def _section_paragraphs(name: str) -> list[dict[str, Any]]:
 
 
 def _template_text(name: str) -> str:
-    """Returns the source text of a template by its name; Jinja calls this to load templates.
+    """Returns the source text of a template by its name, since Jinja asks for templates by names.
 
     Args:
-        name: "sections/SECTION/NUMBER/KEY" for a paragraph of a section, such as "sections/wind/0/text", the text of
-            the first paragraph; or "sentences/CODE/KEY" for a fact, such as "sentences/motor_off/remedy".
+        name: "sections/SECTION/NUMBER/KEY" for a paragraph of a section of a report, such as "sections/wind/0/text",
+            the text of its first paragraph; or "sentences/CODE/KEY" for a fact, such as "sentences/motor_off/remedy".
 
     Returns:
         The text; empty if a fact has no template of this key.
@@ -385,23 +395,26 @@ def _finalized(value: Any) -> Any:
 
 
 def mean_of_others(before: float, later: float) -> str:
-    """Returns in brackets how the mean command of the motors other than one changed, for the end of a sentence.
+    """Returns the remark, in brackets, on how the other motors' mean command changed when one motor's command did.
+
+    It ends a sentence about that one motor, as in " (the mean of the others from 45 % to 52 %)".
 
     Args:
-        before: their mean command before, as a share of the range.
-        later: the one after.
+        before: mean command of the other motors before the change, as a fraction of the range.
+        later: the same after the change.
     """
-    if _percent(before) == _percent(later):
-        return f" (the mean of the others stayed at {_percent(later)})"
-    return f" (the mean of the others from {_percent(before)} to {_percent(later)})"
+    text_before, text_later = _percent(before), _percent(later)
+    if text_before == text_later:
+        return f" (the mean of the others stayed at {text_later})"
+    return f" (the mean of the others from {text_before} to {text_later})"
 
 
 def list_separator(loop: Any, is_continued: bool = False) -> str:
-    """Returns what stands before an entry of a list in words, "a, b and c": nothing, a comma, or "and".
+    """Returns the separator before an entry of a list in words, as in "a, b and c": "", ", " or " and ".
 
     Args:
-        loop: Jinja's ``loop`` at the entry.
-        is_continued: whether the template adds another entry after the last one, which then has the "and".
+        loop: the variable ``loop`` of a Jinja template at this entry, with the attributes ``first`` and ``last``.
+        is_continued: whether the template adds another entry after the loop, before which it writes "and" itself.
     """
     if loop.first:
         return ""
@@ -411,31 +424,32 @@ def list_separator(loop: Any, is_continued: bool = False) -> str:
 
 
 def with_interval(value: float, half_width: float | None, unit: str = " %") -> str:
-    """Formats a share in percent, or an angle in degrees, with the half width of its interval: "12 ± 3 %".
+    """Formats an estimate with the half width of its interval, in percent or degrees, such as "12 ± 3 %".
 
     Args:
-        value: a fraction where the ``unit`` is " %", otherwise an angle in radians.
-        half_width: half width in the same unit as ``value``; None if it is not known. It is left out if it rounds to 0.
-        unit: " %", or the unit that follows an angle.
+        value: the estimate: a fraction if the ``unit`` is " %", otherwise an angle, rad.
+        half_width: half width of its interval, as a fraction or in rad too; None if it is not known. It is left out if
+            it is at most 0.1 % or 0.1°, which is below the shown digits.
+        unit: " %", or the unit that follows an angle in degrees.
 
     Returns:
         The text, with the unit.
     """
     scale = 100.0 if unit == " %" else degrees(1)
-    shown_half_width = scale * (half_width or 0.0)
-    # A half width of up to 0.1 % or 0.1° is below the digits of the value.
-    if shown_half_width > 0.1:
-        text = plus_minus(scale * value, shown_half_width)
-    else:
-        text = rounded(scale * value)
-    return f"{text}{unit}"
+    shown_half_width = 0.0 if half_width is None else scale * half_width
+    if shown_half_width > SMALLEST_SHOWN_HALF_WIDTH:
+        return f"{plus_minus(scale * value, shown_half_width)}{unit}"
+    return f"{rounded(scale * value)}{unit}"
 
 
 def headroom_clause(headroom: float | None) -> str:
-    """Returns a clause on how little of their range the motors have left, such as "; only 3 % of headroom".
+    """Returns a clause on how little of their command range the motors have left, such as "; only 3 % of headroom".
 
     Args:
-        headroom: share of the range; None where there is enough, which needs no clause.
+        headroom: headroom up to the upper limit, as a fraction of the range; None if there is enough.
+
+    Returns:
+        The clause, which ends a sentence; empty if there is enough headroom.
     """
     if headroom is None:
         return ""
@@ -445,10 +459,10 @@ def headroom_clause(headroom: float | None) -> str:
 
 
 def rounded_below(value: float, limit: float) -> str:
-    """Formats a value below a limit with so many decimals that the text, too, is below the limit.
+    """Formats a value below a limit with so many decimals that the rounded text is below the limit, too.
 
-    For example 4.97 below 5 is "4.97", since "5.0" would contradict the sentence. A single decimal that is 0 is left
-    out.
+    A sentence says that the value is too low. For example, 4.97 below 5 is "4.97", since "5.0" would contradict that.
+    A single decimal that is 0 is left out.
 
     Args:
         value: the number, less than the limit.
@@ -480,26 +494,37 @@ def capitalize_first(text: object) -> str:
 
 
 def period(time: float | None, end_time: float | None = None) -> str:
-    """Returns when something was measured, to follow a clause: " at 3.2 s", " from 3.2 to 4.0 s"; empty if unknown.
+    """Returns when something happened, as text to follow a clause: " at 3.2 s" or " from 3.2 to 4.0 s".
 
     Args:
-        time: the moment, or the start of the interval, s since boot; infinite if that was before the record.
+        time: the moment, or the start of the interval, s since boot; infinite if that was before the record. None if it
+            is not known.
         end_time: end of the interval, s since boot; None for a moment, infinite if it lasted to the end of the record.
+
+    Returns:
+        The text with a space before it; empty if the time is not known.
     """
     if time is None:
         return ""
     if not isfinite(time):
         if end_time is None:
             return " before the record"
-        return f" until {end_time:.1f} s" if isfinite(end_time) else " since before the record"
+        if isfinite(end_time):
+            return f" until {end_time:.1f} s"
+        return " since before the record"
     start = f"{time:.1f}"
+    # An interval whose rounded ends are equal is shown as a moment.
     if end_time is None or f"{end_time:.1f}" == start:
         return f" at {start} s"
-    return f" from {start} to {end_time:.1f} s" if isfinite(end_time) else f" from {start} s on"
+    if isfinite(end_time):
+        return f" from {start} to {end_time:.1f} s"
+    return f" from {start} s on"
 
 
 def interval(time: float, end_time: float | None = None) -> str:
-    """Returns the text on an interval of time that follows a clause, such as " from 3.2 s to 4.0 s" or " until 4.0 s".
+    """Returns a time interval as text to follow a clause, such as " from 3.2 s to 4.0 s" or " until 4.0 s".
+
+    Unlike :func:`period`, an end that is missing means the end of the record, and equal ends are both shown.
 
     Args:
         time: its start, s since boot; infinite if it started before the record.
@@ -527,23 +552,28 @@ def as_clause(text: object) -> str:
 
 
 def _weak_motor_clause(weak_motor: Fact | None) -> str:
-    """Returns the clause about a motor that was found weak before a flight was lost; empty without one.
+    """Returns a clause, for a sentence on a lost flight, about a motor that had lost thrust earlier in that flight.
 
     Args:
-        weak_motor: the fact on the motor.
+        weak_motor: the finding on the motor; None if no motor was weak.
+
+    Returns:
+        The clause, which ends the sentence; empty without a weak motor.
     """
     if weak_motor is None:
         return ""
-    return f"; the flight before shows that {as_clause(headline(weak_motor))}"
+    finding = as_clause(headline(weak_motor))
+    return f"; the flight before shows that {finding}"
 
 
 def _baseline_flights(count: int, are_chosen: bool) -> str:
-    """Returns in words with how many healthy flights (the baseline) a flight is compared: "6 healthy flights".
+    """Returns in words with which baseline of healthy flights a flight is compared, such as "6 healthy flights".
 
     Args:
         count: number of flights in the baseline.
-        are_chosen: whether a user named them as healthy. Otherwise they are the first flights of the vehicle in which
-            it did not oscillate and no motor was at its limit, which may not be healthy: the text says so.
+        are_chosen: whether a user marked them as healthy. Otherwise they are the first flights of the vehicle in which
+            it did not oscillate and no motor reached its limit. These need not be healthy, so that the text says that
+            they are only taken for it.
     """
     if are_chosen:
         return counted(count, "healthy flight")
@@ -580,11 +610,12 @@ def forbids_flight(fact: Fact) -> bool:
 
 
 def _reason_for_no_margins(reason: Fact, lead: str) -> str:
-    """Returns the sentence of the reason why there are no margins, after a lead such as "No margins:".
+    """Returns the sentence that says why the stability margins of an axis are not known.
 
     Args:
-        reason: fact (a coded finding) that says why the margins are not known.
-        lead: text before the reason. It is left out if the sentence of the reason names the margins itself.
+        reason: the reason, a coded finding with its own sentence.
+        lead: words that come before it, such as "No margins:"; they are left out if the sentence itself begins with the
+            word "margins".
     """
     if _names_margins(reason):
         return reason.sentence
@@ -592,17 +623,18 @@ def _reason_for_no_margins(reason: Fact, lead: str) -> str:
 
 
 def _names_margins(fact: Fact) -> bool:
-    """Returns whether the sentence of a fact begins with the word "margins", so that no lead has to name them.
+    """Returns whether the sentence of a fact (a coded finding) begins with the word "margins".
 
-    The file of templates states it for each code by a rule under the key ``names_margins``; without one, it does not.
+    The file of templates says so for each code by a rule under the key ``names_margins``: "always", "reasons" (as the
+    first of the facts in its figure "reasons" does), or, if the key is missing, never.
 
     Args:
-        fact: a reason why there are no margins.
+        fact: a reason why the margins of an axis are not known.
     """
     rule = sentence_templates()[fact.code].get("names_margins", "never")
     if rule == "reasons":
         if "names" in fact.figures:
-            # The sentence begins with these names of loops.
+            # The sentence begins with these names of loops instead.
             return False
         # The sentence is made of the sentences of other facts, and begins with the first one.
         first_reason = fact.figures["reasons"][0]

@@ -234,30 +234,34 @@ def summary_adapter() -> TypeAdapter[VehicleSummary]:
 
 
 def _flown_flights(name: str, flights: Flights) -> FlownFlights:
-    """Counts the flights under one name.
+    """Counts the flights under one vehicle's name, and sums their durations.
 
-    Flights at the same time are two logs of one flight, unless the name is unknown or shared by several vehicles. The
-    rows of a flight may have different durations, since an axis may lack data; the longest is taken.
+    Flights at the same time are two logs of one flight and count once, unless several vehicles may have the name. Of
+    the durations of a flight's axes the longest is taken, since an axis may lack data.
 
     Args:
         name: the name; ``UNKNOWN`` for logs without one.
-        flights: rows of each flight, in the order of date.
+        flights: rows of each flight, one for each axis, in the order of date.
 
     Returns:
-        Counts, total duration and dates.
+        Number of flights, total duration, s, first and last date, and numbers by tier and by health of the motors.
     """
     counted_flights: Flights = flights
     if name != UNKNOWN and not has_shared_name(flights):
         counted_flights = distinct_flights([list(flight) for flight in flights])
-    all_dates = [log_row(flight).past_date for flight in counted_flights]
-    dates = sorted(date for date in all_dates if date is not None)
-    durations = [max(row.duration or 0.0 for row in flight) for flight in counted_flights]
+    dates = []
+    durations = []
+    for flight in counted_flights:
+        date = log_row(flight).past_date
+        if date is not None:
+            dates.append(date)
+        durations.append(max(row.duration or 0.0 for row in flight))
     return FlownFlights(
         flights=len(counted_flights),
         duplicates=len(flights) - len(counted_flights),
         seconds=sum(durations),
-        first_date=dates[0] if dates else None,
-        last_date=dates[-1] if dates else None,
+        first_date=min(dates, default=None),
+        last_date=max(dates, default=None),
         tiers=Counter(best_tier(flight) for flight in counted_flights),
         healths=Counter(worst_health(flight) for flight in counted_flights),
     )

@@ -160,13 +160,10 @@ def vehicle_charts(rows: FlightRows) -> str:
 
 
 def _newest_first(summaries: Sequence[VehicleSummary]) -> list[FlightLine]:
-    """Sorts the lines of all flights by date.
+    """Returns the lines of all flights for the table of a fleet, the newest first and those without a date last.
 
     Args:
-        summaries: summary of the flights under each name.
-
-    Returns:
-        The lines, the newest first and those without a date last.
+        summaries: summary of the flights under each vehicle's name, with the line of each flight.
     """
     dated_lines = []
     undated_lines = []
@@ -343,18 +340,17 @@ def _vehicle_sections(
 
 
 def _text_beside_label(name: str, names: GivenNames, *, is_shared: bool) -> str:
-    """Returns the small text beside the label of a vehicle, by which it can be told from others.
-
-    It is the name in its logs, if the label is another one: a given name, or the kind of the frame in the place of a
-    long serial number. Of a vehicle without a name it is that only its MAVLink system id is known.
+    """Returns the small text beside the label of a vehicle on a fleet's page, by which it can be told from others.
 
     Args:
-        name: what its logs call the vehicle.
-        names: names that were given to vehicles.
-        is_shared: whether the name is a system id, which several vehicles may have.
+        name: name of the vehicle in its logs, which may be a serial number or made of a system id.
+        names: names that owners gave to vehicles; such a name is then the label.
+        is_shared: whether the name is made of a MAVLink system id, which several vehicles may have.
 
     Returns:
-        The text; empty if the label is the name in the logs already.
+        The name in the logs, shortened, if the label is another one: a given name, or the type of the frame in the
+        place of a serial number. For a system id the remark that nothing else is known. Empty if the label is the name
+        in the logs.
     """
     if is_shared:
         return "by its system id only"
@@ -398,21 +394,22 @@ class UnnamedFlight(NamedTuple):
 
 
 def _bad_unnamed_flights(summaries: Sequence[VehicleSummary]) -> list[UnnamedFlight]:
-    """Returns the bad flights under names that several vehicles may share, such as system ids, the newest first.
+    """Returns the bad flights of vehicles that cannot be told apart, for a list of their own; the newest first.
 
-    If motors under such a name have a fault or drift, the headline counts it as a vehicle, and the latest flight is
-    left out here, because the section on that vehicle shows it.
+    The names of such vehicles are made of MAVLink system ids, which several vehicles may have. If the motors of the
+    flights under such a name have a fault or drift, the name has a section of its own, which shows its latest flight.
+    This flight is left out here.
 
     Args:
         summaries: summary of the flights under each name, with the line of each flight in the table of all flights.
     """
     vehicles = vehicles_with_section(summaries)
     summaries_of_shared_names = [summary for summary in summaries if summary.has_shared_name]
-    lines_in_sections = [
-        _latest_line(summary)
-        for summary in summaries_of_shared_names
-        if summary.name in vehicles and vehicles[summary.name].health in ANOMALOUS_HEALTHS
-    ]
+    lines_in_sections = []
+    for summary in summaries_of_shared_names:
+        vehicle = vehicles.get(summary.name)
+        if vehicle is not None and vehicle.health in ANOMALOUS_HEALTHS:
+            lines_in_sections.append(_latest_line(summary))
     flights = []
     for line in _newest_first(summaries_of_shared_names):
         cells = dict(zip(COLUMNS, line.cells, strict=True))
@@ -468,13 +465,16 @@ def _bar_count(vehicles: Mapping[str, VehicleFlights]) -> int:
 
 
 def _flight_calendar(lines: Sequence[FlightLine]) -> Calendar | None:
-    """Counts flights by days, weeks or four weeks, so that they need at most ``MAX_COLUMNS`` columns.
+    """Counts the flights of a fleet over time, for a bar chart with at most ``MAX_COLUMNS`` columns.
+
+    A column is a day, a week or four weeks: the shortest of these with which the chart has not too many columns. It has
+    the number of flights by level, the judgement of the motors.
 
     Args:
         lines: the lines of all flights; those without a date are left out.
 
     Returns:
-        The columns; None if flights have dates of less than two days.
+        The columns; None if all flights are of one day, or none has a date.
     """
     level_counts_by_day = _level_counts_by_day(lines)
     if not level_counts_by_day:
@@ -489,7 +489,8 @@ def _flight_calendar(lines: Sequence[FlightLine]) -> Calendar | None:
     column_count = ceil(span_days / column_days)
     counts_by_column: list[Counter[Level]] = [Counter() for _ in range(column_count)]
     for day, level_counts in level_counts_by_day.items():
-        counts_by_column[(day - first_day).days // column_days] += level_counts
+        column_number = (day - first_day).days // column_days
+        counts_by_column[column_number] += level_counts
     columns = []
     for number, counts in enumerate(counts_by_column):
         counts_in_order = {level: counts[level] for level in LEVEL_MARKS if counts[level]}
@@ -519,43 +520,46 @@ def _level_counts_by_day(lines: Sequence[FlightLine]) -> dict[date, Counter[Leve
 
 
 def _level_bars(levels: Sequence[Level], bar_count: int) -> FlightBars:
-    """Returns the latest flights of a vehicle as bars coloured by level, the newest at the right.
+    """Draws the latest flights of a vehicle as a row of bars coloured by level (good, watch, bad), the newest right.
 
     All bars of one level are one SVG path, which keeps the page small.
 
     Args:
         levels: the level of each flight, the oldest first.
-        bar_count: number of bars for which there is room.
+        bar_count: number of bars for which the row has room; with fewer flights its left end stays empty.
     """
-    paths = dict.fromkeys(LEVEL_MARKS, "")
-    for column, level in enumerate(levels, start=bar_count - len(levels)):
+    path_by_level = dict.fromkeys(LEVEL_MARKS, "")
+    first_column = bar_count - len(levels)
+    for column, level in enumerate(levels, start=first_column):
         # A rectangle of height 1 and width 0.8, which leaves a gap before the next bar.
-        paths[level] += f"M{column} 0v1h.8v-1z"
+        path_by_level[level] += f"M{column} 0v1h.8v-1z"
     counts = Counter(levels)
     count_text = listed(f"{counts[level]} {level}" for level in LEVEL_MARKS if counts[level])
-    drawn_paths = {level: path for level, path in paths.items() if path}
+    drawn_paths = {level: path for level, path in path_by_level.items() if path}
     return FlightBars(f"Latest flights: {count_text}", drawn_paths)
 
 
 def _light_counts(summaries: Sequence[VehicleSummary]) -> list[LightCounts]:
-    """Counts in how many flights each light has each level.
+    """Counts for each status light in how many flights of a fleet it has each level.
 
-    A light is the judgement of one part of the vehicle, such as its motors, by a level: bad, watch, good or unknown.
+    A status light is the judgement of one part of the vehicle, such as its motors, by a level: bad, watch, good or
+    unknown.
 
     Args:
-        summaries: summary of the flights under each name.
+        summaries: summary of the flights under each vehicle's name.
 
     Returns:
-        The counts, the lights with most bad flights first; empty without a flight.
+        The counts, sorted so that the light that is bad in most flights comes first; empty without a flight.
     """
     if not any(summary.vehicle for summary in summaries):
         return []
     counts = []
     for light in Light:
-        levels: Counter[Level] = Counter()
+        flights_by_level: Counter[Level] = Counter()
         for summary in summaries:
-            levels.update(summary.light_counts[light])
-        counts.append(LightCounts(light, {level: levels[level] for level in LEVEL_MARKS}))
+            flights_by_level.update(summary.light_counts[light])
+        counts_in_order = {level: flights_by_level[level] for level in LEVEL_MARKS}
+        counts.append(LightCounts(light, counts_in_order))
     counts.sort(
         key=lambda light_counts: (
             -light_counts.counts[Level.BAD],
