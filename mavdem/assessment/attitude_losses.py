@@ -294,15 +294,19 @@ class _AttitudeLoss(NamedTuple):
         Args:
             onset: time when the attitude began to leave its setpoint, s since boot.
         """
-        if self.end == inf:
+        lasts_until_end_of_record = self.end == inf
+        if lasts_until_end_of_record:
             return False
         sink_rates = self.sensors.sink_rates((onset, self.end + RECOVERY_SECONDS))
-        # The fastest descent of any sensor is used, so that no fall seems harmless.
-        sink_rate = max([0.0, *sink_rates.values()])
-        angle = self._largest_error().counted_angle
+        # The fastest descent of any sensor, m/s, is used, so that no fall seems harmless.
+        fall_speed = max([0.0, *sink_rates.values()])
+        error_angle = self._largest_error().counted_angle
         serious_angle = 2 * LOST_ANGLE if self._has_setpoint else FAR_ANGLE
         duration = min(self.end, self.error.time[-1]) - self.start
-        return sink_rate < FALL_SPEED and angle < serious_angle and duration < RECOVERY_SECONDS
+        is_slow = fall_speed < FALL_SPEED
+        is_small = error_angle < serious_angle
+        is_short = duration < RECOVERY_SECONDS
+        return bool(is_slow and is_small and is_short)
 
     def _is_recovered(self) -> bool:
         """Returns whether the vehicle flew on for ``RECOVERY_SECONDS`` afterwards.

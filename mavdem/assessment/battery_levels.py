@@ -86,13 +86,14 @@ def voltage_levels(parameters: Parameters, number: int, cells: int) -> Limits:
     """
     # ArduPilot's parameters are BATT_… for the first battery, and BATT2_… for the second.
     prefix = "BATT_" if number == FIRST_BATTERY else f"BATT{number}_"
-    names = [LOW_VOLTAGE_PARAMETER.format(prefix)]
+    critical_parameter = parameters.get(CRITICAL_VOLTAGE_PARAMETER.format(prefix), 0.0)
+    low_parameter = parameters.get(LOW_VOLTAGE_PARAMETER.format(prefix), 0.0)
     if number == FIRST_BATTERY:
-        names.append(OLD_LOW_VOLTAGE_PARAMETER)
-    critical = parameters.get(CRITICAL_VOLTAGE_PARAMETER.format(prefix), 0.0)
-    low = max(critical, *(parameters.get(name, 0.0) for name in names))
-    critical = max(critical, CELL_VOLTAGE_LIMITS.bad * cells)
-    return Limits(watch=max(low, critical, CELL_VOLTAGE_LIMITS.watch * cells), bad=critical)
+        low_parameter = max(low_parameter, parameters.get(OLD_LOW_VOLTAGE_PARAMETER, 0.0))
+    critical_voltage = max(critical_parameter, CELL_VOLTAGE_LIMITS.bad * cells)
+    # A battery is never critical before it is low.
+    low_voltage = max(low_parameter, CELL_VOLTAGE_LIMITS.watch * cells, critical_voltage)
+    return Limits(watch=low_voltage, bad=critical_voltage)
 
 
 def cell_count(parameters: Parameters, battery: Battery) -> int | None:

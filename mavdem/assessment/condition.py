@@ -271,26 +271,29 @@ def _tilt_in_settled_flight(signals: Signals, settled_segments: Segments) -> Arr
 
 
 def _vibration_figures(signals: Signals, settled_segments: Segments) -> VibrationFigures | None:
-    """Returns the vibration of the vehicle in settled flight, by the autopilot's own message.
+    """Returns the vibration of the vehicle in settled flight, as the autopilot measures and reports it.
+
+    An IMU clips when the vehicle shakes it so much that the acceleration is beyond its range.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         settled_segments: segments of settled flight: armed, off the ground, without climbs.
 
     Returns:
-        Mean level of the first IMU, m/s², and number of clips of the IMU that clipped most: times that it
-        was out of its range. None if vibration was not recorded in settled flight.
+        Mean level along each axis of the first IMU, m/s², and number of clips of the IMU that clipped most. None if
+        vibration was not recorded in settled flight.
     """
     vibration = reported_vibration(signals)
     if vibration is None:
         return None
-    is_in_segment = in_segments(vibration.levels, *settled_segments, slack=0)
-    if not is_in_segment.any():
+    is_settled = in_segments(vibration.levels, *settled_segments, slack=0)
+    if not is_settled.any():
         return None
     # Columns are the axes of the first IMU, then the axes of the others.
-    levels_of_first_imu = vibration.levels.values[is_in_segment, : len(vibration.axes)]
-    clips = vibration.most_clips(is_in_segment)
-    return VibrationFigures(tuple(levels_of_first_imu.mean(axis=0)), clips)
+    axis_count = len(vibration.axes)
+    levels_of_first_imu = vibration.levels.values[is_settled, :axis_count]
+    mean_levels = tuple(levels_of_first_imu.mean(axis=0))
+    return VibrationFigures(mean_levels, vibration.most_clips(is_settled))
 
 
 def _figures_of_batteries(signals: Signals, segments: Segments) -> tuple[BatteryFigures, ...]:

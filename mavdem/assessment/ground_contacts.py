@@ -500,7 +500,7 @@ class _Contact:
 
         If the pilot closed the throttle before the contact, the vehicle was dropped on purpose, and the limits of
         height and speed are higher. If the pilot closed it afterwards, a landing was intended too, but the limits are
-        the usual ones.
+        the usual ones. A vehicle that came to rest higher than it took off, such as on a roof, did not land.
 
         Args:
             time: time when it touched the ground, s since boot.
@@ -508,13 +508,14 @@ class _Contact:
             fall_speed: largest speed downward just before, m/s; None if it is not known.
             throttle_closing: fact that the pilot closed the throttle around the contact; None if nothing shows it.
         """
-        # Limits of speed downward, m/s, and height, m, of a landing.
-        max_speed, max_height = HARD_IMPACT_SPEED, TOPPLE_HEIGHT
+        max_fall_speed, max_height = HARD_IMPACT_SPEED, TOPPLE_HEIGHT
         if throttle_closing is not None and throttle_closing.start_time <= time + STICK_DELAY:
-            max_speed, max_height = HARD_IMPACT_SPEED_CLOSED, TOPPLE_HEIGHT_CLOSED
+            max_fall_speed, max_height = HARD_IMPACT_SPEED_CLOSED, TOPPLE_HEIGHT_CLOSED
+        if fall_speed is not None and fall_speed > max_fall_speed:
+            return False
         time_before = time - MAX_SETPOINT_DELAY
         height = self.sensors.height_at(time_before)
-        if height is None or (fall_speed or 0.0) > max_speed:
+        if height is None:
             return False
         resting_height = None if rest is None else self.sensors.height_at(rest.time)
         if resting_height is not None:
@@ -522,11 +523,9 @@ class _Contact:
                 return False
             # The lower of two heights is used: above the take-off, and above the place where it came to rest.
             height = min(height, height - resting_height)
-        if (
-            height > max_height
-            or self._is_leaning(time_before)
-            or self._commands_climb((time_before, time))
-        ):
+        if height > max_height:
+            return False
+        if self._is_leaning(time_before) or self._commands_climb((time_before, time)):
             return False
         # The stick or a descent must show that a landing was intended at all.
         return throttle_closing is not None or self._is_descending(time)

@@ -237,15 +237,20 @@ def _missing_fraction(telemetry: Telemetry) -> float | None:
     missing_fractions = []
     for columns in telemetry.messages.values():
         message_count = len(columns["time"])
-        steps = np.diff(columns["time"])[np.diff(columns["boot"]) == 0]
+        is_within_boot = np.diff(columns["boot"]) == 0
+        steps = np.diff(columns["time"])[is_within_boot]
         if message_count < MIN_MESSAGES_FOR_STEP or not len(steps):
             continue
         # The mean without the lowest and the highest quarter of the steps (interquartile mean).
         quarter = len(steps) // 4
-        usual_step = np.sort(steps)[quarter : len(steps) - quarter].mean()
-        if usual_step > 0:
-            # The jitter is subtracted, so that a step of 1.75 usual ones is rounded down to one.
-            missing_by_step = np.rint(steps / usual_step - STEP_JITTER) - 1
-            missing_count = np.maximum(missing_by_step, 0).sum()
-            missing_fractions.append(missing_count / (missing_count + message_count))
-    return np.median(missing_fractions) if missing_fractions else None
+        middle_half = np.sort(steps)[quarter : len(steps) - quarter]
+        usual_step = middle_half.mean()
+        if usual_step <= 0:
+            continue
+        # The jitter is subtracted, so that a step of 1.75 usual ones is rounded down to one.
+        usual_steps_in_step = np.rint(steps / usual_step - STEP_JITTER)
+        missing_count = np.maximum(usual_steps_in_step - 1, 0).sum()
+        missing_fractions.append(missing_count / (missing_count + message_count))
+    if not missing_fractions:
+        return None
+    return np.median(missing_fractions)

@@ -116,20 +116,26 @@ def _judged_light(
     earlier_lights: NamedFacts,
     known_lights: NamedFacts = MappingProxyType({}),
 ) -> Fact:
-    """Returns the fact of one status light: that it is not judged, the known fact, or what its function returns.
+    """Judges one status light, such as the light of the motors, by the function that is registered for it.
+
+    It is not judged again if it is known already. A light of a vehicle in the air is not judged at all if the vehicle
+    did not fly.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        light: the light. One of the ``LIGHTS_OF_FLIGHT`` is not judged if the vehicle did not fly.
-        earlier_lights: facts by name of lights that come before it, among them those that it needs.
-        known_lights: facts by name of lights that were judged before.
+        light: the light, with its name, its function, and the names of the lights whose facts that function needs.
+        earlier_lights: facts by name of the lights that were judged before this one.
+        known_lights: facts by name of lights that need not be judged again.
+
+    Returns:
+        The fact that the light shows, whose level is its colour.
     """
     if evidence.not_flown is not None and light.name in LIGHTS_OF_FLIGHT:
         return Fact(Unjudged.NOT_JUDGED, reason=evidence.not_flown)
     if light.name in known_lights:
         return known_lights[light.name]
-    needed_lights = [earlier_lights[name] for name in light.needs]
-    return light.judge(evidence, *needed_lights)
+    needed_facts = [earlier_lights[name] for name in light.needs]
+    return light.judge(evidence, *needed_facts)
 
 
 def loop_decisions(evidence: Evidence, motors_light: Fact) -> DecisionsByAxis:

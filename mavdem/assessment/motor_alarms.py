@@ -103,20 +103,22 @@ def _without_shifts_by_wind(
         The other changes, in the same order.
     """
     signatures = motor_signatures(motors.geometry)
-    onset_times = [change.onset_time for change in changes]
     remaining = []
     for change in changes:
-        names_motor = change.motor is not None
-        if names_motor:
+        if change.motor is not None:
             remaining.append(change)
             continue
-        onset = change.onset_time
-        interval_between_changes = (
-            max((time for time in onset_times if time < onset), default=-inf),
-            min((time for time in onset_times if time > onset), default=inf),
+        previous_onset, next_onset = -inf, inf
+        for other_change in changes:
+            if other_change.onset_time < change.onset_time:
+                previous_onset = max(previous_onset, other_change.onset_time)
+            elif other_change.onset_time > change.onset_time:
+                next_onset = min(next_onset, other_change.onset_time)
+        steady_run = run_around(
+            signals, motors, change.boot, change.onset_time, (previous_onset, next_onset)
         )
-        steady_run = run_around(signals, motors, change.boot, onset, interval_between_changes)
-        if steady_run is not None and is_beyond_lean(steady_run, signatures, onset):
+        # Without steady flight on both sides of the change nothing shows more than the lean explains.
+        if steady_run is not None and is_beyond_lean(steady_run, signatures, change.onset_time):
             remaining.append(change)
     return remaining
 

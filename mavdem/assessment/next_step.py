@@ -25,8 +25,8 @@ def choose_next_step(headline: Fact, lights: NamedFacts, model_step: Fact | None
 
     Args:
         headline: headline of the judgement. If something is wrong, its advice is the next step.
-        lights: the lights by name. If nothing is wrong, the next step is the advice of the first light that is not
-            good. One that is not judged, for a reason that nothing helps against, is passed over.
+        lights: the facts of the status lights by name. If nothing is wrong, the next step is the advice of the first
+            light that is not good, unless that light stays unknown whatever is done.
         model_step: step that improves the model, for a vehicle without fault whose lights are all good; None without a
             model.
 
@@ -36,20 +36,26 @@ def choose_next_step(headline: Fact, lights: NamedFacts, model_step: Fact | None
     if headline.code is not Headline.NOTHING_WRONG:
         return _step_against_faults(headline, lights)
     is_other_vehicle = False
-    stays_unknown = False
+    has_light_without_advice = False
     for name in (Light.LOG, *VEHICLE_LIGHTS):
         light = lights[name]
+        if light.is_good:
+            continue
         if light.code is Unjudged.MULTIROTORS_ONLY:
             # No other log of a vehicle that is not a multirotor would make this light known.
             is_other_vehicle = True
-        elif not light.is_good:
-            advice = _advice_of_light(light)
-            if advice is not None:
-                return Fact(NextStep.DO_AS_ADVISED, reason=advice)
-            stays_unknown = True
-    if is_other_vehicle or (stays_unknown and model_step is None):
+            continue
+        advice = _advice_of_light(light)
+        if advice is not None:
+            return Fact(NextStep.DO_AS_ADVISED, reason=advice)
+        has_light_without_advice = True
+    if is_other_vehicle:
         return Fact(NextStep.KEEP_LOG)
-    return model_step or Fact(NextStep.KEEP_MODEL)
+    if model_step is not None:
+        return model_step
+    if has_light_without_advice:
+        return Fact(NextStep.KEEP_LOG)
+    return Fact(NextStep.KEEP_MODEL)
 
 
 def _advice_of_light(light: Fact) -> Fact | None:

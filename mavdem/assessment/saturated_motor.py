@@ -164,17 +164,20 @@ def with_saturated_motor(
     if ending is None or ending.code is not Ending.CONTROL_LOST or ending.figures["cause"]:
         return ending
     losses_in_boot = [loss for loss in losses if loss.figures["boot"] == ending.figures["boot"]]
+    if not losses_in_boot:
+        return ending
     named_motors = {loss.subject for loss in losses_in_boot}
     if ending.subject:
         named_motors.add(ending.subject)
-    if not losses_in_boot or len(named_motors) > 1:
+    if len(named_motors) > 1:
         return ending
-    loss = losses_in_boot[-1]
-    code = FailedFirst.LIMIT_FIRST
-    if _was_other_motor_limited(loss, events):
-        code = FailedFirst.THRUST_MISSING_FIRST
-    cause = Fact(code, time=loss.time, subject=loss.subject)
-    return ending.replace(subject=cause.subject, cause=cause)
+    last_loss = losses_in_boot[-1]
+    if _was_other_motor_limited(last_loss, events):
+        cause_code = FailedFirst.THRUST_MISSING_FIRST
+    else:
+        cause_code = FailedFirst.LIMIT_FIRST
+    cause = Fact(cause_code, time=last_loss.time, subject=last_loss.subject)
+    return ending.replace(subject=last_loss.subject, cause=cause)
 
 
 def with_motors_limited_before(ending: Fact | None, events: Sequence[Fact]) -> Fact | None:
@@ -303,18 +306,21 @@ def _conspicuous_excess(
     start, _ = interval
     motor = motors.geometry.names.index(event.subject)
     commands = motors.range_fractions(boot)
-    is_in_interval = in_intervals(commands.time, [interval])
     is_in_flight = in_intervals(commands.time, flights_in_boot(signals, boot))
-    is_before = is_in_flight & (commands.time < start - LASTING_SECONDS)
-    if not is_before.any():
+    is_before_event = is_in_flight & (commands.time < start - LASTING_SECONDS)
+    if not is_before_event.any():
         return None
-    former_excess = np.quantile(_command_excess(commands.values[is_before], motor), FORMER_QUANTILE)
-    excess = float(_command_excess(commands.values[is_in_interval], motor).mean())
-    is_at_limit, _ = samples_at_limits(commands.values[is_in_interval], motors.scale)
+    former_excesses = _command_excess(commands.values[is_before_event], motor)
+    former_excess = np.quantile(former_excesses, FORMER_QUANTILE)
+    commands_in_event = commands.values[in_intervals(commands.time, [interval])]
+    excess = float(_command_excess(commands_in_event, motor).mean())
+    is_at_limit, _ = samples_at_limits(commands_in_event, motors.scale)
     most_limited = most_limited_motors(motors.geometry.names, is_at_limit.sum(axis=0))
-    is_only_limited_motor = most_limited == (event.subject,)
+    is_most_limited_alone = most_limited == (event.subject,)
     has_changed = excess >= MIN_EXCESS and former_excess <= MAX_FORMER_EXCESS
-    return excess if is_only_limited_motor and has_changed else None
+    if not (is_most_limited_alone and has_changed):
+        return None
+    return excess
 
 
 def _sensors_in_flight(signals: Signals, boot: int, time: float) -> BootSensors:

@@ -67,10 +67,13 @@ def derivative_pairs(record: Record) -> DerivativePairs:
     unexplained_variance = differences.var(axis=0)
     # No output is its own derivative.
     np.fill_diagonal(unexplained_variance, np.inf)
-    max_unexplained_variance = (1 - MIN_EXPLAINED_SHARE) * output_changes.var(axis=0)[:, None]
-    is_derivative = unexplained_variance < max_unexplained_variance
-    best_columns = unexplained_variance.argmin(axis=1).tolist()
-    return tuple((i, j) for i, j in enumerate(best_columns) if is_derivative[i, j])
+    max_unexplained_variance = (1 - MIN_EXPLAINED_SHARE) * output_changes.var(axis=0)
+    pairs = []
+    for output, variances in enumerate(unexplained_variance):
+        best_derivative = int(variances.argmin())
+        if variances[best_derivative] < max_unexplained_variance[output]:
+            pairs.append((output, best_derivative))
+    return tuple(pairs)
 
 
 def explicit_prior(

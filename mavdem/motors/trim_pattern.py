@@ -158,14 +158,19 @@ def _leading_motor(deviations: Array, half_widths: Array) -> int | None:
         half_widths: (k,) half widths of their 90 % intervals.
 
     Returns:
-        Index of the motor; None if no motor leads alone.
+        Index of the motor; None if no motor leads alone, or the vehicle is no quadrotor.
     """
-    motor = int(np.argmax(deviations))
-    other_deviations = np.delete(deviations, motor)
-    is_alone = len(deviations) == QUADROTOR_MOTORS and bool((other_deviations < 0).all())
-    is_fault_probable = deviations[motor] > FAULT_RISE
-    is_certain = deviations[motor] - half_widths[motor] > FAULT_RISE / 2
-    return motor if is_alone and is_fault_probable and is_certain else None
+    if len(deviations) != QUADROTOR_MOTORS:
+        return None
+    leading_motor = int(np.argmax(deviations))
+    leads_alone = bool((np.delete(deviations, leading_motor) < 0).all())
+    lead = deviations[leading_motor]
+    least_lead = lead - half_widths[leading_motor]
+    is_fault_probable = lead > FAULT_RISE
+    is_lead_certain = least_lead > FAULT_RISE / 2
+    if leads_alone and is_fault_probable and is_lead_certain:
+        return leading_motor
+    return None
 
 
 def _uneven_trim(
@@ -234,11 +239,21 @@ def _suspect_motors(change: ChangeProbabilities) -> list[int]:
         Indices of the motors, the most probable first; empty if a weak motor is less probable than ``MIN_SUSPICION`` or
         than another cause, or if they would be more than ``MAX_SUSPECTS``.
     """
-    probabilities = change.group_probabilities
-    rivals = (probabilities["load"], probabilities["yaw"])
-    if probabilities["motor"] < max(MIN_SUSPICION, *rivals):
+    probability_of_cause = change.group_probabilities
+    probability_of_weak_motor = probability_of_cause["motor"]
+    is_other_cause_likelier = (
+        probability_of_weak_motor < probability_of_cause["load"]
+        or probability_of_weak_motor < probability_of_cause["yaw"]
+    )
+    if probability_of_weak_motor < MIN_SUSPICION or is_other_cause_likelier:
         return []
-    by_probability = np.argsort(-change.motor_probabilities)
-    conditional = change.motor_probabilities[by_probability] / probabilities["motor"]
-    suspect_count = int(np.searchsorted(np.cumsum(conditional), MIN_NAMED_PROBABILITY)) + 1
-    return by_probability[:suspect_count].tolist() if suspect_count <= MAX_SUSPECTS else []
+    most_probable_first = np.argsort(-change.motor_probabilities)
+    # Given that one motor is weak, the probabilities of all motors add up to 1.
+    conditional_probabilities = (
+        change.motor_probabilities[most_probable_first] / probability_of_weak_motor
+    )
+    probability_of_first_motors = np.cumsum(conditional_probabilities)
+    suspect_count = 1 + int(np.searchsorted(probability_of_first_motors, MIN_NAMED_PROBABILITY))
+    if suspect_count > MAX_SUSPECTS:
+        return []
+    return most_probable_first[:suspect_count].tolist()

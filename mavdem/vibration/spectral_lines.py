@@ -112,19 +112,22 @@ def find_spectral_lines(spectrum: Spectrum) -> tuple[SpectralLine, ...]:
     frequency = windows.frequency
     candidates = []
     for exponent in SEARCH_EXPONENTS:
-        mean = windows.aligned_mean(exponent)
-        for peak in prominent_peaks(mean, np.log(MIN_LINE_RATIO) / 2):
+        mean_log_density = windows.aligned_mean(exponent)
+        # Half of the required ratio, in decibels, makes a candidate, whose ratio is then measured with its exponent.
+        for peak in prominent_peaks(mean_log_density, np.log(MIN_LINE_RATIO) / 2):
             if frequency[peak] >= MIN_LINE_FREQUENCY:
                 candidates.append(_line_near(spectrum, windows, frequency[peak]))
     # The same line may be found with several exponents.
     lines = _distinct(candidates)
-    named_lines = [line for line in lines if line.cause is not LineCause.UNNAMED]
-    highest_ratio = max((line.ratio for line in named_lines), default=0.0)
-    clear_lines = [
-        line
-        for line in lines
-        if line.cause is not LineCause.UNNAMED or line.ratio > SMEARED_RATIO * highest_ratio
-    ]
+    ratio_of_strongest_named_line = 0.0
+    for line in lines:
+        if line.cause is not LineCause.UNNAMED:
+            ratio_of_strongest_named_line = max(ratio_of_strongest_named_line, line.ratio)
+    clear_lines = []
+    for line in lines:
+        is_strong = line.ratio > SMEARED_RATIO * ratio_of_strongest_named_line
+        if line.cause is not LineCause.UNNAMED or is_strong:
+            clear_lines.append(line)
     return _with_harmonics(clear_lines)[:MAX_LINES]
 
 

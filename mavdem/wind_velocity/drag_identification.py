@@ -254,16 +254,18 @@ def _has_settled(values: Sequence[float]) -> bool:
         values: log posterior of each iteration, nats.
 
     Returns:
-        False before the fourth iteration.
+        Whether it has converged; False before the fourth iteration.
     """
     if len(values) < 4:
         return False
-    change = abs(values[-1] - values[-2])
-    change_of_two = abs(values[-1] - values[-3])
-    earlier_change_of_two = abs(values[-2] - values[-4])
-    if change_of_two < REPEATED_CHANGE and earlier_change_of_two < REPEATED_CHANGE:
+    fourth_last, third_last, second_last, last = values[-4:]
+    change = abs(last - second_last)
+    change_over_two = abs(last - third_last)
+    earlier_change_over_two = abs(second_last - fourth_last)
+    is_alternating = change_over_two < REPEATED_CHANGE and earlier_change_over_two < REPEATED_CHANGE
+    if is_alternating:
         return True
-    has_small_change = change < SETTLED_CHANGE or change_of_two < SETTLED_CHANGE
+    has_small_change = change < SETTLED_CHANGE or change_over_two < SETTLED_CHANGE
     return len(values) > USUAL_ITERATIONS and has_small_change
 
 

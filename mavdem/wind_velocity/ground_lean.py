@@ -74,6 +74,9 @@ def lean_on_ground(
 ) -> Array | None:
     """Converts the lean on the ground to the specific force that wind would need to cause the same lean in flight.
 
+    The ground may slope at one place. So only the lean that the autopilot measures both before the flight and after it
+    is returned, which is the error of a misaligned autopilot.
+
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         angles: roll and pitch that the autopilot recorded.
@@ -81,18 +84,18 @@ def lean_on_ground(
         flight: first and last time of the motion in the flight, s since boot.
 
     Returns:
-        Force (2,) along body x and y, m/s²: the part that is the same before and after the flight. ``None`` if the log
-        does not show the vehicle on the ground both times: at one place alone, the ground may slope.
+        Force (2,) along body x and y, m/s². ``None`` if the log does not show the vehicle on the ground both times.
     """
+    first_time, last_time = flight
     airborne = airborne_intervals(signals, boot)
-    take_offs = [start for start, end in airborne if start <= flight[0] <= end]
-    landings = [end for start, end in airborne if start <= flight[1] <= end]
+    take_offs = [start for start, end in airborne if start <= first_time <= end]
+    landings = [end for start, end in airborne if start <= last_time <= end]
     if not take_offs or not landings:
         return None
-    end = take_offs[0] - TRANSITION_SECONDS
-    before = _lean_of_stand(angles, boot, (end - STAND_SECONDS, end))
-    start = landings[-1] + TRANSITION_SECONDS
-    after = _lean_of_stand(angles, boot, (start, start + STAND_SECONDS))
+    stand_end = take_offs[0] - TRANSITION_SECONDS
+    before = _lean_of_stand(angles, boot, (stand_end - STAND_SECONDS, stand_end))
+    stand_start = landings[-1] + TRANSITION_SECONDS
+    after = _lean_of_stand(angles, boot, (stand_start, stand_start + STAND_SECONDS))
     if before is None or after is None:
         return None
     # The smaller of two values with the same sign was there both times. Opposite signs have no common part.

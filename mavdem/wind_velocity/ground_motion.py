@@ -64,21 +64,22 @@ def recorded_ground_motion(telemetry: Telemetry) -> TimeSeries | None:
         Samples (N, 4) of the velocity north, east and down, m/s, and height, m, 0 if it is not known; or (N, 6) with
         the position north and east, m, if the message contains it. ``None`` if there is no such message.
     """
-    for name, factor in VELOCITY_MESSAGES.items():
+    for name, metres_per_unit in VELOCITY_MESSAGES.items():
         columns = telemetry.messages.get(name, {})
-        if len(columns.get("vx", ())) <= 1:
+        sample_count = len(columns.get("vx", ()))
+        if sample_count <= 1:
             continue
         if name == "LOCAL_POSITION_NED":
             height = -float_column(columns, "z")
         else:
             height = float_column(columns, "relative_alt") / MILLIMETRES_PER_METRE
-        table = [factor * float_column(columns, field) for field in ("vx", "vy", "vz")]
-        table.append(np.nan_to_num(height))
+        motion = [metres_per_unit * float_column(columns, field) for field in ("vx", "vy", "vz")]
+        motion.append(np.nan_to_num(height))
         for field in ("x", "y"):
             if field in columns:
-                table.append(float_column(columns, field))
-        valid = None
+                motion.append(float_column(columns, field))
+        is_valid = None
         if "valid" in columns:
-            valid = np.asarray(columns["valid"], np.bool_)
-        return clean_series(columns, np.column_stack(table), valid)
+            is_valid = np.asarray(columns["valid"], np.bool_)
+        return clean_series(columns, np.column_stack(motion), is_valid)
     return None

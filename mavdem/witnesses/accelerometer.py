@@ -267,14 +267,25 @@ def _imu_of_primary_core(signals: Signals, boot: int) -> int | None:
     Returns:
         The number, from 1; None if it is not known, or the autopilot is PX4, which numbers its instances otherwise.
     """
-    mask = _imu_mask(signals.telemetry.parameters)
-    cores = recorded_series(signals.telemetry, "estimator_selector_status", "primary_instance")
-    cores = series_of_boot(cores, boot)
-    if cores is None or mask is None or signals.telemetry.autopilot == "PX4":
+    if signals.telemetry.autopilot == "PX4":
         return None
-    imu_of_core = [1 + bit for bit in range(len(USE_PARAMETERS)) if mask >> bit & 1]
-    core = int(np.median(cores.values))
-    return imu_of_core[core] if 0 <= core < len(imu_of_core) else None
+    mask = _imu_mask(signals.telemetry.parameters)
+    recorded_cores = recorded_series(
+        signals.telemetry, "estimator_selector_status", "primary_instance"
+    )
+    primary_core = series_of_boot(recorded_cores, boot)
+    if primary_core is None or mask is None:
+        return None
+    imu_of_core = []
+    for bit in range(len(USE_PARAMETERS)):
+        is_bit_set = bool(mask >> bit & 1)
+        if is_bit_set:
+            # IMUs are numbered from 1, and bits from 0.
+            imu_of_core.append(bit + 1)
+    usual_core = int(np.median(primary_core.values))
+    if not 0 <= usual_core < len(imu_of_core):
+        return None
+    return imu_of_core[usual_core]
 
 
 @cached_per_vehicle()

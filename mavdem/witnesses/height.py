@@ -93,19 +93,18 @@ def height_comparison(signals: Signals, boot: int) -> HeightComparison:
         Both climb rates, averaged, with the intervals in which they contradict each other. A barometer that is too
         noisy, or too slow for its noise to be estimated, is left out.
     """
-    altitude = series_of_boot(barometer_altitude(signals), boot)
-    noise = None if altitude is None else barometer_noise(altitude)
+    noise = None
     barometer = None
     barometer_climb = None
-    if altitude is not None and is_usable_barometer(noise):
-        barometer = TimeSeries(
-            altitude.time,
-            altitude.boot,
-            windowed_mean(altitude.time, altitude.values, MEAN_SECONDS),
-        )
-        barometer_climb = _climb_by_barometer(barometer)
-    climb_rate = series_of_boot(signals.climb_rate, boot)
+    altitude = series_of_boot(barometer_altitude(signals), boot)
+    if altitude is not None:
+        noise = barometer_noise(altitude)
+        if is_usable_barometer(noise):
+            mean_altitude = windowed_mean(altitude.time, altitude.values, MEAN_SECONDS)
+            barometer = TimeSeries(altitude.time, altitude.boot, mean_altitude)
+            barometer_climb = _climb_by_barometer(barometer)
     estimated_climb = None
+    climb_rate = series_of_boot(signals.climb_rate, boot)
     if climb_rate is not None:
         mean_climb = windowed_mean(climb_rate.time, climb_rate.values, SLOPE_SECONDS)
         estimated_climb = TimeSeries(climb_rate.time, climb_rate.boot, mean_climb)

@@ -55,19 +55,17 @@ def stopped_at(signals: Signals, boot: int, time: float) -> bool | None:
     is_near = abs(series.time - time) <= STOP_SECONDS
     if np.count_nonzero(is_near) < 2:
         return None
-    near_time = series.time[is_near]
+    times = series.time[is_near]
     speeds = np.linalg.norm(series.values[is_near], axis=1)
-    for speed, sample_time in zip(speeds, near_time, strict=True):
-        seconds_after_sample = near_time - sample_time
-        # The smallest speed after each sample, so that a rebound does not hide the stop.
-        lowest_later = speeds[
-            (seconds_after_sample >= 0) & (seconds_after_sample <= STOP_SECONDS)
-        ].min()
-        if _is_stop(speed, lowest_later):
+    for speed, sample_time in zip(speeds, times, strict=True):
+        is_soon_after = (times >= sample_time) & (times - sample_time <= STOP_SECONDS)
+        # The smallest speed soon after each sample is used, so that a rebound does not hide the stop.
+        if _is_stop(speed, speeds[is_soon_after].min()):
             return True
-    for speed, speed_after, step in zip(speeds[:-1], speeds[1:], np.diff(near_time), strict=True):
+    for index in range(len(speeds) - 1):
+        step = times[index + 1] - times[index]
         # Within a long step the vehicle may have stopped at once, or may have braked.
-        if step > STOP_SECONDS and _is_stop(speed, speed_after):
+        if step > STOP_SECONDS and _is_stop(speeds[index], speeds[index + 1]):
             return None
     return False
 

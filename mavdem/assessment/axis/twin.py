@@ -64,26 +64,33 @@ def build_assessed_twin(evidence: Evidence, mass: float | None = None) -> Assess
     Raises:
         NotLearnable: the loop of roll, or the hover, is not known.
     """
-    missing_loops = {axis: loop for axis, loop in evidence.loops.items() if isinstance(loop, Fact)}
-    if evidence.reasons_not_to_fly:
-        # These facts are shown without advice to fly.
-        missing_loops = {axis: fact.grounded for axis, fact in missing_loops.items()}
+    # An axis without an identified loop has a fact that says why.
+    missing_loops = {}
+    for axis, loop in evidence.loops.items():
+        if isinstance(loop, Fact):
+            # A vehicle that must not fly is not advised to fly for a loop.
+            missing_loops[axis] = loop.grounded if evidence.reasons_not_to_fly else loop
     if "roll" in missing_loops:
-        reasons = (*evidence.reasons_not_to_fly, missing_loops["roll"])
-        raise NotLearnable(reasons[0])
+        if evidence.reasons_not_to_fly:
+            raise NotLearnable(evidence.reasons_not_to_fly[0])
+        raise NotLearnable(missing_loops["roll"])
     loops = evidence.identified_loops
-    signals = evidence.signals
-    hover = hover_of(signals.for_axis("roll", "motors"), evidence.log.components)
-    # Mean command of all motors in the hover, as a fraction of their range.
-    hover_fraction = float(np.mean(hover.trim_of_range))
-    telemetry = signals.telemetry
+    telemetry = evidence.signals.telemetry
+    hover = hover_of(evidence.signals.for_axis("roll", "motors"), evidence.log.components)
     wind = evidence.wind.estimate
     if wind is not None:
         drag = wind.drag
     else:
         drag = Drag.from_parameters(telemetry.autopilot, telemetry.parameters)
-    is_px4 = telemetry.autopilot == "PX4"
-    twin = build_twin(loops, px4=is_px4, hover=hover_fraction, wind=wind, drag=drag, mass=mass)
+    twin = build_twin(
+        loops,
+        px4=telemetry.autopilot == "PX4",
+        # Mean command of all motors in the hover, as a fraction of their range.
+        hover=float(np.mean(hover.trim_of_range)),
+        wind=wind,
+        drag=drag,
+        mass=mass,
+    )
     return AssessedTwin(twin, loops, missing_loops)
 
 

@@ -100,7 +100,10 @@ def _squared_errors(evidence: Evidence, axis: str) -> Array:
 
 
 def _sticks_fact(evidence: Evidence) -> Fact | None:
-    """Returns the fact that names the sticks and switches that moved in flight.
+    """Returns the fact that names the sticks and switches that the pilot moved in flight.
+
+    A stick moved if its values in flight span at least ``MIN_STICK_CHANGE``, and a switch if they span
+    ``MIN_SWITCH_CHANGE``.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -109,18 +112,22 @@ def _sticks_fact(evidence: Evidence) -> Fact | None:
         The fact, whose level is "unknown"; None if no stick or switch was recorded in flight.
     """
     inputs = pilot_input(evidence.signals)
-    series_of_inputs = [*inputs.sticks.values(), *inputs.switches.values()]
-    if not any(len(evidence.values_in_flight(series)) for series in series_of_inputs):
+    is_recorded = False
+    moved_sticks = []
+    for name, positions in inputs.sticks.items():
+        is_recorded = is_recorded or bool(len(evidence.values_in_flight(positions)))
+        if _change_in_flight(evidence, positions) >= MIN_STICK_CHANGE[inputs.unit]:
+            moved_sticks.append(name)
+    moved_channels = []
+    for number, positions in inputs.switches.items():
+        is_recorded = is_recorded or bool(len(evidence.values_in_flight(positions)))
+        if _change_in_flight(evidence, positions) >= MIN_SWITCH_CHANGE:
+            moved_channels.append(str(number))
+    if not is_recorded:
         return None
-    moved_controls = []
-    for name, series in inputs.sticks.items():
-        if _change_in_flight(evidence, series) >= MIN_STICK_CHANGE[inputs.unit]:
-            moved_controls.append(name)
-    channels = []
-    for number, series in inputs.switches.items():
-        if _change_in_flight(evidence, series) >= MIN_SWITCH_CHANGE:
-            channels.append(str(number))
-    return Fact(CommandFact.STICKS_MOVED, Level.UNKNOWN, names=moved_controls, channels=channels)
+    return Fact(
+        CommandFact.STICKS_MOVED, Level.UNKNOWN, names=moved_sticks, channels=moved_channels
+    )
 
 
 def _change_in_flight(evidence: Evidence, series: TimeSeries) -> float:

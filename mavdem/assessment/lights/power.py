@@ -354,26 +354,30 @@ def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterat
 
 
 def _fraction_before_sudden_fall(evidence: Evidence, battery: Battery) -> float | None:
-    """Returns the fraction of the full charge from which that of a battery fell to nothing faster than it can be used.
+    """Returns the charge from which that of a battery fell to nothing faster than any vehicle can use it.
+
+    Then the charge was not measured: the autopilot's estimate was wrong, or the sensor failed.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        battery: battery whose charge fell to nothing in flight.
+        battery: battery whose charge, in percent, fell to nothing in flight.
 
     Returns:
-        The fraction before the first sample of nothing in a flight; None if the battery can be emptied as fast as it
-        fell.
+        The last charge before it was nothing, as a fraction of the full one; None if the battery can be emptied as fast
+        as it fell.
     """
     for flight in evidence.in_flight(battery.charge):
-        empty_rows = np.flatnonzero(flight.values == 0)
-        if not len(empty_rows) or empty_rows[0] == 0:
+        empty_samples = np.flatnonzero(flight.values == 0)
+        if not len(empty_samples) or empty_samples[0] == 0:
             continue
-        row = empty_rows[0]
-        share_before = float(flight.values[row - 1]) / 100
-        # The charge is sent in whole percent.
-        fastest_use = 0.01 + float(flight.time[row] - flight.time[row - 1]) / SHORTEST_DISCHARGE
-        if share_before > fastest_use:
-            return share_before
+        first_empty = empty_samples[0]
+        last_charged = first_empty - 1
+        last_fraction = float(flight.values[last_charged]) / 100
+        seconds = float(flight.time[first_empty] - flight.time[last_charged])
+        # The charge is sent in whole percent, so that it may be 0.01 more than it seems.
+        largest_use = 0.01 + seconds / SHORTEST_DISCHARGE
+        if last_fraction > largest_use:
+            return last_fraction
     return None
 
 

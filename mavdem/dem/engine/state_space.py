@@ -79,23 +79,22 @@ class StateSpace:
         """
         Phi, Gamma0, Gamma1 = transition
         n, r = Gamma0.shape[-2:]
-        model = StateSpace(
-            A=Phi,
-            B=Phi @ Gamma1 + Gamma0,
-            C=C,
-            D=C @ Gamma1,
-            K=Phi @ gain,
-            offset=np.zeros(n),
-            input_trim=np.zeros(r),
-            output_trim=np.zeros(len(C)),
-            second_of_outputs=Phi @ np.linalg.pinv(C),
-            second_of_inputs=Gamma0,
-        )
+        arrays = {
+            "A": Phi,
+            "B": Phi @ Gamma1 + Gamma0,
+            "C": C,
+            "D": C @ Gamma1,
+            "K": Phi @ gain,
+            "offset": np.zeros(n),
+            "input_trim": np.zeros(r),
+            "output_trim": np.zeros(len(C)),
+            "second_of_outputs": Phi @ np.linalg.pinv(C),
+            "second_of_inputs": Gamma0,
+        }
         # The arrays are stored in C order, like the arrays of a loaded document: in another memory order a matrix
         # product may round differently.
-        return StateSpace(
-            **{name: np.ascontiguousarray(array) for name, array in vars(model).items()}
-        )
+        contiguous_arrays = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+        return StateSpace(**contiguous_arrays)
 
     @property
     def spectral_radius(self) -> float:

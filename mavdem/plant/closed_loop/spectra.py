@@ -297,22 +297,25 @@ def _windowed_transform(stream: Messages, start: float) -> ComplexArray:
         (F,) transform at the frequencies from 0 in steps of 1 / ``SPECTRUM_SECONDS``, scaled so that the mean of its
         squared magnitude is the two-sided density.
     """
-    first, last = np.searchsorted(stream.time, [start, start + SPECTRUM_SECONDS])
-    time = stream.time[first:last] - start
-    values = stream.values[first:last]
-    # Each sample is weighted by the time around it, as in an integral, but not by a gap next to it.
-    steps = np.gradient(time)
-    steps = steps.clip(max=MAX_SAMPLE_WEIGHT * np.median(steps))
-    values = values - np.polyval(np.polyfit(time, values, 1), time)
+    first, end = np.searchsorted(stream.time, [start, start + SPECTRUM_SECONDS])
+    time = stream.time[first:end] - start
+    values = stream.values[first:end]
+    trend = np.polyval(np.polyfit(time, values, 1), time)
+    deviations = values - trend
 
+    # Each sample is weighted by the time around it, as in an integral, but not by a gap next to it.
+    sample_durations = np.gradient(time)
+    sample_durations = sample_durations.clip(max=MAX_SAMPLE_WEIGHT * np.median(sample_durations))
     # The mean square of the taper sin² is 3/8.
     taper = np.sqrt(8 / 3 / SPECTRUM_SECONDS) * np.sin(np.pi * time / SPECTRUM_SECONDS) ** 2
-    weights = taper * steps
+    weights = taper * sample_durations
 
-    length = round(SPECTRUM_SECONDS / STAMP_RESOLUTION)
-    position, fraction = np.divmod(time / STAMP_RESOLUTION, 1.0)
-    index = position.astype(int)
+    grid_length = round(SPECTRUM_SECONDS / STAMP_RESOLUTION)
+    # The position of a sample on the grid: the number of the point before it, and the fraction of the way to the next.
+    whole_steps, fraction = np.divmod(time / STAMP_RESOLUTION, 1.0)
+    point_before = whole_steps.astype(int)
     # The point after the last one of the grid is the first: the transform is periodic.
-    grid = np.bincount(index, weights * values * (1 - fraction), length)
-    grid += np.bincount((index + 1) % length, weights * values * fraction, length)
+    point_after = (point_before + 1) % grid_length
+    grid = np.bincount(point_before, weights * deviations * (1 - fraction), grid_length)
+    grid += np.bincount(point_after, weights * deviations * fraction, grid_length)
     return np.fft.rfft(grid)

@@ -118,6 +118,9 @@ class DemObserver:
     def estimate(self, outputs: Array, inputs: Array) -> Estimates:
         """Estimates the states and inputs of each sample from the embedding window about it.
 
+        From the p + 1 outputs of a window, their time derivatives are computed, and likewise from the d + 1 inputs of a
+        narrower window. States and inputs are a linear function of these (DEM's D step for known parameters).
+
         Args:
             outputs: (T, m) measured outputs.
             inputs: (T, r) inputs, or prior means of those that are not known.
@@ -126,22 +129,24 @@ class DemObserver:
             States (T, n) and inputs (T, r); NaN at both ends, where the window is not complete.
         """
         n, r = self.B.shape
-        center = self.p // 2
+        output_center = self.p // 2
         input_center = self.d // 2
-        generalized_outputs = embed(outputs, self.p, self.dt, self.p + 1, center)
+        generalized_outputs = embed(outputs, self.p, self.dt, self.p + 1, output_center)
         generalized_inputs = embed(inputs, self.d, self.dt, self.d + 1, input_center)
-        # Row i of an embedding belongs to sample i + its center. The inputs' narrower windows are cut to the outputs'.
-        first_row = center - input_center
-        input_rows = generalized_inputs[first_row : first_row + len(generalized_outputs)]
-        data = np.hstack([generalized_outputs, input_rows])
+        # Row i of an embedding belongs to sample i + its center. The rows of the inputs that have no row of the outputs
+        # are cut off.
+        window_count = len(generalized_outputs)
+        first_row = output_center - input_center
+        inputs_of_windows = generalized_inputs[first_row : first_row + window_count]
+        data = np.hstack([generalized_outputs, inputs_of_windows])
         # Columns are x, ẋ, …, n each, then v, v̇, …, r each. Only x and v are returned.
         hidden = data @ self._state_map(data).T
-        states = np.full((len(outputs), n), np.nan)
-        estimated_inputs = np.full((len(outputs), r), np.nan)
-        samples = slice(center, center + len(data))
-        states[samples] = hidden[:, :n]
         first_input = n * (self.p + 1)
-        estimated_inputs[samples] = hidden[:, first_input : first_input + r]
+        estimated_samples = slice(output_center, output_center + window_count)
+        states = np.full((len(outputs), n), np.nan)
+        states[estimated_samples] = hidden[:, :n]
+        estimated_inputs = np.full((len(outputs), r), np.nan)
+        estimated_inputs[estimated_samples] = hidden[:, first_input : first_input + r]
         return Estimates(states, estimated_inputs)
 
     def _state_map(self, data: Array) -> Array:

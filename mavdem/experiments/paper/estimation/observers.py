@@ -139,10 +139,14 @@ def with_past_states(model: DiscreteModel, kept_states: int, lag: int) -> Discre
     n, r = model.Gamma.shape
     past_count = kept_states * lag
     Phi = block_diag(model.Phi, np.zeros((past_count, past_count)))
-    # In each step the kept states become their values of one sample before, and each earlier value becomes the next.
+    # In each step s becomes s_{t−1}, which has the first rows of the past.
     latest_past = slice(n, n + kept_states)
     Phi[latest_past, :kept_states] = np.eye(kept_states)
-    Phi[n + kept_states :, n : n + past_count - kept_states] = np.eye(past_count - kept_states)
+    # Every past value but the oldest becomes the one of a sample earlier.
+    moved_count = past_count - kept_states
+    earlier_past = slice(n + kept_states, n + past_count)
+    Phi[earlier_past, n : n + moved_count] = np.eye(moved_count)
+    # Past values have no inputs and no noise, and are not measured.
     return DiscreteModel(
         Phi,
         Gamma=np.vstack([model.Gamma, np.zeros((past_count, r))]),
@@ -167,20 +171,29 @@ def kalman_states(model: DiscreteModel, outputs: Array, inputs: Array) -> Array:
         (T, n) states.
     """
     n = len(model.Phi)
-    S = np.zeros((n, len(model.C)))
+    m = len(model.C)
+    uncorrelated_noises = np.zeros((n, m))
     kalman_filter = KalmanFilter.design(
-        model.Phi, model.C, model.Q, model.R, S, initial_covariance=np.eye(n), samples=len(outputs)
+        model.Phi,
+        model.C,
+        model.Q,
+        model.R,
+        uncorrelated_noises,
+        initial_covariance=np.eye(n),
+        samples=len(outputs),
     )
     predicted_states, innovations = kalman_filter.filter(
         np.zeros(n), inputs @ model.Gamma.T, outputs
     )
-    # Index of the gain of each sample among the filter's gains, of which the last one is used once it is steady.
-    rows = kalman_filter.gain_rows(len(outputs))
-    # The filter predicts. The gain of the correction by the sample itself is P Cᵀ F⁻¹.
+    # The filter predicts each state from earlier samples. The sample itself corrects it with the gain P Cᵀ F⁻¹.
     covariances = kalman_filter.covariances[: len(kalman_filter.gains)]
-    corrections = covariances @ model.C.T @ kalman_filter.innovation_precisions
+    correction_gains = covariances @ model.C.T @ kalman_filter.innovation_precisions
+    # Index of the gain of each sample among the filter's gains, of which the last one is used once it is steady.
+    gain_of_sample = kalman_filter.gain_rows(len(outputs))
     # Letters of einsum: sample t, state n, output m.
-    return predicted_states[:-1] + np.einsum("tnm,tm->tn", corrections[rows], innovations)
+    corrections = np.einsum("tnm,tm->tn", correction_gains[gain_of_sample], innovations)
+    # The last predicted state belongs to the sample after the last one.
+    return predicted_states[:-1] + corrections
 
 
 def fixed_lag_states(
