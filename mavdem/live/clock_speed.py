@@ -92,7 +92,8 @@ class ClockSpeed:
     def update(self, now: float, vehicle_time: float) -> None:
         """Takes the present readings of both clocks, and measures the speed if the vehicle's clock has advanced.
 
-        After a jump of the vehicle's clock, as at a reboot, the measurement begins again.
+        After a jump of the vehicle's clock, as at a reboot, and after a silence, the measurement begins again. A
+        simulator that was paused sends the next time of its clock after the silence, as if it had run slowly.
 
         Args:
             now: s of this computer's monotonic clock.
@@ -110,9 +111,11 @@ class ClockSpeed:
         if former_reading is not None:
             step = vehicle_time - former_reading.vehicle_time
             has_jumped = step <= 0 or step >= SPEED_WINDOW_SECONDS
-            if has_jumped:
+            was_silent = now - former_reading.arrival_time >= SPEED_WINDOW_SECONDS
+            if has_jumped or was_silent:
                 self._readings.clear()
-            else:
+                self._slow_since = None
+            if not has_jumped:
                 elapsed_seconds = self._elapsed_seconds + step
         self._elapsed_seconds = elapsed_seconds
         self._advance_time = now

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from mavdem.assessment.limits import worst_fact
 from mavdem.facts import Code, Fact, NamedFacts
+from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.lights import Light
+
+MAXIMUM_FIGURES: Mapping[Code, str] = {EstimatorLight.FILTER_AGREED: "ratio"}
+"""The figure in which a fact states a maximum, such as the largest innovation, by the code of the fact."""
 
 
 class FlightLights:
@@ -45,12 +51,16 @@ class FlightLights:
     def add(self, light: Light, fact: Fact) -> None:
         """Adds a fact on a part of the vehicle; it becomes the light of the latest flight unless that is worse.
 
+        A fact may be about the last minute only. Where it states a maximum, an equally good one with a larger maximum
+        stays the light, since a maximum of the flight never decreases.
+
         Args:
             light: part of the vehicle, such as the motors.
             fact: what was found on it.
         """
         present = self.latest.get(str(light), fact)
-        self.latest[str(light)] = worst_fact([fact, present])
+        if not _states_larger_maximum(present, fact):
+            self.latest[str(light)] = worst_fact([fact, present])
 
     def add_first(self, light: Light, fact: Fact) -> None:
         """Adds a fact on a part of the vehicle on which nothing has been found in the latest flight.
@@ -94,6 +104,19 @@ class FlightLights:
         present = self.latest.get(str(light))
         if present is not None and present.is_good:
             del self.latest[str(light)]
+
+
+def _states_larger_maximum(present: Fact, fact: Fact) -> bool:
+    """Returns whether a light states a larger maximum of the same quantity, at the same level, than another fact.
+
+    Args:
+        present: the light as it is.
+        fact: another fact on the same part of the vehicle.
+    """
+    if present.code is not fact.code or present.level is not fact.level:
+        return False
+    name = MAXIMUM_FIGURES.get(fact.code)
+    return name is not None and bool(present.figures[name] > fact.figures[name])
 
 
 def worse_lights(first: NamedFacts, second: NamedFacts) -> dict[str, Fact]:

@@ -449,7 +449,7 @@ class Watchdog:
         for warning in self._warnings:
             if warning.start_time > review.now - MEMORY_SECONDS:
                 recent_warnings.append(warning)
-        findings = LiveFindings(events=tuple(recent_warnings))
+        findings = LiveFindings(events=tuple(recent_warnings), ending=self._ending)
         evidence = live_evidence(review.recent_signals, condition, findings)
         estimator = estimator_light(evidence)
         if estimator.code is not EstimatorLight.ESTIMATOR_UNMEASURED:
@@ -467,6 +467,12 @@ class Watchdog:
                     review.recent_signals, limit
                 )
 
+    @property
+    def _ending(self) -> Fact | None:
+        """The loss of the flight, where it is one by the rules for logs: what is measured after it judges nothing."""
+        is_ending = self.loss is not None and self.loss.code in Ending
+        return self.loss if is_ending else None
+
     def _judge_battery(self, review: _Review, condition: Condition) -> None:
         """Judges the power by all messages and warnings of the boot, since a battery does not recover.
 
@@ -476,9 +482,7 @@ class Watchdog:
         """
         all_signals = self._signals(review.vehicle, review.now, -inf)
         # The current that a crashed vehicle draws is no fault of its battery: the light gets the crash with its time.
-        is_ending = self.loss is not None and self.loss.code in Ending
-        ending = self.loss if is_ending else None
-        findings = LiveFindings(events=tuple(self._warnings), ending=ending)
+        findings = LiveFindings(events=tuple(self._warnings), ending=self._ending)
         power = power_light(live_evidence(all_signals, condition, findings))
         review.facts[WatchedQuantity.BATTERY] = power
         # Just after the take-off too few voltages have come to say that none is measured.

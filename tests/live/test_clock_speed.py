@@ -47,6 +47,14 @@ def test_attitude_that_ends_and_jumps_of_the_clock_leave_the_speed_as_it_was():
     assert clock_speed.speed == approx(1.0) and not facts
 
 
+def test_the_pause_of_a_slow_simulator_does_not_count_as_its_speed():
+    running = np.arange(0.0, 40.0, 0.1)
+    now = np.where(running < 7.0, running, running + 20.0)
+    clock_speed, facts = measured(now, 30.0 + 0.5 * running)
+    assert [fact.figures["clock_speed"] for fact in facts] == [approx(0.5)]
+    assert clock_speed.speed == approx(0.5)
+
+
 def test_rates_stay_those_of_the_vehicle_where_its_clock_becomes_slower():
     """100 messages in each second of the vehicle's clock, whose speed falls just before a new window."""
     clock_speed = ClockSpeed(lambda fact: None)

@@ -35,8 +35,10 @@ from mavdem.facts.session import LinkFact, MissingMessages, RowsFact, SessionFac
 from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.vocabulary import EstimatorRatio
 from mavdem.live import LiveStream
 from mavdem.live.active_alarms import CALM_SECONDS
+from mavdem.live.flight_lights import FlightLights
 from mavdem.live.motor_limits import ALARMING_SHARE
 from mavdem.live.recent_messages import MAX_ROWS, RecentMessages
 from mavdem.live.session_status import Latency, SessionStatus
@@ -193,6 +195,18 @@ def test_the_estimator_is_judged_in_flight_as_in_a_log():
     light = made.stream.status().worst_lights[Light.ESTIMATOR]
     assert light.code is EstimatorLight.FILTER_DOUBTED and light.level is Level.WATCH
     assert len(said(made, EstimatorLight.FILTER_DOUBTED)) == 1
+
+
+@mark.parametrize("later, shown", [(0.1, 0.2), (0.3, 0.3)], ids=["a smaller one", "a larger one"])
+def test_the_largest_innovation_of_a_flight_stays_when_the_last_minute_has_another(later, shown):
+    lights = FlightLights()
+    for ratio in (0.2, later):
+        agreed = Fact(EstimatorLight.FILTER_AGREED, name=EstimatorRatio.VELOCITY, ratio=ratio)
+        lights.add(Light.ESTIMATOR, agreed)
+    assert lights.latest[Light.ESTIMATOR].figures["ratio"] == shown
+    lights.add(Light.ESTIMATOR, Fact(EstimatorLight.FILTER_DOUBTED, ratio=1.2))
+    lights.add(Light.ESTIMATOR, Fact(EstimatorLight.FILTER_AGREED, ratio=0.1))
+    assert lights.latest[Light.ESTIMATOR].code is EstimatorLight.FILTER_DOUBTED
 
 
 @mark.slow
