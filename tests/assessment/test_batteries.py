@@ -170,6 +170,7 @@ def test_a_battery_that_the_autopilot_calls_critical_is_bad_and_named(state, is_
     assert fact.level == "bad" and fact.time == approx(20.2)
     words = "is at its end: emergency" if state == EMERGENCY else "is critical"
     assert f"that battery 2 {words}" in str(fact)
+    assert "battery 2 and its cells" in fact.remedy
     assert len(fact.figures["batteries"]) == 2
 
 
