@@ -248,15 +248,23 @@ def _no_results() -> None:
 def _results_by_axis(
     log: Log, signals: Signals, alarms: Sequence[MotorChange], start: float
 ) -> dict[str, AxisResults]:
-    """Returns estimates and loops of pitch and yaw, by axis.
+    """Estimates the physical parameters and the loops of pitch and yaw.
 
     Args:
-        log, signals, alarms, start: as for :func:`mavdem.assessment.axis.loops.results_of_axis`.
+        log: the log of a flight, with the messages of each vehicle.
+        signals: logged time series of the vehicle, and which of them are the inputs of the model.
+        alarms: lasting changes of the motors in the flight.
+        start: time from which on the flight is used, as in the options of the analysis.
+
+    Returns:
+        Estimates and loops by axis.
     """
     results_by_axis = {}
+    # Roll, the first axis, is analysed by the caller.
     for axis in AXES[1:]:
         results = results_of_axis(axis, log, signals, alarms, start)
-        # The page needs the wind torque, for which this process has time while the first one learns the model.
+        # The wind torque is computed when it is first accessed. The page needs it, and this process has time for it
+        # while the first one learns the model.
         _ = results.estimates.wind
         results_by_axis[axis] = results
     return results_by_axis

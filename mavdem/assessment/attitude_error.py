@@ -68,17 +68,17 @@ def largest_error(error: AttitudeError, interval: TimeInterval) -> LargestError 
     Returns:
         The error, rad; if the setpoint was not recorded, the whole lean. None without a sample in the interval.
     """
-    rows = np.flatnonzero(in_intervals(error.time, [interval]))
-    if not len(rows):
+    samples = np.flatnonzero(in_intervals(error.time, [interval]))
+    if not len(samples):
         return None
-    row = rows[error.magnitude[rows].argmax()]
-    angle = float(error.magnitude[row])
-    has_setpoint = bool(error.has_setpoint[row])
+    worst_sample = samples[error.magnitude[samples].argmax()]
+    angle = float(error.magnitude[worst_sample])
+    has_setpoint = bool(error.has_setpoint[worst_sample])
     if not has_setpoint:
         # Without a setpoint ``attitude_error`` counts only this fraction of the lean as error. Dividing restores the
         # lean.
         angle /= WITHOUT_SETPOINT_SHARE
-    return LargestError(angle, has_setpoint, float(error.time[row]))
+    return LargestError(angle, has_setpoint, float(error.time[worst_sample]))
 
 
 def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
@@ -86,7 +86,7 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
 
     The error is the distance of an angle from the range of its setpoints in the last ``MAX_SETPOINT_DELAY`` seconds. So
     a step of the setpoint is not an error until the vehicle had time to follow it. If the setpoint was not recorded,
-    the share ``WITHOUT_SETPOINT_SHARE`` of the angle counts as error, and the rest as intended. If body rates are
+    the fraction ``WITHOUT_SETPOINT_SHARE`` of the angle counts as error, and the rest as intended. If body rates are
     commanded instead of angles, as in Acro mode, every angle counts as intended.
 
     Args:
@@ -100,17 +100,20 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
     if tracking is None or len(tracking.time) < 2:
         return None
     # Number of samples in the time within which the vehicle must follow a setpoint.
-    window = max(1, round(MAX_SETPOINT_DELAY * rate_without_gaps(np.diff(tracking.time))))
-    roll_error, pitch_error = (
-        _angle_error(
+    sample_rate = rate_without_gaps(np.diff(tracking.time))
+    window = max(1, round(MAX_SETPOINT_DELAY * sample_rate))
+    errors = []
+    for column in (ROLL, PITCH):
+        angle_error = _angle_error(
             tracking.angles[:, column],
             tracking.setpoints[:, column],
             tracking.is_rate_controlled[:, column],
             window,
         )
-        for column in (ROLL, PITCH)
-    )
-    roll, pitch = tracking.angles[:, ROLL], tracking.angles[:, PITCH]
+        errors.append(angle_error)
+    roll_error, pitch_error = errors
+    roll = tracking.angles[:, ROLL]
+    pitch = tracking.angles[:, PITCH]
     # The lean as a complex number: forward is real, right is imaginary. Positive pitch is nose up and leans the vehicle
     # backward. The more the vehicle is pitched, the less does roll lean it sideways.
     lean = np.asarray(1j * roll_error * np.cos(pitch) - pitch_error, np.complex128)

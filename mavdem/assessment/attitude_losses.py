@@ -111,22 +111,18 @@ def _loss_intervals(
         landing. Losses that follow each other within ``RECOVERY_SECONDS`` are one.
     """
     flight_start, flight_end = flight_interval
-    lost_intervals = lasting_runs(error.time, error.magnitude > LOST_ANGLE, MAX_SETPOINT_DELAY)
-    toppled_intervals = []
+    off_setpoint = lasting_runs(error.time, error.magnitude > LOST_ANGLE, MAX_SETPOINT_DELAY)
+    toppled_and_falling = []
     for start, end in lasting_runs(error.time, error.is_toppled, MAX_SETPOINT_DELAY):
-        sink_rate = sensors.sink_rate((start, start + RECOVERY_SECONDS)) or 0.0
-        if end >= flight_end and sink_rate > FALL_SPEED:
-            toppled_intervals.append((start, end))
+        sink_rate = sensors.sink_rate((start, start + RECOVERY_SECONDS))
+        is_falling = sink_rate is not None and sink_rate > FALL_SPEED
+        if end >= flight_end and is_falling:
+            toppled_and_falling.append((start, end))
     # An error counts only ``MAX_SETPOINT_DELAY`` after the setpoint changed, so that a loss may show up to that much
     # after the landing.
     latest_start = _time_of_landing_report(sensors, flight_end) + MAX_SETPOINT_DELAY
-    return [
-        (start, end)
-        for start, end in merge_close_intervals(
-            union(lost_intervals, toppled_intervals), RECOVERY_SECONDS
-        )
-        if flight_start < start <= latest_start
-    ]
+    losses = merge_close_intervals(union(off_setpoint, toppled_and_falling), RECOVERY_SECONDS)
+    return [(start, end) for start, end in losses if flight_start < start <= latest_start]
 
 
 def _time_of_landing_report(sensors: BootSensors, flight_end: float) -> float:

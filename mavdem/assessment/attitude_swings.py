@@ -52,17 +52,20 @@ def attitude_swings(signals: Signals, boot: int, flight_interval: TimeInterval) 
     autonomous = intersection([flight_interval], mode_intervals(signals, boot, AUTONOMOUS_MODES))
     is_autonomous = in_intervals(tracking.time, autonomous)
     for column, axis in enumerate(TILT_AXES):
+        # Angles that the pilot may have commanded are set to 0, so that they are no swings.
         angle = np.where(is_autonomous, tracking.angles[:, column], 0.0)
-        for peaks in _alternating_peaks(tracking.time, angle):
-            times = tracking.time[peaks]
+        for peaks_of_swing in _alternating_peaks(tracking.time, angle):
+            peak_times = tracking.time[peaks_of_swing]
+            # Successive leans are to opposite sides: half a period apart.
+            mean_half_period = float(np.diff(peak_times).mean())
             yield Fact(
                 MotionEvent.ATTITUDE_SWUNG,
-                time=float(times[0]),
-                end_time=float(times[-1]),
+                time=float(peak_times[0]),
+                end_time=float(peak_times[-1]),
                 subject=axis,
-                angle=float(abs(angle[peaks]).max()),
-                count=len(peaks),
-                period=2 * float(np.diff(times).mean()),
+                angle=float(abs(angle[peaks_of_swing]).max()),
+                count=len(peaks_of_swing),
+                period=2 * mean_half_period,
                 boot=boot,
             )
 

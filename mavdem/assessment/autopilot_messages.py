@@ -313,20 +313,20 @@ def _event_of_subsystem(subsystem: int) -> tuple[str, str]:
 
 
 def _end_of_error(error: _ErrorMessage, messages: Sequence[_ErrorMessage]) -> float | None:
-    """Returns when an error was over, s since boot; None if the log does not show it.
+    """Returns when an error of a subsystem was over: at its next message with the error code 0 in the same boot.
 
     Args:
         error: the message that reported it.
         messages: all ERR messages of the log, in any order.
+
+    Returns:
+        The time, s since boot; None if the log does not show it.
     """
-    end_times = [
-        message.time
-        for message in messages
-        if message.error_code == 0
-        and message.subsystem == error.subsystem
-        and message.boot == error.boot
-        and message.time > error.time
-    ]
+    end_times = []
+    for message in messages:
+        is_same_source = message.subsystem == error.subsystem and message.boot == error.boot
+        if is_same_source and message.error_code == 0 and message.time > error.time:
+            end_times.append(message.time)
     return min(end_times, default=None)
 
 
@@ -347,7 +347,9 @@ def _problems_of_events(telemetry: Telemetry) -> Iterator[Fact]:
 
 
 def mode_change_reason(number: float | None) -> tuple[str, Level]:
-    """Returns ArduPilot's reason for a change of the flight mode in words, and how serious it is.
+    """Returns why ArduPilot changed the flight mode, in words, and how serious that reason is.
+
+    A mode that the pilot selected is good, for example, and one that a failsafe selected is not.
 
     Args:
         number: the field ``Rsn`` of the message MODE, ArduPilot's ModeReason; None or 0 if it is not known.
@@ -355,11 +357,12 @@ def mode_change_reason(number: float | None) -> tuple[str, Level]:
     Returns:
         The reason, empty if it is not known, and its level.
     """
+    # The table of ``message_patterns.toml`` has the reasons by their number.
     reasons = _MEANINGS["reasons"]
     if not number or int(number) >= len(reasons):
         return "", Level.GOOD
-    words, level = reasons[int(number)]
-    return words, Level(level)
+    text, level = reasons[int(number)]
+    return text, Level(level)
 
 
 def _rows_of_message(telemetry: Telemetry, message: str, *fields: str) -> Iterator[Any]:

@@ -85,7 +85,9 @@ def barometer_drifts(
 
 
 def dated_by_growth(drift: Fact, disagreement: Fact | None) -> Fact:
-    """Dates a drift of the barometer, which heights at rest show without its time, by its difference to satellites.
+    """Adds to a drift of the barometer when it began: when the difference of barometer and satellites began to grow.
+
+    A drift is found by the heights at rest before and after the flight, which do not show its time.
 
     Args:
         drift: the event that the barometer drifted or froze, as of :func:`barometer_drifts`.
@@ -93,14 +95,16 @@ def dated_by_growth(drift: Fact, disagreement: Fact | None) -> Fact:
             difference began to grow; None if they agreed.
 
     Returns:
-        The drift, from when the difference began to grow in its direction; unchanged if it did not, or if the barometer
+        The drift with that time. It is unchanged if the difference grew in the other direction, or if the barometer
         froze, which has a time.
     """
     is_frozen = drift.figures["frozen_since"] is not None
     if disagreement is None or is_frozen:
         return drift
     is_same_direction = drift.figures["change"] * disagreement.figures["height"] > 0
-    return drift.replace(time=disagreement.time) if is_same_direction else drift
+    if not is_same_direction:
+        return drift
+    return drift.replace(time=disagreement.time)
 
 
 def is_barometer_steady(

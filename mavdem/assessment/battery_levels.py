@@ -61,12 +61,17 @@ def ardupilot_charge_levels(parameters: Parameters, number: int) -> Limits:
     Returns:
         The limits; 0 where ArduPilot does not act, or the full charge is not set.
     """
+    # The parameters are BATT_… for the first battery, and BATT2_… for the second.
     prefix = "BATT_" if number == FIRST_BATTERY else f"BATT{number}_"
+    # Charges in mAh; 0 if they are not set.
     charges = [parameters.get(name.format(prefix), 0.0) for name in CAPACITY_PARAMETERS]
-    low, critical, capacity = charges
-    if capacity <= 0:
+    low_charge, critical_charge, full_charge = charges
+    if full_charge <= 0:
         return Limits(watch=0.0, bad=0.0)
-    return Limits(watch=max(low, critical) / capacity, bad=critical / capacity)
+    # A battery is never critical before it is low.
+    return Limits(
+        watch=max(low_charge, critical_charge) / full_charge, bad=critical_charge / full_charge
+    )
 
 
 def voltage_levels(parameters: Parameters, number: int, cells: int) -> Limits:

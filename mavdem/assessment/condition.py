@@ -168,16 +168,16 @@ def _find_oscillation(signals: Signals, settled_segments: Segments) -> Oscillati
         The limit cycle, in settled flight if there is one; None if the vehicle does not oscillate, or is not a
         multirotor.
     """
-    attitudes = dict(zip(AXES, signals.attitudes, strict=False))
     if signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:
         # The outputs of other vehicles drive control surfaces, wheels or a rudder too.
         return None
-    in_settled_flight = detect_limit_cycle(signals.motors, attitudes, settled_segments)
-    if in_settled_flight is not None:
-        return in_settled_flight
-    return detect_limit_cycle(
-        signals.motors, attitudes, segments_of_boots(signals, flight_states.airborne_intervals)
-    )
+    # A log without yaw has the attitudes of the first axes only.
+    attitudes = dict(zip(AXES, signals.attitudes, strict=False))
+    oscillation = detect_limit_cycle(signals.motors, attitudes, settled_segments)
+    if oscillation is None:
+        airborne_segments = segments_of_boots(signals, flight_states.airborne_intervals)
+        oscillation = detect_limit_cycle(signals.motors, attitudes, airborne_segments)
+    return oscillation
 
 
 def _trim_intervals(motors: MotorOutputs, settled_segments: Segments) -> tuple[float | None, ...]:
@@ -195,13 +195,17 @@ def _trim_intervals(motors: MotorOutputs, settled_segments: Segments) -> tuple[f
         Half width of the 90 % interval for each motor (k,); None if the flight is too short for one.
     """
     outputs = _range_fractions(motors, settled_segments)
-    means_of_motors = outputs.mean(axis=1, keepdims=True)
-    mean_output = means_of_motors.mean()
+    duration = total_duration(settled_segments)
+    # The mean m of all motors at each time (N, 1), and E[m].
+    outputs_of_mean_motor = outputs.mean(axis=1, keepdims=True)
+    mean_output = outputs_of_mean_motor.mean()
+    trims = outputs.mean(axis=0) / mean_output
     half_widths = []
     # The motors are processed one by one to save memory: in hours of flight, one such array is as large as the log.
-    for output, ratio in zip(outputs.T, outputs.mean(axis=0) / mean_output, strict=True):
-        errors = (output[:, None] - means_of_motors * ratio) / mean_output
-        half_widths += mean_interval(errors, total_duration(settled_segments)).tolist()
+    for motor, trim in enumerate(trims):
+        output = outputs[:, motor, np.newaxis]
+        errors = (output - outputs_of_mean_motor * trim) / mean_output
+        half_widths += mean_interval(errors, duration).tolist()
     return tuple(map(finite_or_none, half_widths))
 
 
@@ -327,28 +331,30 @@ def _battery_figures(battery: Battery, segments: Segments) -> BatteryFigures | N
         Voltages in V and currents in A. The currents are None if no current was measured. The result is None if the
         voltage was not recorded in these segments.
     """
-    voltage = battery.voltage
-    is_in_segment = in_segments(voltage, *segments, slack=0)
+    is_in_segment = in_segments(battery.voltage, *segments, slack=0)
     if not is_in_segment.any():
         return None
-    time = voltage.time[is_in_segment]
-    boot = voltage.boot[is_in_segment]
-    volts = voltage.values[is_in_segment]
+    time = battery.voltage.time[is_in_segment]
+    boot = battery.voltage.boot[is_in_segment]
+    voltage = battery.voltage.values[is_in_segment]
     is_at_start = (boot == boot[0]) & (time <= time[0] + AVERAGING_SECONDS)
     is_at_end = (boot == boot[-1]) & (time >= time[-1] - AVERAGING_SECONDS)
-    current_mean, current_max = None, None
+    mean_current = None
+    largest_current = None
     if battery.current is not None:
-        amperes = battery.current.values[in_segments(battery.current, *segments, slack=0)]
+        current = battery.current.values[in_segments(battery.current, *segments, slack=0)]
         # A negative current means "not measured". A current of 0 in flight means a sensor that is missing or not
         # calibrated.
-        if len(amperes) and amperes.min() > 0:
-            current_mean, current_max = amperes.mean(), amperes.max()
+        is_measured = len(current) > 0 and current.min() > 0
+        if is_measured:
+            mean_current = current.mean()
+            largest_current = current.max()
     return BatteryFigures(
         number=battery.number,
-        voltage_start=np.median(volts[is_at_start]),
-        voltage_end=np.median(volts[is_at_end]),
-        voltage_mean=volts.mean(),
-        voltage_min=volts.min(),
-        current_mean=current_mean,
-        current_max=current_max,
+        voltage_start=np.median(voltage[is_at_start]),
+        voltage_end=np.median(voltage[is_at_end]),
+        voltage_mean=voltage.mean(),
+        voltage_min=voltage.min(),
+        current_mean=mean_current,
+        current_max=largest_current,
     )

@@ -89,6 +89,8 @@ class ContactSearch:
     def first_knock(self, start: float, largest_knock_time: float) -> float:
         """Returns the time of the peak of the first knock that is larger than the vibration before.
 
+        A vehicle that falls over hits the ground several times, and the first contact need not be the hardest.
+
         Args:
             start: time when the attitude was lost, s since boot. Near the ground that may be shortly before the
                 contact.
@@ -103,23 +105,20 @@ class ContactSearch:
         # A knock with its peak at the loss of attitude begins up to ``KNOCK_SECONDS`` earlier.
         search_start = start - KNOCK_SECONDS
         min_knock = accelerometer.knock_size
-        vibration = accelerometer.peak((self.flight_start + MAX_SETPOINT_DELAY, search_start))
+        # The take-off itself knocks, and is left out.
+        undisturbed_flight = (self.flight_start + MAX_SETPOINT_DELAY, search_start)
+        vibration = accelerometer.peak(undisturbed_flight)
         if vibration is not None:
             min_knock = max(min_knock, vibration.size)
-        is_knock = accelerometer.magnitude >= min_knock
-        is_in_search = (accelerometer.time >= search_start) & (
-            accelerometer.time <= largest_knock_time
-        )
-        rows = np.flatnonzero(is_knock & is_in_search)
-        if not len(rows):
+        time = accelerometer.time
+        is_searched = (time >= search_start) & (time <= largest_knock_time)
+        knock_times = time[is_searched & (accelerometer.magnitude >= min_knock)]
+        if not len(knock_times):
             return largest_knock_time
-        knock_start = float(accelerometer.time[rows[0]])
-        peak = accelerometer.peak(
-            (knock_start, min(knock_start + KNOCK_SECONDS, largest_knock_time))
-        )
-        if peak is None:
-            return knock_start
-        return peak.time
+        knock_start = float(knock_times[0])
+        knock_end = min(knock_start + KNOCK_SECONDS, largest_knock_time)
+        peak = accelerometer.peak((knock_start, knock_end))
+        return knock_start if peak is None else peak.time
 
     def time_of_loss_near_ground(self) -> float | None:
         """Returns the time at which the attitude was lost, s, if that was near the ground; None otherwise."""
@@ -145,40 +144,47 @@ class ContactSearch:
         if climb_rate is None:
             return None
         time = climb_rate.time
-        speed_later = np.interp(time + IMPACT_SECONDS, time, climb_rate.values)
-        is_braked = speed_later - climb_rate.values > IMPACT_SPEED_CHANGE
-        is_sinking = climb_rate.values < -IMPACT_SPEED_CHANGE
-        candidates = time[in_intervals(time, [interval]) & is_braked & is_sinking]
+        upward_speed = climb_rate.values
+        speed_later = np.interp(time + IMPACT_SECONDS, time, upward_speed)
+        is_searched = in_intervals(time, [interval])
+        is_sinking = upward_speed < -IMPACT_SPEED_CHANGE
+        is_braked = speed_later - upward_speed > IMPACT_SPEED_CHANGE
+        candidates = time[is_searched & is_sinking & is_braked]
         if not len(candidates):
             return None
         # The motors may have slowed the fall before the ground stopped it. The step with the largest loss of speed is
         # that at the ground.
         stop_start = candidates[0]
-        is_stop = in_intervals(time, [(stop_start, stop_start + IMPACT_SECONDS)])
-        speed_steps: Array = np.diff(climb_rate.values, append=climb_rate.values[-1])
-        impact_row = int(np.argmax(np.where(is_stop, speed_steps, -inf)))
-        is_fast = -climb_rate.values[impact_row] > IMPACT_SPEED_CHANGE
-        return float(time[impact_row]) if is_fast else None
+        is_stopping = in_intervals(time, [(stop_start, stop_start + IMPACT_SECONDS)])
+        speed_steps: Array = np.diff(upward_speed, append=upward_speed[-1])
+        impact_sample = int(np.argmax(np.where(is_stopping, speed_steps, -inf)))
+        is_fast_before_impact = -upward_speed[impact_sample] > IMPACT_SPEED_CHANGE
+        if not is_fast_before_impact:
+            return None
+        return float(time[impact_sample])
 
     def _largest_contact_knock(self, start: float, end: float) -> Fact | None:
         """Returns the largest knock of an interval that can be a contact with the ground.
 
-        A knock high in the air, such as a propeller makes that breaks, is none: then the search continues after it.
+        A knock high in the air is no contact: a propeller that breaks knocks too. After such a knock the search
+        continues.
 
         Args:
             start: beginning of the interval, s since boot.
             end: its end, s since boot.
 
         Returns:
-            The fact of the accelerometer that it measured the knock; None if it measured none.
+            The fact of the accelerometer that it measured the knock; None if it measured no such knock.
         """
-        while start < end:
-            knock = self.sensors.knock_fact((start, end))
+        search_start = start
+        while search_start < end:
+            knock = self.sensors.knock_fact((search_start, end))
+            # The fact may also say that the accelerometer measured no knock, which contradicts a contact.
             if knock is None or knock.figures["side"] != Side.FOR or knock.time is None:
                 return None
             if knock_is_contact(self.sensors, knock.time):
                 return knock
-            start = knock.time + MIN_FALL_SECONDS
+            search_start = knock.time + MIN_FALL_SECONDS
         return None
 
     def _exceeds_vibration(self, knock: Fact, start: float) -> bool:

@@ -71,17 +71,20 @@ def position_jumps(telemetry: Telemetry) -> PositionJumps:
         telemetry: messages of the vehicle.
 
     Returns:
-        Time, boot and distance of each jump, and whether any position was recorded.
+        Time, s since boot, number of the boot and distance, m, of each jump, receiver by receiver; and whether any
+        position was recorded.
     """
-    jumps = [np.zeros((0, 3))]
     is_recorded = False
+    # Tables with a row for each jump. The first one is empty, so that there is one to join without any jump.
+    jump_tables = [np.zeros((0, 3))]
     for message in RECEIVER_MESSAGES:
         positions = _receiver_positions(telemetry, message)
         if positions is None:
             continue
         is_recorded = True
-        jumps += [_jumps_in_boot(positions, int(boot)) for boot in np.unique(positions.boot)]
-    time, boot, distance = np.concatenate(jumps).T
+        for boot in np.unique(positions.boot).tolist():
+            jump_tables.append(_jumps_in_boot(positions, int(boot)))
+    time, boot, distance = np.concatenate(jump_tables).T
     return PositionJumps(is_recorded, time, boot, distance)
 
 

@@ -190,7 +190,7 @@ class _LoggedCommands(NamedTuple):
 
 
 def _logged_commands(signals: Signals, failure: Fact) -> _LoggedCommands | None:
-    """Returns the commands of all motors around a failure.
+    """Selects the commands of all motors in the flight before a failure, and at the failure.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -202,23 +202,25 @@ def _logged_commands(signals: Signals, failure: Fact) -> _LoggedCommands | None:
     interval = _interval_at_failure(failure)
     if signals.motors is None or interval is None:
         return None
+    failure_time, _ = interval
     boot = failure.figures["boot"]
     commands = signals.motors.range_fractions(boot)
-    usual = _usual_commands(signals, commands, boot, interval[0])
-    at_failure = commands.within(interval)
-    if not len(usual.time) or not len(at_failure.time):
+    commands_before = _usual_commands(signals, commands, boot, failure_time)
+    commands_at_failure = commands.within(interval)
+    if not len(commands_before.time) or not len(commands_at_failure.time):
         return None
-    names = signals.motors.geometry.names
-    return _LoggedCommands(names, commands, interval, usual, at_failure)
+    return _LoggedCommands(
+        signals.motors.geometry.names, commands, interval, commands_before, commands_at_failure
+    )
 
 
 def _usual_commands(
     signals: Signals, commands: TimeSeries, boot: int, failure_time: float
 ) -> TimeSeries:
-    """Selects the commands of the flight before a motor failed.
+    """Selects the commands of the flight before a motor failed, with which those at the failure are compared.
 
-    The last twice ``RECOVERY_SECONDS`` are left out, in which the motor may have begun to fail, unless the flight is
-    too short for that.
+    The last twice ``RECOVERY_SECONDS`` are left out, in which the motor may have begun to fail. If the flight is too
+    short for that, only the last ``LASTING_SECONDS`` are left out.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -230,13 +232,16 @@ def _usual_commands(
         The commands; without samples if the failure was in no flight.
     """
     for take_off, landing in flights_in_boot(signals, boot):
-        # An autopilot that stops the motors in the air ends the flight by that.
-        if take_off <= failure_time <= landing + RECOVERY_SECONDS:
-            before = commands.within((take_off, failure_time - 2 * RECOVERY_SECONDS))
-            if len(before.time):
-                return before
-            return commands.within((take_off, failure_time - LASTING_SECONDS))
-    return commands.select(slice(0))
+        # An autopilot that stops the motors in the air ends the flight by that, so the failure may be a little later.
+        is_in_flight = take_off <= failure_time <= landing + RECOVERY_SECONDS
+        if not is_in_flight:
+            continue
+        usual_commands = commands.within((take_off, failure_time - 2 * RECOVERY_SECONDS))
+        if not len(usual_commands.time):
+            usual_commands = commands.within((take_off, failure_time - LASTING_SECONDS))
+        return usual_commands
+    no_samples = slice(0)
+    return commands.select(no_samples)
 
 
 def _change_of_commands(logged: _LoggedCommands, ending: Fact, scale: OutputScale) -> Facts:

@@ -298,9 +298,11 @@ class Assessment:
         """
         if self.analysis is None or self.evidence is None:
             return inventory(self.log)
+        # The inventory begins with the vehicle whose contents are given, which need not be read again.
         log_inventory = inventory(self.log, [self.contents])
-        assessed_vehicle = log_inventory["vehicles"][0]
-        assessed_vehicle |= self.judgement_values | {"model": self.analysis.model}
+        entry_of_assessed_vehicle = log_inventory["vehicles"][0]
+        entry_of_assessed_vehicle.update(self.judgement_values)
+        entry_of_assessed_vehicle["model"] = self.analysis.model
         return log_inventory
 
     @property

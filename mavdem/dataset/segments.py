@@ -276,16 +276,17 @@ def _fast_intervals(time: Array) -> Intervals:
 
 
 def slow_steps(steps: Array) -> Flags:
-    """Flags the steps of a stream around which it is slower than ``MIN_STREAM_RATE``.
+    """Flags the parts of a stream in which it is slower than ``MIN_STREAM_RATE``, about 1 s around each step.
 
     Args:
-        steps: (N,) seconds between its stamps.
+        steps: (N,) times between successive stamps of the stream, s.
 
     Returns:
-        Flags (N,): whether the median of ``MEDIAN_STEPS`` steps around each one is too long.
+        Flags (N,): whether the running median of ``MEDIAN_STEPS`` steps is longer than the rate allows.
     """
     usual_steps = scipy.ndimage.median_filter(steps, size=MEDIAN_STEPS, mode="mirror")
-    return usual_steps > STEP_TOLERANCE / MIN_STREAM_RATE
+    max_usual_step = STEP_TOLERANCE / MIN_STREAM_RATE
+    return usual_steps > max_usual_step
 
 
 def _intervals_at_any_rate(time: Array) -> Intervals:

@@ -75,19 +75,22 @@ class PlantForecasts:
         """Simulates the plant from state 0, with the outputs at their trim, as in the figures of the paper.
 
         Args:
-            inputs: Inputs, (H, r).
+            inputs: Inputs after the training data, (H, r), in physical units.
 
         Returns:
-            Outputs, (H, m); row 0 is the trim.
+            Outputs, (H, m), in physical units; the first row is the trim.
         """
         scaled_inputs = self.scaling.scale_inputs(inputs)
-        # In the engine's units the trim is 0. Without inputs there are no rows.
-        first_row = np.zeros((min(1, len(inputs)), len(self.scaling.output_trim)))
-        scaled_outputs = first_row
+        output_count = len(self.scaling.output_trim)
+        # In the engine's units the trim is 0, and so is state 0.
+        outputs_at_trim = np.zeros((1, output_count))
         if len(scaled_inputs) > 1:
-            start = self.process.second_state(scaled_inputs[0], first_row[0])
-            later_rows = self.process.simulate(start, scaled_inputs[1:])
-            scaled_outputs = np.vstack([first_row, later_rows])
+            second_state = self.process.second_state(scaled_inputs[0], outputs_at_trim[0])
+            later_outputs = self.process.simulate(second_state, scaled_inputs[1:])
+            scaled_outputs = np.vstack([outputs_at_trim, later_outputs])
+        else:
+            # One row or, without inputs, none.
+            scaled_outputs = outputs_at_trim[: len(inputs)]
         return self.scaling.physical_outputs(scaled_outputs)
 
     def rolling_forecast_known_inputs(

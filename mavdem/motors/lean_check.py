@@ -32,8 +32,9 @@ FALSE_FRACTION = 0.01
 def is_beyond_lean(run: SteadyRun, signatures: MotorSignatures, onset_time: float) -> bool:
     """Returns whether the trims shifted in roll or pitch by more than the lean of the vehicle explains.
 
-    The step and its error are those of the fit at the head of this file, where the error allows for the correlation of
-    neighbouring blocks. Samples within the error of the onset belong to neither side.
+    The balance of the motors in blocks of steady flight is fitted by the lean of each block and a step at the onset.
+    The step is compared with its error, which allows for the correlation of neighbouring blocks. Samples within the
+    error of the onset belong to neither side.
 
     Args:
         run: motor outputs and lean in steady flight before and after the shift, with no other change of the motors.
@@ -43,17 +44,20 @@ def is_beyond_lean(run: SteadyRun, signatures: MotorSignatures, onset_time: floa
     Returns:
         Whether the step is significant in roll or pitch; False if too little flight or an unknown lean leaves it open.
     """
-    blocks_before = block_means(_selected(run, run.time < onset_time - MAX_ONSET_ERROR), signatures)
-    blocks_after = block_means(_selected(run, run.time > onset_time + MAX_ONSET_ERROR), signatures)
+    is_before = run.time < onset_time - MAX_ONSET_ERROR
+    is_after = run.time > onset_time + MAX_ONSET_ERROR
+    blocks_before = block_means(_selected(run, is_before), signatures)
+    blocks_after = block_means(_selected(run, is_after), signatures)
     if not blocks_before or not blocks_after:
         return False
     blocks = np.array(blocks_before + blocks_after)
-    is_after = np.arange(len(blocks)) >= len(blocks_before)
-    step = _fitted_step(blocks, is_after)
+    is_block_after = np.arange(len(blocks)) >= len(blocks_before)
+    step = _fitted_step(blocks, is_block_after)
     if step is None:
         return False
-    # Two axes are tested, each on both sides.
-    limit = scipy.special.stdtrit(step.freedom, 1 - FALSE_FRACTION / (2 * len(TILT_AXES)))
+    # Student's t test at the level ``FALSE_FRACTION``, divided among two axes and the two directions of a step.
+    tail_probability = FALSE_FRACTION / (2 * len(TILT_AXES))
+    limit = scipy.special.stdtrit(step.freedom, 1 - tail_probability)
     # Constant commands have no error, so that the step is not divided by it.
     is_significant = abs(step.size) > limit * step.error
     tilt_columns = [AXES.index(axis) for axis in TILT_AXES]

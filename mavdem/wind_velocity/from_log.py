@@ -266,13 +266,19 @@ def _lacks_fix(telemetry: Telemetry) -> bool:
 
     Args:
         telemetry: messages of the vehicle.
+
+    Returns:
+        True only if there is a receiver, and none ever had a fix.
     """
-    receivers = [
-        telemetry.messages[name]
-        for name in RECEIVER_MESSAGES
-        if len(telemetry.messages.get(name, {}).get("fix_type", ()))
-    ]
-    return bool(receivers) and not any(has_fix_by_row(columns).any() for columns in receivers)
+    has_receiver = False
+    for message in RECEIVER_MESSAGES:
+        columns = telemetry.messages.get(message, {})
+        if not len(columns.get("fix_type", ())):
+            continue
+        has_receiver = True
+        if has_fix_by_row(columns).any():
+            return False
+    return has_receiver
 
 
 def _require_usable(motion: _FlightMotion, stuck_seconds: float) -> None:
@@ -408,12 +414,13 @@ def _longest_stuck(position: TimeSeries | None, boot: int, motion: _FlightMotion
     position_in_boot = series_of_boot(position, boot)
     if position_in_boot is None:
         return 0.0
-    times = [motion.time - 1.0, motion.time]
-    distances = []
-    for component in position_in_boot.values.T:
-        a_second_ago, now = np.interp(times, position_in_boot.time, component)
-        distances.append(now - a_second_ago)
-    distance = np.linalg.norm(distances, axis=0)
+    # How far the vehicle moved along each coordinate in the second before each sample of the motion.
+    movements = []
+    for coordinate in position_in_boot.values.T:
+        coordinate_now = np.interp(motion.time, position_in_boot.time, coordinate)
+        coordinate_before = np.interp(motion.time - 1.0, position_in_boot.time, coordinate)
+        movements.append(coordinate_now - coordinate_before)
+    distance = np.linalg.norm(movements, axis=0)
     roll, pitch, _ = motion.attitude.T
     lean = np.arccos(np.cos(roll) * np.cos(pitch))
     is_stuck = (lean >= STUCK_LEAN) & (distance < STUCK_DISTANCE)
@@ -466,11 +473,11 @@ def drag_settings(drag: Drag, telemetry: Telemetry) -> dict[str, ParameterValue]
     """
     if drag.source is DragSource.POPULATION:
         return {}
-    settings = {
-        name: value
-        for name, value in drag.autopilot_parameters(telemetry.autopilot).items()
-        if value.high <= MAX_SETTING_RATIO * value.low
-    }
-    if telemetry.translated_from != "DataFlash":
-        return settings
-    return {name: value for name, value in settings.items() if name in telemetry.parameters}
+    has_all_parameters = telemetry.translated_from == "DataFlash"
+    settings = {}
+    for name, value in drag.autopilot_parameters(telemetry.autopilot).items():
+        is_certain = value.high <= MAX_SETTING_RATIO * value.low
+        may_be_in_firmware = name in telemetry.parameters or not has_all_parameters
+        if is_certain and may_be_in_firmware:
+            settings[name] = value
+    return settings

@@ -39,12 +39,12 @@ MAX_GROUND_LEAN = np.radians(10.0)
 def with_lean_on_ground(
     drag: Drag, signals: Signals, angles: Sequence[Attitude], boot: int, flight: TimeInterval
 ) -> Drag:
-    """Widens the prior of the lean of a vehicle so that it holds the one that the autopilot read on the ground.
+    """Widens the prior of a vehicle's lean, so that the lean that the autopilot measured on the ground is likely too.
 
-    The lean is either that of the prior, where the ground slopes, or that on the ground, where the autopilot is
-    misaligned. Both count as equally likely, for each body axis by itself, since one may be a slope and the other a
-    misalignment: mean and variances are those of the mixtures. A lean that an earlier flight has measured stays as it
-    is.
+    The lean in flight without wind is either that of the prior, where the ground slopes, or that on the ground, where
+    the autopilot is misaligned. Both count as equally likely, for each body axis by itself, since one may be a slope
+    and the other a misalignment: mean and variances are those of the mixtures. A lean that an earlier flight has
+    measured stays as it is.
 
     Args:
         drag: prior of the drag, with the prior of the lean.
@@ -56,16 +56,19 @@ def with_lean_on_ground(
     Returns:
         The drag; unchanged where the log does not show the vehicle on the ground before and after the flight.
     """
-    if drag.source not in (DragSource.POPULATION, DragSource.PARAMETERS):
+    is_lean_measured = drag.source not in (DragSource.POPULATION, DragSource.PARAMETERS)
+    if is_lean_measured:
         return drag
     ground_lean = lean_on_ground(signals, angles, boot, flight)
     if ground_lean is None:
         return drag
-    half_difference = (ground_lean - drag.lean) / 2
+    # A mixture of two equally likely distributions has its mean halfway between theirs, and a variance that is larger
+    # by the square of half of their distance.
+    half_distance = (ground_lean - drag.lean) / 2
     mean = drag.mean.copy()
-    mean[LEAN] += half_difference
+    mean[LEAN] += half_distance
     covariance = drag.covariance.copy()
-    covariance[LEAN, LEAN] += np.diag(half_difference**2)
+    covariance[LEAN, LEAN] += np.diag(half_distance**2)
     return replace(drag, mean=mean, covariance=covariance)
 
 

@@ -62,8 +62,19 @@ def lower_speed_bound(low: float, high: float) -> float:
 
 
 def speed_status(speed: float, low: float, high: float) -> Status:
-    """Returns whether a speed with an interval from low to high, m/s, is reported, biased or not identifiable."""
-    if (high - low) / 2 <= max(REPORTED_SPEED_ERROR, REPORTED_RELATIVE_ERROR * speed):
+    """Judges how well a wind speed is known, by its 90 % interval.
+
+    Args:
+        speed: estimated speed, m/s.
+        low: lower end of its interval, m/s.
+        high: upper end of its interval, m/s.
+
+    Returns:
+        "Reported" if half of the interval is small, absolutely or relative to the speed; "biased" if the ratio of the
+        ends is not too large, or if there is at most a light breeze; otherwise "not identifiable".
+    """
+    half_width = (high - low) / 2
+    if half_width <= max(REPORTED_SPEED_ERROR, REPORTED_RELATIVE_ERROR * speed):
         return Status.REPORTED
     if high <= BIASED_SPEED_RATIO * max(low, MIN_RATIO_SPEED):
         return Status.BIASED
@@ -82,12 +93,14 @@ def is_lean_more_uncertain(mean_winds: Array, parameter_samples: Array) -> bool:
 
     Args:
         mean_winds: mean wind velocity by each of N posterior samples, north and east (N, 2), m/s.
-        parameter_samples: the samples (N, 10) of the scaled parameters.
+        parameter_samples: the samples (N, 10) of the scaled parameters, among them the drag and the lean.
     """
-    along_mean = mean_winds @ mean_winds.mean(axis=0)
-    by_lean = _explained_variance(along_mean, parameter_samples[:, LEAN])
-    by_drag = _explained_variance(along_mean, parameter_samples[:, LOG_COEFFICIENTS])
-    return by_lean > by_drag
+    mean_direction = mean_winds.mean(axis=0)
+    # These are proportional to the speeds: the direction need not be a unit vector, since only ratios are compared.
+    speeds = mean_winds @ mean_direction
+    variance_by_lean = _explained_variance(speeds, parameter_samples[:, LEAN])
+    variance_by_drag = _explained_variance(speeds, parameter_samples[:, LOG_COEFFICIENTS])
+    return variance_by_lean > variance_by_drag
 
 
 def _explained_variance(values: Array, regressors: Array) -> float:

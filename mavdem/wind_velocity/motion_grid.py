@@ -307,7 +307,7 @@ def _body_axes(attitude: Array) -> Array:
 
 
 def _near_complete_steps(grid: MotionGrid) -> Flags:
-    """Finds the steps that are at most ``MAX_BRIDGED_SECONDS`` away from a complete step.
+    """Finds the steps that are at most ``MAX_BRIDGED_SECONDS`` away from a complete step, one with force and velocity.
 
     Args:
         grid: motion of the vehicle on an even grid of times, with gaps.
@@ -315,12 +315,14 @@ def _near_complete_steps(grid: MotionGrid) -> Flags:
     Returns:
         Flags (T,).
     """
-    # The convolution with ones counts the complete steps within the reach of each step. The appended False is for
-    # grids without steps, since an empty list cannot be convolved.
-    reach = int(MAX_BRIDGED_SECONDS / grid.step)
-    complete = [*grid.complete, False]
-    neighbours = np.convolve(complete, np.ones(2 * reach + 1))
-    return np.asarray(neighbours[reach : reach + len(grid.force)] > 0)
+    steps_to_each_side = int(MAX_BRIDGED_SECONDS / grid.step)
+    # An empty list cannot be convolved, so that False is appended for grids without steps.
+    is_complete = [*grid.complete, False]
+    # The convolution with ones counts the complete steps around each step.
+    complete_count = np.convolve(is_complete, np.ones(2 * steps_to_each_side + 1))
+    # It is longer than the grid by as many steps at the start, and at least as many at the end.
+    grid_end = steps_to_each_side + len(grid.force)
+    return np.asarray(complete_count[steps_to_each_side:grid_end] > 0)
 
 
 def flight_grid(
@@ -346,8 +348,11 @@ def flight_grid(
         NotLearnable: too little of the motion is complete.
     """
     time = samples.time
-    longest = max(step, np.median(np.diff(time)), (time[-1] - time[0]) / max_steps)
-    grid = motion_grid(time, samples.attitude, samples.velocity, longest, wind)
+    sampling_step = np.median(np.diff(time))
+    duration = time[-1] - time[0]
+    grid_step = max(step, sampling_step, duration / max_steps)
+    grid = motion_grid(time, samples.attitude, samples.velocity, grid_step, wind)
+    # Steps in gaps of the samples are not complete.
     complete_seconds = float(grid.complete.sum() * grid.step)
     if complete_seconds < MIN_MOTION_SECONDS:
         raise NotLearnable(

@@ -24,8 +24,8 @@ def torque_share_of_wind(wind: WindVelocity, time: Array, torque: Array) -> Fact
 
     Air that flows past a vehicle causes a torque about proportional to its velocity along the body. So the torque,
     averaged over 3 s, is regressed on the velocity relative to the mean wind along body x and y. As any regression
-    explains part of the data that it was fitted to, the share is determined by two-fold cross-validation: every second
-    quarter of a minute is predicted by a regression over the others.
+    explains part of the data that it was fitted to, the fraction is determined by two-fold cross-validation: every
+    second quarter of a minute is predicted by a regression over the others.
 
     Args:
         wind: estimated velocity of the air along the body, on the boot clock.
@@ -33,30 +33,32 @@ def torque_share_of_wind(wind: WindVelocity, time: Array, torque: Array) -> Fact
         torque: wind torque (N,), rad/s².
 
     Returns:
-        A fact with the ``share``, at least 0; it is ``None`` if the velocity relative to the air hardly changes.
+        A fact with the fraction as its figure ``share``, at least 0; it is ``None`` if there are too few samples, or
+        the velocity relative to the air hardly changes.
     """
     # Means over intervals of GUST_SECONDS, first of the torque and then of the velocity components.
     interval = np.floor(time / GUST_SECONDS)
     interval_numbers, interval_of_sample = np.unique(interval, return_inverse=True)
-    finite = np.isfinite(wind.along).all(axis=1)
+    is_known = np.isfinite(wind.along).all(axis=1)
     signals = [torque]
-    for component in wind.along[finite].T:
-        signals.append(np.interp(time, wind.time[finite], component, np.nan, np.nan))
+    for component in wind.along[is_known].T:
+        signals.append(np.interp(time, wind.time[is_known], component, np.nan, np.nan))
     sums = np.array([np.bincount(interval_of_sample, signal) for signal in signals])
     means = sums / np.bincount(interval_of_sample)
-    complete = np.isfinite(means).all(axis=0)
-    mean_torque = means[0, complete]
-    air_velocity = means[1:, complete]
+    is_complete = np.isfinite(means).all(axis=0)
+    mean_torque = means[0, is_complete]
+    mean_velocity = means[1:, is_complete]
     if len(mean_torque) < MIN_SAMPLES_FOR_STATISTICS:
         return Fact(WindShare.SHARE_UNKNOWN, share=None)
-    if np.std(air_velocity, axis=1).max() < MIN_AIR_VELOCITY_SD:
+    if np.std(mean_velocity, axis=1).max() < MIN_AIR_VELOCITY_SD:
         return Fact(WindShare.SHARE_UNKNOWN, share=None)
 
-    regressors = np.column_stack([np.ones(len(mean_torque)), *air_velocity])
-    in_even_block = interval_numbers[complete] // MEANS_PER_FOLD_BLOCK % 2 == 0
-    residual = mean_torque.copy()
-    for test in (in_even_block, ~in_even_block):
-        coefficients = np.linalg.lstsq(regressors[~test], mean_torque[~test])[0]
-        residual[test] -= regressors[test] @ coefficients
-    unexplained_fraction = residual.var() / mean_torque.var()
+    regressors = np.column_stack([np.ones(len(mean_torque)), *mean_velocity])
+    block_numbers = interval_numbers[is_complete] // MEANS_PER_FOLD_BLOCK
+    is_even_block = block_numbers % 2 == 0
+    prediction_errors = mean_torque.copy()
+    for is_test in (is_even_block, ~is_even_block):
+        coefficients = np.linalg.lstsq(regressors[~is_test], mean_torque[~is_test])[0]
+        prediction_errors[is_test] -= regressors[is_test] @ coefficients
+    unexplained_fraction = prediction_errors.var() / mean_torque.var()
     return Fact(WindShare.SHARE_KNOWN, share=max(1 - unexplained_fraction, 0.0), span=GUST_SECONDS)

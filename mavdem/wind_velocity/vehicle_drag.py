@@ -334,16 +334,19 @@ class Drag(ImmutableResult):
     def relative_sd(self, speed: float) -> float:
         """Returns the relative standard deviation of the drag force at an air speed in m/s, to first order.
 
-        The force per mass and speed is c + q · speed, whose derivatives by ln c and ln q are the two terms c and
-        q · speed. Differences between body x and y are neglected.
+        The drag per mass is c u + q u² at the speed u. Its derivatives by the parameters ln c and ln q are the two
+        terms c u and q u², from which the variance follows by the covariance of the parameters. The common factor u
+        cancels in the ratio of deviation and drag. Differences between body x and y are neglected.
 
         Args:
             speed: air speed, m/s.
         """
-        entries = [LOG_LINEAR, LOG_QUADRATIC]
-        terms = np.exp(self.mean[entries]) * [1.0, speed]
-        variance = terms @ self.covariance[np.ix_(entries, entries)] @ terms
-        return float(np.sqrt(variance) / terms.sum())
+        parameters = [LOG_LINEAR, LOG_QUADRATIC]
+        linear_term, quadratic_term = np.exp(self.mean[parameters])
+        gradient = np.array([linear_term, quadratic_term * speed])
+        covariance = self.covariance[np.ix_(parameters, parameters)]
+        sd = np.sqrt(gradient @ covariance @ gradient)
+        return float(sd / gradient.sum())
 
     def autopilot_parameters(self, autopilot: str) -> dict[str, ParameterValue]:
         """Converts the drag to the parameters of the drag model in an autopilot's state estimator.
@@ -364,38 +367,43 @@ class Drag(ImmutableResult):
         # The interval of the common coefficient is the mean of the intervals of both axes.
         low, high = self.interval("linear").mean(axis=1).tolist()
         momentum = float(np.exp(self.mean[LOG_LINEAR]))
-        values = {momentum_name: ParameterValue(momentum, low, high)}
+        parameters = {momentum_name: ParameterValue(momentum, low, high)}
         # A ballistic coefficient is inverse to the drag, so that the ends of the interval are exchanged.
         quadratic_low, quadratic_high = self.interval("quadratic")
-        ballistic = HALF_AIR_DENSITY / np.array([self.quadratic, quadratic_high, quadratic_low])
-        for axis, coefficients in zip("XY", ballistic.T.tolist(), strict=True):
-            parameter = ParameterValue(*coefficients)
-            if parameter.value <= MAX_BALLISTIC_COEFFICIENTS[autopilot]:
-                values[f"{ballistic_prefix}{axis}"] = parameter
-        return values
+        values = HALF_AIR_DENSITY / self.quadratic
+        lows = HALF_AIR_DENSITY / quadratic_high
+        highs = HALF_AIR_DENSITY / quadratic_low
+        for index, axis in enumerate("XY"):
+            value = float(values[index])
+            if value <= MAX_BALLISTIC_COEFFICIENTS[autopilot]:
+                parameters[f"{ballistic_prefix}{axis}"] = ParameterValue(
+                    value, float(lows[index]), float(highs[index])
+                )
+        return parameters
 
     def for_next_flight(self) -> Drag:
-        """Returns the prior for another flight of the vehicle, for which this one is an earlier flight.
+        """Returns the drag of this flight as the prior for another flight of the vehicle.
 
         The drag coefficients are the same. The lean has a constant part, as by an offset load, and a part that changes
         from flight to flight, as by the accelerometers' bias (``LEAN_CHANGE_SD``). So its mean is multiplied by the
-        constant share a of the variance, and its variance P becomes a² P + (1 − a²) times the square of ``LEAN_SD``.
-        This is a step of a first-order autoregression whose stationary variance is the population's.
+        fraction a of its variance that is constant, and its variance P becomes a² P + (1 − a²) times the square of
+        ``LEAN_SD``. This is a step of a first-order autoregression whose stationary variance is the population's.
 
         Returns:
             The prior, whose source is an earlier flight if this drag was identified in one.
         """
         constant_fraction = 1 - (LEAN_CHANGE_SD / LEAN_SD) ** 2
-        scale = np.ones(DRAG_PARAMETERS)
-        scale[LEAN] = constant_fraction
+        # Factors of the means of all parameters: 1 for the coefficients of the drag.
+        kept_fractions = np.ones(DRAG_PARAMETERS)
+        kept_fractions[LEAN] = constant_fraction
         added_variances = np.zeros(DRAG_PARAMETERS)
         added_variances[LEAN] = LEAN_SD**2 * (1 - constant_fraction**2)
-        source = DragSource.EARLIER_FLIGHT if self.source is DragSource.FLIGHT else self.source
-        return Drag(
-            self.mean * scale,
-            self.covariance * np.outer(scale, scale) + np.diag(added_variances),
-            source,
-        )
+        mean = self.mean * kept_fractions
+        kept_covariance = self.covariance * np.outer(kept_fractions, kept_fractions)
+        source = self.source
+        if source is DragSource.FLIGHT:
+            source = DragSource.EARLIER_FLIGHT
+        return Drag(mean, kept_covariance + np.diag(added_variances), source)
 
     def as_dict(self) -> JsonValues:
         """Returns plain JSON values, from which :meth:`from_dict` restores the drag.

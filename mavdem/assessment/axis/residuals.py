@@ -133,7 +133,7 @@ def lagged_correlation(earlier_series: Array, later_series: Array, max_lag: int)
 def input_directions(learned: Learned) -> Array:
     """Returns how strongly, and in which direction, each input of a model turns the vehicle, relative to the others.
 
-    By these the inputs are combined to the one command with which the residuals are correlated
+    Residuals are correlated with one command, to which the inputs are combined by these numbers
     (:func:`command_weights`). They are the row of the mixer if it is known, otherwise the estimated effects of the
     inputs. If all of these are 0, every input counts alike.
 
@@ -146,15 +146,18 @@ def input_directions(learned: Learned) -> Array:
     record = learned.record
     if record.effect_directions is not None:
         return record.effect_directions
-    if record.inputs.shape[1] == 1:
+    input_count = record.inputs.shape[1]
+    if input_count == 1:
         # The one input is the controller's demand.
         return np.ones(1)
     if learned.physical is not None:
         effects = learned.physical.effect
     else:
-        # The last output is the body rate.
+        # The last output is the body rate: its row of B is the angular acceleration by each input.
         effects = learned.model.B[-1]
-    return effects if effects.any() else np.ones(len(effects))
+    if not effects.any():
+        return np.ones(len(effects))
+    return effects
 
 
 def command_weights(directions: Array) -> Array:

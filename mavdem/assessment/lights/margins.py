@@ -34,18 +34,24 @@ def margins_light(evidence: Evidence) -> Fact:
         return Fact(MarginsLight.OSCILLATES, reason=advice, **oscillation.figures)
     facts = _facts_by_margin(evidence)
     if facts:
-        light = worst_fact(facts)
-        if light.warns:
-            return light
-    good_facts = [fact for fact in facts if fact.is_good]
-    good_axes = []
-    for fact in good_facts:
+        worst = worst_fact(facts)
+        if worst.warns:
+            return worst
+    # The facts are in the order of their margins, so that the first good one has the smallest of the good margins.
+    smallest_good_margin = None
+    axes_with_good_margins = []
+    for fact in facts:
+        if not fact.is_good:
+            continue
+        if smallest_good_margin is None:
+            smallest_good_margin = fact
         axis = fact.figures["axis"]
-        if axis not in good_axes:
-            good_axes.append(axis)
-    if any(axis in good_axes for axis in TILT_AXES):
-        # One sentence names the smallest of the good margins, and all axes that have good ones.
-        return good_facts[0].replace(names=tuple(good_axes))
+        if axis not in axes_with_good_margins:
+            axes_with_good_margins.append(axis)
+    is_tilt_good = any(axis in axes_with_good_margins for axis in TILT_AXES)
+    if smallest_good_margin is not None and is_tilt_good:
+        # One sentence states the smallest margin, and names all axes with good ones.
+        return smallest_good_margin.replace(names=tuple(axes_with_good_margins))
     return _unknown_margins(evidence)
 
 

@@ -10,7 +10,7 @@ import scipy
 
 from mavdem.arrays import Array
 from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE
-from mavdem.dem.record import ChannelStatistics, Record
+from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts.model import ModelRefusal
 
@@ -45,11 +45,11 @@ class ChannelScaling(NamedTuple):
             record: training data, in physical units.
         """
         inputs, outputs = record.channel_statistics
-        # Each field of the result joins the fields of the outputs and of the inputs.
-        channels = ChannelStatistics(
-            *(np.concatenate(pair) for pair in zip(outputs, inputs, strict=True))
-        )
-        return cls(channels.mean, np.where(channels.varying, np.sqrt(channels.variance), 1.0))
+        mean = np.concatenate([outputs.mean, inputs.mean])
+        variance = np.concatenate([outputs.variance, inputs.variance])
+        is_varying = np.concatenate([outputs.varying, inputs.varying])
+        # A constant channel cannot be scaled to variance 1, and keeps its unit.
+        return cls(mean, np.where(is_varying, np.sqrt(variance), 1.0))
 
     def scaled(self, channels: Array) -> Array:
         """Scales channels from physical units to mean 0 and variance 1.

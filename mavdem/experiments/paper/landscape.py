@@ -199,7 +199,9 @@ def curvature_along_a(posterior: Posterior) -> float:
 def circle_ascents(
     settings: ScalarSettings, samples: SufficientStatistics
 ) -> list[list[Posterior]]:
-    """Maximises F̄ᵒ from each of ``PRIOR_COUNT`` priors whose means of A and B lie on the circle.
+    """Maximises F̄ᵒ from each of ``PRIOR_COUNT`` priors, whose means of A and B lie at random places on a circle.
+
+    The paper shows by such ascents that all of them end at the same peak.
 
     Args:
         settings: settings of DEM except the prior means.
@@ -212,9 +214,11 @@ def circle_ascents(
     directions = np.column_stack([np.cos(angles), np.sin(angles)])
     prior_means = CIRCLE_CENTRE + CIRCLE_RADIUS * directions
     ascents = []
-    for a, b in prior_means.tolist():
-        model = replace(settings, theta_mean=(a, b, 1.0)).model()
-        ascents.append(posterior_after_each_round(model, samples, CIRCLE_ITERATIONS))
+    for mean_of_A, mean_of_B in prior_means.tolist():
+        # The third parameter is C, which is 1 in the true system.
+        settings_with_prior = replace(settings, theta_mean=(mean_of_A, mean_of_B, 1.0))
+        ascent = posterior_after_each_round(settings_with_prior.model(), samples, CIRCLE_ITERATIONS)
+        ascents.append(ascent)
     return ascents
 
 

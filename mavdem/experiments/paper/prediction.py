@@ -48,23 +48,27 @@ def run(runner: Runner) -> ExperimentResult:
         runner: holds the experiment and the fits from random priors.
 
     Returns:
-        Checks and a figure; ``numbers`` has F̄ (nats) and the parameters by iteration.
+        Checks of the claims and a figure; ``numbers`` has the free energy F̄ (nats) and the parameters θ in each
+        iteration of the fit.
     """
     window = runner.figure_window
     learned = learn(window.train, PAPER_SETTINGS)
-    outcomes = runner.random_prior_outcomes[DEM_P2, runner.figure_experiment]
     forecasts = {}
     for start in FORECAST_KIND_BY_START:
-        from_zero = start == ZERO_START
-        forecasts[f"from {start}"] = learned.forecast(window.test.inputs, from_zero=from_zero)
+        forecasts[f"from {start}"] = learned.forecast(
+            window.test.inputs, from_zero=start == ZERO_START
+        )
     picture = Picture(
         "Outputs, measured and predicted",
         "By DEM with the paper’s settings: one step ahead on training data, and 150 steps ahead on test data "
         "(grey background), from the data and from state 0, as in the authors’ code.",
+        # The figure has one panel, which needs no title.
         partial(figures.draw_forecasts, window, {"": forecasts}, learned.one_step()),
     )
+    fits_from_random_priors = runner.random_prior_outcomes[DEM_P2, runner.figure_experiment]
+    errors_over_priors = forecast_errors(fits_from_random_priors, DATA_START)
     return ExperimentResult(
-        checks=prediction_checks(window, learned, forecast_errors(outcomes, DATA_START)),
+        checks=prediction_checks(window, learned, errors_over_priors),
         numbers={
             "free_energy": learned.free_energy.total.tolist(),
             "theta": learned.learning.theta.tolist(),

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.arrays import Array
+from mavdem.arrays import Array, Flags
 
 ComplexArray = NDArray[np.complex128]
 """Complex numbers of any shape."""
@@ -211,15 +211,27 @@ def with_unrounded_stamps(stream: Messages) -> Messages:
     # The number of each message, lost ones included.
     number = np.append(0.0, np.cumsum(np.round(steps / interval)))
     deviation = stream.time - interval * number
-    # The number of neighbours to average over, which is smaller near the ends.
-    neighbours = np.ones(AVERAGED_STAMPS)
-    counts = np.convolve(np.ones(len(deviation)), neighbours, "same")[: len(deviation)]
-    mean_deviation = np.convolve(deviation, neighbours, "same")[: len(deviation)] / counts
-    even_time = interval * number + mean_deviation
-    is_explained = np.abs(even_time - stream.time) < MAX_ROUNDING_ERROR
-    explained_share = np.convolve(is_explained, neighbours, "same")[: len(deviation)] / counts
-    is_restored = is_explained & (explained_share >= MIN_EXPLAINED_SHARE)
+    even_time = interval * number + _mean_over_neighbours(deviation)
+    is_explained_by_rounding = np.abs(even_time - stream.time) < MAX_ROUNDING_ERROR
+    explained_fraction = _mean_over_neighbours(is_explained_by_rounding)
+    is_restored = is_explained_by_rounding & (explained_fraction >= MIN_EXPLAINED_SHARE)
     return Messages(np.where(is_restored, even_time, stream.time), stream.values)
+
+
+def _mean_over_neighbours(values: Array | Flags) -> Array:
+    """Returns the mean of each value and its neighbours, ``AVERAGED_STAMPS`` in all, which are fewer at the ends.
+
+    Args:
+        values: (N,) values or flags of successive messages.
+
+    Returns:
+        The means (N,); of flags these are the fractions of true ones.
+    """
+    count = len(values)
+    window = np.ones(AVERAGED_STAMPS)
+    # A convolution is longer than the values if these are fewer than the window.
+    neighbour_counts = np.convolve(np.ones(count), window, "same")[:count]
+    return np.convolve(values, window, "same")[:count] / neighbour_counts
 
 
 def _band_edges(frequency: Array) -> list[int]:
