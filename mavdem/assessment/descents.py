@@ -55,16 +55,20 @@ def fall_events(sensors: BootSensors, interval: TimeInterval) -> Iterator[Fact]:
     if not is_falling.any():
         return
     fall_times = climb_rate.time[is_falling]
-    start, end = float(fall_times[0]), float(fall_times[-1])
-    window = (start - BAROMETER_LAG, end + BAROMETER_LAG)
-    speed = sensors.sink_rate(window)
+    start = float(fall_times[0])
+    end = float(fall_times[-1])
+    # The barometer lags behind, so that its descent is sought a little later too.
+    examined_interval = (start - BAROMETER_LAG, end + BAROMETER_LAG)
+    sink_rate = sensors.sink_rate(examined_interval)
     # The estimate may be right until the impact at the end of the fall, and wrong in the lag after it: the larger speed
     # that the sensors confirm counts.
-    window_until_end = (start - BAROMETER_LAG, end)
-    speed_until_end = sensors.sink_rate(window_until_end)
-    if speed is not None and speed_until_end is not None and speed_until_end > speed:
-        speed, window = speed_until_end, window_until_end
-    if speed is None or speed < FALL_SPEED:
+    interval_until_end = (start - BAROMETER_LAG, end)
+    sink_rate_until_end = sensors.sink_rate(interval_until_end)
+    if sink_rate is not None and sink_rate_until_end is not None:
+        if sink_rate_until_end > sink_rate:
+            sink_rate = sink_rate_until_end
+            examined_interval = interval_until_end
+    if sink_rate is None or sink_rate < FALL_SPEED:
         return
     mean_climb_rate = float(climb_rate.values[is_falling].mean())
     if _height_contradicts_fall(sensors, (start, end), mean_climb_rate):
@@ -73,9 +77,9 @@ def fall_events(sensors: BootSensors, interval: TimeInterval) -> Iterator[Fact]:
         MotionEvent.FELL,
         time=start,
         end_time=end,
-        speed=speed,
+        speed=sink_rate,
         boot=sensors.boot,
-        witnesses=supporting_facts(sensors.sink_facts(window)),
+        witnesses=supporting_facts(sensors.sink_facts(examined_interval)),
     )
 
 

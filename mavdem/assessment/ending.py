@@ -97,22 +97,24 @@ def find_ending(
 
 
 def _throttle_closed(loss: Fact) -> Fact | None:
-    """Returns the fact that the pilot closed the throttle before a vehicle toppled.
+    """Returns the fact that a vehicle toppled because the pilot closed the throttle before.
 
-    It must be closed within ``FIRST_RESPONSE_SECONDS`` of the loss. Most pilots close it later, when they see that the
-    vehicle topples: that is a reaction and no cause.
+    The throttle must be closed within ``FIRST_RESPONSE_SECONDS`` of the loss. Most pilots close it later, when they see
+    that the vehicle topples: that is a reaction and no cause.
 
     Args:
         loss: the event of the vehicle that toppled. Its ``witnesses`` are the facts of sensors and sticks around it,
             among which the closed throttle may be.
 
     Returns:
-        The fact; None if no stick shows it.
+        The fact about the cause; None if no stick shows it.
     """
-    latest_time = (loss_onset(loss) or 0.0) + FIRST_RESPONSE_SECONDS
+    onset = loss_onset(loss) or 0.0
+    latest_time_of_cause = onset + FIRST_RESPONSE_SECONDS
     for sensor_fact in loss.figures["witnesses"]:
-        is_closed = sensor_fact.code is SensorFact.THROTTLE_CLOSED
-        if is_closed and sensor_fact.start_time <= latest_time:
+        if sensor_fact.code is not SensorFact.THROTTLE_CLOSED:
+            continue
+        if sensor_fact.start_time <= latest_time_of_cause:
             return Fact(FailedFirst.THROTTLE_CLOSED_FIRST, time=sensor_fact.time)
     return None
 

@@ -57,18 +57,24 @@ LIGHT_OF_EVENT: dict[Code, Light] = {
 
 
 def lights_with_event(lights: NamedFacts, headline: Fact) -> dict[str, Fact]:
-    """Returns the lights with the event that is the headline as the fact of its light, unless that is as bad by itself.
+    """Shows an event that is the headline in the status light of its subject too, so that they do not contradict.
 
-    Lights judge a flight until it was lost, so that of tracking may be good beside a headline that control was lost.
+    Status lights judge a flight until it was lost. So the light of tracking may be good although the headline is that
+    control was lost; then the light shows the loss instead.
 
     Args:
         lights: the facts of the eight lights, by name.
         headline: fact that the first sentence of a result states: an event or a status light.
+
+    Returns:
+        The facts of the lights. Only the light to which the event belongs may differ: it shows the worse one of its own
+        fact and the event.
     """
-    light = light_of_event(headline)
-    if light is None or not headline.warns:
-        return dict(lights)
-    return {**lights, light: worst_fact([lights[light], headline])}
+    name = light_of_event(headline)
+    lights_to_show = dict(lights)
+    if name is not None and headline.warns:
+        lights_to_show[name] = worst_fact([lights[name], headline])
+    return lights_to_show
 
 
 def light_of_event(event: Fact) -> Light | None:

@@ -113,15 +113,19 @@ class Evidence:
 
     @cached_property
     def trust(self) -> tuple[SensorTrust, ...]:
-        """Which sensors can be trusted in each boot, by each other."""
-        drifts: dict[int, Fact] = {}
+        """Which sensors can be trusted in each boot: each is checked by others.
+
+        A drift of the barometer, which is an event of a flight, is added to the checks of its boot.
+        """
+        drift_of_boot: dict[int, Fact] = {}
         for event in self.events:
             if event.code in (MotionEvent.BAROMETER_DRIFTED, MotionEvent.HEIGHTS_DISAGREE):
-                drifts.setdefault(event.figures["boot"], event)
-        return tuple(
-            replace(trust, height_drift=drifts.get(trust.boot))
-            for trust in trust_of_boots(self.signals)
-        )
+                # The first drift of a boot counts.
+                drift_of_boot.setdefault(event.figures["boot"], event)
+        checked_boots = []
+        for trust in trust_of_boots(self.signals):
+            checked_boots.append(replace(trust, height_drift=drift_of_boot.get(trust.boot)))
+        return tuple(checked_boots)
 
     @cached_property
     def margins(self) -> tuple[AxisMargins, ...]:
@@ -153,8 +157,12 @@ class Evidence:
 
     @cached_property
     def history_of_all_flights(self) -> TimeHistory | None:
-        """The same signals, with the flights of other boots before and after them, to be drawn."""
-        if len(recorded_spans(self.signals)) == 1:
+        """The signals over time that plots show: of the boot that was analysed, and of the flights of other boots.
+
+        None if the boot that was analysed has less than two samples of the attitude.
+        """
+        has_one_boot = len(recorded_spans(self.signals)) == 1
+        if has_one_boot:
             return self.time_history
         return time_history(
             self.signals, self.learnability.segments, self.wind, self.events, has_all_flights=True
@@ -276,8 +284,11 @@ class Evidence:
         Returns:
             (n,) averages, in the unit of the signal, one flight after the other; empty without samples in flight.
         """
-        averages = [time_series.moving_average(flight) for flight in self.in_flight(series)]
-        return np.concatenate([np.zeros(0), *averages])
+        # An empty array comes first, since without any array there is nothing to join.
+        averages_by_flight = [np.zeros(0)]
+        for samples_of_flight in self.in_flight(series):
+            averages_by_flight.append(time_series.moving_average(samples_of_flight))
+        return np.concatenate(averages_by_flight)
 
     def settled_segments(self, excluded_modes: frozenset[str]) -> Segments:
         """Returns the segments of settled flight until the vehicle was lost, without some flight modes.

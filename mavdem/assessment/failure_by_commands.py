@@ -162,24 +162,27 @@ def _weak_motor_failure(
     Returns:
         The fact; None if no motor was too weak.
     """
-    motors = commands.motors
     fall_direction = loss_context.fall_direction
     loss_start = float(commands.time[0])
-    weak = weak_motor(motors, commands.change, fall_direction)
-    if weak is None:
-        first_change = commands.change_until(loss_start + FIRST_RESPONSE_SECONDS)
-        weak = weak_motor(motors, first_change, fall_direction)
-    if weak is not None:
-        return _failure_of_motor(commands, loss_context, weak)
+    change_in_loss = commands.change
+    change_in_first_response = commands.change_until(loss_start + FIRST_RESPONSE_SECONDS)
+    for change in (change_in_loss, change_in_first_response):
+        weak = weak_motor(commands.motors, change, fall_direction)
+        if weak is not None:
+            return _failure_of_motor(commands, loss_context, weak)
     if fall_direction is None:
         # The vehicle hit something, and its attitude was not lost before.
         return None
     _, loss_end = loss_context.interval
-    response = _commands_around(signals, boot, (_start_of_response(commands), loss_end))
+    response_interval = (_start_of_response(commands), loss_end)
+    response = _commands_around(signals, boot, response_interval)
     if response is None:
         return None
-    weak = weak_motor(motors, response.change_until(loss_start), fall_direction)
-    return None if weak is None else _failure_of_motor(response, loss_context, weak)
+    change_before_loss = response.change_until(loss_start)
+    weak = weak_motor(commands.motors, change_before_loss, fall_direction)
+    if weak is None:
+        return None
+    return _failure_of_motor(response, loss_context, weak)
 
 
 def _start_of_response(commands: _LossCommands) -> float:
@@ -196,21 +199,23 @@ def _start_of_response(commands: _LossCommands) -> float:
         The time, s since boot; the beginning of the loss if the commands show no response before it.
     """
     loss_start = float(commands.time[0])
-    response_start = loss_start - FIRST_RESPONSE_SECONDS
+    search_start = loss_start - FIRST_RESPONSE_SECONDS
     recorded = commands.recorded
-    usual = _commands_between(recorded, loss_start - RECOVERY_SECONDS, response_start)
-    is_in_response = (recorded.time >= response_start) & (recorded.time < loss_start)
-    times = recorded.time[is_in_response]
-    if not len(usual) or not len(times):
+    usual_commands = _commands_between(recorded, loss_start - RECOVERY_SECONDS, search_start)
+    is_searched = (recorded.time >= search_start) & (recorded.time < loss_start)
+    searched_times = recorded.time[is_searched]
+    if not len(usual_commands) or not len(searched_times):
         return loss_start
-    values = recorded.values[is_in_response]
-    is_in_range = (values >= usual.min(axis=0)) & (values <= usual.max(axis=0))
-    usual_rows = np.flatnonzero(is_in_range.all(axis=1))
+    searched_commands = recorded.values[is_searched]
+    lowest_usual = usual_commands.min(axis=0)
+    highest_usual = usual_commands.max(axis=0)
+    is_usual = (searched_commands >= lowest_usual) & (searched_commands <= highest_usual)
+    samples_as_usual = np.flatnonzero(is_usual.all(axis=1))
     # The response begins after the last sample in which all commands were in their usual range.
-    first_row = usual_rows[-1] + 1 if len(usual_rows) else 0
-    if first_row == len(times):
+    first_of_response = samples_as_usual[-1] + 1 if len(samples_as_usual) else 0
+    if first_of_response == len(searched_times):
         return loss_start
-    return float(times[first_row])
+    return float(searched_times[first_of_response])
 
 
 def _commands_around(signals: Signals, boot: int, interval: TimeInterval) -> _LossCommands | None:
@@ -259,17 +264,21 @@ def _motors_off_fact(commands: _LossCommands) -> Fact | None:
     """
     lowest_running_commands = OFF_RATIO * commands.usual
     # Each motor must have been off on average: a manoeuvre may stop one for a moment.
-    if not (commands.during.mean(axis=0) < lowest_running_commands).all():
+    mean_commands = commands.during.mean(axis=0)
+    is_each_motor_off = bool((mean_commands < lowest_running_commands).all())
+    if not is_each_motor_off:
         return None
     are_all_off = (commands.during < lowest_running_commands).all(axis=1)
-    off_times = commands.time[are_all_off]
-    off_time = off_times[0] if len(off_times) else commands.time[0]
-    # The motors may have been off before the time of the loss too: since the sample after the last one with power.
+    times_with_all_off = commands.time[are_all_off]
+    off_time = commands.time[0]
+    if len(times_with_all_off):
+        off_time = times_with_all_off[0]
+    # They may have been off since before the loss: then since the sample after the last one in which a motor ran.
     is_earlier = commands.recorded.time < off_time
-    has_power = (commands.recorded.values[is_earlier] >= lowest_running_commands).any(axis=1)
-    rows_with_power = np.flatnonzero(has_power)
-    if len(rows_with_power):
-        off_time = commands.recorded.time[rows_with_power[-1] + 1]
+    earlier_commands = commands.recorded.values[is_earlier]
+    samples_with_power = np.flatnonzero((earlier_commands >= lowest_running_commands).any(axis=1))
+    if len(samples_with_power):
+        off_time = commands.recorded.time[samples_with_power[-1] + 1]
     return Fact(FailedFirst.ALL_OFF_FIRST, time=float(off_time))
 
 
@@ -284,8 +293,8 @@ def _thrust_limit_fact(commands: _LossCommands, loss_context: LossContext) -> Fa
         loss_context: the time in which the vehicle was lost, and whether it lost its attitude or hit something.
 
     Returns:
-        The fact, with the time since when all thrust was in use, and the mean command since then as ``share`` of the
-        highest one; None if some thrust was left.
+        The fact, with the time since when all thrust was in use, and the mean command since then, as a fraction of the
+        highest one, as its figure ``share``; None if some thrust was left.
     """
     loss_start, loss_end = loss_context.interval
     # Upper limit of a motor's command, as a fraction of its range.
@@ -297,14 +306,17 @@ def _thrust_limit_fact(commands: _LossCommands, loss_context: LossContext) -> Fa
     else:
         judged_commands = commands.during
         judged_end = loss_end
-    if judged_commands.mean() / highest_command <= SPENT_THRUST_SHARE:
+    used_fraction = judged_commands.mean() / highest_command
+    if used_fraction <= SPENT_THRUST_SHARE:
         return None
-    spent_time = _start_of_spent_thrust(commands.recorded, commands.time[0], highest_command)
+    recorded = commands.recorded
+    start = _start_of_spent_thrust(recorded, commands.time[0], highest_command)
     # The thrust may be spent only from the first sample of the loss on: then that sample alone is averaged.
-    spent_interval = (spent_time, max(judged_end, spent_time))
-    is_in_spent_interval = in_intervals(commands.recorded.time, [spent_interval])
-    share = commands.recorded.values[is_in_spent_interval].mean() / highest_command
-    return Fact(FailedFirst.THRUST_SPENT_FIRST, time=spent_time, share=share)
+    end = max(judged_end, start)
+    spent_commands = recorded.values[in_intervals(recorded.time, [(start, end)])]
+    return Fact(
+        FailedFirst.THRUST_SPENT_FIRST, time=start, share=spent_commands.mean() / highest_command
+    )
 
 
 def _failure_of_motor(
@@ -327,43 +339,55 @@ def _failure_of_motor(
         is ``LIMIT_FIRST`` if no other motor reached its limit before, otherwise ``THRUST_MISSING_FIRST`` with the
         highest command of the motor as ``share``.
     """
-    scale = commands.motors.scale
-    idle_command = min_running_command(commands.motors)
-    name = commands.motors.geometry.names[weak.motor]
+    motors = commands.motors
+    motor_name = motors.geometry.names[weak.motor]
     fell_to_side = loss_context.fall_direction is not None
-    if not fell_to_side and list(loss_context.names_at_limit) != [name]:
+    if not fell_to_side and list(loss_context.names_at_limit) != [motor_name]:
         return None
-    opposite_was_at_limit, _ = samples_at_limits(commands.just_before[:, weak.opposite], scale)
-    motor_was_idle = commands.just_before[:, weak.motor] < idle_command
-    was_commanded_other_way = (opposite_was_at_limit | motor_was_idle).any()
-    is_at_limit, _ = samples_at_limits(commands.during, scale)
-    opposite_is_idle = commands.during[:, weak.opposite] < idle_command
-    shows_failure = is_at_limit[:, weak.motor] | opposite_is_idle
-    if was_commanded_other_way or not shows_failure.any():
+    idle_command = min_running_command(motors)
+    before = commands.just_before
+    was_opposite_at_limit, _ = samples_at_limits(before[:, weak.opposite], motors.scale)
+    was_motor_idle = before[:, weak.motor] < idle_command
+    if (was_opposite_at_limit | was_motor_idle).any():
+        # The two motors were commanded the other way.
         return None
-    first_row = np.flatnonzero(shows_failure)[0]
-    failure_time = commands.time[first_row]
+    is_at_limit, _ = samples_at_limits(commands.during, motors.scale)
+    is_opposite_idle = commands.during[:, weak.opposite] < idle_command
+    failure_samples = np.flatnonzero(is_at_limit[:, weak.motor] | is_opposite_idle)
+    if not len(failure_samples):
+        return None
+    failure_time = commands.time[failure_samples[0]]
     if is_first_at_limit(is_at_limit, weak.motor):
-        return Fact(FailedFirst.LIMIT_FIRST, time=failure_time, subject=name)
-    highest_command = commands.during[:, weak.motor].max()
+        return Fact(FailedFirst.LIMIT_FIRST, time=failure_time, subject=motor_name)
     return Fact(
-        FailedFirst.THRUST_MISSING_FIRST, time=failure_time, subject=name, share=highest_command
+        FailedFirst.THRUST_MISSING_FIRST,
+        time=failure_time,
+        subject=motor_name,
+        share=commands.during[:, weak.motor].max(),
     )
 
 
 def _start_of_spent_thrust(commands: TimeSeries, time: float, highest_command: float) -> float:
-    """Returns the time, s since boot, from which on the motors together used up their thrust, up to a given time.
+    """Returns since when the motors together used up their thrust, up to a given time.
 
     Args:
         commands: (N, k) of k motors, as fractions of their range.
-        time: time of one of the samples, s, which is returned if the thrust was not used up at that sample.
+        time: time of one of the samples, s since boot.
         highest_command: upper limit of a command, as a fraction of the range.
+
+    Returns:
+        The time of the first sample after the last one with a reserve of thrust, s since boot; ``time`` itself if there
+        was a reserve at that sample.
     """
-    has_reserve = commands.values.mean(axis=1) <= SPENT_THRUST_SHARE * highest_command
-    rows_with_reserve = np.flatnonzero(has_reserve & (commands.time <= time))
-    # The sample after the last one with a reserve, which may be after the given time or after the record.
-    first_row = rows_with_reserve[-1] + 1 if len(rows_with_reserve) else 0
-    return float(min(commands.time[min(first_row, len(commands.time) - 1)], time))
+    mean_command = commands.values.mean(axis=1)
+    has_reserve = mean_command <= SPENT_THRUST_SHARE * highest_command
+    samples_with_reserve = np.flatnonzero(has_reserve & (commands.time <= time))
+    if not len(samples_with_reserve):
+        return float(min(commands.time[0], time))
+    # That sample may be the last one of the record.
+    last_sample = len(commands.time) - 1
+    next_sample = min(samples_with_reserve[-1] + 1, last_sample)
+    return float(min(commands.time[next_sample], time))
 
 
 def is_first_at_limit(at_limit: Flags, motor: int) -> bool:

@@ -117,10 +117,12 @@ def fault_signals(signals: Signals) -> Iterator[FaultSignal]:
     yield FaultSignal("input_rc", is_radio_lost, ReportedEvent.RADIO_LOST)
     yield _low_board_voltage(telemetry)
     yield from _battery_faults(signals)
-    health, present, enabled = (
-        _column(telemetry, "SYS_STATUS", f"onboard_control_sensors_{mask}").astype(np.int64)
-        for mask in SENSOR_MASKS
-    )
+    # SYS_STATUS has bit masks of the sensors that are healthy, present and enabled.
+    masks = []
+    for mask_name in SENSOR_MASKS:
+        mask = _column(telemetry, "SYS_STATUS", f"onboard_control_sensors_{mask_name}")
+        masks.append(mask.astype(np.int64))
+    health, present, enabled = masks
     yield from _sensor_faults(health, present, enabled)
     yield from _detected_failures(telemetry)
 
@@ -146,7 +148,10 @@ def _lost_fix(signals: Signals) -> Iterator[FaultSignal]:
     is_lost = np.zeros(len(has_fix), dtype=np.bool_)
     for boot in np.unique(fix.boot):
         is_of_boot = fix.boot == boot
-        is_lost[is_of_boot] = np.logical_or.accumulate(has_fix[is_of_boot]) & ~has_fix[is_of_boot]
+        has_fix_in_boot = has_fix[is_of_boot]
+        # True from the first fix of the boot on.
+        had_fix_in_boot = np.logical_or.accumulate(has_fix_in_boot)
+        is_lost[is_of_boot] = had_fix_in_boot & ~has_fix_in_boot
     columns = {"time": fix.time, "boot": fix.boot}
     yield FaultSignal(receiver, is_lost, ReportedEvent.GPS_LOST, columns=columns)
 
@@ -228,11 +233,16 @@ def _sensor_faults(
     signals of sensors without a fault are yielded too, with all flags false.
 
     Args:
-        health, present, enabled: (N,) bit masks of the N messages, with a bit for each sensor (MAV_SYS_STATUS_SENSOR).
+        health: (N,) bit masks of the healthy sensors, with a bit for each sensor (MAV_SYS_STATUS_SENSOR), of N
+            messages.
+        present: (N,) likewise of the sensors that the vehicle has.
+        enabled: (N,) likewise of the sensors that are switched on.
     """
     unhealthy = ~health & present & enabled
     for sensor, fault in SENSOR_FAULTS.items():
-        bit = mavlink_constant(f"MAV_SYS_STATUS_{sensor}")
-        was_healthy = np.logical_or.accumulate(health & bit > 0)
-        has_failed = was_healthy & (unhealthy & bit > 0)
-        yield FaultSignal("SYS_STATUS", has_failed, fault.code, fault.subject)
+        sensor_bit = mavlink_constant(f"MAV_SYS_STATUS_{sensor}")
+        is_healthy = health & sensor_bit > 0
+        is_unhealthy = unhealthy & sensor_bit > 0
+        # True from the first message on in which the sensor is healthy.
+        was_healthy = np.logical_or.accumulate(is_healthy)
+        yield FaultSignal("SYS_STATUS", was_healthy & is_unhealthy, fault.code, fault.subject)

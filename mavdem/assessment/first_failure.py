@@ -159,6 +159,8 @@ def _context_of_impact(events: Sequence[Fact], boot: int, impact: float) -> Loss
 def _context_of_attitude_loss(error: AttitudeError, onset: float) -> LossContext:
     """Finds the time from the onset of a loss of attitude until the error exceeded ``LOST_ANGLE``.
 
+    In this time the commands of the motors show what failed: later the vehicle tumbles.
+
     Args:
         error: error of the attitude in the boot.
         onset: time when the loss began, s since boot.
@@ -166,9 +168,11 @@ def _context_of_attitude_loss(error: AttitudeError, onset: float) -> LossContext
     Returns:
         The interval, s since boot, and the side to which the vehicle fell: the direction of the error at its end.
     """
-    lost_row = np.argmax((error.time >= onset) & (error.magnitude > LOST_ANGLE))
-    interval = (onset, float(error.time[lost_row]))
-    return LossContext(interval, fall_direction=complex(error.lean[lost_row]))
+    is_lost = (error.time >= onset) & (error.magnitude > LOST_ANGLE)
+    first_lost_sample = np.argmax(is_lost)
+    loss_time = float(error.time[first_lost_sample])
+    fall_direction = complex(error.lean[first_lost_sample])
+    return LossContext((onset, loss_time), fall_direction=fall_direction)
 
 
 def _standing_motor(events: Sequence[Fact], boot: int, onset: float) -> Fact | None:
@@ -217,7 +221,9 @@ def _throttle_closed_fact(
 
 
 def _height_divergence_event(events: Sequence[Fact], boot: int, onset: float) -> Fact | None:
-    """Returns the last height estimate that diverged shortly before a loss.
+    """Returns the last event, shortly before a loss, that the height estimate diverged.
+
+    A vehicle that follows a false height may fall up to ``DIVERGENCE_SECONDS`` after the estimate is right again.
 
     Args:
         events: events of the flight, each a fact (a coded finding) with its time.
@@ -225,16 +231,16 @@ def _height_divergence_event(events: Sequence[Fact], boot: int, onset: float) ->
         onset: time when the loss began, s since boot.
 
     Returns:
-        The event; None if none did.
+        The event; None if the estimate did not diverge then.
     """
-    divergence = None
+    last_divergence = None
     for event in events:
-        is_of_boot = event.figures.get("boot") == boot
-        if event.code is MotionEvent.HEIGHT_DIVERGED and is_of_boot and event.is_bad:
-            start, end = event.start_time, event.latest_time
-            if start <= onset <= end + DIVERGENCE_SECONDS:
-                divergence = event
-    return divergence
+        is_divergence = event.code is MotionEvent.HEIGHT_DIVERGED and event.is_bad
+        if not is_divergence or event.figures.get("boot") != boot:
+            continue
+        if event.start_time <= onset <= event.latest_time + DIVERGENCE_SECONDS:
+            last_divergence = event
+    return last_divergence
 
 
 def _events_at(
@@ -253,14 +259,15 @@ def _events_at(
     Returns:
         These events, in the order of ``events``.
     """
-    return [
-        event
-        for event in events
-        if event.code is code
-        and event.figures["boot"] == boot
-        and event.start_time <= time + delay
-        and event.latest_time >= time
-    ]
+    selected_events = []
+    for event in events:
+        if event.code is not code or event.figures["boot"] != boot:
+            continue
+        has_begun = event.start_time <= time + delay
+        has_ended = event.latest_time < time
+        if has_begun and not has_ended:
+            selected_events.append(event)
+    return selected_events
 
 
 def _assumed_landing(signals: Signals, boot: int, onset: float) -> bool:

@@ -92,11 +92,11 @@ def flights_in_boot(signals: Signals, boot: int) -> Intervals:
 
 
 def flights_off_ground(signals: Signals, boot: int) -> Intervals:
-    """Returns the flights of a boot in which the vehicle left the ground.
+    """Returns the flights of a boot in which the vehicle left the ground for at least ``MIN_FLIGHT_SECONDS``.
 
-    They are those of :func:`flights_in_boot` without those in which the ground carried or held the vehicle, but for
-    less than ``MIN_FLIGHT_SECONDS``: the land detector of a vehicle whose motors are tested reports flights as well. In
-    a boot in which the sensors show that the vehicle did not fly there are none.
+    The land detector of a vehicle whose motors are tested reports flights as well. Of the intervals of
+    :func:`flights_in_boot`, those are left out in which the ground carried or held the vehicle almost all the time, and
+    all of them if the sensors show that the vehicle did not fly in this boot.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -109,8 +109,9 @@ def flights_off_ground(signals: Signals, boot: int) -> Intervals:
         return []
     flights = []
     for flight in flights_in_boot(signals, boot):
-        parts_in_air = without_grounded([flight], signals, boot)
-        if sum(end - start for start, end in parts_in_air) >= MIN_FLIGHT_SECONDS:
+        intervals_in_air = without_grounded([flight], signals, boot)
+        seconds_in_air = sum(end - start for start, end in intervals_in_air)
+        if seconds_in_air >= MIN_FLIGHT_SECONDS:
             flights.append(flight)
     return flights
 

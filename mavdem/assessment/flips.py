@@ -35,7 +35,7 @@ CLIMB_SECONDS = 2.0
 
 
 def flip_events(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator[Fact]:
-    """Yields the flips of a flight.
+    """Yields the flips of a flight: the setpoint turned the vehicle over in a mode that allows it, and it flew on.
 
     A flip is intended and therefore good, but it explains motors at their limits. Flips that follow each other within
     ``RECOVERY_SECONDS`` are one event.
@@ -52,19 +52,17 @@ def flip_events(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator
         return
     vehicle_lean = lean_angle(tracking.angles[:, TILT_COLUMNS])
     commanded_lean = lean_angle(tracking.setpoints)
-    tilted_intervals = true_intervals(tracking.time, vehicle_lean > MAX_TILT)
-    for interval in merge_close_intervals(
-        intersection(tilted_intervals, [flight_interval]), RECOVERY_SECONDS
-    ):
-        start, end = interval
-        is_in_interval = in_intervals(tracking.time, [interval])
+    tilted = true_intervals(tracking.time, vehicle_lean > MAX_TILT)
+    tilted_in_flight = intersection(tilted, [flight_interval])
+    for start, end in merge_close_intervals(tilted_in_flight, RECOVERY_SECONDS):
+        is_tilted = in_intervals(tracking.time, [(start, end)])
         mode = sensors.signals.mode_at(sensors.boot, start)
-        if mode not in OVERTURNING_MODES or not is_in_interval.any():
+        if mode not in OVERTURNING_MODES or not is_tilted.any():
             continue
-        largest_commanded_lean = commanded_lean[is_in_interval].max()
+        largest_commanded_lean = commanded_lean[is_tilted].max()
         # Without a setpoint its lean is NaN, which is not larger.
         is_commanded = bool(largest_commanded_lean > MIN_OVERTURN)
-        is_overturned = bool(vehicle_lean[is_in_interval].max() > MIN_OVERTURN)
+        is_overturned = bool(vehicle_lean[is_tilted].max() > MIN_OVERTURN)
         if is_commanded and is_overturned and flies_on(sensors, flight_interval, end):
             yield Fact(
                 MotionEvent.FLIPPED,

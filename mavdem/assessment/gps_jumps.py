@@ -89,7 +89,7 @@ def position_jumps(telemetry: Telemetry) -> PositionJumps:
 
 
 def _receiver_positions(telemetry: Telemetry, message: str) -> TimeSeries | None:
-    """Returns the positions of a receiver.
+    """Returns the positions of one satellite receiver, relative to its first fix.
 
     Args:
         telemetry: messages of the vehicle.
@@ -101,15 +101,18 @@ def _receiver_positions(telemetry: Telemetry, message: str) -> TimeSeries | None
     columns = telemetry.messages.get(message, {})
     if not all(field in columns for field in ("lat", "lon", "fix_type")):
         return None
-    degrees, is_fix = global_positions(columns)
-    is_fix &= has_fix_by_row(columns)
+    degrees, is_valid = global_positions(columns)
+    is_fix = is_valid & has_fix_by_row(columns)
     if not is_fix.any():
         return None
-    radians = np.radians(degrees)
-    origin = radians[np.argmax(is_fix)]
+    latitude_and_longitude = np.radians(degrees)
+    origin = latitude_and_longitude[np.argmax(is_fix)]
     # Wrapping keeps the distance small across the date line too.
-    angles = wrapped_angle(radians - origin)
-    return clean_series(columns, EARTH_RADIUS * angles * [1.0, np.cos(origin[0])], is_fix)
+    angles = wrapped_angle(latitude_and_longitude - origin)
+    # A circle of latitude is shorter than the equator by the cosine of its latitude.
+    origin_latitude, _ = origin
+    metres = EARTH_RADIUS * angles * [1.0, np.cos(origin_latitude)]
+    return clean_series(columns, metres, is_fix)
 
 
 def _jumps_in_boot(positions: TimeSeries, boot: int) -> Array:

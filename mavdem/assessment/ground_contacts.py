@@ -256,15 +256,18 @@ class _Contact:
         return self._search.time_of_sudden_stop(time_around) is not None
 
     def _rest_after_flight(self) -> Rest | None:
-        """Returns how the vehicle came to rest after its loss, or around the end of its flight; None if it did not.
+        """Returns when and in which pose the vehicle came to rest after its flight; None if it did not.
 
-        It is sought for three times ``SEARCH_SECONDS``, since a vehicle that hit the ground may roll or slide on.
+        The search begins with the loss of attitude or, without one, ``SEARCH_SECONDS`` before the end of the flight. It
+        lasts three times ``SEARCH_SECONDS``, since a vehicle that hit the ground may roll or slide on.
         """
         if self.loss is not None:
-            earliest_time = self.loss.time or self._flight_start
+            # A loss without a known time may be anywhere in the flight.
+            search_start = self.loss.time or self._flight_start
         else:
-            earliest_time = self._flight_end() - SEARCH_SECONDS
-        return self.sensors.rest_after(earliest_time, latest=earliest_time + 3 * SEARCH_SECONDS)
+            search_start = self._flight_end() - SEARCH_SECONDS
+        search_end = search_start + 3 * SEARCH_SECONDS
+        return self.sensors.rest_after(search_start, latest=search_end)
 
     def _flight_end(self) -> float:
         """Returns the end of the flight, s; the end of the record if it continues until then."""
@@ -403,9 +406,11 @@ class _Contact:
         loss_time = None if self.loss is None else self.loss.time
         if loss_time is None or loss_time >= time:
             return time
-        is_low = self._search.time_of_loss_near_ground() is not None
-        is_tumble = is_low and time - loss_time < TUMBLE_SECONDS
-        if is_tumble or time - loss_time < MIN_FALL_SECONDS:
+        seconds_after_loss = time - loss_time
+        was_lost_near_ground = self._search.time_of_loss_near_ground() is not None
+        is_tumble = was_lost_near_ground and seconds_after_loss < TUMBLE_SECONDS
+        is_too_soon_for_fall = seconds_after_loss < MIN_FALL_SECONDS
+        if is_tumble or is_too_soon_for_fall:
             return loss_time
         return time
 
@@ -457,7 +462,7 @@ class _Contact:
         """Returns the height above the take-off at a contact.
 
         Recorded heights are averages and lag behind, so that the lowest one within ``MAX_SETPOINT_DELAY`` afterwards is
-        returned.
+        returned, or the one at the time itself if no sample follows so soon.
 
         Args:
             time: time of the contact, s since boot.
@@ -468,12 +473,10 @@ class _Contact:
         height = self.sensors.height_above_take_off
         if height is None:
             return None
-        is_in_interval = in_intervals(height.time, [(time, time + MAX_SETPOINT_DELAY)])
-        return (
-            float(height.values[is_in_interval].min())
-            if is_in_interval.any()
-            else self.sensors.height_at(time)
-        )
+        heights_after = height.within((time, time + MAX_SETPOINT_DELAY)).values
+        if not len(heights_after):
+            return self.sensors.height_at(time)
+        return float(heights_after.min())
 
     def _is_near_rest(self, height: float | None, rest: Rest | None) -> bool:
         """Returns whether a contact was with the ground: at the height of the take-off and of the resting place.

@@ -58,13 +58,16 @@ def height_disagreements(sensors: BootSensors, flight_interval: TimeInterval) ->
     difference = height_difference(sensors.signals, sensors.boot)
     if difference is None:
         return
-    initial = initial_difference(difference, take_off)
-    if initial is None:
+    difference_at_take_off = initial_difference(difference, take_off)
+    if difference_at_take_off is None:
         return
-    event = disagreement(difference, initial, flight_interval)
+    event = disagreement(difference, difference_at_take_off, flight_interval)
     if event is None:
         return
-    event = event.replace(end_time=event.end_time or min(landing, float(difference.time[-1])))
+    if not event.end_time:
+        # It lasted until the landing, or until the last fix.
+        last_fix_time = float(difference.time[-1])
+        event = event.replace(end_time=min(landing, last_fix_time))
     if is_barometer_steady(sensors, flight_interval):
         event = event.replace(Level.GOOD)
     yield event
@@ -170,7 +173,11 @@ def disagreement(
 
 
 def _drift_start(times: Array, changes: Array, do_disagree: Flags) -> float:
-    """Returns when the difference of both heights began to grow, s: it is dated by its growth, as of a steady drift.
+    """Estimates when the difference of both heights began to grow, as if it had grown steadily.
+
+    When the heights disagree, the difference has grown to ``MAX_AGREEMENT`` already. How long that took is estimated by
+    the time that it takes from there to ``MIN_DISAGREEMENT``, and subtracted. Before the difference last had the other
+    sign it cannot have grown.
 
     Args:
         times: (N,) times of the differences, s.
@@ -178,17 +185,19 @@ def _drift_start(times: Array, changes: Array, do_disagree: Flags) -> float:
         do_disagree: (N,) whether the heights disagree, from ``MAX_AGREEMENT`` on; at least one is true.
 
     Returns:
-        The time at which the line through the differences ``MAX_AGREEMENT`` and ``MIN_DISAGREEMENT`` begins, but none
-        before the difference last had the other sign, or the first sample.
+        The time, s; not before the first sample.
     """
-    first_row = int(np.argmax(do_disagree))
-    start = float(times[first_row])
+    first_disagreement = int(np.argmax(do_disagree))
+    disagreement_start = float(times[first_disagreement])
     is_far = do_disagree & (abs(changes) >= MIN_DISAGREEMENT)
-    growth_seconds = float(times[np.argmax(is_far)]) - start if is_far.any() else 0.0
-    is_before = times < start
-    has_other_sign = is_before & (np.sign(changes) != np.sign(changes[first_row]))
-    earliest = times[has_other_sign][-1] if has_other_sign.any() else times[0]
-    return max(start - growth_seconds, float(earliest))
+    growth_seconds = 0.0
+    if is_far.any():
+        growth_seconds = float(times[np.argmax(is_far)]) - disagreement_start
+    is_before = times < disagreement_start
+    has_other_sign = np.sign(changes) != np.sign(changes[first_disagreement])
+    times_of_other_sign = times[is_before & has_other_sign]
+    earliest_start = times_of_other_sign[-1] if len(times_of_other_sign) else times[0]
+    return max(disagreement_start - growth_seconds, float(earliest_start))
 
 
 def _lasts(interval: TimeInterval, times: Array) -> bool:

@@ -165,15 +165,17 @@ def _opposite_climb_rates(sensors: BootSensors, interval: TimeInterval) -> _Clim
     barometer = sensors.height.barometer_climb
     estimate = sensors.height.estimated_climb
     assert barometer is not None and estimate is not None
-    barometer_rows = in_intervals(barometer.time, [interval])
-    estimate_rows = in_intervals(estimate.time, [interval])
-    if not barometer_rows.any() or not estimate_rows.any():
+    barometer_rates = barometer.within(interval).values
+    estimated_rates = estimate.within(interval).values
+    if not len(barometer_rates) or not len(estimated_rates):
         return None
-    true_climb = float(barometer.values[barometer_rows].mean())
-    false_climb = float(estimate.values[estimate_rows].mean())
+    true_climb = float(barometer_rates.mean())
+    false_climb = float(estimated_rates.mean())
     is_opposite = np.sign(true_climb) != np.sign(false_climb)
     is_clear = abs(true_climb) > MIN_TRUE_CLIMB and abs(false_climb) > MIN_FALSE_CLIMB
-    return _ClimbRates(true_climb, false_climb) if is_opposite and is_clear else None
+    if not (is_opposite and is_clear):
+        return None
+    return _ClimbRates(true_climb, false_climb)
 
 
 def _median_stick_travel(sensors: BootSensors, interval: TimeInterval) -> float | None:
@@ -282,46 +284,50 @@ def _vibration_fact(sensors: BootSensors, interval: TimeInterval) -> Fact | None
     clips = series_of_boot(reported_clips(sensors.signals), sensors.boot)
     if clips is None:
         return None
-    count = most_clips(clips.within(interval).values)
-    if count:
+    clip_count = most_clips(clips.within(interval).values)
+    if clip_count:
         start, end = interval
-        return supporting_fact(SensorFact.CLIPPED, time=start, end_time=end, count=count)
+        return supporting_fact(SensorFact.CLIPPED, time=start, end_time=end, count=clip_count)
     vibration = reported_vibration(sensors.signals)
     if vibration is None:
         return None
-    levels = vibration.levels
-    is_in_interval = (levels.boot == sensors.boot) & in_intervals(levels.time, [interval])
-    if not is_in_interval.any():
+    levels = vibration.levels.of_boot(sensors.boot).within(interval)
+    if not len(levels.time):
         return None
-    largest_levels = levels.values[is_in_interval].max(axis=1)
-    largest_level = float(largest_levels.max())
-    if largest_level <= vibration_limits(sensors.signals.telemetry).bad:
+    # The level of the most shaken axis in each sample.
+    highest_levels = levels.values.max(axis=1)
+    worst_sample = highest_levels.argmax()
+    worst_level = float(highest_levels[worst_sample])
+    if worst_level <= vibration_limits(sensors.signals.telemetry).bad:
         return None
-    time = float(levels.time[is_in_interval][largest_levels.argmax()])
-    return supporting_fact(SensorFact.VIBRATED, time=time, vibration=largest_level)
+    worst_time = float(levels.time[worst_sample])
+    return supporting_fact(SensorFact.VIBRATED, time=worst_time, vibration=worst_level)
 
 
 def _full_throttle(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
-    """Returns the fact that a motor worked near its upper limit in an interval.
+    """Returns the fact that a motor worked near its upper limit while the height estimate diverged.
+
+    A controller that follows an estimate that sinks, although the vehicle rises, opens the throttle more and more.
 
     Args:
         sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
         interval: interval of the divergence, s since boot.
 
     Returns:
-        A fact with the largest command of all motors, as a ``share`` of their range; None if it was at most
-        ``FULL_THROTTLE_COMMAND``, or no outputs were recorded.
+        A fact with the largest command of all motors, as a fraction of their range, in its figure ``share``; None if
+        it was at most ``FULL_THROTTLE_COMMAND``, or no outputs were recorded.
     """
     motors = sensors.signals.motors
     if motors is None or sensors.boot not in motors.boot:
         return None
-    commands = motors.range_fractions(sensors.boot)
-    is_in_interval = in_intervals(commands.time, [interval])
-    if not is_in_interval.any():
+    commands = motors.range_fractions(sensors.boot).within(interval)
+    if not len(commands.time):
         return None
-    largest_commands = commands.values[is_in_interval].max(axis=1)
-    largest_command = float(largest_commands.max())
-    if largest_command <= FULL_THROTTLE_COMMAND:
+    # The command of the motor that works hardest in each sample.
+    highest_commands = commands.values.max(axis=1)
+    fullest_sample = highest_commands.argmax()
+    highest_command = float(highest_commands[fullest_sample])
+    if highest_command <= FULL_THROTTLE_COMMAND:
         return None
-    time = float(commands.time[is_in_interval][largest_commands.argmax()])
-    return supporting_fact(SensorFact.MOTORS_FULL, time=time, share=largest_command)
+    time = float(commands.time[fullest_sample])
+    return supporting_fact(SensorFact.MOTORS_FULL, time=time, share=highest_command)

@@ -200,10 +200,11 @@ def _board_number_in_messages(telemetry: Telemetry) -> str:
         The number in hexadecimal, of the last message that has one; empty without one.
     """
     columns = telemetry.messages.get("AUTOPILOT_VERSION", {})
-    rows = np.atleast_2d(np.asarray(columns.get("uid2", []), dtype=np.uint8))
+    # The field ``uid2`` has the number in bytes. A log with one message has one row of them.
+    numbers_in_bytes = np.atleast_2d(np.asarray(columns.get("uid2", []), dtype=np.uint8))
     is_ardupilot = telemetry.autopilot == "ARDUPILOTMEGA"
-    for row in reversed(rows):
-        number = board_number_from_uid2(row.tobytes(), as_in_texts=is_ardupilot)
+    for number_in_bytes in reversed(numbers_in_bytes):
+        number = board_number_from_uid2(number_in_bytes.tobytes(), as_in_texts=is_ardupilot)
         if number:
             return number
     return ""

@@ -207,7 +207,8 @@ def latest_time_above(telemetry: Telemetry, name: EstimatorRatio, limit: float) 
 def is_low_passed(telemetry: Telemetry, name: EstimatorRatio) -> bool:
     """Returns whether the ratios of an innovation are low-passed, so that single samples may have been larger.
 
-    Those of PX4 are, from ``FIRST_FILTERING_VERSION`` on, if the log lacks the unfiltered ratios of aiding sources.
+    PX4 filters them before it sends them, from ``FIRST_FILTERING_VERSION`` on. A log may have the unfiltered ratios of
+    its aiding sources too, such as GPS, which are used instead.
 
     Args:
         telemetry: autopilot, firmware and messages of the vehicle.
@@ -219,8 +220,10 @@ def is_low_passed(telemetry: Telemetry, name: EstimatorRatio) -> bool:
     if version is None or version < FIRST_FILTERING_VERSION:
         return False
     columns = telemetry.messages.get("ESTIMATOR_STATUS", {})
+    # Flags of the samples whose ratio is unfiltered.
     is_unfiltered = columns.get(RATIO_FIELDS[name] + UNFILTERED_ENDING)
-    return is_unfiltered is None or not is_unfiltered.any()
+    has_unfiltered_ratios = is_unfiltered is not None and bool(is_unfiltered.any())
+    return not has_unfiltered_ratios
 
 
 def instance_name(telemetry: Telemetry, number: int) -> str:

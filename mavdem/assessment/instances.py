@@ -234,20 +234,22 @@ def _estimator_samples(telemetry: Telemetry) -> dict[str, TimeSeries]:
     """
     columns = telemetry.messages.get(INSTANCES_MESSAGE, {})
     if not columns:
+        # A log that does not tell the instances apart has the ratios of the one in use.
         series = innovation_ratios(telemetry)
         if series is None:
             return {}
-        # The only instance was used all the time.
         ratios = series.values[:, : len(INNOVATIONS)]
-        samples_of_only_instance = np.column_stack([ratios, np.ones(len(ratios))])
-        return {"EKF": replace(series, values=samples_of_only_instance)}
-    ratios_of_all = np.nan_to_num(float_columns(columns, INNOVATIONS))
-    table = np.column_stack([ratios_of_all, columns["is_primary"] > 0])
-    samples = {}
+        is_always_used = np.ones(len(ratios))
+        return {"EKF": replace(series, values=np.column_stack([ratios, is_always_used]))}
+    ratios_of_all_instances = np.nan_to_num(float_columns(columns, INNOVATIONS))
+    is_used = columns["is_primary"] > 0
+    samples_of_all_instances = np.column_stack([ratios_of_all_instances, is_used])
+    samples_by_name = {}
     for number in np.unique(columns["instance"]).tolist():
+        is_of_instance = columns["instance"] == number
         name = instance_name(telemetry, int(number))
-        samples[name] = clean_series(columns, table, columns["instance"] == number)
-    return samples
+        samples_by_name[name] = clean_series(columns, samples_of_all_instances, is_of_instance)
+    return samples_by_name
 
 
 def _estimator_state(evidence: Evidence, samples: TimeSeries, used_share: float) -> Fact:
