@@ -25,7 +25,10 @@ COMPASS_POINTS = (
     "NW",
     "NNW",
 )
-"""Points of the compass, clockwise from north, 22.5° apart."""
+"""Points of the compass, clockwise from north."""
+
+POINT_WIDTH = 360 / len(COMPASS_POINTS)
+"""Angle, degrees, between two points of the compass."""
 
 COMPASS_WORDS = {"N": "north", "E": "east", "S": "south", "W": "west"}
 """The cardinal directions in words, by their letters."""

@@ -13,6 +13,7 @@ from mavdem.facts import Fact, NamedFacts
 from mavdem.facts.identifiability import Status
 from mavdem.immutable import ImmutableResult
 from mavdem.wind_velocity.compass import (
+    POINT_WIDTH,
     PolarWind,
     speed_and_direction,
 )
@@ -30,8 +31,25 @@ class WindTurn(NamedTuple):
     """Direction that the wind of the first minute came from, degrees clockwise from north."""
     end_direction: float
     """Direction that the wind of the last minute came from, degrees."""
+    farthest_direction: float | None
+    """Direction of a minute between them, degrees, that lies farthest from the first one; None if the last one does."""
     speed: float
     """Mean of the speeds of the minutes, m/s."""
+
+
+def _farthest_direction(directions: Array) -> float | None:
+    """Returns the direction that lies farthest from the first one, which a wind that turns back or on to it passed.
+
+    It is None if the last direction is the farthest, within one point of the compass: less would not show in words.
+
+    Args:
+        directions: directions (M,) that the wind of each minute came from, degrees clockwise from north.
+    """
+    turn_from_first = np.abs((directions - directions[0] + 180) % 360 - 180)
+    farthest = int(np.argmax(turn_from_first))
+    if turn_from_first[farthest] - turn_from_first[-1] < POINT_WIDTH:
+        return None
+    return float(directions[farthest])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -144,7 +162,13 @@ class WindVelocity(ImmutableResult):
         # Both are shown with one decimal place.
         if round(self.speed, 1) >= round(min(speeds), 1):
             return None
-        return WindTurn(minutes[0]["direction"], minutes[-1]["direction"], float(np.mean(speeds)))
+        directions = np.array([minute["direction"] for minute in minutes])
+        return WindTurn(
+            start_direction=minutes[0]["direction"],
+            end_direction=minutes[-1]["direction"],
+            farthest_direction=_farthest_direction(directions),
+            speed=float(np.mean(speeds)),
+        )
 
     @property
     def _gust_steps(self) -> int:

@@ -268,22 +268,26 @@ def test_a_wind_that_turned_is_told_with_its_speed_beside_that_of_its_mean():
     wind = mavdem.estimate_wind(*flight(wind=(0, -5), gusts=0.5, seconds=60)[:3])
     assert wind.direction_identifiable
 
-    def lead_sentence(mean_speed, speeds):
+    def lead_sentence(mean_speed, speeds, directions=(240.0, 300.0)):
         minutes = tuple(
             {
                 "start": 60.0 * i,
                 "speed": speed,
                 "low": 4.0,
                 "high": 6.0,
-                "direction": 240.0 + 60 * i,
+                "direction": direction,
             }
-            for i, speed in enumerate(speeds)
+            for i, (speed, direction) in enumerate(zip(speeds, directions, strict=False))
         )
         turned = replace(wind, speed=mean_speed, minutes=minutes)
         return wind_blocks(WindEvidence(turned, None, None))[0].text
 
     told = "the mean of a wind that turned from the west-south-west (240°) to the west-north-west (300°) at 5.2 m/s"
     assert told in lead_sentence(4.7, [5.3, 5.1])
+    told = "turned from the north (350°) to the east (90°) and then to the north (5°) at 5.2 m/s"
+    assert told in lead_sentence(2.0, [5.3, 5.2, 5.1], (350.0, 90.0, 5.0))
+    told = "turned from the north (350°) to the south (175°) at 5.2 m/s"
+    assert told in lead_sentence(2.0, [5.3, 5.2, 5.1], (350.0, 170.0, 175.0))
     assert "turned" not in lead_sentence(5.1, [5.3, 5.1])
     assert "turned" not in lead_sentence(4.7, [5.3])
 

@@ -41,7 +41,8 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
         identified; ``share`` of the largest lean, 0 if that is not known; ``is_rough``, whether the speed is known only
         roughly; ``by_usual_drag``, whether the drag is that of typical multirotors; and ``reason``, the bad estimator
         or why the speed is known only roughly. If the wind turned so far that its mean misleads, it also has
-        ``turned_from`` and ``turned_to``, degrees, and ``turning_speed``, the mean of the speeds, m/s.
+        ``turned_from`` and ``turned_to``, degrees, ``turned_past``, the direction between them that lies farthest from
+        the first, None if the last does, and ``turning_speed``, the mean of the speeds, m/s.
     """
     if evidence.other_vehicle is not None:
         return evidence.other_vehicle
@@ -86,6 +87,7 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
         fact = fact.replace(
             turned_from=wind.turn.start_direction,
             turned_to=wind.turn.end_direction,
+            turned_past=wind.turn.farthest_direction,
             turning_speed=wind.turn.speed,
         )
     velocity_message = _velocity_message_of_spare_core(evidence.signals.telemetry)
