@@ -112,11 +112,11 @@ def fleet_blocks(
 def _count_bad_unnamed_flights(
     summaries: Sequence[VehicleSummary], vehicles: Mapping[str, VehicleFlights]
 ) -> int:
-    """Counts the bad flights under shared names, such as system ids, that the fleet's headline does not count yet.
+    """Counts the bad flights whose vehicle is not known, for the headline of a fleet.
 
-    Under a shared name each flight may be of another vehicle, so that all bad flights count, also before a good one.
-    But a shared name with a section of the page counts as one vehicle. If the last flight under it is bad, the headline
-    counts this vehicle among those that need a look, so that the flight itself must not be counted again.
+    The logs of such flights name the vehicle by a MAVLink system id, which several vehicles may share. So each bad
+    flight counts, even before a good one. But a system id with a section of the page counts as one vehicle, and is
+    counted already if its last flight is bad: that flight is then left out.
 
     Args:
         summaries: summary of the flights under each name.
@@ -145,7 +145,7 @@ def vehicles_with_section(summaries: Sequence[VehicleSummary]) -> dict[str, Vehi
 
 
 def fleet_counts(summaries: Sequence[VehicleSummary]) -> JsonValues:
-    """Counts the flights of a fleet.
+    """Counts the flights of a fleet for its JSON document.
 
     A flight has a row for each axis, and counts by the best tier and the worst health of its rows. A tier is the kind
     of model that a log allows: "a" full, "b" of the slow motion, "c" none. A flight in several logs counts once.
@@ -158,27 +158,32 @@ def fleet_counts(summaries: Sequence[VehicleSummary]) -> JsonValues:
         ``tiers`` and ``health``, flights by tier and by health; and ``failed``, the file, status and code of the status
         of each log without a flight.
     """
-    tiers: Counter[str] = Counter()
-    healths: Counter[str] = Counter()
+    flight_count = 0
     named_vehicles = 0
-    # A log may have several rows without a flight, one for each vehicle. A dictionary keeps their order.
-    failures = {}
+    flights_by_tier: Counter[str] = Counter()
+    flights_by_health: Counter[str] = Counter()
+    # A log may have several rows without a flight, one for each vehicle. The key makes each log count once.
+    failed_logs = {}
     for summary in summaries:
-        tiers.update(summary.flown.tiers)
-        healths.update(summary.flown.healths)
+        flight_count += summary.flown.flights
+        flights_by_tier.update(summary.flown.tiers)
+        flights_by_health.update(summary.flown.healths)
         if summary.vehicle is not None and not summary.has_shared_name:
             named_vehicles += 1
         for row in summary.unused:
-            failures[row.file, row.status, row.status_code] = row
+            failed_logs[row.file, row.status, row.status_code] = {
+                "file": row.file,
+                "status": row.status,
+                "status_code": row.status_code,
+            }
     return {
-        "flights": sum(summary.flown.flights for summary in summaries),
+        "flights": flight_count,
         "vehicles": named_vehicles,
-        "tiers": {tier: tiers[tier] for tier in sorted(tiers) if tier},
-        "health": {health: healths[health] for health in HEALTHS if healths[health]},
-        "failed": [
-            {"file": row.file, "status": row.status, "status_code": row.status_code}
-            for row in failures.values()
-        ],
+        "tiers": {tier: flights_by_tier[tier] for tier in sorted(flights_by_tier) if tier},
+        "health": {
+            health: flights_by_health[health] for health in HEALTHS if flights_by_health[health]
+        },
+        "failed": list(failed_logs.values()),
     }
 
 
@@ -215,41 +220,44 @@ def _health_summary(
     *,
     lists_follow: bool,
 ) -> HealthSummary:
-    """Returns which vehicles need a look, which have recovered, and how many are healthy, for the fleet's headline.
+    """Summarises the vehicles of a fleet for its headline: which need a look, what to do next, how many are healthy.
 
     Args:
         vehicles: summary of each vehicle, by its name in the logs.
-        names: names that were given to vehicles.
-        shared_names: those of the names in the logs that are system ids, which several vehicles may have.
-        lists_follow: whether a list of the vehicles follows, so that of more than two the most urgent one alone is
-            named.
+        names: names that owners gave to vehicles.
+        shared_names: those of the names in the logs that are MAVLink system ids, which several vehicles may have.
+        lists_follow: whether a list of the vehicles follows the headline. Then, of more than two urgent vehicles, the
+            headline names the most urgent one only.
     """
-    urgent: list[str] = []
+    urgent_texts: list[str] = []
     next_step = ""
     watched_count = 0
     recovered_labels = []
     healthy_count = 0
-    # The most urgent vehicle is named first.
+    # The most urgent vehicle is named first; of equally urgent ones the first in the alphabet.
     for name in sorted(vehicles, key=lambda name: (vehicles[name].urgency, name)):
         vehicle = vehicles[name]
         is_shared = name in shared_names
         label = vehicle_label(name, vehicle.last.frame, names, is_shared=is_shared)
         if vehicle.urgency.rank < MAX_URGENT_RANK:
-            if not urgent and vehicle.texts.next_step:
-                is_alone = len(vehicles) == 1
-                next_step = f"{'' if is_alone else f'{label}: '}{vehicle.texts.next_step}"
-            urgent.append(f"{label} ({as_clause(vehicle.texts.latest_flight)})")
+            is_most_urgent = not urgent_texts
+            if is_most_urgent and vehicle.texts.next_step:
+                # The only vehicle of a fleet need not be named.
+                subject = "" if len(vehicles) == 1 else f"{label}: "
+                next_step = subject + vehicle.texts.next_step
+            urgent_texts.append(f"{label} ({as_clause(vehicle.texts.latest_flight)})")
         elif vehicle.last.badge_level is Level.WATCH:
             watched_count += 1
         if vehicle.health == MotorHealth.OK:
             healthy_count += 1
             if vehicle.had_anomaly:
                 recovered_labels.append(label)
-    urgent_list = abbreviated_list(urgent)
-    if lists_follow and len(urgent) > MAX_NAMED_BEFORE_LIST:
-        urgent_list = f"first {urgent[0]}"
+    if lists_follow and len(urgent_texts) > MAX_NAMED_BEFORE_LIST:
+        urgent_list = f"first {urgent_texts[0]}"
+    else:
+        urgent_list = abbreviated_list(urgent_texts)
     return HealthSummary(
-        urgent_count=len(urgent),
+        urgent_count=len(urgent_texts),
         urgent_list=urgent_list,
         watched_count=watched_count,
         recovered_list=abbreviated_list(sorted(recovered_labels)),
@@ -259,28 +267,31 @@ def _health_summary(
 
 
 def _flown_summary(summaries: Sequence[VehicleSummary]) -> dict[str, object] | None:
-    """Returns the number of flights, hours of settled flight, dates, and what the logs allow in words.
+    """Returns how much a fleet has flown, as values for the template of its page.
 
     Args:
         summaries: summary of the flights under each name.
 
     Returns:
-        Values by the names that the template "fleet" uses: "flights", "hours", "dates" (first and last), and "kinds",
-        the counts of logs by tier, which is the kind of model that a log allows. None without a flight.
+        "flights", their number; "hours" of settled flight; "dates", the first and the last one, or none if no date is
+        known; and "kinds", in words, how many logs allow which kind of model. None without a flight.
     """
     flight_count = 0
     seconds = 0.0
-    tiers: Counter[str] = Counter()
+    flights_by_tier: Counter[str] = Counter()
     dates: list[datetime] = []
     for summary in summaries:
         flown = summary.flown
         flight_count += flown.flights
         seconds += flown.seconds
-        tiers.update(flown.tiers)
+        flights_by_tier.update(flown.tiers)
         dates += [date for date in (flown.first_date, flown.last_date) if date is not None]
     if not flight_count:
         return None
-    kinds = [f"{tiers[tier]} {words}" for tier, words in TIER_WORDS.items() if tiers[tier]]
+    kinds = []
+    for tier, words in TIER_WORDS.items():
+        if flights_by_tier[tier]:
+            kinds.append(f"{flights_by_tier[tier]} {words}")
     return {
         "flights": flight_count,
         "hours": seconds / SECONDS_PER_HOUR,

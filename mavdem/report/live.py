@@ -33,16 +33,20 @@ def watched_quantities_text(watch_facts: Sequence[Fact], stated_reason: Fact | N
     needs no model of the vehicle, but some time in the air.
 
     Args:
-        watch_facts: a fact for each such quantity: since when it is watched, or why it cannot be watched.
+        watch_facts: for each such quantity a fact (a coded finding): since when it is watched, or why it cannot be.
         stated_reason: a reason that the screen states above this line, such as why no model is learned. If a quantity
             is not watched for the same reason, "as said" stands in its place. None if nothing is stated there.
     """
     stated_sentence = "" if stated_reason is None else stated_reason.sentence
-    # Quantities that are watched since the same second are listed together.
-    facts = []
+    facts_at_whole_seconds = []
     for fact in watch_facts:
-        facts.append(fact if fact.time is None else fact.replace(time=float(round(fact.time))))
-    sentences = render_section("live_watched", watch_facts=facts, stated_sentence=stated_sentence)
+        if fact.time is not None:
+            # Quantities that are watched since the same second are listed together.
+            fact = fact.replace(time=float(round(fact.time)))
+        facts_at_whole_seconds.append(fact)
+    sentences = render_section(
+        "live_watched", watch_facts=facts_at_whole_seconds, stated_sentence=stated_sentence
+    )
     return "".join(f"{capitalize_first(sentence.text)}." for sentence in sentences)
 
 
@@ -78,16 +82,18 @@ class LightRow(NamedTuple):
 
 
 def light_rows(status: SessionStatus) -> list[LightRow]:
-    """Returns the rows of the table of lights of a live flight, one for each part of the vehicle that is judged.
+    """Returns the rows of the table of status lights of a live flight, one for each part of the vehicle.
 
-    The light of the log, which judges the rates of the messages, is left out unless it warns. Once the link is lost,
-    the figure of a light that was good is how long ago that was.
+    A row has the level of the light and one figure, such as the battery's voltage. The light of the log, which judges
+    the rates of the messages, is left out unless it warns. After the link was lost, the figure of a light that was good
+    is how long ago that was.
 
     Args:
         status: state of the session.
     """
     lights = status.overall_judgement.lights
     rows = []
+    # The section has a paragraph for each light, whose lead is the name of the light.
     for sentence in render_section("live_lights", status=status, lights=lights):
         light = lights[sentence.lead]
         figure = sentence.text
@@ -113,9 +119,9 @@ def live_title(status: SessionStatus, link: str, names: GivenNames) -> str:
 
 
 def live_alarm(status: SessionStatus) -> str:
-    """Returns the alarm of a vehicle in flight in a few words, such as "⚠ Motor 1: land now".
+    """Returns the alarm of a vehicle in flight in a few words, such as "⚠ Motor 1: land now", for the page's title.
 
-    Without an alarm to land for, it is the headline if that is bad.
+    It is the reason why the vehicle must land. Without such a reason, it is the headline if that is bad.
 
     Args:
         status: state of the session.
@@ -125,14 +131,13 @@ def live_alarm(status: SessionStatus) -> str:
     """
     judgement = status.overall_judgement
     headline = judgement.headline
-    is_alarm_over = headline.code is WatchFact.ALARM_OVER
-    if status.is_over or is_alarm_over or not (status.is_flying and headline.is_bad):
+    is_bad_now = headline.is_bad and headline.code is not WatchFact.ALARM_OVER
+    if status.is_over or not status.is_flying or not is_bad_now:
         return ""
-    # The alarm is the reason to land; without one the section has the headline.
-    alarm = None
+    reason_to_land = None
     if judgement.next_step.code is NextStep.LAND_NOW:
-        alarm = judgement.next_step.figures["reason"]
-    sentences = render_section("live_alarm", alarm=alarm, headline=headline)
+        reason_to_land = judgement.next_step.figures["reason"]
+    sentences = render_section("live_alarm", alarm=reason_to_land, headline=headline)
     return " ".join(sentence.text for sentence in sentences)
 
 
@@ -164,9 +169,10 @@ def headline_and_next_step(judgement: Judgement) -> list[str]:
 
 
 def moment_text(event: Event) -> str:
-    """Returns when an event of a live session was reported: the time of day, and the vehicle's clock, if it is known.
+    """Returns when an event of a live session was reported, such as "14:03:07 · 182.4 s".
 
-    Sentences have times of the vehicle's clock, which begins again with each boot: so later boots are numbered.
+    It is the time of day and, if it is known, the time on the vehicle's clock, by which sentences state times. That
+    clock begins again with each boot of the autopilot, so that boots after the first one are numbered.
 
     Args:
         event: the event, as the session reports it.
@@ -187,40 +193,43 @@ def live_report(
 ) -> Blocks:
     """Returns the report of a live flight in sentences and tables.
 
+    It begins with the errors of the predictions, alarms of the motors and the state of the session. Tables of the
+    errors and of the session's time follow, and sentences on the learned data and on the link.
+
     Args:
         history: predictions of the flight with their errors, and the intervals from which models were learned.
         status: state of the session at its end.
         seconds_by_activity: how long the session was learning, waiting on the ground and so on, s.
-        axis: axis that was learned.
+        axis: axis whose model was learned.
         learned_seconds: length of the data from which the last model was learned, s.
-
-    Returns:
-        Sentences on prediction, alarms of the motors and the state of the session, tables of errors and of time, and
-        sentences on what was learned and on the link.
     """
     errors = history.errors()
-    # The headline has the errors at one horizon: the time ahead that is nearest to the one that is reported.
-    errors_in_headline = min(
+    # The first sentence states the errors at one horizon only: the one nearest to ``REPORTED_HORIZON``.
+    errors_at_reported_horizon = min(
         errors, key=lambda error: abs(error.seconds - REPORTED_HORIZON), default=None
     )
-    headline_sentence, *state = render_section(
+    first_sentence, *state = render_section(
         "live_state",
-        horizon_errors=errors_in_headline,
+        horizon_errors=errors_at_reported_horizon,
         axis=axis,
         status=status,
         false_alarms=FALSE_ALARMS,
     )
-    alarms = [Sentence(f"{as_clause(alarm.fact)}.", "Motors:") for alarm in status.motor_alarms]
-    error_tables = [_error_table(errors, axis)] if errors else []
-    learned = render_section(
+    blocks: Blocks = [first_sentence]
+    for alarm in status.motor_alarms:
+        blocks.append(Sentence(f"{as_clause(alarm.fact)}.", lead="Motors:"))
+    blocks += state
+    if errors:
+        blocks.append(_error_table(errors, axis))
+    blocks += render_section(
         "live_learned",
         errors=errors,
         learned_intervals=history.learned_intervals,
         learned_seconds=learned_seconds,
     )
-    time_table = _time_table(seconds_by_activity)
-    link = render_section("live_link", status=status)
-    return [headline_sentence, *alarms, *state, *error_tables, *learned, time_table, *link]
+    blocks.append(_time_table(seconds_by_activity))
+    blocks += render_section("live_link", status=status)
+    return blocks
 
 
 def _time_table(seconds_by_activity: Mapping[TimeUse, float]) -> Table:
@@ -243,10 +252,10 @@ def _time_table(seconds_by_activity: Mapping[TimeUse, float]) -> Table:
 
 
 def _error_table(errors: Sequence[HorizonErrors], axis: str) -> Table:
-    """Returns a table of prediction errors: a row for each horizon, three columns each for angle and rate.
+    """Returns a table of the errors of predictions in flight: a row for each horizon, the time ahead.
 
-    The three are the RMSE in degrees or degrees/s, that of the baseline, and the percentage of the measurements that
-    lay within the 90 % band of the predictions.
+    It has three columns for the angle and three for the rate: the RMSE in degrees or degrees/s, that of the baseline,
+    and the percentage of the measurements that lay within the 90 % band of the predictions.
 
     Args:
         errors: errors at each horizon: mean squares, rad² and rad²/s², and fractions within the band.
@@ -254,13 +263,12 @@ def _error_table(errors: Sequence[HorizonErrors], axis: str) -> Table:
     """
     header = ["RMSE of predictions"]
     rows = [[f"{error.seconds:.2g} s ahead"] for error in errors]
-    outputs = {axis: display_unit("rad"), f"{axis} rate": display_unit("rad/s")}
-    for output, (name, unit) in enumerate(outputs.items()):
+    units_by_output = {axis: display_unit("rad"), f"{axis} rate": display_unit("rad/s")}
+    for output, (name, unit) in enumerate(units_by_output.items()):
         header += [name_with_unit(name, unit.name), "baseline", "in its 90 % band"]
         for row, error in zip(rows, errors, strict=True):
-            row += [
-                f"{unit.scale * sqrt(error.mse[output]):.2g}",
-                f"{unit.scale * sqrt(error.baseline_mse[output]):.2g}",
-                f"{100 * error.coverage[output]:.0f} %",
-            ]
+            rmse = unit.scale * sqrt(error.mse[output])
+            baseline_rmse = unit.scale * sqrt(error.baseline_mse[output])
+            percent_in_band = 100 * error.coverage[output]
+            row += [f"{rmse:.2g}", f"{baseline_rmse:.2g}", f"{percent_in_band:.0f} %"]
     return Table(header, rows)

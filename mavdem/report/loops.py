@@ -121,21 +121,23 @@ def tune_blocks(
 def _unstated_remedies(
     tuning: Tuning, axis: str, report: str, stated_remedies: Collection[str]
 ) -> list[str]:
-    """Returns the sentences on what to do about an axis that nothing above has stated already.
+    """Returns what to do about the control loops of one axis, without what the user has read already.
 
-    There are up to two: the remedy of the advice on its gains, and that of the decision on its loops.
+    There are up to two sentences: the remedy of the advice on the gains, and that of the decision on the loops.
 
     Args:
-        tuning: for each axis its advice, or the fact that says why there is none; and the decision on its loops.
+        tuning: for each axis its advice, or the fact (coded finding) that says why there is none; and the decision on
+            its loops.
         axis: "roll", "pitch" or "yaw".
-        report: text on the axis that the remedies will follow.
+        report: text on the axis, which the remedies will follow.
         stated_remedies: remedies in the next step and in the text on other axes.
     """
     advice = tuning.axes[axis]
     advice_on_gains = advice if isinstance(advice, Fact) else advice.conclusion
     decision = tuning.judgement.loop_decisions.get(axis)
+    candidates = [advice_on_gains.remedy, *_remedies_besides_tuning(decision)]
     remedies: list[str] = []
-    for remedy in [advice_on_gains.remedy, *_remedies_besides_tuning(decision)]:
+    for remedy in candidates:
         text_above = " ".join([report, *remedies])
         if remedy not in stated_remedies and remedy not in text_above:
             remedies.append(remedy)
@@ -143,10 +145,12 @@ def _unstated_remedies(
 
 
 def tune_details(tuning: Tuning) -> Blocks:
-    """Returns all margins of the axes with an identified loop, and the basis of these and of the advised gains.
+    """Returns the details of a tuning for each axis: all stability margins, and what they and the gains are based on.
+
+    Axes without an identified loop are left out.
 
     Args:
-        tuning: advice for each axis, or the fact that says why there is none.
+        tuning: advice for each axis, or the fact (coded finding) that says why there is none.
     """
     blocks = Blocks()
     for axis, advice in tuning.axes.items():
@@ -172,13 +176,13 @@ def _unchecked_effects(tuning: Tuning) -> list[Sentence]:
 
 
 def _axes_reported_together(tuning: Tuning) -> list[list[str]]:
-    """Groups the axes of a tuning whose reports say the same, so that they are reported together.
+    """Groups the axes of a tuning so that those with the same report share one sentence, as in "Roll and pitch: …".
 
-    An axis with an identified loop has its own table, and is a group by itself. Axes without an identified loop form a
-    group if the reason and the remedies are the same.
+    An axis with an identified loop has a table of its own, and is a group by itself. Axes without one form a group if
+    the reason for that, and what to do about it, are the same.
 
     Args:
-        tuning: advice on the gains of each axis, or the fact why there is none.
+        tuning: advice on the gains of each axis, or the fact (coded finding) that says why there is none.
 
     Returns:
         The axes of each group, in the order of ``tuning.axes``.
@@ -188,34 +192,34 @@ def _axes_reported_together(tuning: Tuning) -> list[list[str]]:
 
 
 def _group_key(tuning: Tuning, axis: str) -> tuple[str, ...]:
-    """Returns the key by which axes are grouped: texts that are equal if the reports on the axes say the same.
+    """Returns the key by which axes are grouped for the report: texts, which are equal if the reports are the same.
 
     Args:
-        tuning: its ``axes`` have the advice on the gains of each axis or, without an identified loop, the fact why
-            there is none.
+        tuning: its ``axes`` have the advice on the gains of each axis or, without an identified loop, the fact (coded
+            finding) that says why there is none.
         axis: "roll", "pitch" or "yaw".
 
     Returns:
-        The name of an axis with an identified loop, which no other axis has. Otherwise "", the reason why no loop was
-        identified, and the remedies.
+        For an axis with an identified loop its name, which no other axis has. Otherwise an empty text, the reason why
+        no loop was identified, and the remedies.
     """
     advice_or_reason = tuning.axes[axis]
     if isinstance(advice_or_reason, Advice):
         return (axis,)
-    reason = advice_or_reason
+    reason_text = advice_or_reason.sentence_and_remedy
     remedies = _remedies_besides_tuning(tuning.judgement.loop_decisions.get(axis))
-    return ("", reason.sentence_and_remedy, *remedies)
+    return ("", reason_text, *remedies)
 
 
 def _facts_on_axis(tuning: Tuning, axis: str) -> list[Fact]:
-    """Returns the facts that are reported of an axis: the rating of its margins, the advice on its gains, and why.
+    """Returns the facts (coded findings) whose sentences make the report of a tuning on one axis.
 
     Args:
-        tuning: advice on the gains of each axis, or the fact why there is none.
+        tuning: advice on the gains of each axis, or the fact that says why there is none.
         axis: "roll", "pitch" or "yaw".
 
     Returns:
-        Facts, whose sentences follow each other in the report:
+        Facts in the order of their sentences:
 
         - without an identified loop, only the reason for that;
         - if a measured response contradicts the loop, so that its margins are doubtful, only what to do with the gains;
@@ -238,33 +242,37 @@ def _facts_on_axis(tuning: Tuning, axis: str) -> list[Fact]:
 
 
 def _remedies_besides_tuning(decision: LoopDecision | None) -> list[str]:
-    """Returns the remedies for the loops of an axis, unless it is to run ``mavdem tune``, which made this report.
+    """Returns what to do about the control loops of an axis, except to run ``mavdem tune``.
+
+    This report comes from that command, so that its next step and its advice on gains say the rest.
 
     Args:
         decision: decision on the loops of the axis; None if there is none.
+
+    Returns:
+        A list with one sentence; empty if there is nothing else to do.
     """
     if decision is None or decision.action is None:
         return []
-    # The next step of this report, or the advice on the gains, says what to do.
     if decision.action.code in (*ADVICE_TO_TUNE, LoopAction.FLY_BEFORE_GAINS):
         return []
     return [decision.action.sentence_and_remedy]
 
 
 def _rating_unless_contradicted(advice: Advice, decision: LoopDecision | None) -> list[Fact]:
-    """Returns the rating of an axis' margins, such that it does not contradict the decision on the axis.
+    """Returns the rating of an axis' stability margins, such that it does not contradict the decision on the axis.
 
-    The rating knows the stability margins alone: are they large enough? The decision also knows whether the axis
-    oscillates and follows its setpoint in flight. A report with both must not call an axis good and bad.
+    The rating says only whether the margins are large enough. The decision also knows whether the axis oscillates, and
+    whether it follows its setpoint in flight. A report with both must not call an axis good and bad.
 
     Args:
         advice: advice on the gains of the axis, with the rating of the margins of its identified loop.
         decision: decision on the loops of the axis; None if there is none.
 
     Returns:
-        A list with the rating. If the axis does not follow its setpoint, the level of the rating is "watch" at best,
-        and its sentence says that the margins are not enough. The list is empty if no gains are advised since the
-        loop cannot be relied on, and the decision was made for another reason than the margins.
+        A list with the rating. If the axis does not follow its setpoint, the rating is "watch" at best, and its
+        sentence says that the margins are not enough. The list is empty if the loop cannot be relied on, so that no
+        gains are advised, and the decision was made for another reason than the margins.
     """
     if decision is None:
         return [advice.rating]
@@ -279,17 +287,14 @@ def _rating_unless_contradicted(advice: Advice, decision: LoopDecision | None) -
 
 
 def decision_sentences(decisions: DecisionsByAxis, next_step: str = "") -> list[Sentence]:
-    """Returns the decisions on control loops as sentences: what is wrong, and the action; equal axes share a sentence.
+    """Returns the decisions on control loops in sentences: for each axis what is wrong, and what to do.
 
-    If several axes need the same action for different reasons, each reason has a sentence, and the action has one of
-    its own after them.
+    Axes with the same reason and action share a sentence. If several axes need the same action for different reasons,
+    each reason has a sentence, and the action follows once in a sentence of its own.
 
     Args:
         decisions: decision on the loops by axis.
         next_step: text of the next step on the page; actions that it contains are not repeated.
-
-    Returns:
-        The sentences.
     """
 
     def action_of(axis: str) -> str:
@@ -301,31 +306,34 @@ def decision_sentences(decisions: DecisionsByAxis, next_step: str = "") -> list[
     sentences = []
     for action, axes in axes_by_action.items():
         axes_by_reason = group_by(axes, lambda axis: str(decisions[axis].reason))
+        has_single_reason = len(axes_by_reason) == 1
         for reason, axes_of_reason in axes_by_reason.items():
             # A single reason and its action make one sentence.
-            text = f"{reason} {action}".strip() if len(axes_by_reason) == 1 else reason
-            sentences.append(Sentence(text, f"{listed(axes_of_reason).capitalize()}:"))
-        if action and len(axes_by_reason) > 1:
-            sentences.append(Sentence(action, f"{listed(axes).capitalize()}:"))
+            text = f"{reason} {action}".strip() if has_single_reason else reason
+            sentences.append(Sentence(text, lead=f"{listed(axes_of_reason).capitalize()}:"))
+        if action and not has_single_reason:
+            sentences.append(Sentence(action, lead=f"{listed(axes).capitalize()}:"))
     return sentences
 
 
 def _texts_in_next_step(tuning: Tuning) -> set[str]:
-    """Returns the sentences that the next step states, so that the report with which it is shown does not repeat them.
+    """Returns the texts that the next step of a tuning states already, which the report with it does not repeat.
 
-    A next step is a fact whose figures "reason" and "also" are the facts that it follows from, such as low margins on
-    roll. It states what to do about them, which is their remedy.
+    The next step follows from other facts (coded findings), such as low margins on roll: they are its figures "reason"
+    and "also". It states what to do about them, which is their remedy.
 
     Args:
         tuning: advice on the gains of each axis, and the judgement of the flight with the next step.
 
     Returns:
-        The sentence of the next step and the remedies of its reasons. Among them is the empty text, which is the remedy
-        of a fact that has none, so that the report leaves it out too.
+        The sentence of the next step and the remedies of its reasons. The empty text is among them, as the remedy of a
+        fact that has none, so that the report leaves that out, too.
     """
     next_step = tuning.judgement.next_step
     texts = {"", next_step.sentence}
-    for reason in (next_step.figures.get("reason"), *next_step.figures.get("also", ())):
+    main_reason = next_step.figures.get("reason")
+    further_reasons = next_step.figures.get("also", ())
+    for reason in (main_reason, *further_reasons):
         if reason is not None:
             texts.add(reason.remedy)
     return texts
@@ -347,18 +355,19 @@ def is_about_loops(fact: Fact, judgement: Judgement) -> bool:
     """Returns whether a headline or a next step is about the control loops, and not about something else in the flight.
 
     Args:
-        fact: headline or next step; the figure "reason" of a next step is the fact that it follows from.
-        judgement: the judgement of the vehicle. Two of its lights (judgements of one subject each) are about loops:
-            tracking and margins.
+        fact: headline or next step, a coded finding; the figure "reason" of a next step is the fact that it follows
+            from.
+        judgement: the judgement of the vehicle. Two of its status lights are about loops: tracking and margins.
     """
     reason = fact.figures.get("reason") or fact
-    # A loss of the vehicle or an impact is not about the loops, though it may be what the light of tracking shows.
+    # A loss of the vehicle or an impact is not about the loops, though the light of tracking may state it.
     if reason.code in LIGHT_OF_EVENT:
         return False
     if fact.code in (NextStep.LOAD_GAINS, NextStep.FLY_BEFORE_GAINS, NextStep.TUNE_OTHER_AXES):
         return True
-    lights_of_loops = [judgement.lights[Light.TRACKING], judgement.lights[Light.MARGINS]]
-    return isinstance(reason.code, GainFact | LoopFact) or reason in lights_of_loops
+    if isinstance(reason.code, GainFact | LoopFact):
+        return True
+    return reason in (judgement.lights[Light.TRACKING], judgement.lights[Light.MARGINS])
 
 
 def tuning_result(tuning: Tuning) -> Fact:
@@ -402,22 +411,22 @@ def _axes_with_room_for_gains(tuning: Tuning) -> list[str]:
 
 
 def _worst_rating(tuning: Tuning) -> Fact | None:
-    """Returns the worst rating of the margins of all axes, the first of equal ones, with its axis in the subject.
+    """Returns the worst rating of the stability margins of all axes; of equal ones the first.
 
     Args:
         tuning: advice for each axis, with the decisions on their loops.
 
     Returns:
-        The rating; None if the margins of some axis are not known: no loop was identified, gains were refused since the
-        loop cannot be relied on, or a measured response contradicts the loop.
+        The rating, with the axis in its subject; None if the margins of an axis are not known. They are not if no loop
+        was identified, if gains were refused since the loop cannot be relied on, or if a measured response contradicts
+        the loop.
     """
     ratings = []
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Fact) or advice.refusals or axis in tuning.doubtful_axes:
             return None
-        for rating in _rating_unless_contradicted(
-            advice, tuning.judgement.loop_decisions.get(axis)
-        ):
+        decision = tuning.judgement.loop_decisions.get(axis)
+        for rating in _rating_unless_contradicted(advice, decision):
             ratings.append(rating.replace(subject=f"{axis} {rating.subject}"))
     for level in (Level.BAD, Level.WATCH, Level.GOOD):
         for rating in ratings:
@@ -427,13 +436,13 @@ def _worst_rating(tuning: Tuning) -> Fact | None:
 
 
 def loop_cautions(advice_by_axis: AdviceByAxis) -> Blocks:
-    """Returns sentences on how far margins and advised gains can be trusted, for the axes with an identified loop.
+    """Returns the cautions on how far the stability margins and the advised gains of each axis can be trusted.
 
-    They are the cautions about the identified loop of an axis, which its margins and its gains follow from, whether or
-    not gains change. Axes with the same caution share a sentence.
+    They are about the identified loops, from which both follow. Axes with the same caution share a sentence.
 
     Args:
-        advice_by_axis: advice by axis, or the fact why there is none.
+        advice_by_axis: advice by axis, or the fact (coded finding) that says why there is none, for which no caution is
+            returned.
     """
     return [caution.sentence for caution in _shared_cautions(advice_by_axis)]
 
@@ -445,17 +454,18 @@ def _shared_cautions(advice_by_axis: AdviceByAxis) -> list[_SharedCaution]:
     caution if its text is the same without the name of the axis, which holds if its rounded figures agree.
 
     Args:
-        advice_by_axis: advice for each axis, or the fact that says why there is none.
+        advice_by_axis: advice for each axis, or the fact (coded finding) that says why there is none.
 
     Returns:
         The sentences with their axes, in the order of the first axis.
     """
     cautions_by_text: dict[str, list[tuple[str, Fact]]] = {}
     for axis, advice in advice_by_axis.items():
-        if isinstance(advice, Advice):
-            for caution in advice.before.cautions:
-                text_without_axis = caution.replace(axis="").sentence_and_remedy
-                cautions_by_text.setdefault(text_without_axis, []).append((axis, caution))
+        if isinstance(advice, Fact):
+            continue
+        for caution in advice.before.cautions:
+            text_without_axis = caution.replace(axis="").sentence_and_remedy
+            cautions_by_text.setdefault(text_without_axis, []).append((axis, caution))
     shared_cautions = []
     for axes_and_cautions in cautions_by_text.values():
         # Cautions with the same text make one sentence, which names all their axes.
@@ -487,20 +497,21 @@ def compared_loops(advice: Advice) -> LoopsByAxis:
 
 
 def _gain_and_margin_table(advice: Advice, *, is_doubtful: bool) -> Table:
-    """Returns a table that compares an axis now and with the advised gains: the changed gains and the loop's margins.
+    """Returns a table that compares one axis as it flew with the advised gains: gains, stability margins, wind error.
 
-    The loop is the attitude loop in the second stage of tuning, which changes the gain of the angle; otherwise it is
-    the rate loop.
+    The margins are those of the loop that is tuned: the attitude loop in the second stage of tuning, otherwise the rate
+    loop. The last row is the standard deviation of the angle by the wind torque, degrees.
 
     Args:
         advice: advice on the axis, with its loops.
-        is_doubtful: whether a measured response contradicts the identified loop, and so all its margins.
+        is_doubtful: whether a measured response contradicts the identified loop; then each of its margins is called
+            doubtful.
     """
     loops = [*compared_loops(advice).values()]
     loop_name = "attitude" if advice.stage is Stage.ANGLE else "rate"
     rows = []
-    for name, value in advice.parameters.items():
-        rows.append([name, f"{advice.gains[name].now:.4g}", f"{value:.4g}"])
+    for name, advised_value in advice.parameters.items():
+        rows.append([name, f"{advice.gains[name].now:.4g}", f"{advised_value:.4g}"])
     for attribute in TUNED_FIGURES:
         figure = LOOP_FIGURES[attribute]
         cells = [_figure_text(getattr(loop, loop_name), attribute, figure.scale) for loop in loops]
@@ -508,32 +519,34 @@ def _gain_and_margin_table(advice: Advice, *, is_doubtful: bool) -> Table:
             cells = [f"doubtful: {text}" for text in cells]
         rows.append([figure.header, *cells])
     if advice.parameters:
-        errors = [rounded(loop.lean_in_wind) for loop in loops]
-        rows.append([f"{advice.before.axis} error by wind torque, sd (°)", *errors])
+        wind_errors = [rounded(loop.lean_in_wind) for loop in loops]
+        rows.append([f"{advice.before.axis} error by wind torque, sd (°)", *wind_errors])
+    # Without advised gains there is only the loop that flew.
     headers = ["now", "with these gains"][: len(loops)]
     return Table([f"{advice.before.axis}, {loop_name} loop (90 % interval)", *headers], rows)
 
 
 def margin_overview(tuning: Tuning) -> Table | None:
-    """Returns one table of the margins and the predicted steps of all axes, now and with the advised gains.
+    """Returns one table of the stability margins and the predicted step responses of all axes, as flown and as advised.
 
-    An axis has a row for the gains that flew and, where gains change, one for these. The loop is the attitude loop
-    where its gain changes, and otherwise the rate loop.
+    An axis has a row for the gains that flew and, where gains change, one for the advised gains. The loop is the
+    attitude loop where its gain changes, and otherwise the rate loop.
 
     Args:
-        tuning: advice for each axis, or the fact that says why there is none.
+        tuning: advice for each axis, or the fact (coded finding) that says why there is none.
 
     Returns:
         The table; None if no axis has a loop whose margins are known.
     """
     rows = []
     for axis, advice in tuning.axes.items():
-        if not isinstance(advice, Advice) or advice.refusals:
+        if isinstance(advice, Fact) or advice.refusals:
             continue
         loop_name = "attitude" if advice.stage is Stage.ANGLE else "rate"
-        doubt = "doubtful: " if axis in tuning.doubtful_axes else ""
+        remark = "doubtful: " if axis in tuning.doubtful_axes else ""
         for variant, loop in compared_loops(advice).items():
-            cells = _margin_cells(getattr(loop, loop_name), STEP_SECONDS[loop_name], doubt)
+            open_loop = getattr(loop, loop_name)
+            cells = _margin_cells(open_loop, STEP_SECONDS[loop_name], remark)
             name = f"{axis} {loop_name}, {variant}"
             rows.append([name, *cells, rounded(loop.lean_in_wind)])
     if not rows:
@@ -543,20 +556,23 @@ def margin_overview(tuning: Tuning) -> Table | None:
     return Table(["loop (90 % interval)", *margins, *steps], rows)
 
 
-def _margin_cells(open_loop: OpenLoop, step_seconds: float, doubt: str) -> list[str]:
-    """Returns the cells of a loop in the table of margins: its margins, and figures of its predicted step response.
+def _margin_cells(open_loop: OpenLoop, step_seconds: float, remark: str) -> list[str]:
+    """Returns a row of the table of stability margins: the margins of a loop, then its predicted step response.
 
     Args:
-        open_loop: the rate or attitude loop, cut open.
+        open_loop: open-loop response of the rate or attitude loop.
         step_seconds: duration of the predicted step response, s.
-        doubt: text before each figure, which says that it is doubtful; empty if it is not.
+        remark: text before each figure, such as "doubtful: "; empty for none.
+
+    Returns:
+        A cell for each of ``TUNED_FIGURES``, then overshoot and rise time, which are empty if they cannot be predicted.
     """
     cells = []
     for attribute in TUNED_FIGURES:
         scale = LOOP_FIGURES[attribute].scale
-        cells.append(f"{doubt}{_figure_text(open_loop, attribute, scale)}")
+        cells.append(f"{remark}{_figure_text(open_loop, attribute, scale)}")
     for text in _step_texts(open_loop, step_seconds):
-        cells.append(f"{doubt}{text}" if text else "")
+        cells.append(f"{remark}{text}" if text else "")
     return cells
 
 
@@ -581,7 +597,10 @@ def _step_texts(loop: OpenLoop, duration: float) -> tuple[str, str]:
 
 
 def _axis_details(advice: Advice, *, is_doubtful: bool) -> Blocks:
-    """Returns sentences on the gains, tables of all margins now and as advised, and on filters and measurements.
+    """Returns the details of a tuning on one axis: sentences on the gains, tables of all margins, the gyro's filters.
+
+    The tables compare the loops as flown and with the advised gains. A last sentence compares the predicted response of
+    the rate with the measured one.
 
     Args:
         advice: advice on the axis, with its loops.
@@ -592,8 +611,8 @@ def _axis_details(advice: Advice, *, is_doubtful: bool) -> Blocks:
     blocks: Blocks = [*_gain_sentences(advice)]
     blocks += margin_tables(loops, doubtful=loops if is_doubtful else ())
     blocks += filter_sentences(loop)
-    # The section compares the measured rate response with the predicted one. If the two were not compared
-    # (``agrees`` is None), it says that none was measured, which is wrong of a loop that another response contradicts.
+    # If the two responses were not compared, the sentence says that none was measured. That would be wrong of a loop
+    # which another measured response contradicts.
     is_compared = loop.agrees is not None
     if is_compared or not is_doubtful:
         blocks += render_section("loop_measured", loop=loop)
@@ -637,38 +656,44 @@ def margin_tables(loops: LoopsByAxis, doubtful: Container[str] = ()) -> Iterator
 
 
 def _figure_text(loop: OpenLoop, attribute: str, scale: float) -> str:
-    """Returns a figure of a loop with its interval, such as "57 (50 to 63)"; without the interval if an end is NaN.
+    """Returns a figure of a loop with its 90 % interval as text, such as "57 (50 to 63)".
 
-    A figure that an unstable loop, or one around an unstable loop, does not have is a dash: it would look good.
+    Figures of a steady response, such as the bandwidth, do not exist for an unstable loop. They are shown as a dash,
+    since their formulas would give numbers that look good.
 
     Args:
-        loop: rate or attitude loop of the estimated plant and of draws.
-        attribute: name of the figure, such as "phase_margin".
+        loop: open-loop response of the rate or attitude loop, for the estimated plant and draws from its posterior.
+        attribute: name of the figure, such as "phase_margin"; the loop has its interval as "phase_margin_interval".
         scale: factor from the unit of the figure to the shown one.
     """
     if attribute in FIGURES_OF_STABLE_LOOPS and not loop.is_stable:
         return rounded(nan)
-    return _with_interval(getattr(loop, attribute), getattr(loop, f"{attribute}_interval"), scale)
+    value = getattr(loop, attribute)
+    interval = getattr(loop, f"{attribute}_interval")
+    return _with_interval(value, interval, scale)
 
 
 def _with_interval(value: float, interval: tuple[float, float], scale: float) -> str:
-    """Returns a figure with its interval, such as "57 (50 to 63)"; without the interval if an end is NaN.
+    """Returns a figure with its interval as text, such as "57 (50 to 63)".
+
+    The interval is left out if one of its ends is NaN, or if it is narrower than the last digit that is shown.
 
     Args:
-        value: the figure, in the unit of the log.
-        interval: its interval, in the unit of the figure.
-        scale: factor from the unit of the figure to the shown one.
+        value: the figure, in its own unit.
+        interval: lower and upper end of its interval, in the same unit.
+        scale: factor from that unit to the shown one.
     """
     text = rounded(scale * value)
-    low, high = (rounded(scale * end) for end in interval)
-    # An interval that is narrower than the last digit shown says nothing.
-    if "-" in (low, high) or text == low == high:
+    low = rounded(scale * interval[0])
+    high = rounded(scale * interval[1])
+    is_unknown = "-" in (low, high)
+    if is_unknown or text == low == high:
         return text
     return f"{text} ({low} to {high})"
 
 
 def gain_blocks(advice: Advice) -> Blocks:
-    """Returns a table of the controller gains to change, if there are any, and sentences on their expected effects.
+    """Returns a table of the controller gains to change on one axis, and sentences on the expected effects.
 
     The table has a row for each changed gain: its value now, the value to set, and the factor between them.
 
@@ -676,23 +701,23 @@ def gain_blocks(advice: Advice) -> Blocks:
         advice: gains ``now`` and to ``set`` by name of the parameter, and the control loop before and after.
 
     Returns:
-        The table, or nothing if no gain changes, and then the sentences.
+        The table, unless no gain changes, and then the sentences.
     """
     rows = []
     for name, gain in advice.gains.items():
+        text_now, text_to_set = f"{gain.now:.4g}", f"{gain.set:.4g}"
         # Two values that look equal in the table, which shows four digits, are no change to a reader.
-        present_text, advised_text = (f"{value:.4g}" for value in gain)
-        if present_text != advised_text:
-            rows.append([name, present_text, advised_text, f"{gain.set / gain.now:.2f}"])
+        if text_now != text_to_set:
+            rows.append([name, text_now, text_to_set, f"{gain.set / gain.now:.2f}"])
     tables = [Table(["gain", "now", "set", "times"], rows)] if rows else []
     return [*tables, *_gain_sentences(advice)]
 
 
 def _gain_sentences(advice: Advice) -> list[Sentence]:
-    """Returns sentences on the gains to set of an axis and their expected effects.
+    """Returns sentences on what the advised gains of one axis are expected to do.
 
-    They give the expected lean in wind, what follows on a step that does not reach the margins, unusual ratios of the
-    gains, and the noise.
+    They state the expected deviation of the angle in wind, what comes after this step if it does not reach the margins,
+    unusual ratios of the gains, and the noise in the demand.
 
     Args:
         advice: gains by name of the parameter, and the control loop before and after.

@@ -61,7 +61,7 @@ class FlightInterval(NamedTuple):
 
 
 def longest_flight(signals: Signals) -> FlightInterval | None:
-    """Returns the longest time off the ground in a log.
+    """Returns the longest time off the ground in a log, which a comparison of two logs draws.
 
     A flight that began before the record counts from the first sample of the attitude on, and one that lasts longer
     than the record until the last sample.
@@ -70,21 +70,23 @@ def longest_flight(signals: Signals) -> FlightInterval | None:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
-        The flight; None if the vehicle never flew.
+        The flight; None if the vehicle never flew, or its attitude was not recorded.
     """
+    if not signals.attitudes:
+        return None
+    # The first of several recorded attitudes is the preferred one.
+    attitude = signals.attitudes[0]
     flights = []
-    # The first attitude is the preferred one; there may be none.
-    for attitude in signals.attitudes[:1]:
-        for boot in np.unique(attitude.boot).tolist():
-            times = attitude.time[attitude.boot == boot]
-            recorded_interval = [(float(times[0]), float(times[-1]))]
-            for interval in intersection(airborne_intervals(signals, boot), recorded_interval):
-                flights.append(FlightInterval(boot, interval))
+    for boot in np.unique(attitude.boot).tolist():
+        times = attitude.time[attitude.boot == boot]
+        recorded_interval = [(float(times[0]), float(times[-1]))]
+        for interval in intersection(airborne_intervals(signals, boot), recorded_interval):
+            flights.append(FlightInterval(boot, interval))
     return max(flights, key=lambda flight: float(np.ptp(flight.interval)), default=None)
 
 
 def flight_series(signals: Signals) -> FlightSeries:
-    """Returns the time series of a log's longest flight that a comparison draws over those of another log.
+    """Returns the time series of a log's longest flight, which a comparison draws over those of another log.
 
     A quantity that was not recorded, or has no two samples in the flight, is left out.
 
@@ -100,15 +102,19 @@ def flight_series(signals: Signals) -> FlightSeries:
     if flight is None:
         return {}
     take_off, landing = flight.interval
-    flown = {}
+    series_in_flight = {}
     for title, series in _recorded_series(signals).items():
-        is_flown = (series.time >= take_off) & (series.time <= landing)
-        in_flight = series.select(is_flown & (series.boot == flight.boot))
-        # A line needs two points.
-        if len(in_flight.time) > 1:
-            samples = np.array([in_flight.time - take_off, in_flight.values])
-            flown[title] = _block_means(samples) if title in MOTOR_OUTPUTS else samples
-    return flown
+        is_of_boot = series.boot == flight.boot
+        is_airborne = (series.time >= take_off) & (series.time <= landing)
+        in_flight = series.select(is_of_boot & is_airborne)
+        if len(in_flight.time) < 2:
+            # A line needs two points.
+            continue
+        samples = np.array([in_flight.time - take_off, in_flight.values])
+        if title in MOTOR_OUTPUTS:
+            samples = _block_means(samples)
+        series_in_flight[title] = samples
+    return series_in_flight
 
 
 def _block_means(samples: Array) -> Array:
@@ -164,26 +170,28 @@ def _scaled(series: TimeSeries, factor: float) -> TimeSeries:
 def flight_series_charts(
     series: Mapping[str, FlightSeries], names: Mapping[str, str], colours: Mapping[str, str]
 ) -> Iterator[Chart]:
-    """Yields a chart of each quantity in the flights of both sides, over the time since take-off.
+    """Yields a chart of each quantity of two flights, drawn over each other from take-off on.
 
-    A quantity that no flight has is left out. The outputs of all motors have one scale, so that they can be compared.
+    A quantity that neither flight has is left out. The outputs of all motors have one scale, so that they can be
+    compared.
 
     Args:
-        series: what is drawn of each side's flight, by side: for each quantity times and values, (2, N).
+        series: time series of each flight (:func:`flight_series`), by side, "A" and "B".
         names: name of each side in the legend.
         colours: colour of each side.
     """
     # All charts have the same time axis, which ends with the longest series.
-    last_times = []
-    for flown in series.values():
-        last_times += [times[-1] for times, _ in flown.values()]
-    time_axis = TIME_AFTER_TAKE_OFF._replace(limits=(0.0, max(last_times, default=0.0)))
+    end_times = []
+    for series_of_flight in series.values():
+        for times, _ in series_of_flight.values():
+            end_times.append(times[-1])
+    time_axis = TIME_AFTER_TAKE_OFF._replace(limits=(0.0, max(end_times, default=0.0)))
     motor_limits = _motor_limits(series.values())
     for title in FLIGHT_SERIES_TITLES:
         lines = []
-        for side, flown in series.items():
-            if title in flown:
-                times, values = flown[title]
+        for side, series_of_flight in series.items():
+            if title in series_of_flight:
+                times, values = series_of_flight[title]
                 lines.append(Line(names[side], colours[side], times, values))
         if lines:
             limits = motor_limits if title in MOTOR_OUTPUTS else None
@@ -200,15 +208,19 @@ def _motor_limits(flights: Iterable[FlightSeries]) -> tuple[float, float] | None
 
 
 def thinned_series(series: FlightSeries, max_points: int) -> FlightSeries:
-    """Returns series with fewer samples, which keep their peaks (``Line.resampled``).
+    """Reduces the number of samples of time series, so that a stored flight stays small; peaks are kept.
 
     Args:
-        series: times and values (2, N) of each quantity.
-        max_points: number of samples of a series, about, at most.
+        series: times, s, and values (2, N) of each quantity, by its title.
+        max_points: number of samples that a series keeps, about, at most.
+
+    Returns:
+        The reduced series, (2, M) each.
     """
-    thinned_by_name = {}
+    thinned_by_title = {}
     for title, (times, values) in series.items():
+        # Charts can thin their lines, so that each series is made a chart for this.
         chart = Chart(title, TIME_AFTER_TAKE_OFF, Axis(title), (Line("", "", times, values),))
         (line,) = chart.thinned(max_points).lines
-        thinned_by_name[title] = np.array([line.x, line.y])
-    return thinned_by_name
+        thinned_by_title[title] = np.array([line.x, line.y])
+    return thinned_by_title

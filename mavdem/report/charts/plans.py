@@ -157,30 +157,28 @@ def frame_plan(
 
 
 def motor_levels(light: Fact, imbalance: Array) -> list[Level]:
-    """Returns the level in whose colour each motor is drawn, so that the drawing agrees with the light.
+    """Returns for each motor the level in whose colour it is drawn, so that the drawing agrees with the status light.
 
-    A light that does not warn colours all motors. A light that warns colours the motor that it names. If it names none,
-    it colours the motors whose trim deviates as much as after a fault or, if there are none, all motors. Motors that it
-    does not colour are drawn as good.
+    1. If the light does not warn, all motors have its level.
+    2. If it warns of one motor, that motor has its level, and the others are good.
+    3. If it warns without naming a motor, the motors whose trim deviates as much as after a fault have its level, and
+       the others are good; if no motor deviates so much, all have its level.
 
     Args:
-        light: the judgement of the motors: a fact with its level, and the motor that it names as its subject.
+        light: the judgement of the motors, a coded finding with a level and, as its subject, the motor.
         imbalance: (M,) trim deviation of each motor, percent.
-
-    Returns:
-        (M,) levels.
     """
-    count = len(imbalance)
+    motor_count = len(imbalance)
     if not light.warns:
-        return [light.level] * count
+        return [light.level] * motor_count
     named_motor = motor_number(light.subject)
     if named_motor is not None:
-        is_coloured = np.arange(1, count + 1) == named_motor
+        is_warned_of = np.arange(1, motor_count + 1) == named_motor
     else:
-        is_coloured = abs(imbalance) > 100 * FAULT_RISE
-    if not is_coloured.any():
-        return [light.level] * count
-    return [light.level if has_level else Level.GOOD for has_level in is_coloured]
+        is_warned_of = abs(imbalance) > 100 * FAULT_RISE
+    if not is_warned_of.any():
+        return [light.level] * motor_count
+    return [light.level if is_bad_motor else Level.GOOD for is_bad_motor in is_warned_of]
 
 
 def rose_of_wind(wind: WindVelocity) -> Plan:
@@ -203,24 +201,27 @@ def rose_of_flights(winds: Array) -> Plan:
 
 
 def dots_of_flights(winds: Array) -> Plan:
-    """Returns the winds of a few flights as dots: where each came from, and how strong it was.
+    """Draws the mean wind of each of a few flights as a dot: its direction from the centre, and its speed as distance.
 
     Args:
         winds: mean wind of each flight (N, 2): direction that it comes from, rad, and speed, m/s.
+
+    Returns:
+        The drawing, with two rings at round speeds.
     """
     directions, speeds = winds.T
-    # The rings are at an even number of m/s and at half of it.
+    # The outer ring is at an even number of m/s that no wind exceeds, and the inner one at half of it.
     outer_speed = 2 * max(int(np.ceil(speeds.max() / 2)), 1)
     rings = [(RADIUS / 2, f"{outer_speed // 2} m/s"), (RADIUS, f"{outer_speed} m/s")]
+    angles = np.degrees(directions)
     radii = RADIUS / outer_speed * speeds
     dots = []
-    for angle, radius in zip(np.degrees(directions).tolist(), radii.tolist(), strict=True):
+    for angle, radius in zip(angles.tolist(), radii.tolist(), strict=True):
         dots.append((round(angle, 1), round(radius, 1)))
-    flights = "The dot shows" if len(winds) == 1 else "Each dot shows"
-    description = f"{flights} where the wind of a flight came from, and how strong it was."
-    return Plan(
-        "Wind", description, figure_as_svg("rose", petals=(), rings=rings, arrow=None, dots=dots)
-    )
+    subject = "The dot shows" if len(winds) == 1 else "Each dot shows"
+    description = f"{subject} where the wind of a flight came from, and how strong it was."
+    svg = figure_as_svg("rose", petals=(), rings=rings, arrow=None, dots=dots)
+    return Plan("Wind", description, svg)
 
 
 class _Petal(NamedTuple):
@@ -246,25 +247,25 @@ def _wind_rose(
     weight: float,
     mean_direction: float | None = None,
 ) -> Plan:
-    """Returns a wind rose: a histogram of wind by direction, with petals for the classes of speed.
+    """Draws a wind rose: a histogram of the wind over ``SECTOR_COUNT`` directions, stacked by classes of speed.
 
-    The petals of a direction are stacked outwards, the slowest class in the middle. The length of a petal is the count
-    of its class, so that all together reach to the count of the direction.
+    Each direction has one petal for each class of speed, stacked outwards with the slowest class in the middle. The
+    length of a petal is the count of its class, so that all petals together reach to the count of the direction.
 
     Args:
         description: text that describes the drawing.
         direction: (N,) directions that the wind comes from, degrees.
         speed: (N,) wind speeds, m/s.
-        weight: weight of each of the N winds: 1 for numbers of flights, otherwise percent of the time.
+        weight: what each of the N winds counts: 1 if they are flights, otherwise a percentage of the time.
         mean_direction: direction, degrees, from which an arrow shows the mean wind; None without an arrow.
 
     Returns:
-        The drawing.
+        The drawing, with two rings that show the scale.
     """
     sector = np.rint(direction / SECTOR_WIDTH).astype(int) % SECTOR_COUNT
     bins = (SPEED_CLASS_LIMITS, np.arange(SECTOR_COUNT + 1))
     counts = weight * np.histogram2d(speed, sector, bins)[0]
-    # Cumulative counts by class of speed are the radii at which the petals begin and end.
+    # The petals of a class begin where those of the slower class end: at the counts, summed over the classes.
     edges = np.vstack([np.zeros(SECTOR_COUNT), counts.cumsum(axis=0)])
     # The lower limit only avoids a division by zero where nothing is drawn.
     scale = RADIUS / max(edges.max(), 1e-9)

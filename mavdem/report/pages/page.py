@@ -243,17 +243,19 @@ class Head(NamedTuple):
 
     @property
     def opening_span(self) -> TimeInterval | None:
-        """First and last time, s, that the plots of a lost flight show at first: around the loss, within the record.
+        """Time range, s, that the plots of a lost flight show at first: some seconds around the loss.
 
-        In the range of the whole flight, a tumble of a second hides the motion before it. None for other flights, for a
-        live session, and for a loss in another boot than that of the charts.
+        On the range of the whole flight, the tumble of a second would hide the motion before it. The range begins
+        ``SECONDS_BEFORE_LOSS`` before the loss, and ends ``SECONDS_AFTER_LOSS`` after it, within the record. It is None
+        for a flight that was not lost, for a live session, and for a loss in another boot than that of the charts.
         """
         if self.timeline is None or not self.has_log:
             return None
         start, end = self.timeline.span
         for page_event in self.events:
+            is_loss = page_event.event.fact.code in Ending
             is_in_charts = page_event.has_time and page_event.is_on_clock_of_charts
-            if page_event.event.fact.code in Ending and is_in_charts:
+            if is_loss and is_in_charts:
                 first_time = page_event.seconds - SECONDS_BEFORE_LOSS
                 last_time = page_event.seconds + SECONDS_AFTER_LOSS
                 return (max(start, first_time), min(end, last_time))
@@ -268,32 +270,36 @@ class Head(NamedTuple):
     def brief_events(self) -> Sequence[PageEvent]:
         """The short list of events, which a page shows until its reader unfolds the list of all.
 
-        For a live session that goes on, these are its newest events and its newest alarms. For a log they are all
-        events if there are at most ``MAX_BRIEF_EVENTS``, or else at most that many of the worst, in order of time. Then
-        events of the same kind are shown once, with their number as ``total``.
+        For a log it has at most ``MAX_BRIEF_EVENTS``: the worst ones in the order of time, where events of the same
+        kind are shown once, with their number as ``total``. For a live session that goes on, it has the newest events
+        and the newest alarms.
         """
         if self.is_newest_first:
-            newest_alarms = [event for event in self.events if event.event.is_alarm]
-            shown_events = (*self.events[:MAX_NEWEST_EVENTS], *newest_alarms[:MAX_BRIEF_EVENTS])
+            newest_events = self.events[:MAX_NEWEST_EVENTS]
+            alarms = [event for event in self.events if event.event.is_alarm]
+            shown_events = (*newest_events, *alarms[:MAX_BRIEF_EVENTS])
             return [event for event in self.events if event in shown_events]
         if len(self.events) <= MAX_BRIEF_EVENTS:
             return self.events
         facts = [page_event.event.fact for page_event in self.events]
         brief_events = []
+        # Index of the first event of each kind, and the number of events of that kind, the worst kind first.
         for index, count in sorted(worst_events(facts)[:MAX_BRIEF_EVENTS]):
             brief_events.append(self.events[index]._replace(total=count))
         return brief_events
 
     @property
     def newest_alarm(self) -> PageEvent | None:
-        """The newest alarm of a vehicle in flight that lasts.
+        """The newest alarm of a live flight that is still active, which the page shows above its events.
 
         None if there is no such alarm, if the headline states it already, on the ground, and on the page of a log.
         """
         if not self.is_in_flight:
             return None
+        # The events of a live flight are the newest first.
         for page_event in self.events:
-            if page_event.event.is_alarm and not page_event.is_over:
+            is_active_alarm = page_event.event.is_alarm and not page_event.is_over
+            if is_active_alarm:
                 return None if page_event.is_headline else page_event
         return None
 
@@ -360,15 +366,18 @@ def render_document(
 
 
 def page_update(page: str) -> str:
-    """Returns the title and the main part of a page, without its style and scripts, which an open page has already.
+    """Returns what an open page needs to show a newer version of itself: the title and the main part of the new page.
 
-    The script ``live.js`` puts what is new in it into the open page.
+    The open page has the style and the scripts already. Its script ``live.js`` takes over what is new.
 
     Args:
-        page: HTML of a page, as ``render_document`` returns it.
+        page: HTML of the new page, as ``render_document`` returns it.
+
+    Returns:
+        A short HTML document with both parts.
     """
     title = page[page.index("<title>") : page.index("</title>")]
-    # All text of the page is escaped, so that these tags stand once in it.
+    # All text of the page is escaped, so that each of these tags is there only once.
     main = page[page.index("<main") : page.index("</main>")]
     return f"<!doctype html>\n{title}</title>\n{main}</main>\n"
 
@@ -381,9 +390,9 @@ def notebook_html(blocks: Sequence[Block]) -> str:
 
 
 def flight_html(flight: Flight) -> str:
-    """Renders a flight for a notebook: its title, and a table of its inputs and outputs.
+    """Renders a flight for a notebook: its title, and a table with a row for each input and output.
 
-    Each channel has a row with mean, standard deviation, minimum and maximum, angles in degrees.
+    The columns are mean, standard deviation, minimum and maximum; angles are in degrees.
 
     Args:
         flight: uniformly sampled inputs and outputs of one segment of flight.
@@ -391,15 +400,12 @@ def flight_html(flight: Flight) -> str:
     Returns:
         HTML without scripts.
     """
-    rows = [
-        _channel_row(name, unit, values)
-        for name, unit, values in zip(
-            (*flight.input_names, *flight.output_names),
-            (*flight.input_units, *flight.output_units),
-            (*flight.inputs.T, *flight.outputs.T),
-            strict=True,
-        )
-    ]
+    names = (*flight.input_names, *flight.output_names)
+    units = (*flight.input_units, *flight.output_units)
+    columns = (*flight.inputs.T, *flight.outputs.T)
+    rows = []
+    for name, unit, values in zip(names, units, columns, strict=True):
+        rows.append(_channel_row(name, unit, values))
     table = Table(["channel", "mean", "sd", "lowest", "highest"], rows)
     return notebook_html([flight_title([flight]), table])
 
