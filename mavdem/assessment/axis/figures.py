@@ -59,17 +59,22 @@ class MotorChanges(NamedTuple):
     """Whether a motor had lost thrust (T,): what it lacked is not the wind's torque."""
 
     def checked_parameters(self, plant: Physical) -> Physical:
-        """Returns physical parameters of the whole flight, marked as biased if a motor changed within it.
+        """Marks the physical parameters of a flight as biased if a motor lost or regained thrust within it.
 
         A motor has one effect before it lost thrust and another one after, and the fit has one for the whole flight.
-        Damping and lag get no better status than the effect.
+        Damping and lag get no better status than the effect, because a fit compensates a wrong effect by a wrong lag.
 
         Args:
             plant: parameters that were estimated from all T samples.
+
+        Returns:
+            The parameters; unchanged if no motor changed, or if the effect is not reported anyway.
         """
-        if not self.samples or plant.status["effect"] is not Status.REPORTED:
+        has_motor_changed = bool(self.samples)
+        if not has_motor_changed or plant.status["effect"] is not Status.REPORTED:
             return plant
-        statuses, reasons = dict(plant.status), dict(plant.reasons)
+        statuses = dict(plant.status)
+        reasons = dict(plant.reasons)
         statuses["effect"] = Status.BIASED
         reasons["effect"] = Fact(ParameterDoubt.MOTOR_CHANGED, Level.WATCH)
         for name in ("damping", "lag"):
@@ -132,23 +137,26 @@ def motor_changes(alarms: Sequence[MotorChange], flights: Flights) -> MotorChang
     Returns:
         Ascending indices of the samples at which a motor changed, and flags (T,) whether some motor was weak.
     """
-    samples = []
-    flags = []
-    first_sample = 0
+    change_samples = set[int]()
+    weak_flags_of_flights = []
+    # Index of the first sample of the flight among the samples of all flights.
+    flight_start = 0
     for flight in flights:
         flight_alarms = [alarm for alarm in alarms if alarm.boot == boot_number(flight)]
         for alarm in flight_alarms:
+            # An alarm without a motor reports a change of the balance that may have other causes than the motors.
+            if alarm.motor is None:
+                continue
             sample = round((alarm.onset_time - flight.time[0]) / flight.dt)
-            # A change at the first sample does not divide the flight. An alarm without a motor reports a change of the
-            # balance that may have other causes than the motors.
-            if alarm.motor is not None and 0 < sample < len(flight):
-                samples.append(first_sample + sample)
-        has_weak_motor = np.zeros(len(flight), bool)
+            # A change at the first sample does not divide the flight.
+            if 0 < sample < len(flight):
+                change_samples.add(flight_start + sample)
+        is_some_motor_weak = np.zeros(len(flight), bool)
         for interval in _weak_motor_intervals(flight_alarms):
-            has_weak_motor |= in_intervals(flight.time, [interval])
-        flags.append(has_weak_motor)
-        first_sample += len(flight)
-    return MotorChanges(sorted(set(samples)), np.concatenate(flags))
+            is_some_motor_weak |= in_intervals(flight.time, [interval])
+        weak_flags_of_flights.append(is_some_motor_weak)
+        flight_start += len(flight)
+    return MotorChanges(sorted(change_samples), np.concatenate(weak_flags_of_flights))
 
 
 def _weak_motor_intervals(alarms: Sequence[MotorChange]) -> list[TimeInterval]:
@@ -389,15 +397,19 @@ def _ranked_errors(errors: Mapping[StrEnum, Array], variance: Array) -> dict[Str
     Returns:
         The keys ``relative``, ``per_output`` and ``total`` for each method, the most accurate method first.
     """
-    normalised_errors = {method: (error / variance).sum() for method, error in errors.items()}
-    baseline_error = normalised_errors[CONSTANT_MEAN]
-    ratios = {}
-    for method, error in normalised_errors.items():
-        ratios[method] = float(error_over(error, baseline_error))
+    baseline_error = (errors[CONSTANT_MEAN] / variance).sum()
+    error_ratios = {}
+    for method, output_errors in errors.items():
+        normalised_error = (output_errors / variance).sum()
+        error_ratios[method] = float(error_over(normalised_error, baseline_error))
     ranking = {}
-    for method in sorted(ratios, key=lambda method: ratios[method]):
-        error = errors[method]
-        ranking[method] = {"per_output": error, "total": error.sum(), "relative": ratios[method]}
+    for method in sorted(error_ratios, key=lambda method: error_ratios[method]):
+        output_errors = errors[method]
+        ranking[method] = {
+            "per_output": output_errors,
+            "total": output_errors.sum(),
+            "relative": error_ratios[method],
+        }
     return ranking
 
 

@@ -185,19 +185,20 @@ def _purpose_findings(learned: Learned, held_out: HeldOut | None) -> list[Findin
         Findings in the order of these purposes.
     """
     physical = learned.physical
-    findings = []
     if physical is None:
         reason = _first_reason(learned.physical_reason)
-        for purpose in (
-            Purpose.CONTROL_EFFECTIVENESS,
-            Purpose.DAMPING_AND_TIME_CONSTANT,
-            Purpose.WIND_TORQUE,
-        ):
-            findings.append(Finding(purpose, Grade.NOT_IDENTIFIABLE, reason))
+        not_identifiable = Grade.NOT_IDENTIFIABLE
+        findings = [
+            Finding(Purpose.CONTROL_EFFECTIVENESS, not_identifiable, reason),
+            Finding(Purpose.DAMPING_AND_TIME_CONSTANT, not_identifiable, reason),
+            Finding(Purpose.WIND_TORQUE, not_identifiable, reason),
+        ]
     else:
-        findings.append(_effectiveness_finding(physical))
-        findings.append(_damping_finding(physical))
-        findings.append(_wind_finding(learned.wind_torque, physical))
+        findings = [
+            _effectiveness_finding(physical),
+            _damping_finding(physical),
+            _wind_finding(learned.wind_torque, physical),
+        ]
     if held_out is not None:
         findings.append(_prediction_finding(held_out))
     findings.append(_residual_finding(learned))
@@ -253,8 +254,9 @@ def _effectiveness_finding(physical: Physical) -> Finding:
     mean, half_width = physical.mean_effect()
     relative_half_width = half_width / mean
     status = physical.status["effect"]
-    reason = Fact(GradeReason.EFFECT_KNOWN, share=relative_half_width)
-    if status != Status.REPORTED:
+    if status == Status.REPORTED:
+        reason = Fact(GradeReason.EFFECT_KNOWN, share=relative_half_width)
+    else:
         reason = _first_reason(physical.reasons["effect"])
     grade = _grade("effect", relative_half_width, status)
     return Finding(Purpose.CONTROL_EFFECTIVENESS, grade, reason)

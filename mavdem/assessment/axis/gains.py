@@ -136,13 +136,18 @@ def _sections_by_gains(signals: Signals, flights: Flights) -> dict[GainValues, l
     sections_by_gains = defaultdict[GainValues, list[Flight]](list)
     for flight in flights:
         boot = boot_number(flight)
-        autotune = mode_intervals(signals, boot, AUTOTUNE_MODES)
-        for first, end in pairwise(_rows_of_changes(flight, history, autotune)):
+        autotune_intervals = mode_intervals(signals, boot, AUTOTUNE_MODES)
+        cuts = _rows_of_changes(flight, history, autotune_intervals)
+        for first, end in pairwise(cuts):
             start_time = flight.time[first]
-            is_autotuned = any(start <= start_time < stop for start, stop in autotune)
-            if end - first >= MIN_SAMPLES and not is_autotuned:
-                gains = _gains_at(history, BootTime(boot, start_time))
-                sections_by_gains[gains].append(flight[first:end])
+            is_in_autotune = False
+            for autotune_start, autotune_end in autotune_intervals:
+                if autotune_start <= start_time < autotune_end:
+                    is_in_autotune = True
+            if is_in_autotune or end - first < MIN_SAMPLES:
+                continue
+            gains = _gains_at(history, BootTime(boot, start_time))
+            sections_by_gains[gains].append(flight[first:end])
     return sections_by_gains
 
 
@@ -218,25 +223,24 @@ def gain_history(signals: Signals) -> list[GainSet]:
     columns = telemetry.messages.get("PARAM_VALUE")
     if columns is None:
         return [GainSet(-1, -inf, ())]
+    names_and_values = decoded_parameters(columns, telemetry.autopilot)
     reports = []
-    for boot, time, (name, value) in zip(
-        columns["boot"].tolist(),
-        columns["time"].tolist(),
-        decoded_parameters(columns, telemetry.autopilot),
-        strict=True,
-    ):
+    for row, (name, value) in enumerate(names_and_values):
         if _is_gain_of_axis(name, signals.axis) and isfinite(value):
+            boot = columns["boot"][row].item()
+            time = columns["time"][row].item()
             reports.append(_GainReport(boot, time, name, value))
     # The gains before the log are the first value of each. Going backwards, the first value overwrites later ones.
-    current_gains = {}
+    gains = {}
     for report in reversed(reports):
-        current_gains[report.name] = report.value
-    history = [GainSet(-1, -inf, tuple(current_gains.items()))]
+        gains[report.name] = report.value
+    history = [GainSet(-1, -inf, tuple(gains.items()))]
     for report in reports:
+        is_change = gains[report.name] != report.value
         # Most reports repeat a value.
-        if current_gains[report.name] != report.value:
-            current_gains[report.name] = report.value
-            history.append(GainSet(report.boot, report.time, tuple(current_gains.items())))
+        if is_change:
+            gains[report.name] = report.value
+            history.append(GainSet(report.boot, report.time, tuple(gains.items())))
     return history
 
 
@@ -282,24 +286,27 @@ def changed_gains_at_end(signals: Signals, controller: Controller) -> Fact | Non
 
 
 def loop_at_end_of_log(loop: Loop) -> Loop:
-    """Sets the gains of a loop to those at the end of its log, which the vehicle still has.
+    """Returns a loop with the gains at the end of its log, which the vehicle still has.
 
-    Advice on gains starts from these.
+    A pilot may have changed gains after the flight that the loop was identified from. Advice on gains starts from those
+    that the vehicle has now.
 
     Args:
-        loop: an identified loop. If gains were changed after the flight that it was identified from, the fact of
-            :func:`changed_gains_at_end` is among its cautions.
+        loop: an identified loop. If gains were changed later, the fact of :func:`changed_gains_at_end` is among its
+            cautions.
 
     Returns:
         The loop of the same plant with these gains; the loop itself if no gain was changed, or the gains make no
         complete controller.
     """
     for caution in loop.cautions:
-        if caution.code is LoopFact.GAINS_SINCE:
-            # A change is the name of a gain, its value in the loop, and its value at the end of the log.
-            gains = {name: last_value for name, _, last_value in caution.figures["changes"]}
-            with suppress(NotLearnable):
-                return loop.with_parameters(gains)
+        if caution.code is not LoopFact.GAINS_SINCE:
+            continue
+        gains_at_end = {}
+        for name, _value_in_loop, value_at_end in caution.figures["changes"]:
+            gains_at_end[name] = value_at_end
+        with suppress(NotLearnable):
+            return loop.with_parameters(gains_at_end)
     return loop
 
 

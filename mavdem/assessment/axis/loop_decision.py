@@ -290,39 +290,52 @@ def _decision_by_identified_loop(
         action = _action_to_remedy(doubts[0])
     else:
         advice = _advice_that_may_be_unsound(loop, raises_sound_gains=False)
-        action = _flight_before_gains(advice) or Fact(
-            LoopAction.LOAD_ADVISED_GAINS, arguments=observations.tune_arguments
-        )
+        flight_before_gains = _flight_before_gains(advice)
+        if flight_before_gains is not None:
+            action = flight_before_gains
+        else:
+            action = Fact(LoopAction.LOAD_ADVISED_GAINS, arguments=observations.tune_arguments)
     reason = loop_fact.replace(action=action)
     return LoopDecision(axis, LoopDiagnosis.BELOW_GOAL, reason, action, doubts, advice=advice)
 
 
 def _advice_that_may_be_unsound(loop: Loop, *, raises_sound_gains: bool) -> Advice | None:
-    """Returns the gains that `mavdem tune` advises, unless the flight is clearly a basis for whatever these are.
+    """Computes the gains that `mavdem tune` advises, if the flight may not be a basis for them.
+
+    A flight is a basis for new gains if nearly all models that fit it have too little margin with the logged gains:
+    then new gains are needed whatever the true model is. The design of gains takes time, so it is skipped here in that
+    case, and left to `mavdem tune`.
 
     Args:
         loop: rate and attitude loop of the axis, without reasons against new gains.
         raises_sound_gains: whether the gains are raised although the loop has its margins.
 
     Returns:
-        The advice; None if the loop surely lacks margin with the logged gains, so that it need not be computed here.
+        The advice; None if the loop surely lacks margin with the logged gains.
     """
-    loop_at_end = loop_at_end_of_log(loop)
-    if 1 - loop_at_end.share_meeting(MARGIN_TARGETS["default"]) >= SURE_SHARE:
+    loop_with_last_gains = loop_at_end_of_log(loop)
+    # Fractions of the models that fit the flight.
+    fraction_with_margins = loop_with_last_gains.share_meeting(MARGIN_TARGETS["default"])
+    surely_lacks_margin = 1 - fraction_with_margins >= SURE_SHARE
+    if surely_lacks_margin:
         return None
-    return advise(loop_at_end, raises_sound_gains=raises_sound_gains)
+    return advise(loop_with_last_gains, raises_sound_gains=raises_sound_gains)
 
 
 def _flight_before_gains(advice: Advice | None) -> Fact | None:
-    """Returns the advice to fly before gains are loaded, if the flight is not a basis for those of `mavdem tune`.
+    """Returns the advice to fly again before new gains are loaded, if the flight shows too little for them.
 
     Args:
-        advice: the advised gains; None if the flight is a basis for them.
+        advice: the gains that `mavdem tune` advises; None if the flight surely shows enough
+            (:func:`_advice_that_may_be_unsound`).
 
     Returns:
-        The advice to fly; None if the gains may be loaded, or none would change.
+        The advice to fly; None if the gains may be loaded now, or none would change.
     """
-    if advice is None or advice.is_sound or not advice.parameters:
+    if advice is None:
+        return None
+    changes_gains = bool(advice.parameters)
+    if advice.is_sound or not changes_gains:
         return None
     return advice.flight_before_gains
 
@@ -332,10 +345,11 @@ def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None
 
     An identified loop with enough margin would follow well, so that it cannot be right, and no gains are computed from
     it. The exception is an axis whose body rate only falls short of its setpoint: such a loop may be right but slow.
+
     The action depends on what is wrong: an overshoot, amplified setpoints, or a large error for another reason. In an
-    automatic mode whose setpoints swing by tens of degrees, no attitude is near its setpoint, so that the error is a
-    consequence of the swing, and its remedy the action. An error that is bad by itself has other reasons, unless the
-    swing was far from its setpoint too.
+    automatic mode the setpoints of a vehicle may swing by tens of degrees. Then no attitude is near its setpoint: the
+    error is a consequence of the swing, whose remedy is the action. An error that is bad by itself has other reasons,
+    unless the attitude was far from its setpoint in the swing too.
 
     Args:
         observations: margins, tracking and doubts that the flight shows of the axis.
@@ -343,17 +357,22 @@ def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None
     Returns:
         The decision; None if the axis follows well, or that is not known.
     """
+    axis = observations.margins.axis
     tracking = observations.tracking
     if not tracking.warns:
         return None
-    axis, swing = observations.margins.axis, observations.attitude_swing
     if tracking.code is TrackingLight.RATE_FALLS_SHORT:
         return _decision_on_slow_rate(observations)
+    swing = observations.attitude_swing
+    # Only a swing that was far from its setpoint has the figure "angle_error".
+    is_error_by_swing = swing is not None and (
+        not tracking.is_bad or "angle_error" in swing.figures
+    )
     if tracking.code is TrackingLight.OVERSHOOTS_SETPOINT:
         action = _advice_to_lower_gains(observations, "attitude")
     elif tracking.code is TrackingLight.AMPLIFIES_SETPOINT:
         action = Fact(LoopAction.FLY_DOUBLETS, axis=axis, is_biased=False)
-    elif swing is not None and (not tracking.is_bad or "angle_error" in swing.figures):
+    elif swing is not None and is_error_by_swing:
         action = _action_to_remedy(swing)
     else:
         action = Fact(

@@ -152,12 +152,12 @@ def axes_with_doubtful_loop(
     Returns:
         Names of these axes.
     """
-    loops_by_axis = identified_loops(loops)
-    return frozenset(
-        axis_margins.axis
-        for axis_margins in margins
-        if axis_margins.axis in loops_by_axis and axis_margins.is_loop_doubtful
-    )
+    axes_with_loop = identified_loops(loops).keys()
+    doubtful_axes = set[str]()
+    for axis_margins in margins:
+        if axis_margins.axis in axes_with_loop and axis_margins.is_loop_doubtful:
+            doubtful_axes.add(axis_margins.axis)
+    return frozenset(doubtful_axes)
 
 
 def _contradicting_response(
@@ -280,15 +280,17 @@ def _loop_fact(loop: Loop, contradiction: Fact | None) -> Fact:
         contradiction as ``reason``.
     """
     rating = margin_rating(loop)
-    is_limited = at_limit_share(loop.record, loop.controller) > MAX_AT_LIMIT_SHARE
-    if rating.is_good and is_limited:
+    fraction_at_limit = at_limit_share(loop.record, loop.controller)
+    if rating.is_good and fraction_at_limit > MAX_AT_LIMIT_SHARE:
         rating = rating.replace(Level.WATCH)
-    level = Level.WATCH
-    if contradiction is None:
-        if rating.is_good:
-            level = Level.GOOD
-        elif loop.share_meeting(LEAST_MARGINS) <= 1 - CONFIDENCE_LEVEL:
-            level = Level.BAD
+    if contradiction is not None:
+        level = Level.WATCH
+    elif rating.is_good:
+        level = Level.GOOD
+    elif loop.share_meeting(LEAST_MARGINS) <= 1 - CONFIDENCE_LEVEL:
+        level = Level.BAD
+    else:
+        level = Level.WATCH
     return Fact(
         MarginsLight.LOOP_MARGINS,
         level,

@@ -133,19 +133,20 @@ def _loss_override(loss: Fact) -> Fact:
 
 
 def limited_motors(hover: HoverFigures) -> LimitedMotors | None:
-    """Returns the motors that are at their upper limit for the largest fraction of a hover.
+    """Returns the motors that are at their upper limit for the largest fraction of the time in the hover.
 
     Args:
         hover: figures of the motors in the hover.
 
     Returns:
-        The motors; None if that fraction is at most ``MIN_AT_LIMIT_SHARE``.
+        The motors, that fraction, and other motors with as high a command; None if the fraction is at most
+        ``MIN_AT_LIMIT_SHARE``, so that no motor counts as limited.
     """
-    largest_share = max(hover.at_upper_limit)
-    if largest_share <= MIN_AT_LIMIT_SHARE:
+    largest_fraction = max(hover.at_upper_limit)
+    if largest_fraction <= MIN_AT_LIMIT_SHARE:
         return None
-    motors = most_limited_motors(hover.motors, hover.at_upper_limit)
-    return LimitedMotors(motors, largest_share, equally_loaded_motors(hover, motors))
+    names = most_limited_motors(hover.motors, hover.at_upper_limit)
+    return LimitedMotors(names, largest_fraction, equally_loaded_motors(hover, names))
 
 
 def equally_loaded_motors(hover: HoverFigures, motors_at_limit: Names) -> Names:

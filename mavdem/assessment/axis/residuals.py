@@ -100,20 +100,17 @@ def residuals(learned: Learned, output: int = -1) -> Residuals:
     bound = float(coverage_factor(BOUND_LEVEL) / np.sqrt(len(is_predicted)))
     variance_factor = 1 + 2 * float(autocorrelation[1:] @ autocorrelation_of_command[1:])
     command_bound = bound * float(np.sqrt(max(variance_factor, 1.0)))
-    return Residuals(
-        errors,
-        np.arange(max_lag + 1.0) * learned.dt,
-        autocorrelation,
-        command_correlation,
-        (bound, command_bound),
-    )
+    lag_times = np.arange(max_lag + 1.0) * learned.dt
+    bounds = (bound, command_bound)
+    return Residuals(errors, lag_times, autocorrelation, command_correlation, bounds)
 
 
 def lagged_correlation(earlier_series: Array, later_series: Array, max_lag: int) -> Array:
     """Computes the cross-correlation of two series at lags from 0 on, by Fourier transforms (Wiener-Khinchin).
 
     Args:
-        earlier, later: (T,) series with mean 0.
+        earlier_series: (T,) series with mean 0.
+        later_series: (T,) series with mean 0, of which later samples are correlated with the other's.
         max_lag: largest lag L, in samples.
 
     Returns:
@@ -122,12 +119,16 @@ def lagged_correlation(earlier_series: Array, later_series: Array, max_lag: int)
     """
     # Padding with as many zeros keeps the end of a series from being correlated with its beginning.
     padded_size = 2 * len(earlier_series)
-    cross_spectrum = np.conj(np.fft.rfft(earlier_series, padded_size)) * np.fft.rfft(
-        later_series, padded_size
-    )
+    earlier_transform = np.fft.rfft(earlier_series, padded_size)
+    later_transform = np.fft.rfft(later_series, padded_size)
+    cross_spectrum = np.conj(earlier_transform) * later_transform
     cross_products = np.fft.irfft(cross_spectrum, padded_size)[: max_lag + 1]
-    norm = np.sqrt(float(earlier_series @ earlier_series) * float(later_series @ later_series))
-    return cross_products / norm if norm else np.zeros(max_lag + 1)
+    earlier_power = float(earlier_series @ earlier_series)
+    later_power = float(later_series @ later_series)
+    norm = np.sqrt(earlier_power * later_power)
+    if not norm:
+        return np.zeros(max_lag + 1)
+    return cross_products / norm
 
 
 def input_directions(learned: Learned) -> Array:

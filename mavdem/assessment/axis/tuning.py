@@ -205,11 +205,11 @@ def _judgement_with_tuning_step(
     Returns:
         The judgement, with its headline and lights unchanged.
     """
-    other_axes_to_tune = tuple(
-        axis
-        for axis, decision in judgement.loop_decisions.items()
-        if axis not in axes and decision.action and decision.action.code in ADVICE_TO_TUNE
-    )
+    other_axes_to_tune = []
+    for axis, decision in judgement.loop_decisions.items():
+        is_to_be_tuned = decision.action is not None and decision.action.code in ADVICE_TO_TUNE
+        if axis not in axes and is_to_be_tuned:
+            other_axes_to_tune.append(axis)
     if has_new_gains and _allows_new_gains(judgement.headline):
         next_step = _next_step_with_new_gains(
             judgement, advice_on_loops, other_axes_to_tune, arguments, is_written=is_written
@@ -288,22 +288,24 @@ def _reasons_without_loop(assessment: Assessment, axes: Sequence[str]) -> dict[s
 
     Args:
         assessment: all results on the vehicle, with the loops that were identified in its flight.
-        axes: the axes that are asked for.
+        axes: the axes whose gains were requested.
     """
     evidence = assessment.evidence
     assert evidence is not None
-    measurements = {
-        margins.axis: margins.facts[0] for margins in assessment.margins if margins.injected
-    }
+    measurement_of_axis = {}
+    for axis_margins in assessment.margins:
+        if axis_margins.injected:
+            measurement_of_axis[axis_margins.axis] = axis_margins.facts[0]
     reasons = {}
     for axis in axes:
-        # In the place of a loop that was not identified there is a fact that says why.
-        reason = evidence.loops[axis]
-        if isinstance(reason, Loop):
+        # An axis whose loop was not identified has the fact that says why instead.
+        loop_or_reason = evidence.loops[axis]
+        if isinstance(loop_or_reason, Loop):
             continue
-        if axis in measurements:
-            reason = Fact(LoopFact.NO_LOOP, reasons=(measurements[axis], reason))
-        reasons[axis] = reason
+        reasons[axis] = loop_or_reason
+        if axis in measurement_of_axis:
+            both_reasons = (measurement_of_axis[axis], loop_or_reason)
+            reasons[axis] = Fact(LoopFact.NO_LOOP, reasons=both_reasons)
     return reasons
 
 
@@ -544,8 +546,10 @@ def _joined_by_reason(refusals: Mapping[str, Fact]) -> list[Fact]:
     """
     axes_by_text = group_by(refusals, lambda axis: refusals[axis].sentence_and_remedy)
     reasons = []
-    for axes in axes_by_text.values():
-        reason = refusals[axes[0]]
-        has_all_axes = len(axes) == len(refusals)
-        reasons.append(reason if has_all_axes else reason.replace(names=axes))
+    for axes_with_reason in axes_by_text.values():
+        reason = refusals[axes_with_reason[0]]
+        is_reason_of_all = len(axes_with_reason) == len(refusals)
+        if not is_reason_of_all:
+            reason = reason.replace(names=axes_with_reason)
+        reasons.append(reason)
     return reasons

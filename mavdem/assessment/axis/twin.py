@@ -185,18 +185,21 @@ def samples_of_most_movement(segments: Mapping[str, ReplaySegment], dt: float) -
     """
     # Column 0 of the setpoints is the angle; the setpoint of yaw's angle is 0.
     angle_setpoints = np.array([segment.setpoints[:, 0] for segment in segments.values()])
-    length = round((SETTLING_SECONDS + REPLAY_SECONDS) / dt)
+    sample_count = angle_setpoints.shape[1]
     settling_length = round(SETTLING_SECONDS / dt)
-    last_start = max(angle_setpoints.shape[1] - length, 0)
+    window_length = round((SETTLING_SECONDS + REPLAY_SECONDS) / dt)
+    last_start = max(sample_count - window_length, 0)
+    samples_per_second = round(1 / dt)
     best_start = 0
     largest_variance = -inf
-    for start in range(0, last_start + 1, round(1 / dt)):
-        window = angle_setpoints[:, start + settling_length : start + length]
-        variance = float(window.var(axis=1).sum())
+    for start in range(0, last_start + 1, samples_per_second):
+        end = start + window_length
+        setpoints_after_settling = angle_setpoints[:, start + settling_length : end]
+        variance = float(setpoints_after_settling.var(axis=1).sum())
         if variance > largest_variance:
             best_start = start
             largest_variance = variance
-    return slice(best_start, best_start + length)
+    return slice(best_start, best_start + window_length)
 
 
 def _compared_motions(
@@ -216,31 +219,33 @@ def _compared_motions(
         NotLearnable: a twin cannot fly.
     """
     dt = loops["roll"].record.dt
+    present_twin, advised_twin = twins
+    # True angles are compared, since in calm air the noise of estimated ones would hide the effect of the gains.
+    present_flight = fly_twin(present_twin, loops, segments, is_estimated=False)
+    advised_flight = fly_twin(advised_twin, loops, segments, is_estimated=False)
     # The beginning, in which the twin settles, is flown but left out.
     settled_samples = slice(round(SETTLING_SECONDS / dt), None)
-    # True angles are compared, since in calm air the noise of estimated ones would hide the effect of the gains.
-    present_flight, advised_flight = (
-        fly_twin(twin, loops, segments, is_estimated=False) for twin in twins
-    )
     motions = {}
     for axis in TILT_AXES:
-        if axis in segments:
-            # Column 0 of setpoints and motions is the angle, column 1 the rate.
-            setpoint = segments[axis].setpoints[settled_samples, 0]
-            column = AXES.index(axis)
-            motions[axis] = TwinMotion(
-                time=np.arange(len(setpoint), dtype=np.float64) * dt,
-                setpoint=setpoint,
-                present=present_flight[settled_samples, column, 0],
-                advised=advised_flight[settled_samples, column, 0],
-            )
+        if axis not in segments:
+            continue
+        # Column 0 of setpoints and motions is the angle, column 1 the rate.
+        setpoint = segments[axis].setpoints[settled_samples, 0]
+        axis_index = AXES.index(axis)
+        motions[axis] = TwinMotion(
+            time=np.arange(len(setpoint), dtype=np.float64) * dt,
+            setpoint=setpoint,
+            present=present_flight[settled_samples, axis_index, 0],
+            advised=advised_flight[settled_samples, axis_index, 0],
+        )
     return motions
 
 
 def predicted_errors(evidence: Evidence, gains: Parameters) -> Facts:
     """Predicts how closely roll and pitch would follow their setpoints with other gains, by simulated flights.
 
-    The twin flies the setpoints of the recorded flight with either set of gains, in the same wind and noise.
+    The twin, a simulation of the vehicle, flies the setpoints of the recorded flight with either set of gains, in the
+    same wind and noise.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -254,12 +259,13 @@ def predicted_errors(evidence: Evidence, gains: Parameters) -> Facts:
     trial = try_gains(evidence, gains, in_wind=False)
     if isinstance(trial, Fact):
         return (trial,)
-    return tuple(
-        Fact(
+    error_facts = []
+    for axis, motion in trial.tracking.items():
+        error_fact = Fact(
             GainFact.TWIN_ANGLE_ERROR,
             subject=axis,
             present_error=motion.present_error,
             expected_error=motion.expected_error,
         )
-        for axis, motion in trial.tracking.items()
-    )
+        error_facts.append(error_fact)
+    return tuple(error_facts)
