@@ -14,8 +14,7 @@ from rich.text import Text
 from mavdem.assessment.judgement import Judgement
 from mavdem.cli.streams import MAX_COLUMNS, STDERR, escape_unprintable, print_to_stderr
 from mavdem.facts import Fact, Facts, Level
-from mavdem.facts.event import Event
-from mavdem.facts.online import OnlineFact
+from mavdem.facts.event import LEARNING_STATES, Event
 from mavdem.facts.session import LinkFact, RowsFact, SessionFact
 from mavdem.facts.watch import WatchFact
 from mavdem.live.session import LiveSession
@@ -74,20 +73,6 @@ UNREPORTED_REASONS = frozenset(
     }
 )
 """Reasons for not watching that pass by themselves, or have a line of their own: no line repeats them."""
-
-
-LEARNING_STATES = frozenset(
-    {
-        SessionFact.NOT_SETTLED,
-        SessionFact.BEING_LEARNED,
-        OnlineFact.TOO_FEW_SAMPLES_YET,
-        OnlineFact.FIRST_LEARNING,
-    }
-)
-"""States of the learning that come and go with the flight.
-
-The status shows them. No event of them is printed: a pilot would have to look for an alarm among such lines.
-"""
 
 SETTLING_SECONDS = 4.0
 """Time for which the list of watched quantities must stay the same before its changes are printed on a terminal, s.
@@ -227,13 +212,20 @@ class StatusLines:
     def print_event(self, event: Event) -> None:
         """Prints an event of a live session; on a terminal that is updated, the bell rings with each alarm.
 
+        On such a terminal the status shows the state of the session itself, and what to do next. So the lines above it
+        are without events of the former, and have the remedy of alarms only: a small terminal has room for few lines.
+
         Args:
             event: What was found, and when.
         """
-        if event.is_alarm and self.terminal_text is not None:
+        if self.terminal_text is None:
+            print_event(event)
+        elif event.is_alarm:
             with suppress(OSError):
                 STDERR.bell()
-        print_event(event)
+            print_event(event)
+        elif not event.is_about_session:
+            print_fact(event.fact, moment_text(event), has_remedy=event.fact.warns)
 
     def update_in_place(self, status: SessionStatus) -> None:
         """Updates the status on a terminal; does nothing elsewhere.
@@ -277,6 +269,10 @@ class StatusLines:
         for fact in watch_facts:
             reason = fact.figures.get("reason")
             if isinstance(reason, Fact) and reason.code in UNREPORTED_REASONS:
+                continue
+            if reason is None and self.terminal_text is not None:
+                # A status that is updated in place names all that is not watched: the rest needs no line.
+                self._printed_watch_facts.pop((fact.figures.get("vehicle"), fact.subject), None)
                 continue
             quantity = (fact.figures.get("vehicle"), fact.subject)
             # Measured numbers in a fact change all the time, which is no news.
@@ -427,14 +423,16 @@ def _judgement_text(judgement: Judgement, *, has_table: bool) -> str:
     return escape_unprintable(" ".join(sentences))
 
 
-def print_fact(fact: Fact, moment: str = "") -> None:
+def print_fact(fact: Fact, moment: str = "", *, has_remedy: bool = True) -> None:
     """Prints a fact on standard error, in the colour of its level if it warns; where that is no terminal, in one line.
 
     Args:
         fact: A coded finding, of which the sentence and the remedy are printed.
         moment: When it was reported; empty for now.
+        has_remedy: Whether the remedy is printed too.
     """
-    text = Text(line_with_time(escape_unprintable(fact.sentence_and_remedy), moment), _style(fact))
+    sentences = fact.sentence_and_remedy if has_remedy else fact.sentence
+    text = Text(line_with_time(escape_unprintable(sentences), moment), _style(fact))
     with suppress(OSError):
         STDERR.print(text, soft_wrap=not STDERR.is_terminal)
 
@@ -442,7 +440,8 @@ def print_fact(fact: Fact, moment: str = "") -> None:
 def print_event(event: Event) -> None:
     """Prints an event of a live session, with the time of day and the time on the vehicle's clock before it.
 
-    An event of ``LEARNING_STATES`` is not printed.
+    An event of ``LEARNING_STATES`` is not printed: the status shows these, and a pilot would have to look for an alarm
+    among such lines.
     """
     if event.fact.code not in LEARNING_STATES:
         print_fact(event.fact, moment_text(event))

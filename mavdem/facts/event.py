@@ -3,7 +3,55 @@
 from math import isfinite, nan
 from typing import NamedTuple
 
-from mavdem.facts.fact import Fact
+from mavdem.facts.fact import Code, Fact
+from mavdem.facts.online import OnlineFact
+from mavdem.facts.session import RateFact, RowsFact, SessionFact, VehicleFact
+
+LEARNING_STATES: frozenset[Code] = frozenset(
+    {
+        SessionFact.NOT_SETTLED,
+        SessionFact.BEING_LEARNED,
+        OnlineFact.TOO_FEW_SAMPLES_YET,
+        OnlineFact.FIRST_LEARNING,
+    }
+)
+"""States of the learning of a live session that come and go with the flight."""
+
+SESSION_STATES: frozenset[Code] = LEARNING_STATES | {
+    SessionFact.COMPUTER_BEHIND,
+    SessionFact.COMPUTER_KEEPS_UP,
+    SessionFact.ESTIMATES_LATE,
+    SessionFact.FIRST_MODEL,
+    SessionFact.FIT_UNFINISHED,
+    SessionFact.FORMER_MODEL_KEPT,
+    SessionFact.NOT_FLYING,
+    SessionFact.NOT_LEARNED_IN_TIME,
+    SessionFact.PARAMETERS_KNOWN,
+    SessionFact.PRIOR_NOT_USED,
+    SessionFact.ROW_NOT_DRAWN,
+    SessionFact.SAMPLE_SKIPPED,
+    SessionFact.SETTLED_TOO_SHORT,
+    RowsFact.ATTITUDE_ASKED,
+    RowsFact.INPUTS_CHANGED,
+    RowsFact.LIVE_RATES_ENOUGH,
+    RowsFact.LIVE_RATES_TOO_LOW,
+    RowsFact.MESSAGE_GAP,
+    RowsFact.MOTORS_NOT_KNOWN,
+    RowsFact.MOTOR_ORDER_ASSUMED,
+    RowsFact.MOTOR_ORDER_KNOWN,
+    RowsFact.RATES_BEING_MEASURED,
+    RowsFact.RATE_CHANGED,
+    RowsFact.ROWS_BEGIN,
+    RateFact.MESSAGE_ABSENT,
+    RateFact.RATES_ASKED_AGAIN,
+    RateFact.RATES_CONTESTED,
+    RateFact.RATE_BELOW_ASKED,
+    RateFact.RATE_FELL,
+    RateFact.RATE_REFUSED,
+    RateFact.VEHICLE_CLOCK_SLOW,
+    VehicleFact.NO_VEHICLE_YET,
+}
+"""States of a live session itself: what it learns, how fast messages come, and whether this computer keeps up."""
 
 
 class Event(NamedTuple):
@@ -39,3 +87,8 @@ class Event(NamedTuple):
     def is_alarm(self) -> bool:
         """Whether it is bad."""
         return self.fact.is_bad
+
+    @property
+    def is_about_session(self) -> bool:
+        """Whether it is about a live session itself, and not about the vehicle or its link."""
+        return self.fact.code in SESSION_STATES

@@ -325,6 +325,8 @@ class LiveSession:
             resumption_fact = resumption(missing, seconds)
             if resumption_fact is not None:
                 self._presentation.log(resumption_fact)
+                # Where all messages were missing, those of attitude and motor outputs are among them.
+                break
 
     def _note_messages(
         self, first_arrival: float, last_arrival: float, frames: Sequence[Frame]

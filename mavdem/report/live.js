@@ -83,7 +83,7 @@
   let sounds = remembered(), player = null;
   const showSound = () => {
     const isSilent = sounds && player?.state !== "running";
-    button.textContent = isSilent ? "Touch for sound" : sounds ? "Sound is on" : "Sound on";
+    button.textContent = isSilent ? "Touch for alarm sound" : `Alarm sound: ${sounds ? "on" : "off"}`;
     button.setAttribute("aria-pressed", sounds);
     button.classList.toggle("silent", isSilent);
   };

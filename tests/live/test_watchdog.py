@@ -921,6 +921,23 @@ def test_the_terminal_rings_once_for_each_alarm_and_never_elsewhere(monkeypatch)
     assert shown.getvalue().count("\a") == 1
 
 
+def test_lines_above_a_status_are_about_the_vehicle_and_short(monkeypatch):
+    shown = io.StringIO()
+    console = Console(file=shown, width=80, force_terminal=True, color_system=None)
+    monkeypatch.setattr("mavdem.cli.live_status.STDERR", console)
+    rows_begin = Fact(RowsFact.ROWS_BEGIN, names=("ATTITUDE",), step=0.01, inputs=4)
+    landed = Fact(ReportedEvent.ON_GROUND, time=9.0, basis=("EXTENDED_SYS_STATE",))
+    events = [Event(9.0, fact, reception=0.0) for fact in (rows_begin, landed)]
+    for terminal_text, line_count in ((Mock(), 1), (None, 2)):
+        shown.seek(0)
+        shown.truncate()
+        lines = StatusLines(terminal_text)
+        for event in events:
+            lines.print_event(event)
+        assert len(shown.getvalue().splitlines()) == line_count
+        assert "On the ground" in shown.getvalue()
+
+
 def test_a_terminal_that_was_closed_does_not_end_the_session():
     terminal_text = Mock(**{"update.side_effect": OSError("Input/output error")})
     StatusLines(terminal_text).show(Mock(status=SessionStatus("1:1")))

@@ -4,6 +4,7 @@ from mavdem.assessment.axis.loop_decision import LoopDecision, LoopDiagnosis
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.event import Event
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.loops import LoopFact
 from mavdem.facts.session import SessionFact
 from mavdem.facts.witnesses import SensorFact
@@ -62,6 +63,22 @@ def test_a_live_page_has_its_newest_alarm_beside_the_headline_unless_that_states
     assert head._replace(events=[alarm._replace(is_over=True)]).newest_alarm is None
     # On the ground the headline has what to do, and an alarm's "land now" is over.
     assert head._replace(is_in_flight=False).newest_alarm is None
+
+
+def test_states_of_the_session_leave_the_rows_of_a_live_page_to_alarms_and_the_vehicle():
+    alarm = Fact(SessionFact.ALARM, time=1.0, reason=LOST)
+    landing = Fact(ReportedEvent.ON_GROUND, time=2.0)
+    learning = Fact(SessionFact.BEING_LEARNED, time=3.0)
+    facts = [*[learning] * 6, landing, *[alarm] * 5]
+    head = Head(
+        Level.BAD, {}, [PageEvent(Event(0.0, fact)) for fact in facts], is_newest_first=True
+    )
+    assert [page_event.event.fact.code for page_event in head.brief_events] == [
+        ReportedEvent.ON_GROUND,
+        *[SessionFact.ALARM] * 4,
+    ]
+    head = head._replace(events=head.events[:7])
+    assert len(head.brief_events) == 5 and head.events[6] in head.brief_events
 
 
 def test_loops_do_not_repeat_the_next_step():

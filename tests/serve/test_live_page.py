@@ -188,12 +188,12 @@ def test_an_alarm_is_first_in_the_tab_colours_its_sign_and_sounds_where_that_is_
     assert tab.run(f"{ICON}.includes({COLOUR % 'bad'})")
     assert tab.run("window.tones") == 0
     tab.run("document.getElementById('sound').click()")
-    tab.until("document.getElementById('sound').innerText === 'Sound is on'")
+    tab.until("document.getElementById('sound').innerText === 'Alarm sound: on'")
     assert tab.run("window.tones") == 1
     session.weaken(2)
     tab.until("window.tones > 1")
     tab.run("document.getElementById('sound').click()")
-    assert tab.run("document.getElementById('sound').innerText") == "Sound on"
+    assert tab.run("document.getElementById('sound').innerText") == "Alarm sound: off"
     tones = tab.run("window.tones")
     session.weaken(3)
     tab.until("document.title.includes('Motor 3')")

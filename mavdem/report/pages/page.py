@@ -36,7 +36,10 @@ MAX_BRIEF_EVENTS = 4
 """Events that a page shows at first: a choice, so that the list takes less room than the charts."""
 
 MAX_NEWEST_EVENTS = 5
-"""Events that a page of a session that goes on shows at first, the newest ones: a choice."""
+"""Events that a page of a session that goes on shows at first: a choice, so that plots follow on the same screen."""
+
+MAX_NEWEST_ALARMS = 3
+"""Alarms among these, a choice: with more, they would hide how the flight went on after them."""
 
 _WORD = re.compile("[a-z0-9]+")
 """A word of a title in lower case."""
@@ -271,14 +274,13 @@ class Head(NamedTuple):
         """The short list of events, which a page shows until its reader unfolds the list of all.
 
         For a log it has at most ``MAX_BRIEF_EVENTS``: the worst ones in the order of time, where events of the same
-        kind are shown once, with their number as ``total``. For a live session that goes on, it has the newest events
-        and the newest alarms.
+        kind are shown once, with their number as ``total``. For a live session that goes on, it has
+        ``MAX_NEWEST_EVENTS``, the newest first: first of all alarms, then what else is about the vehicle, and then what
+        is about the session itself.
         """
         if self.is_newest_first:
-            newest_events = self.events[:MAX_NEWEST_EVENTS]
-            alarms = [event for event in self.events if event.event.is_alarm]
-            shown_events = (*newest_events, *alarms[:MAX_BRIEF_EVENTS])
-            return [event for event in self.events if event in shown_events]
+            shown_rows = sorted(self._rows_by_importance()[:MAX_NEWEST_EVENTS])
+            return [self.events[row] for row in shown_rows]
         if len(self.events) <= MAX_BRIEF_EVENTS:
             return self.events
         facts = [page_event.event.fact for page_event in self.events]
@@ -287,6 +289,24 @@ class Head(NamedTuple):
         for index, count in sorted(worst_events(facts)[:MAX_BRIEF_EVENTS]):
             brief_events.append(self.events[index]._replace(total=count))
         return brief_events
+
+    def _rows_by_importance(self) -> list[int]:
+        """Returns the rows of ``events`` of a live session, which are the newest first, by their importance.
+
+        The newest alarms come first, ``MAX_NEWEST_ALARMS`` at most; then the other events about the vehicle or its
+        link; then those about the session itself. Equally important ones keep their order.
+        """
+        alarms: list[int] = []
+        others: list[int] = []
+        of_session: list[int] = []
+        for row, page_event in enumerate(self.events):
+            if page_event.event.is_alarm and len(alarms) < MAX_NEWEST_ALARMS:
+                alarms.append(row)
+            elif page_event.event.is_about_session:
+                of_session.append(row)
+            else:
+                others.append(row)
+        return [*alarms, *others, *of_session]
 
     @property
     def newest_alarm(self) -> PageEvent | None:
