@@ -72,6 +72,11 @@ def flown_flights(signals: Signals) -> list[FlownFlight]:
         The flights; none for another kind of vehicle, without a recorded attitude, or in boots in which sensors show
         that the vehicle did not fly.
     """
+    return [flight for flight in flights_and_hops(signals) if not _is_hop(flight)]
+
+
+def flights_and_hops(signals: Signals) -> list[FlownFlight]:
+    """Returns the flights of a multirotor's log as :func:`flown_flights` does, and the hops between them."""
     if signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS or not signals.tilts:
         return []
     boots_with_attitude = {int(boot) for boot in np.unique(signals.tilts[0].boot)}
@@ -87,9 +92,7 @@ def flown_flights(signals: Signals) -> list[FlownFlight]:
                 if end - start < MIN_FLIGHT_SECONDS:
                     continue
                 recorded_take_off = None if start > take_off else take_off
-                flight = _flight(signals, span.boot, recorded_take_off, (start, end))
-                if not _is_hop(flight):
-                    flights.append(flight)
+                flights.append(_flight(signals, span.boot, recorded_take_off, (start, end)))
     return flights
 
 
@@ -97,6 +100,11 @@ def _is_hop(flight: FlownFlight) -> bool:
     """Returns whether a vehicle only hopped; False if its height is not known."""
     is_low = flight.height is not None and flight.height < MAX_HOP_HEIGHT
     return is_low and flight.duration < MAX_HOP_SECONDS
+
+
+def total_time(flights: Sequence[FlownFlight]) -> float | None:
+    """Returns the sum of the durations of flights, s; None without a flight."""
+    return sum(flight.duration for flight in flights) if flights else None
 
 
 def total_distance(flights: Sequence[FlownFlight]) -> float | None:

@@ -153,10 +153,11 @@
     showMoment(shownTime);
   });
 
-  // On paper all is open but what only serves a screen: a list that is fetched as it opens is not fetched.
+  // On paper all chapters are open but what only serves a screen: a list that is fetched as it opens is not fetched. A part
+  // of a chapter that a reader has not opened is its first line, as on the screen.
   let closedParts = [];
   addEventListener("beforeprint", () => {
-    closedParts = [...document.querySelectorAll("main details:not([open], .on-screen)")];
+    closedParts = [...document.querySelectorAll("main details:not([open], .on-screen, .part)")];
     for (const part of closedParts) part.open = true;
   }, true); // before the charts are drawn for paper
   addEventListener("afterprint", () => { for (const part of closedParts) part.open = false; });

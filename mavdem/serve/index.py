@@ -82,7 +82,7 @@ class LibraryEntry:
     duration: float | None = None
     """Duration of settled flight, s."""
     flight_time: float | None = None
-    """Time off the ground, all flights of the log together, s."""
+    """Time off the ground, all flights and hops of the log together, s."""
     distance: float | None = None
     """Length of the path over ground, all flights of the log together, m."""
     height: float | None = None

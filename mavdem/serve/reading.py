@@ -18,7 +18,13 @@ import numpy as np
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import assess_signals
-from mavdem.assessment.flown_flights import flown_flights, largest_height, total_distance
+from mavdem.assessment.flown_flights import (
+    flights_and_hops,
+    flown_flights,
+    largest_height,
+    total_distance,
+    total_time,
+)
 from mavdem.assessment.lights.log import simulation_fact
 from mavdem.assessment.limits import LEVELS_BY_SEVERITY
 from mavdem.assessment.reported import reported_events
@@ -303,12 +309,14 @@ def _index_columns(assessment: Assessment, rows: FlightRows) -> JsonValues:
     for event in assessment.events:
         if event.code is ReportedEvent.MODE_CHANGED:
             modes[event.subject] = None
-    flights = flown_flights(assessment.evidence.signals)
+    signals = assessment.evidence.signals
+    flights = flown_flights(signals)
     return {
         **columns_of_flight(rows),
         **_assessment_columns(assessment),
-        "simulated": int(simulation_fact(assessment.evidence.signals) is not None),
-        "flight_time": sum(flight.duration for flight in flights) if flights else None,
+        "simulated": int(simulation_fact(signals) is not None),
+        # With its hops, as the time in the air that a report says.
+        "flight_time": total_time(flights_and_hops(signals)),
         "distance": total_distance(flights),
         "height": largest_height(flights),
         "flights": json.dumps([asdict(flight) for flight in flights]),

@@ -7,7 +7,13 @@ from hover import ARMED, Hover, changed, columns, log_of, with_pulses
 from pytest import approx, mark
 
 from mavdem.assessment.assess import assess
-from mavdem.assessment.flown_flights import flown_flights, largest_height, total_distance
+from mavdem.assessment.flown_flights import (
+    flights_and_hops,
+    flown_flights,
+    largest_height,
+    total_distance,
+    total_time,
+)
 from mavdem.dataset.signals import Signals
 from mavdem.report.review import review_title
 
@@ -154,3 +160,5 @@ def test_a_short_time_just_off_the_ground_is_a_hop_and_no_flight():
         telemetry = changed(telemetry, "LOCAL_POSITION_NED", x=0 * time, y=0 * time, z=-height)
         flights = flown_flights(Signals(telemetry))
         assert [flight.duration for flight in flights] == approx(durations, abs=1.0)
+        # A hop is time in the air too.
+        assert total_time(flights_and_hops(Signals(telemetry))) == approx(end - 7.0, abs=1.0)

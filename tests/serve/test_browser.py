@@ -141,6 +141,14 @@ def test_pages_fit_a_telephone_and_are_used_by_keyboard(tmp_path, browser):
                 page.run("getComputedStyle(document.body).backgroundColor") == "rgb(20, 23, 27)"
             )
             assert dark_page == dark
+        # What is done with a chosen flight stays in sight on a telephone.
+        page.open(f"{server.address}/")
+        page.run("document.querySelector('#flights input[name=id]').click()")
+        page.run("document.body.style.paddingTop = '3000px'; scrollTo(0, 0)")
+        places = page.run(
+            "[innerHeight, document.getElementById('remove').getBoundingClientRect().toJSON()]"
+        )
+        assert 0 < places[1]["top"] < places[1]["bottom"] <= places[0]
         # The first things a keyboard reaches, and a flight opened with it.
         page.open(f"{server.address}/")
         reached = []

@@ -82,8 +82,12 @@ def vehicle_group(flights: Sequence[AxisRows]) -> Group | None:
     charts = []
     suspect = _suspect_motor(flights)
     for title, estimates in _charted_quantities(flights):
-        lines = tuple(_lines_of_estimates(estimates, suspect))
-        if lines:
+        known_flights = np.zeros(len(flights), dtype=bool)
+        for values_and_half_widths in estimates.values():
+            known_flights |= np.isfinite(values_and_half_widths[:, 0])
+        # Of a single flight nothing is seen over the flights.
+        if known_flights.sum() > 1:
+            lines = tuple(_lines_of_estimates(estimates, suspect))
             levels = (0.0,) if title in TITLES_OF_DEVIATIONS else ()
             charts.append(Chart(title, axis, Axis(""), lines, levels, marks=tuple(marks)))
     return Group.side_by_side(charts) if charts else None

@@ -41,6 +41,7 @@
     }
     if ($("remove")) $("remove").disabled = !count;
     if ($("assign")) $("assign").disabled = !count;
+    if ($("chosen")) $("chosen").textContent = count ? `${count} chosen` : "";
   };
   document.addEventListener("change", event => { if (event.target.name === "id") updateButtons(); });
   updateButtons();
