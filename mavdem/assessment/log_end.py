@@ -76,8 +76,10 @@ def _explains_end(event: Fact, end_time: float) -> bool:
     if event.code in CONTACTS:
         return True
     if event.code is MotionEvent.ATTITUDE_INVALID:
-        return event.end_time is None
-    if event.code is MotionEvent.ATTITUDE_LOST:
-        # A loss whose time is not known counts as one at the end.
-        return end_time - (event.time or end_time) >= RECOVERY_SECONDS
+        lasts_until_end = event.end_time is None
+        return lasts_until_end
+    if event.code is MotionEvent.ATTITUDE_LOST and event.time:
+        seconds_after_loss = end_time - event.time
+        return seconds_after_loss >= RECOVERY_SECONDS
+    # Other events explain nothing, nor does a loss whose time is not known: it counts as one at the end.
     return False

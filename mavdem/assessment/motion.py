@@ -245,9 +245,12 @@ def _height_sensor_drifts(
     disagreements = list(height_disagreements(sensors, controlled_interval))
     drifts = list(barometer_drifts(sensors, flight_interval))
     if not drifts:
+        # Nothing shows which of the two is wrong.
         yield from disagreements
+        return
+    first_disagreement = disagreements[0] if disagreements else None
     for drift in drifts:
-        yield dated_by_growth(drift, disagreements[0] if disagreements else None)
+        yield dated_by_growth(drift, first_disagreement)
 
 
 def _stopped_motors(
@@ -272,15 +275,17 @@ def _stopped_motors(
         contact: event of the contact with the ground; None for an ordinary landing.
         reports: events that the autopilot reports.
     """
-    _, latest_time = flight_interval
+    _, latest_start = flight_interval
     if contact is not None and contact.code is not MotionEvent.LANDED_HARD:
+        contact_onset = loss_onset(contact)
         # A contact whose onset is not known leaves nothing out.
-        latest_time = min(latest_time, loss_onset(contact) or latest_time)
+        if contact_onset:
+            latest_start = min(latest_start, contact_onset)
     if loss is not None and loss.time is not None:
-        latest_time = min(latest_time, loss.time + MAX_SETPOINT_DELAY)
-    for event in standing_motors(sensors, error, flight_interval, reports):
-        if event.start_time < latest_time:
-            yield event
+        latest_start = min(latest_start, loss.time + MAX_SETPOINT_DELAY)
+    for standstill in standing_motors(sensors, error, flight_interval, reports):
+        if standstill.start_time < latest_start:
+            yield standstill
 
 
 def _interval_before(flight_interval: TimeInterval, *events: Fact | None) -> TimeInterval:
@@ -323,20 +328,23 @@ def _falls_of_flight(
         The fall, at most one.
     """
     flight_start, landing_time = flight_interval
-    flight_end = min(landing_time, sensors.record_end)
-    start, end = flight_end - RECOVERY_SECONDS, flight_end + RECOVERY_SECONDS
-    # The time of an event may be unknown: then these limits stay.
-    if loss is not None:
-        start = loss.time or start
-        if contact is not None:
-            end = contact.time or end
-    elif contact is not None:
-        start = (contact.time or start) - RECOVERY_SECONDS
-        end = contact.time or end
-        # A vehicle that hit something high above the ground falls after that.
-        if (contact.figures["height"] or 0.0) >= MAX_GROUND_HEIGHT:
-            end = flight_end + RECOVERY_SECONDS
-    elif np.isfinite(landing_time):
-        # The flight ended in an ordinary landing, after which the estimate may diverge.
+    has_ordinary_landing = loss is None and contact is None and np.isfinite(landing_time)
+    if has_ordinary_landing:
+        # After a landing the estimate of the climb may diverge.
         return
-    yield from fall_events(sensors, (max(flight_start, start), end))
+    flight_end = min(landing_time, sensors.record_end)
+    search_start = flight_end - RECOVERY_SECONDS
+    search_end = flight_end + RECOVERY_SECONDS
+    # The time of an event may be unknown: then these limits stay.
+    loss_time = None if loss is None else loss.time
+    contact_time = None if contact is None else contact.time
+    if loss is not None:
+        search_start = loss_time or search_start
+        search_end = contact_time or search_end
+    elif contact is not None:
+        search_start = (contact_time or search_start) - RECOVERY_SECONDS
+        contact_height = contact.figures["height"] or 0.0
+        is_contact_near_ground = contact_height < MAX_GROUND_HEIGHT
+        if is_contact_near_ground:
+            search_end = contact_time or search_end
+    yield from fall_events(sensors, (max(flight_start, search_start), search_end))

@@ -113,23 +113,25 @@ def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fa
         return
     commands = motors.range_fractions(boot)
     yield from _frozen_outputs(motors, boot, commands, flights)
-    is_at_limit, _ = samples_at_limits(commands.values, motors.scale)
-    is_off = _is_off(signals, motors, boot, commands.values)
     is_in_flight = in_intervals(commands.time, flights)
     is_off_ground = _has_left_ground(signals, boot, flights, commands.time)
-    is_stopped = is_off & is_in_flight[:, None]
-    at_limit = _MotorCondition(
+    # (N, k) flags of N samples of k motors.
+    is_at_limit, _ = samples_at_limits(commands.values, motors.scale)
+    is_off = _is_off(signals, motors, boot, commands.values)
+    limit_off_ground = _MotorCondition(
         MotionEvent.MOTOR_AT_ITS_STOP, is_at_limit & is_off_ground[:, None], min_duration=0.0
     )
-    off = _MotorCondition(MotionEvent.MOTOR_OFF, is_stopped, min_duration=MAX_SETPOINT_DELAY)
-    for condition in (at_limit, off):
+    off_in_flight = _MotorCondition(
+        MotionEvent.MOTOR_OFF, is_off & is_in_flight[:, None], min_duration=MAX_SETPOINT_DELAY
+    )
+    for condition in (limit_off_ground, off_in_flight):
         yield from _lasting_events(signals, motors.geometry.names, commands.time, boot, condition)
 
 
 def _lasting_events(
     signals: Signals, names: Sequence[str], time: Array, boot: int, condition: _MotorCondition
 ) -> Iterator[Fact]:
-    """Yields an event for each interval in which a condition holds for a motor, as :func:`motor_events` describes.
+    """Yields an event for each interval in which a condition holds for a motor, such as that it is at its limit.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -137,24 +139,28 @@ def _lasting_events(
         time: times of the samples of the condition (N,), s since boot.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         condition: the condition, for all motors.
+
+    Yields:
+        The events, as :func:`motor_events` describes them, motor by motor.
     """
     for motor, name in enumerate(names):
-        is_true = condition.is_true[:, motor]
-        for start, end in lasting_runs(time, is_true, RECOVERY_SECONDS):
+        holds = condition.is_true[:, motor]
+        for start, end in lasting_runs(time, holds, RECOVERY_SECONDS):
             # An interval that reaches an end of the record is infinite there.
-            recorded_interval = (max(start, time[0]), min(end, time[-1]))
-            recorded_start, recorded_end = recorded_interval
+            recorded_start = max(start, time[0])
+            recorded_end = min(end, time[-1])
             duration = recorded_end - recorded_start
             if duration <= condition.min_duration:
                 continue
-            share = is_true[in_intervals(time, [recorded_interval])].mean()
+            recorded_interval = (recorded_start, recorded_end)
+            fraction_of_samples = holds[in_intervals(time, [recorded_interval])].mean()
             event = Fact(
                 condition.code,
                 time=start,
                 end_time=None if np.isinf(end) else end,
                 subject=name,
-                share=share,
-                duration=share * duration,
+                share=fraction_of_samples,
+                duration=fraction_of_samples * duration,
                 boot=boot,
             )
             if event.code is MotionEvent.MOTOR_AT_ITS_STOP:
@@ -217,13 +223,18 @@ def frozen_motor(motors: MotorOutputs, commands: Array, lowest_command: float) -
     """
     if motors.geometry.channels_assumed:
         return None
-    ranges = np.ptp(commands, axis=0)
+    command_ranges = np.ptp(commands, axis=0)
+    if command_ranges.mean() < MIN_COMMAND_RANGE:
+        # All commands are nearly constant, as in calm air.
+        return None
+    is_constant = command_ranges == 0
     lower_limit = max(min_running_command(motors), lowest_command)
     upper_limit = motors.scale.upper_limit - MIN_COMMAND_RANGE
     is_between_limits = (commands[0] > lower_limit) & (commands[0] < upper_limit)
-    frozen = np.flatnonzero((ranges == 0) & is_between_limits)
-    others_work = ranges.mean() >= MIN_COMMAND_RANGE
-    return int(frozen[0]) if len(frozen) == 1 and others_work else None
+    frozen_motors = np.flatnonzero(is_constant & is_between_limits)
+    if len(frozen_motors) != 1:
+        return None
+    return int(frozen_motors[0])
 
 
 def _constant_runs(commands: Array) -> Iterator[tuple[int, int]]:
@@ -299,8 +310,10 @@ def _has_left_ground(signals: Signals, boot: int, flights: Intervals, time: Arra
             continue
         height = height_record.series
         has_risen = in_intervals(height.time, [flight]) & (height.values > MAX_GROUND_HEIGHT)
+        # A vehicle that never rises has not left the ground in this flight.
         lift_off = height.time[has_risen].min(initial=inf)
-        is_off_ground &= ~in_intervals(time, [flight]) | (time >= lift_off)
+        is_before_lift_off = in_intervals(time, [flight]) & (time < lift_off)
+        is_off_ground[is_before_lift_off] = False
     return is_off_ground
 
 
@@ -322,15 +335,17 @@ def _is_off(signals: Signals, motors: MotorOutputs, boot: int, commands: Array) 
     is_ardupilot = signals.telemetry.autopilot == "ARDUPILOTMEGA"
     off_command = 0.0 if is_ardupilot else -LIMIT_MARGIN
     # An output of 0 means "no pulses" where pulses begin at a larger number.
-    has_no_pulses = (motors.outputs[rows_of_boot(motors.boot, boot)] == 0) & (motors.scale.low > 0)
+    outputs_in_boot = motors.outputs[rows_of_boot(motors.boot, boot)]
+    has_no_pulses = (outputs_in_boot == 0) & (motors.scale.low > 0)
     is_off = (commands <= off_command) | has_no_pulses
     idle_command = min_running_command(motors)
     sum_of_all = commands.sum(axis=1)
-    motor_count = commands.shape[1]
+    number_of_others = max(commands.shape[1] - 1, 1)
     # Motor by motor, since tables of hours of flight take much memory.
     for motor, command in enumerate(commands.T):
-        mean_of_others = (sum_of_all - command) / max(motor_count - 1, 1)
-        is_off[:, motor] &= mean_of_others > idle_command
+        mean_of_others = (sum_of_all - command) / number_of_others
+        do_others_carry = mean_of_others > idle_command
+        is_off[:, motor] &= do_others_carry
     # An output that never rose above idle drives no motor.
     has_run = commands.max(axis=0) > idle_command
     return is_off & has_run

@@ -88,7 +88,7 @@ def standing_motors(
     flight_interval: TimeInterval,
     reports: Sequence[Fact],
 ) -> Iterator[Fact]:
-    """Yields the motors of a flight that stood still while they were commanded to turn.
+    """Yields an event for each time in a flight in which a motor stood still while it was commanded to turn.
 
     Args:
         sensors: sensors of the boot, with the take-off of this flight.
@@ -106,11 +106,12 @@ def standing_motors(
     for controller in speed_controllers(sensors.signals):
         motor = controller.motor_index(motors.geometry)
         speed = series_of_boot(controller.speed, sensors.boot)
-        if motor is not None and speed is not None:
-            measured_speed = speed.select(in_intervals(speed.time, [flight_interval]))
-            command = _commands_at(motors, sensors.boot, motor, measured_speed.time)
-            for interval in _standstill_intervals(sensors.signals, measured_speed, command):
-                yield _standstill(sensors, error, reports, controller, motor, interval)
+        if motor is None or speed is None:
+            continue
+        speed_in_flight = speed.within(flight_interval)
+        command = _commands_at(motors, sensors.boot, motor, speed_in_flight.time)
+        for interval in _standstill_intervals(sensors.signals, speed_in_flight, command):
+            yield _standstill(sensors, error, reports, controller, motor, interval)
 
 
 def _commands_at(motors: MotorOutputs, boot: int, motor: int, time: Array) -> TimeSeries:

@@ -199,9 +199,10 @@ def _height_at(signals: Signals, boot: int, flights: Intervals, time: float) -> 
     """
     take_offs = [take_off for take_off, _ in flights if take_off <= time]
     if take_offs:
-        take_off = max(take_offs)
-        return BootSensors(signals, boot, take_off).height_at(time)
-    return None if BootSensors(signals, boot).height_at(time) is None else 0.0
+        latest_take_off = max(take_offs)
+        return BootSensors(signals, boot, latest_take_off).height_at(time)
+    is_recorded = BootSensors(signals, boot).height_at(time) is not None
+    return 0.0 if is_recorded else None
 
 
 def _is_watchdog_report(fact: Fact) -> bool:
@@ -425,9 +426,11 @@ def _land_detector_times(signals: Signals, boot: int) -> Array:
         return np.zeros(0)
     # The state 0 is "undefined".
     is_defined = landed_state.values > 0
-    in_air = np.isin(landed_state.values[is_defined], OFF_GROUND)
-    is_change = np.diff(in_air, prepend=in_air[:1])
-    return landed_state.time[is_defined][is_change]
+    times = landed_state.time[is_defined]
+    is_in_air = np.isin(landed_state.values[is_defined], OFF_GROUND)
+    # The first report is no change: it is compared with itself.
+    has_changed = np.diff(is_in_air, prepend=is_in_air[:1])
+    return times[has_changed]
 
 
 def stopped_in_air(height: TimeSeries | None, end: float) -> bool:
@@ -450,17 +453,21 @@ def stopped_in_air(height: TimeSeries | None, end: float) -> bool:
 def has_sunk_after(height: TimeSeries, end: float) -> bool:
     """Returns whether the vehicle sank by more than ``MAX_TOUCH_DOWN_DROP`` after the end of a flight.
 
+    Then its motors stopped in the air. The ``RECOVERY_SECONDS`` after the end are examined.
+
     Args:
         height: height (N,) above the take-off, m.
         end: end of the flight, s since boot.
     """
-    end_height = height.value_at(end)
-    is_after = in_intervals(height.time, [(end, end + RECOVERY_SECONDS)])
-    seconds = height.time[is_after] - end
-    drops = end_height - height.values[is_after]
+    height_at_end = height.value_at(end)
+    after_end = height.within((end, end + RECOVERY_SECONDS))
+    seconds = after_end.time - end
+    drops = height_at_end - after_end.values
     # A height from which nothing can have fallen so soon is not a measurement.
-    is_possible = drops <= MAX_SINK_RATE * seconds + GRAVITY / 2 * seconds**2 + MAX_TOUCH_DOWN_DROP
-    return bool(drops[is_possible].max(initial=0.0) > MAX_TOUCH_DOWN_DROP)
+    free_fall = MAX_SINK_RATE * seconds + GRAVITY / 2 * seconds**2
+    is_possible = drops <= free_fall + MAX_TOUCH_DOWN_DROP
+    largest_drop = drops[is_possible].max(initial=0.0)
+    return bool(largest_drop > MAX_TOUCH_DOWN_DROP)
 
 
 def _mode_changes(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
@@ -475,17 +482,24 @@ def _mode_changes(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
     """
     columns = signals.telemetry.messages.get("CURRENT_MODE", {})
     message = "CURRENT_MODE" if columns else "HEARTBEAT"
-    reason_numbers = {}
+    # The number of ArduPilot's reason for the change at each time.
+    reason_by_time = {}
     if "Rsn" in columns:
-        is_selected = columns["boot"] == recorded_span.boot
-        reason_numbers = dict(
-            zip(columns["time"][is_selected].tolist(), columns["Rsn"][is_selected], strict=True)
-        )
+        is_in_boot = columns["boot"] == recorded_span.boot
+        times = columns["time"][is_in_boot].tolist()
+        reason_numbers = columns["Rsn"][is_in_boot]
+        reason_by_time = dict(zip(times, reason_numbers, strict=True))
     for time, mode in signals.mode_changes(recorded_span.boot):
-        cause, level = mode_change_reason(reason_numbers.get(time))
-        code = ReportedEvent.MODE_CHANGED
+        reason, level = mode_change_reason(reason_by_time.get(time))
         yield _reported_event(
-            signals, recorded_span, message, code, time, level, subject=mode, cause=cause
+            signals,
+            recorded_span,
+            message,
+            ReportedEvent.MODE_CHANGED,
+            time,
+            level,
+            subject=mode,
+            cause=reason,
         )
 
 

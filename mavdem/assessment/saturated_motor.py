@@ -71,7 +71,7 @@ def saturation_losses(signals: Signals, events: Sequence[Fact], ending: Fact | N
     if motors is None:
         return []
     losses = []
-    for event in _limits_before_trouble(events, ending):
+    for event in _unexplained_limits(events, ending):
         # The vehicle was lost in this boot, and so after the event.
         precedes_loss = ending is not None and ending.figures.get("boot") == event.figures["boot"]
         loss = _saturation_loss(signals, motors, event, is_lost=precedes_loss)
@@ -80,7 +80,7 @@ def saturation_losses(signals: Signals, events: Sequence[Fact], ending: Fact | N
     return losses
 
 
-def _limits_before_trouble(events: Sequence[Fact], ending: Fact | None) -> Iterator[Fact]:
+def _unexplained_limits(events: Sequence[Fact], ending: Fact | None) -> Iterator[Fact]:
     """Yields the events of motors at their limit that no other fault of the vehicle explains.
 
     Controllers drive sound motors to their limits too if the height estimate diverged in the same boot, after a motor
@@ -91,25 +91,26 @@ def _limits_before_trouble(events: Sequence[Fact], ending: Fact | None) -> Itera
         events: events of the log (facts with a time), among them those of motors at their limit.
         ending: event with which the flight was lost; None if it was not.
     """
-    latest_start = _latest_start_before_ending(ending)
+    latest_start_before_loss = _latest_start_before_ending(ending)
+    boot_of_loss = None if ending is None else ending.figures.get("boot")
     standstill_by_boot = _first_standstill_by_boot(events)
-    diverged_boots = {
-        event.figures["boot"] for event in events if event.code is MotionEvent.HEIGHT_DIVERGED
-    }
+    boots_with_diverged_height = set()
+    for event in events:
+        if event.code is MotionEvent.HEIGHT_DIVERGED:
+            boots_with_diverged_height.add(event.figures["boot"])
     for event in events:
         if event.code is not MotionEvent.MOTOR_AT_ITS_STOP or event.time is None:
             continue
         boot = event.figures["boot"]
-        if boot in diverged_boots:
-            # A height controller that follows a diverged height drives all motors up, sound ones too.
-            continue
+        # A height controller that follows a diverged height drives all motors up, sound ones too.
+        is_by_diverged_height = boot in boots_with_diverged_height
         # After a motor stood still, the others work harder to replace it.
-        if event.time >= standstill_by_boot.get(boot, inf) - LASTING_SECONDS:
-            continue
-        is_of_ending = ending is not None and ending.figures.get("boot") == boot
-        if is_of_ending and event.time > latest_start:
-            continue
-        yield event
+        standstill_time = standstill_by_boot.get(boot, inf)
+        is_by_standstill = event.time >= standstill_time - LASTING_SECONDS
+        is_in_boot_of_loss = ending is not None and boot == boot_of_loss
+        is_by_loss = is_in_boot_of_loss and event.time > latest_start_before_loss
+        if not (is_by_diverged_height or is_by_standstill or is_by_loss):
+            yield event
 
 
 def _latest_start_before_ending(ending: Fact | None) -> float:
@@ -375,17 +376,17 @@ def _leans_towards(
     error = attitude_error(signals, boot)
     if error is None or not motors.geometry.positions:
         return False
-    leaning_times = error.time[
-        in_intervals(error.time, [interval]) & (error.magnitude >= MIN_LEAN_ERROR)
-    ]
+    is_leaning = in_intervals(error.time, [interval]) & (error.magnitude >= MIN_LEAN_ERROR)
+    leaning_times = error.time[is_leaning]
     if not len(leaning_times):
         return False
-    lean_start = leaning_times[0]
-    is_in_interval = in_intervals(error.time, [(lean_start, lean_start + MAX_SETPOINT_DELAY)])
     # Lean and position are both complex numbers whose real part is forward, and whose imaginary part is to the right.
     position = complex(*motors.geometry.positions[motor])
     if position == 0:
         return False
-    lean = complex(error.lean[is_in_interval].mean())
-    angle_from_motor = abs(float(np.angle(lean / position)))
-    return abs(lean) >= MIN_LEAN_ERROR and angle_from_motor <= MAX_LEAN_ANGLE
+    lean_start = leaning_times[0]
+    first_second = (lean_start, lean_start + MAX_SETPOINT_DELAY)
+    mean_lean = complex(error.lean[in_intervals(error.time, [first_second])].mean())
+    # The quotient of two complex numbers has the angle between them.
+    angle_from_motor = abs(float(np.angle(mean_lean / position)))
+    return abs(mean_lean) >= MIN_LEAN_ERROR and angle_from_motor <= MAX_LEAN_ANGLE

@@ -217,16 +217,18 @@ def _instance_in_flight(telemetry: Telemetry, flight: TimeSeries) -> str:
     Returns:
         The name, such as "core 1"; empty if no instance was logged during the flight.
     """
-    instances = telemetry.messages[INSTANCES_MESSAGE]
-    is_primary = instances["is_primary"] > 0
+    columns = telemetry.messages[INSTANCES_MESSAGE]
+    is_primary = columns["is_primary"] > 0
     # The logged ratios are of the primary instance. Only a log that never has it has ratios of spare ones.
     has_logged_ratios = is_primary if is_primary.any() else ~is_primary
-    is_in_flight = (instances["time"] >= flight.time[0]) & (instances["time"] <= flight.time[-1])
-    is_selected = has_logged_ratios & (instances["boot"] == flight.boot[0]) & is_in_flight
-    numbers, counts = np.unique(instances["instance"][is_selected], return_counts=True)
-    if not len(numbers):
+    is_in_boot = columns["boot"] == flight.boot[0]
+    is_in_flight = (columns["time"] >= flight.time[0]) & (columns["time"] <= flight.time[-1])
+    numbers_in_flight = columns["instance"][has_logged_ratios & is_in_boot & is_in_flight]
+    if not len(numbers_in_flight):
         return ""
-    return instance_name(telemetry, int(numbers[counts.argmax()]))
+    numbers, sample_counts = np.unique(numbers_in_flight, return_counts=True)
+    most_frequent_number = int(numbers[sample_counts.argmax()])
+    return instance_name(telemetry, most_frequent_number)
 
 
 def _spare_instances(evidence: Evidence) -> Iterator[Fact]:
@@ -243,20 +245,23 @@ def _spare_instances(evidence: Evidence) -> Iterator[Fact]:
     if not columns or not columns["is_primary"].any():
         return
     failsafe_limit = failsafe_innovation_limit(telemetry)
+    ratios = np.nan_to_num(float_columns(columns, INNOVATIONS))
     for number in np.unique(columns["instance"]).tolist():
+        # An instance may be the primary one for some time, and a spare for the rest.
         is_spare = (columns["instance"] == number) & (columns["is_primary"] == 0)
-        ratios = np.nan_to_num(float_columns(columns, INNOVATIONS))
-        for flight in evidence.in_flight(clean_series(columns, ratios, is_spare)):
+        ratios_as_spare = clean_series(columns, ratios, is_spare)
+        for flight in evidence.in_flight(ratios_as_spare):
             rejection = longest_rejection(flight.time, flight.values, failsafe_limit)
-            if rejection.is_rejected_long:
-                yield Fact(
-                    EstimatorLight.SPARE_DOUBTED,
-                    time=rejection.time,
-                    subject=instance_name(telemetry, int(number)),
-                    name=rejection.name,
-                    ratio=rejection.ratio,
-                    duration=rejection.duration,
-                )
+            if not rejection.is_rejected_long:
+                continue
+            yield Fact(
+                EstimatorLight.SPARE_DOUBTED,
+                time=rejection.time,
+                subject=instance_name(telemetry, int(number)),
+                name=rejection.name,
+                ratio=rejection.ratio,
+                duration=rejection.duration,
+            )
 
 
 def _glitch_facts(evidence: Evidence) -> Iterator[Fact]:
@@ -432,7 +437,7 @@ def _compass_disturbances(evidence: Evidence) -> Iterator[Fact]:
 
     The currents of the motors cause a magnetic field, which a compass that is mounted too near to them measures too.
     The median strength in the first flight is compared with that on the ground before it, if that has enough samples.
-    Only the first compass that the parameters do not exclude is judged.
+    Only the first compass that the parameters do not exclude, and that was recorded in flight, is judged.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -443,7 +448,8 @@ def _compass_disturbances(evidence: Evidence) -> Iterator[Fact]:
     fields = compass_fields(evidence.signals)
     for number, field in fields.items():
         is_excluded = is_compass_used(evidence.signals.telemetry, number) is False
-        if is_excluded or next(evidence.in_flight(field), None) is None:
+        is_recorded_in_flight = any(True for _ in evidence.in_flight(field))
+        if is_excluded or not is_recorded_in_flight:
             continue
         change = field_change(evidence, field)
         if change is not None and abs(change) > MAX_FIELD_CHANGE:

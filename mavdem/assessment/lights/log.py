@@ -162,25 +162,29 @@ def _damage_fact(log: Log, telemetry: Telemetry) -> Fact | None:
         The fact, with the number of bytes and of damaged frames, the fraction of the log that these are, and the time,
         s, that they contained, if it is known.
     """
-    byte_count = 0
-    byte_fraction = 0.0
-    frame_count = 0
-    duration = 0.0
+    unread_byte_count = 0
+    skipped_fraction = 0.0
+    damaged_frame_count = 0
+    lost_seconds = 0.0
     for repair in telemetry.repairs:
         unread_bytes = _unread_bytes(repair)
-        byte_count += unread_bytes
+        unread_byte_count += unread_bytes
         if repair.code is Repair.BYTES_SKIPPED:
-            byte_fraction += unread_bytes / repair.figures["total"]
-        if repair.code is Repair.FRAMES_LEFT_OUT and repair.figures["flaw"] == Flaw.DAMAGE:
-            frame_count += repair.figures["count"]
-        if repair.code in (Repair.ULOG_DAMAGED, Repair.CHUNKS_DAMAGED):
-            duration += repair.figures["duration"]
-    if not byte_count and not frame_count:
+            skipped_fraction += unread_bytes / repair.figures["total"]
+        elif repair.code is Repair.FRAMES_LEFT_OUT and repair.figures["flaw"] == Flaw.DAMAGE:
+            damaged_frame_count += repair.figures["count"]
+        elif repair.code in (Repair.ULOG_DAMAGED, Repair.CHUNKS_DAMAGED):
+            lost_seconds += repair.figures["duration"]
+    if not unread_byte_count and not damaged_frame_count:
         return None
     # Damaged frames were recognised, and bytes that were skipped belong to no frame: they are other parts of the log.
-    share = frame_count / max(log.frames, 1) + byte_fraction
+    damaged_fraction = damaged_frame_count / max(log.frames, 1)
     return Fact(
-        LogLight.DAMAGED, size=byte_count, frames=frame_count, share=share, duration=duration
+        LogLight.DAMAGED,
+        size=unread_byte_count,
+        frames=damaged_frame_count,
+        share=damaged_fraction + skipped_fraction,
+        duration=lost_seconds,
     )
 
 
