@@ -17,7 +17,14 @@ from mavdem.documents.fleet import Diff
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.parameter_changes import changed_parameters, states_without_gains
-from mavdem.fleet.state import Days, VehicleState, state_of, states_of_common_vehicle
+from mavdem.fleet.report_columns import value_at
+from mavdem.fleet.state import (
+    Days,
+    VehicleState,
+    state_of,
+    states_of_common_vehicle,
+    with_motors_judged,
+)
 from mavdem.report.blocks import Sentence
 from mavdem.report.charts.comparison_charts import FlightSeries, flight_series
 from mavdem.report.difference import (
@@ -29,6 +36,7 @@ from mavdem.report.difference import (
     next_blocks,
 )
 from mavdem.report.pages.difference_page import comparison_page
+from mavdem.report.pages.motor_anomaly import review_beside_flights
 
 PAGE_FILE = "diff.html"
 """Name of the page that shows both states together."""
@@ -135,16 +143,30 @@ def diff_command(
     state_b = _read_state(name_b, after, vehicle, days_b)
     if vehicle is None:
         state_a, state_b = states_of_common_vehicle(state_a, state_b)
+    state_a, state_b = with_motors_judged(state_a, state_b)
     parameters = changed_parameters(state_a.parameters, state_b.parameters)
     difference = vehicle_difference(state_a.rows, state_b.rows, parameters)
     names_without_gains = states_without_gains(state_a.parameters, state_b.parameters)
-    headlines = {"a": state_a.headline, "b": state_b.headline}
+    states = dict(zip(STATE_NAMES, (state_a, state_b), strict=True))
+    reviews = {
+        side: review_beside_flights(state.review, state.rows) for side, state in states.items()
+    }
+    # A fleet has no reviews, but the headline of each flight.
+    headlines = {
+        side: value_at(review, "headline.sentence") or states[side].headline
+        for side, review in reviews.items()
+    }
     document = Diff.from_results(
-        difference, a=before, b=after, parameters=parameters, headlines=headlines
+        difference,
+        a=before,
+        b=after,
+        parameters=parameters,
+        headlines={side.lower(): headline for side, headline in headlines.items()},
+        motor_health={side.lower(): review.get("motor_health") for side, review in reviews.items()},
     )
     page = comparison_page(
         (_shown_name(before, days_a), _shown_name(after, days_b)),
-        (state_a.review, state_b.review),
+        (reviews[name_a], reviews[name_b]),
         difference,
         parameters,
         names_without_gains,
@@ -154,15 +176,13 @@ def diff_command(
         document_path.write_text(json_text(document), "utf-8")
         # The page may contain the name of a file, which need not be valid Unicode.
         page_path.write_text(page, "utf-8", "replace")
-    reviews = dict(zip(STATE_NAMES, (state_a.review, state_b.review), strict=True))
-    headlines_of_sides = dict(zip(STATE_NAMES, headlines.values(), strict=True))
     headline = headline_of_comparison(reviews, difference, parameters)
     blocks = [
         *headline,
         *motor_table(reviews, difference),
         *bound_sentences(difference),
-        *difference_blocks(difference, parameters, names_without_gains, headline),
-        *([] if difference.is_of_same_flight else headline_blocks(headlines_of_sides, headline)),
+        *difference_blocks(difference, parameters, names_without_gains, headline, reviews),
+        *([] if difference.is_of_same_flight else headline_blocks(headlines, headline)),
         *next_blocks(difference, reviews),
         Sentence(str(folder / PAGE_FILE), "Page:"),
     ]

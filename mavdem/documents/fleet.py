@@ -121,6 +121,21 @@ class ParameterChange(Document):
     """value in B"""
 
 
+class MotorHealthOfFlight(Document):
+    """The motors of a flight, judged beside other flights of the vehicle."""
+
+    health: str
+    """ok, drift, fault or unknown"""
+    code: str | None
+    """code of the reason"""
+    sentence: SentenceText
+    """the reason"""
+    fault_probability: Number
+    """probability that a motor works 8 % harder or more; null where it was not judged"""
+    suspect_motor: int | None
+    """number of the suspected motor, from 1; null where none is named"""
+
+
 class Diff(Difference):
     """`--json` of diff."""
 
@@ -128,7 +143,9 @@ class Diff(Difference):
     """parameters that somebody set to other values in B, those of control first; of two logs"""
 
     headlines: dict[str, str | None]
-    """headline of the latest flight of a and of b; null where it has none"""
+    """headline of the latest flight of a and of b, its motors judged beside other flights; null where it has none"""
+    motor_health: dict[str, MotorHealthOfFlight | None]
+    """motors of the latest flight of a and of b beside the vehicle's others; of two logs, beside each other"""
     a: str
     """A as on the command line"""
     b: str

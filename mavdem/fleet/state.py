@@ -10,9 +10,11 @@ from mavdem.containers import JsonValues
 from mavdem.errors import NotLearnable
 from mavdem.facts.fleet import Incomparable
 from mavdem.fleet.flights import group_into_flights
+from mavdem.fleet.judgement import assess_safely
 from mavdem.fleet.row import UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.fleet.stored_rows import is_fleet, read_brief_rows, read_rows
+from mavdem.fleet.tracking import assess_rows
 from mavdem.ingest.telemetry import Parameters, Telemetry
 
 
@@ -155,6 +157,33 @@ def state_of_log(path: Path) -> VehicleState:
         review.update(assessment.as_dict())
         vehicles = assessment.log.vehicles
     return VehicleState(rows, review, vehicles)
+
+
+def with_motors_judged(
+    before: VehicleState, after: VehicleState
+) -> tuple[VehicleState, VehicleState]:
+    """Judges the motors of two logs' flights together, as ``mavdem track`` judges the flights of a vehicle.
+
+    A comparison of two logs then has the same verdict on a motor as a fleet of these two. The flights of a fleet are
+    judged already, beside more flights, and those of two vehicles cannot be judged together.
+
+    Args:
+        before: flights of the first state.
+        after: flights of the second state.
+
+    Returns:
+        Both states. The rows of two logs of one vehicle have the columns of its motors' health.
+    """
+    are_logs = bool(before.vehicles and after.vehicles)
+    names = before.names | after.names
+    if not are_logs or len(names) != 1 or UNKNOWN in names:
+        return before, after
+    judged_rows = assess_safely([*before.rows, *after.rows], assess_rows, [])
+    count_before = len(before.rows)
+    return (
+        before._replace(rows=judged_rows[:count_before]),
+        after._replace(rows=judged_rows[count_before:]),
+    )
 
 
 def states_of_common_vehicle(

@@ -113,9 +113,10 @@ def assess_motor_health(
             latest_evidence[flight.geometry_key] = evidence
         assessment = _assessment_of_evidence(flight, evidence, comparison)
         if assessment.health is MotorHealth.OK and len(comparable_flights) < MIN_HEALTHY_FLIGHTS:
-            # One flight shows a fault, but not by how much healthy flights differ, and so not that there is none.
+            # One flight shows a fault, but not by how much healthy flights differ, and so not that there is none. How
+            # probable a fault is stays known: `mavdem diff` of these two flights states it.
             reason = _too_few_healthy_flights(flight, candidate_flights, comparison)
-            assessment = HealthAssessment(MotorHealth.UNKNOWN, reason)
+            assessment = assessment._replace(health=MotorHealth.UNKNOWN, fact=reason)
         is_weak = evidence.change.fault_probability >= MIN_REPORTED_PROBABILITY
         if is_weak and flight in healthy:
             faulty_healthy_flights[evidence.change.fault_probability] = flight

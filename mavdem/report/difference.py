@@ -43,8 +43,9 @@ from mavdem.fleet.random_effects import (
 from mavdem.fleet.report_columns import value_at
 from mavdem.fleet.row import UNKNOWN, FlightRow
 from mavdem.ingest.vocabulary import RATE_PID_GAINS
+from mavdem.motors.change_hypotheses import FAULT_RISE
 from mavdem.report.blocks import Blocks, Rated, Sentence, Table, caution, shortened
-from mavdem.report.fleet import short_name, vehicle_type
+from mavdem.report.fleet import ANOMALOUS_HEALTHS, short_name, vehicle_type
 from mavdem.report.numbers import counted, listed, plus_minus, rounded, without_remark
 from mavdem.report.templates import render_section, without_full_stop
 
@@ -117,7 +118,8 @@ def headline_of_comparison(
 
     1. Whether the states are of two vehicles.
     2. The lights (judgements of one subject each, such as the motors) that are bad on a side, and that of the motors
-       where both sides warn of different motors, or one side does and the other does not.
+       where both sides warn of different motors, or one side does and the other does not. Figures of the motor that it
+       names are its evidence, and no result of their own.
     3. Whether compared figures changed. One change is named: of a loop with a bad margin, or else the surest one.
     4. The changed gains of loops with a bad margin or a changed figure, or else all changed gains, and their effects.
        Where no figure changed that they do not explain, they come first.
@@ -133,12 +135,14 @@ def headline_of_comparison(
     """
     if difference.is_of_same_flight:
         return render_section("difference_same_flight", flights=difference.flights.before)
+    motors = _motor_verdict(reviews, difference)
     bad_lights = _bad_lights(reviews)
     light_sentences = _sentences_on_bad_lights(bad_lights)
     if not any(light.name == Light.MOTORS for light in bad_lights):
         light_sentences += _sentence_on_watched_motors(reviews)
+    light_sentences = _with_evidence(light_sentences, motors, difference)
     bad_axes = {light.axis for light in bad_lights if light.name == Light.MARGINS}
-    changes = _changes_by_relevance(difference, bad_axes)
+    changes = _changes_by_relevance(difference, bad_axes, motors.evidence)
     changed_axes = {
         change.quantity.axis for change in changes if change.quantity.kind in LOOP_KINDS
     }
@@ -146,6 +150,7 @@ def headline_of_comparison(
     result = _result_sentences(
         difference,
         changes,
+        motors,
         has_bad_light=bool(bad_lights),
         has_motor_difference=has_motor_difference(reviews),
     )
@@ -202,6 +207,7 @@ def difference_blocks(
     parameters: Sequence[ParameterChange] = (),
     lacking: Names = (),
     headline: Sequence[Sentence] = (),
+    reviews: Mapping[str, Review] = NO_REVIEWS,
 ) -> Blocks:
     """Returns sentences on the differences between two states of a vehicle, or two vehicles, with their certainty.
 
@@ -214,6 +220,7 @@ def difference_blocks(
         parameters: parameters of the autopilot that changed.
         lacking: sides, "A" or "B", whose parameters are not known.
         headline: the sentences that head the comparison, which are shown above: what they name is not repeated.
+        reviews: review documents of both logs, by side, "A" and "B".
 
     Returns:
         The sentences.
@@ -241,7 +248,7 @@ def difference_blocks(
     )
     return [
         *(() if _are_two_vehicles(difference) else _identity_cautions(difference)),
-        *_change_sentences(difference, headline),
+        *_change_sentences(difference, _motor_verdict(reviews, difference), headline),
         *not_compared,
         *parameter_sentences,
         *conditions_and_method,
@@ -333,6 +340,94 @@ def has_motor_difference(reviews: Mapping[str, Review]) -> bool:
     first_light, second_light = motor_lights.values()
     warns = first_light["level"] in WARNING_LEVELS or second_light["level"] in WARNING_LEVELS
     return warns and not _are_equal(first_light, second_light)
+
+
+class MotorVerdict(NamedTuple):
+    """What is known of the motors beside the compared figures, which are then no verdicts of their own.
+
+    The motors of a flight are judged by their balance, which is all trims together, after the part that lean makes.
+    That test finds a weak motor where each trim alone is uncertain, and none where lean shifts a trim.
+    """
+
+    evidence: tuple[QuantityChange, ...] = ()
+    """Changes of figures of a motor that is named as weak, as a weak motor makes them, sure or doubtful."""
+
+    fault_probability: float | None = None
+    """Probability of a weak motor in the later flight by the balance of all motors; None if it was not judged."""
+
+    is_weak: bool = False
+    """Whether the later flight differs by its motors from others of the vehicle."""
+
+    def settles(self, change: QuantityChange) -> bool:
+        """Returns whether the motors' own judgement takes the place of the result of a change that is doubtful."""
+        if change in self.evidence:
+            return True
+        return change.quantity.kind == SHARE and self.fault_probability is not None
+
+
+NO_VERDICT = MotorVerdict()
+"""The motors were not judged, as of two vehicles."""
+
+
+def _motor_verdict(reviews: Mapping[str, Review], difference: VehicleDifference) -> MotorVerdict:
+    """Returns what is known of the motors from the reviews of both logs.
+
+    Args:
+        reviews: review documents of both logs, by side, "A" and "B"; of a fleet, empty.
+        difference: comparison of the two states.
+    """
+    weak_motors = {}
+    # Where both logs warn of the same motor, its figures show whether it became worse.
+    if has_motor_difference(reviews):
+        for side, light in _lights_of_both(reviews)[Light.MOTORS].items():
+            if light["level"] in WARNING_LEVELS:
+                weak_motors[side] = motor_number(light.get("subject") or "")
+    judgement = value_at(reviews.get(_later_side(reviews)) or {}, "motor_health") or {}
+    return MotorVerdict(
+        tuple(_evidence_of_weak_motors(difference, weak_motors)),
+        judgement.get("fault_probability"),
+        judgement.get("health") in ANOMALOUS_HEALTHS,
+    )
+
+
+def _evidence_of_weak_motors(
+    difference: VehicleDifference, weak_motors: Mapping[str, int | None]
+) -> Iterator[QuantityChange]:
+    """Yields the changes of a motor's figures that show what is known already: that the motor is weak.
+
+    Args:
+        difference: comparison of the two states.
+        weak_motors: number of the motor that is known to be weak in a state, by the name of the state, "A" or "B".
+    """
+    first_side, second_side = STATE_NAMES
+    for change in difference.changes:
+        is_change = change.outcome is QuantityOutcome.CHANGED or _is_doubtful(change)
+        weaker_side = second_side if _is_weaker(change) else first_side
+        is_of_motor = change.quantity.is_of_motor
+        if is_of_motor and is_change and weak_motors.get(weaker_side) == change.quantity.motor:
+            yield change
+
+
+def _with_evidence(
+    sentences: Sequence[Sentence], motors: MotorVerdict, difference: VehicleDifference
+) -> list[Sentence]:
+    """Returns sentences of the headline, with the evidence for a weak motor at the end of that on the motors.
+
+    Args:
+        sentences: sentences on lights, one of which is that of the motors.
+        motors: what is known of the motors.
+        difference: comparison of the two states, with the names of the motors.
+    """
+    if not motors.evidence:
+        return [*sentences]
+    texts = listed(change_text(change, difference) for change in motors.evidence)
+    lead = f"{Light.MOTORS.capitalize()}:"
+    return [
+        Sentence(f"{sentence.text} This agrees with {texts}.", lead=sentence.lead)
+        if sentence.lead == lead
+        else sentence
+        for sentence in sentences
+    ]
 
 
 def _lights_of_both(reviews: Mapping[str, Review]) -> dict[str, dict[str, JsonValues]]:
@@ -704,15 +799,26 @@ def baseline_blocks(
     baseline_count = counted(difference.flights.before, "flight")
     compared_flights = f"the latest flight, {file}{date}, compared with {baseline_count}."
     blocks: Blocks = [Sentence(compared_flights, lead="Since the baseline:")]
-    blocks += _result_sentences(difference, _changes_by_relevance(difference))
-    blocks += _change_sentences(difference)
+    _, latest_side = STATE_NAMES
+    is_weak = latest_row.health in ANOMALOUS_HEALTHS
+    weak_motors = {latest_side: latest_row.suspect_motor} if is_weak else {}
+    evidence = tuple(_evidence_of_weak_motors(difference, weak_motors))
+    motors = MotorVerdict(evidence, latest_row.fault_probability, is_weak)
+    if is_weak and latest_row.health_reason:
+        sentence = Sentence(latest_row.health_reason, lead=f"{Light.MOTORS.capitalize()}:")
+        blocks += _with_evidence([sentence], motors, difference)
+    changes = _changes_by_relevance(difference, without=evidence)
+    blocks += _result_sentences(difference, changes, motors, has_motor_difference=is_weak)
+    blocks += _change_sentences(difference, motors)
     if has_identity_cautions:
         blocks += _identity_cautions(difference)
     return blocks
 
 
 def _changes_by_relevance(
-    difference: VehicleDifference, axes: Collection[str] = ()
+    difference: VehicleDifference,
+    axes: Collection[str] = (),
+    without: Collection[QuantityChange] = (),
 ) -> list[QuantityChange]:
     """Returns the quantities that changed, the most relevant first, for the headline and lists of a comparison.
 
@@ -722,11 +828,14 @@ def _changes_by_relevance(
     Args:
         difference: comparison of two groups of flights of a vehicle, quantity by quantity.
         axes: axes whose stability margins are bad in one of the groups, so that changes of their loops matter most.
+        without: changes that are left out.
     """
     changes_of_bad_loops = []
     other_changes = []
     changes = difference.changes_with(QuantityOutcome.CHANGED)
     for change in sorted(changes, key=lambda change: change.p):
+        if change in without:
+            continue
         if change.quantity.kind in LOOP_KINDS and change.quantity.axis in axes:
             changes_of_bad_loops.append(change)
         else:
@@ -765,6 +874,7 @@ def _changes_by_cause(
 def _result_sentences(
     difference: VehicleDifference,
     changes: Sequence[QuantityChange],
+    motors: MotorVerdict = NO_VERDICT,
     *,
     has_bad_light: bool = False,
     has_motor_difference: bool = False,
@@ -777,14 +887,19 @@ def _result_sentences(
 
     Args:
         difference: comparison of two groups of flights of a vehicle, quantity by quantity.
-        changes: the changed quantities, the most relevant first.
+        changes: the changed quantities, the most relevant first, without those that are evidence for a weak motor.
+        motors: what is known of the motors; doubtful figures that it settles are not named.
         has_bad_light: whether a status light is bad in one of the logs; then the sentence must not say that nothing
             differs.
         has_motor_difference: whether the status lights of the motors differ; then the sentence may only say that
             nothing else differs.
     """
     unexplained_changes, changes_by_gains = _changes_by_cause(difference, changes)
-    doubtful_changes = [change for change in difference.tested if _is_doubtful(change)]
+    doubtful_changes = [
+        change
+        for change in difference.tested
+        if _is_doubtful(change) and not motors.settles(change)
+    ]
     doubtful_changes.sort(key=lambda change: change.p)
     # What the sentence names: the first of these, and how many there are besides.
     candidates = unexplained_changes or doubtful_changes
@@ -792,7 +907,9 @@ def _result_sentences(
     doubtful_text = ""
     if unexplained_changes and doubtful_changes:
         doubtful_text = change_text(doubtful_changes[0], difference)
-    outcomes = Counter(change.outcome for change in difference.changes)
+    outcomes = Counter(
+        change.outcome for change in difference.changes if change not in motors.evidence
+    )
     return render_section(
         "difference_conclusion",
         change="" if main_change is None else change_text(main_change, difference),
@@ -820,7 +937,7 @@ def _is_doubtful(change: QuantityChange) -> bool:
 
 
 def _change_sentences(
-    difference: VehicleDifference, headline: Sequence[Sentence] = ()
+    difference: VehicleDifference, motors: MotorVerdict, headline: Sequence[Sentence] = ()
 ) -> list[Sentence]:
     """Returns a sentence on all compared quantities with the same outcome, for each outcome that there is.
 
@@ -830,22 +947,30 @@ def _change_sentences(
 
     Args:
         difference: comparison of two groups of flights of a vehicle, quantity by quantity.
+        motors: what is known of the motors, whose evidence the sentence on them has.
         headline: sentences shown above; changes by gains that they name are left out.
     """
     doubtful = []
     uncertain = list[QuantityChange]()
     for change in difference.changes:
+        if change in motors.evidence:
+            continue
         if _is_doubtful(change):
-            doubtful.append(change_text(change, difference))
+            doubtful.append(change)
         elif change.outcome is QuantityOutcome.UNCERTAIN:
             uncertain.append(change)
-    unexplained_changes, by_gains = _changes_by_cause(difference, _changes_by_relevance(difference))
+    unexplained_changes, by_gains = _changes_by_cause(
+        difference, _changes_by_relevance(difference, without=motors.evidence)
+    )
     # The headline names the first change, so that a single one is not repeated.
     listed_changes = unexplained_changes if len(unexplained_changes) > 1 else []
     tested_changes = difference.tested
     surest_change = min(
-        filter(_is_doubtful, tested_changes), key=lambda change: change.p, default=None
+        (change for change in doubtful if change in tested_changes),
+        key=lambda change: change.p,
+        default=None,
     )
+    are_trims_doubtful = any(change.quantity.kind == SHARE for change in doubtful)
     texts_above = " ".join(sentence.text for sentence in headline)
     texts_by_gains = [change_text(change, difference) for change in by_gains]
     sentences = render_section(
@@ -859,7 +984,12 @@ def _change_sentences(
             if axis in difference.axes_with_other_gains
             or axis in difference.axes_with_other_attitude_gains
         ],
-        doubtful=doubtful,
+        doubtful=[change_text(change, difference) for change in doubtful],
+        # Probability of a weak motor by all trims together, where they show none and a single one is doubtful.
+        fault_rise=FAULT_RISE,
+        fault_probability=motors.fault_probability
+        if are_trims_doubtful and not motors.is_weak
+        else None,
         uncertain=[*_texts_of_equal_changes(uncertain, difference)],
         are_two_vehicles=_are_two_vehicles(difference),
         has_trims=any(change.quantity.kind == SHARE for change in difference.changes),
@@ -1028,9 +1158,11 @@ def next_blocks(
     2. A light is bad: the next step of that log's own review; for the earlier log, only if the later one does not show
        that its fault was mended.
     3. The states are of two vehicles: no step, since their differences are no faults.
-    4. A quantity changed that new gains do not explain: to check the part that this points to.
-    5. A change is doubtful: to inspect the motor that perhaps became weaker, if there is one, and to fly again.
-    6. Otherwise: no step.
+    4. A light warns of a motor that the later log does not show to be mended: to inspect it.
+    5. A quantity changed that new gains do not explain: to check the part that this points to.
+    6. A change is doubtful: to inspect the motor that perhaps became weaker, if there is one that the judgement of all
+       motors together does not exclude, and to fly again.
+    7. Otherwise: no step.
 
     Args:
         difference: comparison of two states, quantity by quantity.
@@ -1047,11 +1179,19 @@ def next_blocks(
         return steps
     if are_two_vehicles:
         return []
-    changes = difference.changes_with(QuantityOutcome.CHANGED)
+    motor_steps = _step_of_watched_motor(reviews)
+    if motor_steps:
+        return motor_steps
+    motors = _motor_verdict(reviews, difference)
+    changes = _changes_by_relevance(difference, without=motors.evidence)
     unexplained_changes = _changes_by_cause(difference, changes).unexplained
     if unexplained_changes:
         return _what_to_check(unexplained_changes, difference)
-    doubtful_changes = [change for change in difference.tested if _is_doubtful(change)]
+    doubtful_changes = [
+        change
+        for change in difference.tested
+        if _is_doubtful(change) and not motors.settles(change)
+    ]
     if not doubtful_changes:
         return []
     weaker_motors = [change for change in doubtful_changes if _is_weaker(change)]
@@ -1101,6 +1241,29 @@ def _steps_of_bad_logs(reviews: Mapping[str, Review], *, are_two_vehicles: bool)
         if next_step and next_step not in [step.text for step in steps]:
             steps.append(Sentence(next_step, lead=f"Next, by {side}:"))
     return steps
+
+
+def _step_of_watched_motor(reviews: Mapping[str, Review]) -> list[Sentence]:
+    """Returns the step to inspect a motor that the reviews of two logs of one vehicle say is to be watched.
+
+    A motor of the earlier log alone needs no step if the motors of the later one are good.
+
+    Args:
+        reviews: review documents of both logs, by side, "A" and "B".
+
+    Returns:
+        A list with one sentence; empty if no motor is named.
+    """
+    if not has_motor_difference(reviews):
+        return []
+    later_side = _later_side(reviews)
+    lights = _lights_of_both(reviews)[Light.MOTORS]
+    for side, light in lights.items():
+        is_mended = side != later_side and lights[later_side]["level"] == Level.GOOD
+        number = motor_number(light.get("subject") or "")
+        if light["level"] == Level.WATCH and number is not None and not is_mended:
+            return render_section("difference_next", motor=f"motor {number}", is_weaker=True)
+    return []
 
 
 def _what_to_check(

@@ -21,7 +21,6 @@ from mavdem.containers import JsonValues
 from mavdem.documents.library import Recordings
 from mavdem.errors import Refusal
 from mavdem.facts.serve import ListingOrder, Permission, RefusalReason, Stage
-from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import baseline_differences, vehicle_difference
 from mavdem.fleet.flights import group_by_vehicle
 from mavdem.fleet.parameter_changes import changed_parameters, states_without_gains
@@ -40,7 +39,7 @@ from mavdem.report.pages.library_page import (
     with_server_script,
     with_toolbar,
 )
-from mavdem.report.pages.motor_anomaly import motor_anomaly
+from mavdem.report.pages.motor_anomaly import motor_anomaly, review_beside_flights
 from mavdem.report.pages.page_link import PageLink
 from mavdem.results import PAGE_FILE, RECORDING_FILE, RECORDINGS
 from mavdem.serve.guard import POLICY_HEADER
@@ -496,27 +495,22 @@ class Pages:
         gains_after = json.loads(entry_after.gains)
         parameters = changed_parameters(gains_before, gains_after)
         given_names = self._library.names.flights
-        anomalous_rows = self._visible_library.rows_with_motor_anomaly([entry_before, entry_after])
-        anomalies = {}
-        for side, entry in zip(STATE_NAMES, (entry_before, entry_after), strict=True):
-            anomaly = motor_anomaly(anomalous_rows.get(entry.id))
-            if anomaly is not None:
-                anomalies[side] = anomaly
         html = comparison_page(
             names=(
                 given_names.get(entry_before.content_hash, entry_before.name),
                 given_names.get(entry_after.content_hash, entry_after.name),
             ),
             reviews=(
-                self._visible_library.review(entry_before) or {},
-                self._visible_library.review(entry_after) or {},
+                review_beside_flights(
+                    self._visible_library.review(entry_before) or {}, rows_before
+                ),
+                review_beside_flights(self._visible_library.review(entry_after) or {}, rows_after),
             ),
             difference=vehicle_difference(rows_before, rows_after, parameters),
             parameters=parameters,
             lacking=states_without_gains(gains_before, gains_after),
             back=PageLink("Flights", "/"),
             flights=(self._series(entry_before), self._series(entry_after)),
-            anomalies=anomalies,
         )
         return HTMLResponse(
             with_server_script(html, **self._visible_library.visitor_values(request))

@@ -368,6 +368,7 @@ def test_what_is_not_known_in_both_is_not_compared_and_the_reason_is_said(
     inner = why[quantity].figures.get("reasons", (why[quantity],))
     assert [fact.code for fact in inner] == [reason]
     known = {"a": "A", "b": "B", "parameters": [], "headlines": {"a": None, "b": None}}
+    known["motor_health"] = {"a": None, "b": None}
     document = complete_document("diff", known | found._asdict())
     assert json.loads(json.dumps(document, allow_nan=False)) == document
 

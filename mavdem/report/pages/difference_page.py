@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import sqrt
-from types import MappingProxyType
 
 import numpy as np
 
@@ -45,7 +44,6 @@ from mavdem.report.difference import (
 )
 from mavdem.report.loops import LOOP_FIGURES, TUNED_FIGURES
 from mavdem.report.numbers import counted, rounded
-from mavdem.report.pages.motor_anomaly import MotorAnomaly, review_with_anomaly
 from mavdem.report.pages.page import Chapter, render_document
 from mavdem.report.pages.page_link import PageLink
 from mavdem.report.palette import PREDICTED, TRUTH
@@ -53,9 +51,6 @@ from mavdem.report.templates import render_section, rounded_up
 
 Reviews = Mapping[str, Review]
 """The reviews of both flights, by side: "A" and "B"."""
-
-NO_ANOMALIES: Mapping[str, MotorAnomaly] = MappingProxyType({})
-"""No side with motors that are known to differ from those of other flights of the vehicle."""
 
 SIDE_COLOURS = {"A": PREDICTED, "B": TRUTH}
 """Colour of each side in charts."""
@@ -97,26 +92,20 @@ def comparison_page(
     lacking: Names = (),
     back: PageLink | None = None,
     flights: tuple[FlightSeries | None, FlightSeries | None] = ({}, {}),
-    anomalies: Mapping[str, MotorAnomaly] = NO_ANOMALIES,
 ) -> str:
     """Renders the page that compares two flights.
 
     Args:
         names: names of the flights, A and B.
-        reviews: their documents.
+        reviews: their documents, with the motors judged beside other flights (``review_beside_flights``).
         difference: differences between the vehicles.
         parameters: parameters of the autopilot that changed.
         lacking: the sides, "A" or "B", whose parameters of the autopilot are not known.
         back: the page that leads here, if any.
         flights: time series of the flight of each side (``flight_series``): empty of a fleet, None where they were not
             stored with the flight.
-        anomalies: anomaly of the motors that a flight shows beside all other flights of its vehicle, by side, "A" or
-            "B"; none where only these two flights are known.
     """
-    reviews_by_side = {
-        side: review_with_anomaly(review, anomalies.get(side))
-        for side, review in zip(SIDE_COLOURS, reviews, strict=True)
-    }
+    reviews_by_side = dict(zip(SIDE_COLOURS, reviews, strict=True))
     # Names of files and dates, which the subtitle has, would fill each chart's legend.
     legend = {side: side for side in SIDE_COLOURS}
     names_of_sides = {
@@ -166,7 +155,9 @@ def comparison_page(
             changed_parameters,
         ),
         Chapter(
-            "In words", difference_blocks(difference, parameters, lacking, headline), folded=True
+            "In words",
+            difference_blocks(difference, parameters, lacking, headline, reviews_by_side),
+            folded=True,
         ),
     ]
     summary: Blocks = []

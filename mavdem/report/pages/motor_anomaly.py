@@ -15,8 +15,9 @@ from mavdem.containers import JsonValues
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorHealth
+from mavdem.fleet.flights import group_into_flights, worst_row
 from mavdem.fleet.report_columns import value_at
-from mavdem.fleet.row import FlightRow
+from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.report.blocks import Sentence
 from mavdem.report.fleet import (
     ANOMALOUS_HEALTHS,
@@ -98,6 +99,37 @@ def motor_anomaly(row: FlightRow | None) -> MotorAnomaly | None:
     next_step = motor_next_step(row) if has_next_step else []
     level = HEALTH_LEVELS[MotorHealth(row.health)]
     return MotorAnomaly(level, row.health_reason or "", next_step, motor)
+
+
+def review_beside_flights(review: Mapping[str, Any], rows: FlightRows) -> Mapping[str, Any]:
+    """Returns the review of a flight with its motors judged beside the other flights of the vehicle.
+
+    Args:
+        review: review document of the flight, by its log alone; empty of a fleet. It is not modified.
+        rows: rows of the fleet's table for the flight, with its health; of several flights the latest counts.
+
+    Returns:
+        A changed copy, as :func:`review_with_anomaly` makes it, in which ``motor_health`` has the judgement itself; the
+        review itself if the motors were not judged.
+    """
+    flown_rows = [row for row in rows if row.is_read]
+    if not flown_rows:
+        return review
+    row = worst_row(group_into_flights(flown_rows)[-1])
+    if row.health_reason is None:
+        return review
+    motor_health = {
+        "health": row.health,
+        "code": row.health_code,
+        "sentence": row.health_reason,
+        "fault_probability": row.fault_probability,
+        "suspect_motor": row.suspect_motor,
+    }
+    judged_review = review_with_anomaly(review, motor_anomaly(row))
+    if not review and row.headline_level == Level.BAD:
+        # A fleet has no reviews, only headlines, of which a bad one stays.
+        judged_review = review
+    return {**judged_review, "motor_health": motor_health}
 
 
 def review_with_anomaly(

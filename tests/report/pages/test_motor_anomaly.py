@@ -5,11 +5,20 @@ import re
 from fleet_rows import flight_row
 from pytest import mark
 
+from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet.difference import vehicle_difference
-from mavdem.report.difference import headline_of_comparison, motor_table, next_blocks
+from mavdem.fleet.quantities import SHARE
+from mavdem.report.difference import (
+    baseline_blocks,
+    difference_blocks,
+    headline_of_comparison,
+    motor_table,
+    next_blocks,
+)
 from mavdem.report.pages.difference_page import comparison_page
 from mavdem.report.pages.motor_anomaly import (
     motor_anomaly,
+    review_beside_flights,
     review_with_anomaly,
     with_motor_anomaly,
 )
@@ -102,12 +111,108 @@ def test_a_comparison_shows_the_motors_as_they_are_beside_other_flights(health, 
     (table,) = motor_table(reviews, difference)
     assert [row[:2] for row in table.rows][0] == ["motor 1", "no warning"]
     assert "lost about 22 %" in table.rows[0][2]
-    page = comparison_page(("a", "b"), (review, review), difference, anomalies={"B": weak})
+    page = comparison_page(("a", "b"), tuple(reviews.values()), difference)
     assert f"Motors: good in A, {level} in B. Motor 1 (front right) lost about" in page
     assert "<strong>B by itself:</strong>" not in page
     if health == "fault":
         (step,) = next_blocks(difference, reviews)
         assert step.text == "Inspect motor 1 and its propeller before the next flight."
+
+
+GOOD_REVIEW = {
+    "lights": {"motors": {"level": "good", "sentence": "No motor lost over 32 %."}},
+    "headline": {"level": "good", "sentence": "Nothing wrong found."},
+}
+
+
+def doubtful_trim(motor, change):
+    """Returns the comparison of two flights in which the trim of a motor changed, too uncertain to count."""
+    difference = vehicle_difference(*([flight_row("quad", number)] for number in (1, 2)))
+    (trim,) = [
+        one
+        for one in difference.changes
+        if one.quantity.kind == SHARE and one.quantity.motor == motor
+    ]
+    doubtful = trim._replace(
+        difference=change, half_width=0.06, p=0.047, outcome=QuantityOutcome.UNCERTAIN
+    )
+    rest = [one for one in difference.changes if one is not trim]
+    return difference._replace(changes=(doubtful, *rest))
+
+
+def judged_reviews(**health):
+    """Returns the reviews of a good flight and of one that is judged beside it."""
+    reason = "Motor 1 (front right) lost about 21 % of its thrust with probability 0.60."
+    rows = [flight_row("quad", 2, **{"health_reason": reason, **health})]
+    return {"A": GOOD_REVIEW, "B": review_beside_flights(GOOD_REVIEW, rows)}
+
+
+def texts(sentences):
+    return [f"{one.lead} {one.text}".strip() for one in sentences]
+
+
+def test_a_doubtful_figure_of_the_motor_that_is_weak_is_evidence_and_no_second_verdict():
+    difference = doubtful_trim(1, 0.08)
+    reviews = judged_reviews(health="drift", suspect_motor=1, fault_probability=0.6)
+    headline = headline_of_comparison(reviews, difference)
+    motors, rest, *_ = texts(headline)
+    assert motors.startswith("Motors: good in A, watch in B. Motor 1 (front right) lost about 21 %")
+    assert motors.endswith("This agrees with motor 1's relative trim +8 % ± 6 %.")
+    assert rest == "No other compared figure changed."
+    everything = " ".join(
+        texts([*headline, *difference_blocks(difference, headline=headline, reviews=reviews)])
+    )
+    assert "Perhaps" not in everything and "Doubtful" not in everything
+    (step,) = texts(next_blocks(difference, reviews))
+    assert step == "Next: Inspect motor 1 and its propeller before the next flight."
+    # A motor that became stronger is no evidence that it is weak.
+    stronger = " ".join(texts(headline_of_comparison(reviews, doubtful_trim(1, -0.08))))
+    assert "agrees" not in stronger
+
+
+def test_a_sure_change_of_the_weak_motor_is_evidence_too():
+    difference = doubtful_trim(1, 0.16)
+    change, *rest = difference.changes
+    sure = change._replace(outcome=QuantityOutcome.CHANGED, p=1e-4)
+    difference = difference._replace(changes=(sure, *rest))
+    reviews = judged_reviews(health="fault", suspect_motor=1, fault_probability=0.97)
+    headline = " ".join(texts(headline_of_comparison(reviews, difference)))
+    assert "This agrees with motor 1's relative trim +16 % ± 6 %." in headline
+    assert "Changed:" not in headline
+
+
+def test_a_doubtful_trim_names_no_motor_where_all_together_show_none_that_is_weak():
+    difference = doubtful_trim(4, 0.08)
+    reviews = judged_reviews(
+        health="unknown", fault_probability=0.01, health_reason="Not enough flights."
+    )
+    assert texts(headline_of_comparison(reviews, difference)) == [
+        "No compared figure changed significantly."
+    ]
+    (doubt,) = [
+        text
+        for text in texts(difference_blocks(difference, reviews=reviews))
+        if text.startswith("Doubtful:")
+    ]
+    assert "motor 4's relative trim +8 % ± 6 %" in doubt
+    assert doubt.endswith("show no motor that works 8 % harder (probability 0.01).")
+    assert next_blocks(difference, reviews) == []
+    # Without that judgement the trim is all that is known.
+    assert texts(headline_of_comparison({}, difference))[0].startswith("Perhaps changed: motor 4")
+    (step,) = texts(next_blocks(difference))
+    assert step.startswith("Next: Inspect motor 4")
+
+
+def test_beside_a_baseline_the_weak_motor_has_one_verdict():
+    row = flight_row(
+        "quad", 2, health="drift", health_reason="Motor 1 lost thrust.", suspect_motor=1
+    )
+    _, motors, rest, *others = texts(baseline_blocks(row, doubtful_trim(1, 0.08)))
+    assert motors == (
+        "Motors: Motor 1 lost thrust. This agrees with motor 1's relative trim +8 % ± 6 %."
+    )
+    assert rest == "No other compared figure changed."
+    assert not any("Perhaps" in text or "Doubtful" in text for text in others)
 
 
 def test_a_log_that_shows_worse_is_compared_as_it_is():

@@ -1,0 +1,61 @@
+"""Two logs of one vehicle are judged beside each other, as a fleet of both judges them."""
+
+from datetime import UTC, datetime
+
+from mavdem.facts.motors import HealthUnknown
+from mavdem.fleet.row import FlightRow
+from mavdem.fleet.state import VehicleState, with_motors_judged
+from mavdem.fleet.tracking import assess_rows
+from mavdem.ingest.telemetry import Telemetry
+
+WEAK_MOTOR_1 = (-0.05, 0.05, 0.05)
+"""Balance in roll, pitch and yaw where motor 1, at the front right, works 15 % harder."""
+
+
+def state(day, vehicle="001a", balance=(0.0, 0.0, 0.0), vehicles=None):
+    """Returns the state of a log with one flight of a quadrotor, by its board's serial number."""
+    row = FlightRow(
+        file=f"{day}.bin",
+        key=str(day),
+        vehicle=vehicle,
+        vehicle_basis="board",
+        date=datetime(2026, 5, day, tzinfo=UTC),
+        axis="roll",
+        duration=60.0,
+        balance=balance,
+        balance_error=(0.001,) * 3,
+        balance_lean=(0.05, 0.0),
+        lean_effect=(0.0,) * 6,
+        lean_effect_error=(0.1,) * 6,
+        motors=("motor 1", "motor 2", "motor 3", "motor 4"),
+        positions=((1, 1), (-1, -1), (1, -1), (-1, 1)),
+        spins=(1, 1, -1, -1),
+        headline="Nothing wrong found.",
+    )
+    logs = [Telemetry(1, 1, "QUADROTOR", "ARDUPILOTMEGA", {})] if vehicles is None else vehicles
+    return VehicleState([row], review={}, vehicles=logs)
+
+
+def test_two_logs_have_the_health_that_a_fleet_of_both_has():
+    before, after = state(1), state(2, balance=WEAK_MOTOR_1)
+    judged = with_motors_judged(before, after)
+    rows = [row for one in judged for row in one.rows]
+    assert rows == assess_rows([*before.rows, *after.rows], [])
+    assert [row.suspect_motor for row in rows] == [None, 1]
+    assert rows[1].health == "drift" and "one flight before" in rows[1].health_reason
+    # The order in which both are named changes nothing.
+    swapped = with_motors_judged(after, before)
+    assert [one.rows[0].suspect_motor for one in swapped] == [1, None]
+
+
+def test_a_sound_flight_beside_a_single_one_has_a_probability_but_no_health():
+    _, after = with_motors_judged(state(1), state(2))
+    (row,) = after.rows
+    assert (row.health, row.health_code) == ("unknown", HealthUnknown.HEALTHY_FLIGHTS_FEW)
+    assert row.fault_probability < 0.1
+
+
+def test_two_vehicles_and_fleets_are_left_as_they_are():
+    weak = state(2, balance=WEAK_MOTOR_1)
+    for other in (state(1, vehicle="002b"), state(1, vehicles=[])):
+        assert with_motors_judged(other, weak) == (other, weak)
