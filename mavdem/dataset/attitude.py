@@ -279,25 +279,26 @@ def _integrated_rates(attitude: Attitude, tuning: TimeSeries) -> _IntegratedRate
         number of attitude messages within them. The angle is NaN before the first attitude message, after the last one,
         and in an outage of the messages.
     """
-    rate = tuning.values[:, 0]
-    angle = np.full_like(rate, np.nan)
-    euler_rate = rate.copy()
+    body_rate = tuning.values[:, 0]
+    angle = np.full_like(body_rate, np.nan)
+    euler_rate = body_rate.copy()
     covered_count = 0
     for boot, rows in rows_by_value(attitude.boot).items():
         sent_time = attitude.time[rows]
+        sent_angle = attitude.angle[rows]
         is_covered = (tuning.boot == boot) & _is_between_messages(tuning.time, sent_time)
         if not np.any(is_covered):
             continue
         time = tuning.time[is_covered]
-        integral = cumulative_integral(rate[is_covered], np.diff(time))
-        drift = attitude.angle[rows] - np.interp(sent_time, time, integral)
-        angle[is_covered] = integral + np.interp(time, sent_time, drift)
+        integral = cumulative_integral(body_rate[is_covered], np.diff(time))
+        drift_at_messages = sent_angle - np.interp(sent_time, time, integral)
+        angle[is_covered] = integral + np.interp(time, sent_time, drift_at_messages)
         is_in_span = (sent_time >= time[0]) & (sent_time <= time[-1])
         covered_count += int(np.count_nonzero(is_in_span))
         # The Euler rate is the body rate of the axis plus a coupling by the other two rates, which are known only at
         # the slower messages.
-        coupling = attitude.euler_rate[rows] - attitude.rate[rows]
-        euler_rate[is_covered] += np.interp(time, sent_time, coupling)
+        coupling_at_messages = attitude.euler_rate[rows] - attitude.rate[rows]
+        euler_rate[is_covered] += np.interp(time, sent_time, coupling_at_messages)
     return _IntegratedRates(angle, euler_rate, covered_count)
 
 

@@ -168,10 +168,12 @@ def _battery_of_sys_status(
         return {FIRST_BATTERY: sys_status}
     if len(batteries) == 1:
         (only_battery,) = batteries.values()
-        volts = np.median(only_battery.voltage.values)
-        difference = abs(np.median(sys_status.voltage.values) - volts)
-        if difference <= SAME_BATTERY_DIFFERENCE * volts:
+        usual_voltage = np.median(only_battery.voltage.values)
+        difference = abs(np.median(sys_status.voltage.values) - usual_voltage)
+        is_same_battery = difference <= SAME_BATTERY_DIFFERENCE * usual_voltage
+        if is_same_battery:
             number = only_battery.number
+            # SYS_STATUS is sent more often, but does not have the number of cells.
             return {number: replace(sys_status, number=number, cells=only_battery.cells)}
     # PX4's SYS_STATUS shows the battery with the least charge, which changes in flight.
     if autopilot == "PX4" or FIRST_BATTERY in batteries:
@@ -192,32 +194,35 @@ def _measured_battery(number: int, columns: Columns) -> Battery | None:
     Returns:
         The battery, with current and charge if they were measured; None without a measured voltage.
     """
-    volts = _battery_voltage(columns)
-    if volts is None:
+    voltage = _battery_voltage(columns)
+    if voltage is None:
         return None
     lowest, highest = POSSIBLE_VOLTAGE
-    is_possible = (volts >= lowest) & (volts <= highest)
+    is_possible = (voltage >= lowest) & (voltage <= highest)
     # A damaged message can have twice the voltage of its neighbours.
-    candidates = volts[is_possible]
-    is_outlier = deviates_from_median(candidates, VOLTAGE_MEDIAN_SAMPLES, candidates / 2)
+    possible_voltage = voltage[is_possible]
+    is_outlier = deviates_from_median(
+        possible_voltage, VOLTAGE_MEDIAN_SAMPLES, possible_voltage / 2
+    )
     is_possible[is_possible] = ~is_outlier
     # Without a connected battery, a few damaged messages may still have a possible voltage.
-    min_samples = max(MIN_VOLTAGE_SAMPLES, np.count_nonzero(~np.isnan(volts)) / 2)
-    if np.count_nonzero(is_possible) < min_samples:
+    sample_count = np.count_nonzero(~np.isnan(voltage))
+    min_possible_count = max(MIN_VOLTAGE_SAMPLES, sample_count / 2)
+    if np.count_nonzero(is_possible) < min_possible_count:
         return None
-    current = load = charge = None
+    current = voltage_and_current = charge = None
     if "current_battery" in columns:
         # All these messages have units of 10 mA.
         amperes = float_column(columns, "current_battery") / 1e2
         current = _series_or_none(columns, amperes)
-        load = _series_or_none(columns, np.column_stack([volts, amperes]))
+        voltage_and_current = _series_or_none(columns, np.column_stack([voltage, amperes]))
     if "battery_remaining" in columns:
         charge = _series_or_none(columns, float_column(columns, "battery_remaining"))
     return Battery(
         number,
-        voltage=clean_series(columns, volts, is_possible),
+        voltage=clean_series(columns, voltage, is_possible),
         current=current,
-        load=load,
+        load=voltage_and_current,
         charge=charge,
         cells=_cells_in_message(columns, is_possible),
     )
@@ -274,23 +279,31 @@ def _cell_millivolts(columns: Mapping[str, Array]) -> Array:
 def _cells_in_message(columns: Columns, is_possible: Flags) -> int | None:
     """Returns the number of cells that the messages of a battery report.
 
+    A message reports it as a number, or by a voltage for each cell.
+
     Args:
         columns: Fields of the messages, N rows.
         is_possible: Whether each row has a possible voltage (N,).
 
     Returns:
-        The number; None if they do not report it.
+        The number; None if they do not report it, or the voltages may be of several cells each.
     """
     if "cell_count" in columns:
         count = int(np.median(columns["cell_count"][is_possible]))
+        # The number 0 means "not known".
         return count or None
     if "voltages" not in columns:
         return None
+    # Voltages (N, elements), V; NaN where an element is not in use.
     volts = _cell_millivolts(columns)[is_possible] / 1000
-    counts = np.isfinite(volts).sum(axis=1)
+    is_in_use = np.isfinite(volts)
+    counts = is_in_use.sum(axis=1)
+    # A single element is no count of cells: it may be the voltage of one cell, or the sum of two empty ones.
+    if counts.min() < 2:
+        return None
+    is_constant_count = np.ptp(counts) == 0
     lowest, highest = POSSIBLE_CELL_VOLTAGE
     is_single_cell = (volts >= lowest) & (volts <= highest)
-    # A single element is no count of cells: it may be the voltage of one cell, or the sum of two empty ones.
-    if counts.min() < 2 or np.ptp(counts) > 0 or not is_single_cell[np.isfinite(volts)].all():
+    if not is_constant_count or not is_single_cell[is_in_use].all():
         return None
     return int(counts[0])

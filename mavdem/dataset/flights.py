@@ -71,7 +71,10 @@ def read_segments(
     (``provenance["segment"]["boot"]``) must not be compared.
 
     Args:
-        path, axis, vehicle, inputs: As in :func:`read_flight`.
+        path: A log in one of the formats of ``mavdem.ingest.read_log``.
+        axis: "roll", "pitch" or "yaw".
+        vehicle: "system" or "system:component", where the log holds several vehicles.
+        inputs: "motors" or "demand", as in :func:`read_flight`.
 
     Returns:
         The flights. Where segments failed the checks, ``provenance["cautions"]`` has how much is left out.
@@ -83,9 +86,8 @@ def read_segments(
         :func:`mavdem.read_flight`: the longest segment; :func:`mavdem.learn`.
     """
     log = read_log(path)
-    flights, learnability = usable_segments(
-        Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs), log.components
-    )
+    signals = Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs)
+    flights, learnability = usable_segments(signals, log.components)
     if not flights:
         raise NotLearnable(learnability.reason)
     return flights

@@ -237,27 +237,28 @@ def grounded_intervals(signals: Signals, boot: int) -> Intervals:
     collective = series_of_boot(signals.collective, boot)
     if collective is None:
         return []
-    mean = moving_average(collective)
+    time = collective.time
+    mean_collective = moving_average(collective)
     # The autopilot's landed state comes first, since a powerful vehicle hovers below any fixed collective. A tumble is
     # left out: it rotates so fast, and its motors differ so much, that a hover beside it would seem to be held.
     flights = intersection(
         landed_state_intervals(signals, boot, OFF_GROUND),
         complement(extreme_tilt_intervals(signals, boot)),
     )
-    is_flown = in_intervals(collective.time, flights)
+    is_flown = in_intervals(time, flights)
     if not is_flown.any():
         return []
-    hover_collective = _hover_collective(mean[is_flown])
-    # The rotation is judged relative to the fastest rotation of this vehicle in flight, a high quantile.
-    square_rates = _mean_square_tilt_rates(signals, boot, collective.time)
-    flight_square_rate = np.quantile(square_rates[is_flown], HIGH_QUANTILE)
-    is_rotating = is_flown & (square_rates >= MIN_ROTATING_SQUARE_RATIO * flight_square_rate)
-    is_still = square_rates < HELD_RATE_RATIO**2 * flight_square_rate
+    hover_collective = _hover_collective(mean_collective[is_flown])
+    is_carried = mean_collective < MIN_CARRYING_RATIO * hover_collective
 
-    max_deviation = HELD_MOTOR_DEVIATION * hover_collective
-    is_deviating = _motor_deviations(signals, boot, collective, is_rotating) > max_deviation
-    is_carried = mean < MIN_CARRYING_RATIO * hover_collective
-    return true_intervals(collective.time, is_carried | (is_still & is_deviating))
+    # The rotation is judged relative to the fastest rotation of this vehicle in flight, a high quantile.
+    square_rates = _mean_square_tilt_rates(signals, boot, time)
+    fast_square_rate = np.quantile(square_rates[is_flown], HIGH_QUANTILE)
+    is_rotating = is_flown & (square_rates >= MIN_ROTATING_SQUARE_RATIO * fast_square_rate)
+    is_still = square_rates < HELD_RATE_RATIO**2 * fast_square_rate
+    deviations = _motor_deviations(signals, boot, collective, is_rotating)
+    is_held = is_still & (deviations > HELD_MOTOR_DEVIATION * hover_collective)
+    return true_intervals(time, is_carried | is_held)
 
 
 def _hover_collective(collective: Array) -> float:

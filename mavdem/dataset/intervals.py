@@ -48,10 +48,15 @@ def longest_true_duration(time: Array, condition: Flags) -> float:
         condition: (N,) whether the condition is true at each stamp.
 
     Returns:
-        The longest time, s.
+        The longest time, s; 0 if the condition is never true, or at single samples only.
     """
-    recorded_intervals = np.clip(true_intervals(time, condition), time[0], time[-1])
-    return float(max((end - start for start, end in recorded_intervals), default=0.0))
+    longest_duration = 0.0
+    for start, end in true_intervals(time, condition):
+        # An interval that reaches an end of the record is infinite there.
+        recorded_start = max(start, time[0])
+        recorded_end = min(end, time[-1])
+        longest_duration = max(longest_duration, recorded_end - recorded_start)
+    return float(longest_duration)
 
 
 def split_at_gaps(time: Array, is_gap: Flags) -> Intervals:
@@ -84,18 +89,21 @@ def intersection(first: Intervals, second: Intervals) -> Intervals:
         Ascending intervals, each longer than 0.
     """
     overlaps = []
-    i = 0
-    j = 0
-    while i < len(first) and j < len(second):
-        start = max(first[i][0], second[j][0])
-        end = min(first[i][1], second[j][1])
+    # Both sets are walked through together. The indices are those of the present interval of each.
+    first_index = 0
+    second_index = 0
+    while first_index < len(first) and second_index < len(second):
+        first_start, first_end = first[first_index]
+        second_start, second_end = second[second_index]
+        start = max(first_start, second_start)
+        end = min(first_end, second_end)
         if start < end:
             overlaps.append((start, end))
         # The interval that ends earlier overlaps no further interval of the other set: the search continues after it.
-        if first[i][1] < second[j][1]:
-            i += 1
+        if first_end < second_end:
+            first_index += 1
         else:
-            j += 1
+            second_index += 1
     return overlaps
 
 

@@ -87,8 +87,9 @@ def has_position_fix(telemetry: Telemetry, boot: int, time: Array) -> Flags:
         Flags (T,).
     """
     has_fix = np.zeros(len(time), np.bool_)
+    # Only by receivers that are not silent: whether there is one, and whether one has a fix.
+    is_any_recent = np.zeros(len(time), np.bool_)
     has_recent_fix = np.zeros(len(time), np.bool_)
-    is_recent = np.zeros(len(time), np.bool_)
     is_recorded = False
     for message in RECEIVER_MESSAGES:
         columns = telemetry.messages.get(message, {})
@@ -99,17 +100,18 @@ def has_position_fix(telemetry: Telemetry, boot: int, time: Array) -> Flags:
             continue
         is_recorded = True
         rows = rows[np.argsort(columns["time"][rows], kind="stable")]
-        # The last message is valid; before the first message, the first one.
         message_time = columns["time"][rows]
-        last_row = np.maximum(np.searchsorted(message_time, time, side="right") - 1, 0)
-        has_receiver_fix = has_fix_by_row(columns)[rows][last_row]
-        is_receiver_recent = time - message_time[last_row] <= _longest_usual_gap(message_time)
-        has_fix |= has_receiver_fix
-        has_recent_fix |= has_receiver_fix & is_receiver_recent
-        is_recent |= is_receiver_recent
-    if is_recorded:
-        return np.where(is_recent, has_recent_fix, has_fix)
-    return np.full(len(time), not _has_no_receiver(telemetry))
+        # The last message is valid; before the first message, the first one.
+        valid_message = np.maximum(np.searchsorted(message_time, time, side="right") - 1, 0)
+        receiver_has_fix = has_fix_by_row(columns)[rows][valid_message]
+        seconds_since_message = time - message_time[valid_message]
+        is_recent = seconds_since_message <= _longest_usual_gap(message_time)
+        has_fix |= receiver_has_fix
+        is_any_recent |= is_recent
+        has_recent_fix |= receiver_has_fix & is_recent
+    if not is_recorded:
+        return np.full(len(time), not _has_no_receiver(telemetry))
+    return np.where(is_any_recent, has_recent_fix, has_fix)
 
 
 def _longest_usual_gap(time: Array) -> float:
@@ -149,15 +151,16 @@ def most_satellites(telemetry: Telemetry) -> int | None:
     Args:
         telemetry: messages of the vehicle.
     """
-    largest = None
-    for name in RECEIVER_MESSAGES:
-        columns = telemetry.messages.get(name, {})
-        if "satellites_visible" in columns:
-            counts = float_column(columns, "satellites_visible")
-            counts = counts[np.isfinite(counts) & (counts < UNKNOWN_SATELLITES)]
-            if len(counts):
-                largest = max(largest or 0, int(counts.max()))
-    return largest
+    largest_count = None
+    for message in RECEIVER_MESSAGES:
+        columns = telemetry.messages.get(message, {})
+        if "satellites_visible" not in columns:
+            continue
+        counts = float_column(columns, "satellites_visible")
+        is_known = np.isfinite(counts) & (counts < UNKNOWN_SATELLITES)
+        if is_known.any():
+            largest_count = max(largest_count or 0, int(counts[is_known].max()))
+    return largest_count
 
 
 def _has_no_receiver(telemetry: Telemetry) -> bool:

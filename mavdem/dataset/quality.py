@@ -267,13 +267,15 @@ def _torque_command(signals: Signals, flight: Flight) -> _TorqueCommand:
     """
     _, motors = signals.attitude_and_inputs
     mixer_row = motors.geometry.mixer_row(signals.axis)
-    if mixer_row is not None:
-        gain = np.sqrt((mixer_row**2).sum() / ROUNDING_VARIANCE_DIVISOR)
-        return _TorqueCommand(flight.inputs @ mixer_row, motors.scale.step * gain)
-    differences = flight.inputs - flight.inputs.mean(axis=1, keepdims=True)
-    most_active = np.argmax(differences.std(axis=0))
-    rounding_sd = motors.scale.step / ROUNDING_VARIANCE_DIVISOR**0.5
-    return _TorqueCommand(differences[:, most_active], rounding_sd)
+    if mixer_row is None:
+        deviations = flight.inputs - flight.inputs.mean(axis=1, keepdims=True)
+        most_active_motor = np.argmax(deviations.std(axis=0))
+        rounding_sd = motors.scale.step / ROUNDING_VARIANCE_DIVISOR**0.5
+        return _TorqueCommand(deviations[:, most_active_motor], rounding_sd)
+    command = flight.inputs @ mixer_row
+    sum_of_square_weights = (mixer_row**2).sum()
+    rounding_gain = np.sqrt(sum_of_square_weights / ROUNDING_VARIANCE_DIVISOR)
+    return _TorqueCommand(command, motors.scale.step * rounding_gain)
 
 
 def _quantisation_step(values: Array) -> float:
@@ -346,10 +348,11 @@ def _fresh_rate(time: Array, rows: Array, steps: Array | float) -> float:
 
 
 def _rate_consistency(time: Array, angle: Array, euler_rate: Array) -> float | None:
-    """Computes which share of the angle's changes the integrated rate explains, 1 - var(Δangle - ∫rate) / var(Δangle).
+    """Computes which fraction of the angle's changes the integrated rate explains.
 
-    Changes over ``RATE_INTEGRATION_SPAN`` from each sample on are compared. A few of these spans are left out, those
-    that are explained worst (``OUTLIER_SHARE``), since a single wrong sample spoils all spans that contain it.
+    It is 1 − var(Δangle − ∫rate) / var(Δangle), over spans of ``RATE_INTEGRATION_SPAN`` from each sample on. A few of
+    these spans are left out, those that are explained worst (``OUTLIER_SHARE``), since a single wrong sample spoils all
+    spans that contain it.
 
     Args:
         time: (N,) stamps, s.
@@ -357,15 +360,15 @@ def _rate_consistency(time: Array, angle: Array, euler_rate: Array) -> float | N
         euler_rate: (N,) its derivative by the body rates, rad/s.
 
     Returns:
-        The share, 1 at most; None if the angle does not change or the record is too short.
+        The fraction, 1 at most; None if the angle does not change or the record is too short.
     """
     # The integral of the rate from the first sample on, by the trapezoidal rule.
     trapezia = np.diff(time) * (euler_rate[1:] + euler_rate[:-1]) / 2
     integral = np.concatenate([[0.0], np.cumsum(trapezia)])
-    is_start = time <= time[-1] - RATE_INTEGRATION_SPAN
-    end_time = time[is_start] + RATE_INTEGRATION_SPAN
-    angle_changes = np.interp(end_time, time, angle) - angle[is_start]
-    integral_changes = np.interp(end_time, time, integral) - integral[is_start]
+    is_start_of_span = time <= time[-1] - RATE_INTEGRATION_SPAN
+    span_ends = time[is_start_of_span] + RATE_INTEGRATION_SPAN
+    angle_changes = np.interp(span_ends, time, angle) - angle[is_start_of_span]
+    integral_changes = np.interp(span_ends, time, integral) - integral[is_start_of_span]
     if not len(angle_changes):
         return None
     unexplained_changes = angle_changes - integral_changes
@@ -373,8 +376,11 @@ def _rate_consistency(time: Array, angle: Array, euler_rate: Array) -> float | N
     # At least as many spans are left out as contain the same sample.
     samples_per_span = int(np.count_nonzero(time <= time[0] + RATE_INTEGRATION_SPAN))
     outlier_count = max(round(OUTLIER_SHARE * len(errors)), samples_per_span)
-    usual_spans = np.argsort(errors)[: max(len(errors) - outlier_count, 0)]
-    variance = angle_changes[usual_spans].var() if len(usual_spans) else 0.0
-    if variance > 0:
-        return 1 - unexplained_changes[usual_spans].var() / variance
-    return None
+    usual_count = max(len(errors) - outlier_count, 0)
+    usual_spans = np.argsort(errors)[:usual_count]
+    if not len(usual_spans):
+        return None
+    variance = angle_changes[usual_spans].var()
+    if not variance > 0:
+        return None
+    return 1 - unexplained_changes[usual_spans].var() / variance

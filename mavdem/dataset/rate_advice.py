@@ -129,14 +129,15 @@ def _stream_advice(telemetry: Telemetry, rate: int, *, is_requested: bool) -> Fa
         rates = [parameters.get(f"{port}_{group}", 0) for group in STREAM_GROUPS]
         if min(rates) >= MIN_STREAM_RATE:
             fast_ports.append(port)
-
-    default = STREAM_REMEDIES.get(telemetry.autopilot, Remedy.MESSAGE_INTERVALS)
+    # Without such parameters the prefix is empty.
+    prefix = "SR" if "SR" in prefixes else "".join(prefixes)
+    remedy_of_autopilot = STREAM_REMEDIES.get(telemetry.autopilot, Remedy.MESSAGE_INTERVALS)
     return Fact(
-        STREAM_REMEDIES.get(telemetry.translated_from, default),
+        STREAM_REMEDIES.get(telemetry.translated_from, remedy_of_autopilot),
         rate=rate,
         asked=is_requested,
         names=fast_ports,
-        prefix="SR" if "SR" in prefixes else "".join(prefixes),
+        prefix=prefix,
     )
 
 

@@ -123,11 +123,14 @@ def common_grid(attitude_time: Array, motor_time: Array, dt: float) -> Array:
         (T,) times, s. Points that the edges of a low-pass filter distort are left out, unless that would leave none.
     """
     # The time in which both streams have samples.
-    first = max(attitude_time[0], motor_time[0])
-    last = min(attitude_time[-1], motor_time[-1])
+    first_time = max(attitude_time[0], motor_time[0])
+    last_time = min(attitude_time[-1], motor_time[-1])
     for stamps in (attitude_time, motor_time):
-        start = min(stamps[stamps >= first - STAMP_RESOLUTION][0], last)
-        grid = start + dt * np.arange(int((last - start) / dt + STAMP_RESOLUTION) + 1)
+        is_common = stamps >= first_time - STAMP_RESOLUTION
+        start = min(stamps[is_common][0], last_time)
+        # Stamps are rounded, which must not cost the last point.
+        point_count = int((last_time - start) / dt + STAMP_RESOLUTION) + 1
+        grid = start + dt * np.arange(point_count)
         attitude_rows = nearest_rows(grid, attitude_time)
         motor_rows = nearest_rows(grid, motor_time)
         if attitude_rows is not None and motor_rows is not None:
