@@ -14,7 +14,7 @@ from rich.text import Text
 from mavdem.assessment.judgement import Judgement
 from mavdem.cli.streams import MAX_COLUMNS, STDERR, escape_unprintable, print_to_stderr
 from mavdem.facts import Fact, Facts, Level
-from mavdem.facts.event import LEARNING_STATES, Event
+from mavdem.facts.event import LEARNING_STATES, SESSION_STATES, Event
 from mavdem.facts.session import LinkFact, RowsFact, SessionFact
 from mavdem.facts.watch import WatchFact
 from mavdem.live.session import LiveSession
@@ -213,7 +213,7 @@ class StatusLines:
         """Prints an event of a live session; on a terminal that is updated, the bell rings with each alarm.
 
         On such a terminal the status shows the state of the session itself, and what to do next. So the lines above it
-        are without events of the former, and have the remedy of alarms only: a small terminal has room for few lines.
+        are without ``SESSION_STATES``, and have the remedy of warnings only: a small terminal has room for few lines.
 
         Args:
             event: What was found, and when.
@@ -224,7 +224,7 @@ class StatusLines:
             with suppress(OSError):
                 STDERR.bell()
             print_event(event)
-        elif not event.is_about_session:
+        elif event.fact.code not in SESSION_STATES:
             print_fact(event.fact, moment_text(event), has_remedy=event.fact.warns)
 
     def update_in_place(self, status: SessionStatus) -> None:

@@ -21,12 +21,11 @@ SESSION_STATES: frozenset[Code] = LEARNING_STATES | {
     SessionFact.COMPUTER_BEHIND,
     SessionFact.COMPUTER_KEEPS_UP,
     SessionFact.ESTIMATES_LATE,
-    SessionFact.FIRST_MODEL,
     SessionFact.FIT_UNFINISHED,
+    SessionFact.FLIGHT_OVER,
     SessionFact.FORMER_MODEL_KEPT,
     SessionFact.NOT_FLYING,
     SessionFact.NOT_LEARNED_IN_TIME,
-    SessionFact.PARAMETERS_KNOWN,
     SessionFact.PRIOR_NOT_USED,
     SessionFact.ROW_NOT_DRAWN,
     SessionFact.SAMPLE_SKIPPED,
@@ -52,6 +51,11 @@ SESSION_STATES: frozenset[Code] = LEARNING_STATES | {
     VehicleFact.NO_VEHICLE_YET,
 }
 """States of a live session itself: what it learns, how fast messages come, and whether this computer keeps up."""
+
+SESSION_RESULTS: frozenset[Code] = frozenset(
+    {SessionFact.FIRST_MODEL, SessionFact.PARAMETERS_KNOWN, SessionFact.FLIGHT_LEARNED}
+)
+"""What a live session has learned."""
 
 
 class Event(NamedTuple):
@@ -91,4 +95,4 @@ class Event(NamedTuple):
     @property
     def is_about_session(self) -> bool:
         """Whether it is about a live session itself, and not about the vehicle or its link."""
-        return self.fact.code in SESSION_STATES
+        return self.fact.code in SESSION_STATES | SESSION_RESULTS

@@ -1,7 +1,11 @@
 """The short list of events: what is bad first, and each kind once."""
 
+from dataclasses import replace
+
 from mavdem.assessment.axis.loop_decision import LoopDecision, LoopDiagnosis
+from mavdem.assessment.judgement import unjudged
 from mavdem.facts import Fact, Level
+from mavdem.facts.assessment import NextStep
 from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.event import Event
 from mavdem.facts.events import ReportedEvent
@@ -10,7 +14,7 @@ from mavdem.facts.session import SessionFact
 from mavdem.facts.witnesses import SensorFact
 from mavdem.report.brief_events import worst_events
 from mavdem.report.loops import decision_sentences
-from mavdem.report.pages.flight_page import _numbered_events
+from mavdem.report.pages.flight_page import _numbered_events, _numbered_live_events
 from mavdem.report.pages.page import Head, PageEvent
 from mavdem.witnesses.sensor_facts import supporting_fact
 
@@ -92,3 +96,13 @@ def test_loops_do_not_repeat_the_next_step():
     assert stated.text == f"{reason} {action}"
     (stated,) = decision_sentences(decisions, f"{action} Then land.")
     assert stated.text == str(reason)
+
+
+def test_an_event_of_a_live_page_does_not_repeat_its_next_step():
+    judgement = replace(unjudged(LOST), next_step=Fact(NextStep.DO_AS_ADVISED, reason=LOST))
+    alarm = Event(1.0, LOST, reception=0.0)
+    [page_event] = _numbered_live_events([alarm], judgement, ())
+    assert LOST.remedy and page_event.sentence == str(LOST)
+    judgement = replace(judgement, next_step=LEFT)
+    [page_event] = _numbered_live_events([alarm], judgement, ())
+    assert page_event.sentence == LOST.sentence_and_remedy

@@ -19,6 +19,7 @@ from mavdem.assessment.axis.responses import advised_steps
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.identity import day_in_file_name
+from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.motor_failure import failure_commands
 from mavdem.containers import JsonValues, Names
 from mavdem.dataset.speed_controllers import speed_controllers
@@ -748,7 +749,7 @@ def live_page(
     if timeline is not None:
         timeline = timeline._replace(takeoff=status.takeoff_position)
     chapters = _live_chapters(axis, history, status, account, learned)
-    page_events = _numbered_live_events(history.events, judgement.headline, status.alarms)
+    page_events = _numbered_live_events(history.events, judgement, status.alarms)
     if timeline is not None:
         numbers = [event.number for event in page_events]
         labels = tuple("" if number is None else str(number) for number in numbers)
@@ -853,7 +854,7 @@ def _live_chapters(
 
 
 def _numbered_live_events(
-    events: Sequence[Event], headline: Fact, alarms: Facts
+    events: Sequence[Event], judgement: Judgement, alarms: Facts
 ) -> list[PageEvent]:
     """Returns the events of a live session as the list on its page shows them; those with a time are numbered.
 
@@ -862,7 +863,7 @@ def _numbered_live_events(
 
     Args:
         events: the events in the order in which they were reported.
-        headline: the headline of the page, a coded finding.
+        judgement: headline and next step of the page; an event does not repeat the next step.
         alarms: the alarms that are active.
 
     Returns:
@@ -872,7 +873,8 @@ def _numbered_live_events(
     from mavdem.live.session_status import cause_of_alarm
     from mavdem.report.live import moment_text
 
-    cause_of_headline = cause_of_alarm(headline)
+    cause_of_headline = cause_of_alarm(judgement.headline)
+    next_step = str(judgement.next_step)
     active_causes = set()
     for alarm in alarms:
         if alarm.code is not WatchFact.ALARM_OVER:
@@ -885,6 +887,7 @@ def _numbered_live_events(
         if event.has_time:
             numbered_count += 1
             number = numbered_count
+        remedy = event.fact.remedy
         cause = cause_of_alarm(event.fact)
         is_headline = (cause.code, cause.subject) == (
             cause_of_headline.code,
@@ -896,6 +899,7 @@ def _numbered_live_events(
                 number,
                 is_headline=is_headline,
                 is_over=(cause.code, cause.subject) not in active_causes,
+                repeated=frozenset([remedy] if remedy in next_step else []),
                 moment=moment_text(event),
             )
         )
