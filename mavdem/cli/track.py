@@ -37,7 +37,7 @@ from mavdem.fleet_pages import FleetPages, write_fleet_pages
 from mavdem.ingest.formats import looks_like_log
 from mavdem.report.blocks import Blocks, headline_sentence
 from mavdem.report.fleet import vehicle_label
-from mavdem.report.fleet_summary import fleet_blocks, fleet_counts
+from mavdem.report.fleet_summary import fleet_blocks, fleet_counts, motor_health_by_vehicle
 from mavdem.report.numbers import abbreviated_list, counted
 from mavdem.report.templates import render_section
 
@@ -181,13 +181,15 @@ def track_command(
         unknown_name = _store_names(store, given_names)
         pages = write_fleet_pages(store, blocks_by_vehicle)
     counts = fleet_counts(pages.summaries)
+    motor_health = motor_health_by_vehicle(pages.summaries)
     names = pages.names
     for problem in tracked.problems:
         print_to_stderr(f"mavdem: {problem.sentence_and_remedy}")
     if as_json:
         from mavdem.documents.fleet import track_document
 
-        print_json(track_document(out, pages.index, tracked, counts, differences, names.vehicles))
+        values = counts | {"motor_health": motor_health}
+        print_json(track_document(out, pages.index, tracked, values, differences, names.vehicles))
     else:
         _print_fleet(
             tracked, pages, differences, blocks_by_vehicle, has_new_baseline=bool(baseline)

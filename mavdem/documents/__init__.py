@@ -41,7 +41,7 @@ DOCUMENTS = {
     "compare": Published("comparison.CompareReport", 4, "`--json` of compare"),
     "order": Published("comparison.Order", 4, "`--json` of order"),
     "diff": Published("fleet.Diff", 8, "`--json` of diff"),
-    "track": Published("fleet.Track", 7, "`--json` of track"),
+    "track": Published("fleet.Track", 8, "`--json` of track"),
     "live": Published("session.Live", 7, "`--json` of live"),
     "convert": Published("others.Convert", 2, "`--json` of convert"),
     "twin": Published("loops.Twin", 5, "`--json` of twin"),

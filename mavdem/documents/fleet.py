@@ -174,6 +174,17 @@ class SinceBaseline(Document):
     """what differs from the baseline"""
 
 
+class VehicleMotors(Document):
+    """The motors of a vehicle, in its latest flight that was judged beside others."""
+
+    health: str
+    """ok, drift, fault or unknown"""
+    sentence: str
+    """what speaks for it"""
+    next_step: str
+    """what to do next about the vehicle; empty for nothing"""
+
+
 class Track(Document):
     """`--json` of track."""
 
@@ -193,6 +204,8 @@ class Track(Document):
     """number of flights by tier"""
     health: dict[str, int]
     """number of flights by health"""
+    motor_health: dict[str, VehicleMotors]
+    """motors of each vehicle"""
     failed: list[FailedLog]
     """logs without a flight"""
     vehicle_names: dict[str, str]
@@ -216,7 +229,7 @@ def track_document(
         page: page of the fleet.
         tracked: result of the run.
         counts: values of the further keys of ``Track``: numbers of flights and vehicles, flights by tier and by health,
-            and the logs without a flight.
+            the judgement of the motors of each vehicle, and the logs without a flight.
         changes: first row of the latest flight, and its differences from the baseline, by vehicle.
         vehicle_names: names that were given to vehicles.
 

@@ -187,6 +187,26 @@ def fleet_counts(summaries: Sequence[VehicleSummary]) -> JsonValues:
     }
 
 
+def motor_health_by_vehicle(summaries: Sequence[VehicleSummary]) -> dict[str, JsonValues]:
+    """Returns how the motors of each vehicle are judged, for the JSON document of a fleet.
+
+    Args:
+        summaries: summary of the flights under each name.
+
+    Returns:
+        Plain JSON values by the name of the vehicle: ``health``, the ``sentence`` that lists and pages show, and
+        ``next_step``. Names that several vehicles may share have none, unless their motors were judged.
+    """
+    motor_health: dict[str, JsonValues] = {}
+    for name, vehicle in vehicles_with_section(summaries).items():
+        motor_health[name] = {
+            "health": vehicle.health,
+            "sentence": vehicle.texts.reason or vehicle.texts.all_flights,
+            "next_step": vehicle.texts.next_step,
+        }
+    return motor_health
+
+
 MAX_NAMED_BEFORE_LIST = 2
 """Vehicles that a headline names before a list of all of them: more would fill the screen of a telephone. A choice."""
 
@@ -209,6 +229,9 @@ class HealthSummary(NamedTuple):
     healthy_count: int
     """Number of vehicles whose motors are healthy."""
 
+    reason: str
+    """Why the motors of the most urgent vehicle are judged as they are; empty where a list follows that says it."""
+
     next_step: str
     """What to do next about the most urgent vehicle, which is named unless it is the only one; empty for nothing."""
 
@@ -230,6 +253,7 @@ def _health_summary(
             headline names the most urgent one only.
     """
     urgent_texts: list[str] = []
+    reason = ""
     next_step = ""
     watched_count = 0
     recovered_labels = []
@@ -241,9 +265,11 @@ def _health_summary(
         label = vehicle_label(name, vehicle.last.frame, names, is_shared=is_shared)
         if vehicle.urgency.rank < MAX_URGENT_RANK:
             is_most_urgent = not urgent_texts
+            # The only vehicle of a fleet need not be named.
+            subject = "" if len(vehicles) == 1 else f"{label}: "
+            if is_most_urgent and vehicle.texts.reason and not lists_follow:
+                reason = subject + vehicle.texts.reason
             if is_most_urgent and vehicle.texts.next_step:
-                # The only vehicle of a fleet need not be named.
-                subject = "" if len(vehicles) == 1 else f"{label}: "
                 next_step = subject + vehicle.texts.next_step
             urgent_texts.append(f"{label} ({as_clause(vehicle.texts.latest_flight)})")
         elif vehicle.last.badge_level is Level.WATCH:
@@ -262,6 +288,7 @@ def _health_summary(
         watched_count=watched_count,
         recovered_list=abbreviated_list(sorted(recovered_labels)),
         healthy_count=healthy_count,
+        reason=reason,
         next_step=next_step,
     )
 

@@ -39,6 +39,13 @@ def test_the_next_step_of_a_fleet_is_that_of_its_most_urgent_vehicle():
     inspect = "Inspect motor 2 and its propeller before the next flight."
     weak = flight_row("beta", 0, health="fault", suspect_motor=2, next_step="Fly longer.")
     assert f"Next: {inspect}" in plain_text(fleet_blocks([weak]))
+    reason = "Motor 2 lost about 21 % of its thrust."
+    explained = replace(weak, health_reason=reason)
+    assert f"Why: {reason}" in plain_text(fleet_blocks([explained]))
+    # A page has a list of the vehicles, which says it.
+    assert "Why:" not in plain_text(fleet_blocks([explained], lists_follow=True))
+    motors = fleet_summary.motor_health_by_vehicle(vehicle_summaries([explained]))["beta"]
+    assert motors == {"health": "fault", "sentence": reason, "next_step": inspect}
     cycle = {"headline": "Oscillates.", "headline_level": "bad", "next_step": "Lower the gains."}
     rows = [flight_row("alpha", 0, **cycle), weak]
     assert f"Next: beta: {inspect}" in plain_text(fleet_blocks(rows))
