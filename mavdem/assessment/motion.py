@@ -21,6 +21,7 @@ from mavdem.assessment.flips import flip_events, flip_intervals
 from mavdem.assessment.ground_contacts import flight_losses, ground_contact
 from mavdem.assessment.height_disagreements import height_disagreements
 from mavdem.assessment.height_divergence import height_divergences
+from mavdem.assessment.height_offsets import height_offsets
 from mavdem.assessment.invalid_attitudes import invalid_attitudes
 from mavdem.assessment.log_end import end_in_air
 from mavdem.assessment.motor_events import LASTING_SECONDS, motor_events
@@ -222,7 +223,11 @@ def _events_of_flight(
     yield from flip_events(sensors, flight_interval)
     controlled_interval = _interval_before(flight_interval, loss, contact)
     yield from attitude_swings(sensors.signals, sensors.boot, controlled_interval)
-    yield from height_divergences(sensors, controlled_interval)
+    divergences = list(height_divergences(sensors, controlled_interval))
+    yield from divergences
+    if not divergences:
+        # A height that diverged is off as well.
+        yield from height_offsets(sensors, controlled_interval)
     yield from position_losses(sensors, controlled_interval, reports)
     yield from wind_drifts(sensors, controlled_interval)
     yield from invalid_attitudes(sensors.signals, sensors.boot, flight_interval)

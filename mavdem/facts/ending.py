@@ -24,6 +24,7 @@ class MotionEvent(Code):
     LOG_ENDED_IN_AIR = "log_ended_in_air"
     NOT_FLOWN = "not_flown"
     HEIGHT_DIVERGED = "height_diverged"
+    HEIGHT_OFFSET = "height_offset"
     POSITION_LOST = "position_lost"
     BAROMETER_DRIFTED = "barometer_drifted"
     HEIGHTS_DISAGREE = "heights_disagree"

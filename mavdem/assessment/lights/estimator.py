@@ -77,6 +77,7 @@ ESTIMATOR_EVENTS: set[Code] = {
     ReportedEvent.GPS_LOST,
     ReportedEvent.SENSOR_FAILED,
     MotionEvent.HEIGHT_DIVERGED,
+    MotionEvent.HEIGHT_OFFSET,
     MotionEvent.POSITION_LOST,
     MotionEvent.BAROMETER_DRIFTED,
     MotionEvent.HEIGHTS_DISAGREE,
