@@ -2,11 +2,16 @@
 """Health of the motors in recorded flights of one vehicle with a propeller cut shorter; prints a row for each flight.
 
 FOLDER has the logs (.BIN). Those with "good" in their names have whole propellers and are the healthy flights that each
-is compared with; a good one is compared with the others.
+is compared with; a good one is compared with the others. Each flight is judged alone, and in order of date as `mavdem
+track` does, where what an earlier flight shows is the prior of the next one. A second table compares each flight with
+every earlier good one alone, as `mavdem diff` does of two logs.
 
 Usage: tools/validation/propellers.py FOLDER
 """
 
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -14,7 +19,9 @@ import numpy as np
 from flights import Values, print_table
 
 from mavdem.assessment.condition import measure_condition
+from mavdem.assessment.identity import identify_vehicle
 from mavdem.dataset.signals import Signals
+from mavdem.facts.motors import MotorHealth
 from mavdem.ingest import read_log
 from mavdem.motors.balance import balance_of_steady_flight
 from mavdem.motors.health import HealthAssessment, assess_motor_health
@@ -38,19 +45,21 @@ def health_figures(path: Path) -> HealthFigures:
         motors=layout.names,
         signatures=motor_signatures(layout),
         balance=balance_of_steady_flight(signals),
-        # The healthy flights are chosen by their names, not by their dates.
-        date=None,
+        date=identify_vehicle(signals).date,
         collective=condition.collective,
         voltage=condition.battery.voltage_mean,
     )
 
 
-def health_row(flight: HealthFigures, assessment: HealthAssessment) -> Values:
+def health_row(
+    flight: HealthFigures, assessment: HealthAssessment, by_date: HealthAssessment
+) -> Values:
     """Returns the row of a flight: health, probabilities, and the suspect motor.
 
     Args:
         flight: balance and effort of the motors in the flight.
         assessment: health of its motors, compared with healthy flights.
+        by_date: the same, with what the flights before it show as its prior.
 
     Returns:
         Texts by column. "motor" says by how many percent more than in healthy flights the suspect motor works, with the
@@ -66,6 +75,43 @@ def health_row(flight: HealthFigures, assessment: HealthAssessment) -> Values:
         "probability of a fault": f"{assessment.fault_probability:.2f}",
         "of any change": f"{assessment.change_probability:.2f}",
         "motor": motor,
+        "health by date": by_date.health.value,
+        "fault by date": f"{by_date.fault_probability:.2f}",
+    }
+
+
+def pair_row(flight: HealthFigures, good_flights: Sequence[HealthFigures]) -> Values:
+    """Returns the row of a flight that is compared with each earlier good flight alone.
+
+    Args:
+        flight: balance and effort of the motors in the flight.
+        good_flights: good flights; those after the flight are left out.
+
+    Returns:
+        Texts by column: the number of pairs, how many are a fault, how many a drift, how often each motor is named, and
+        the smallest and the largest probability of a fault.
+    """
+    counts = Counter[str]()
+    motors = Counter[int]()
+    probabilities = []
+    for good_flight in good_flights:
+        if good_flight.start_time >= flight.start_time:
+            continue
+        _, assessment = assess_motor_health([good_flight, flight])
+        counts[assessment.health] += 1
+        if assessment.suspect_motor is not None:
+            motors[assessment.suspect_motor] += 1
+        assert assessment.fault_probability is not None
+        probabilities.append(assessment.fault_probability)
+    named_motors = [f"motor {motor} in {count}" for motor, count in sorted(motors.items())]
+    lowest, highest = min(probabilities), max(probabilities)
+    return {
+        "flight": flight.name,
+        "pairs": str(len(probabilities)),
+        "fault": str(counts[MotorHealth.FAULT]),
+        "drift": str(counts[MotorHealth.DRIFT]),
+        "named": ", ".join(named_motors),
+        "probability of a fault": f"{lowest:.2f} to {highest:.2f}",
     }
 
 
@@ -81,12 +127,20 @@ def main(folder: Path) -> None:
     healthy_flights = [flight for flight in flights if "good" in flight.name]
     other_flights = [flight for flight in flights if "good" not in flight.name]
     flights = healthy_flights + other_flights
-    # A healthy flight is compared with the other healthy ones.
-    assessments = assess_motor_health(flights, healthy_flights)
+    # A healthy flight is compared with the other healthy ones. Without dates a flight has none before it.
+    undated_flights = [replace(flight, date=None) for flight in flights]
+    undated_healthy_flights = undated_flights[: len(healthy_flights)]
+    assessments = assess_motor_health(undated_flights, undated_healthy_flights)
+    assessments_by_date = assess_motor_health(flights, healthy_flights)
     rows = []
-    for flight, assessment in zip(flights, assessments, strict=True):
-        rows.append(health_row(flight, assessment))
+    for flight, assessment, by_date in zip(flights, assessments, assessments_by_date, strict=True):
+        rows.append(health_row(flight, assessment, by_date))
     print_table("Each flight against the good ones", rows)
+    first_flight = min(healthy_flights, key=lambda flight: flight.start_time)
+    pair_rows = [
+        pair_row(flight, healthy_flights) for flight in flights if flight is not first_flight
+    ]
+    print_table("Each flight beside one earlier good flight", pair_rows)
 
 
 if __name__ == "__main__":
