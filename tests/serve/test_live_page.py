@@ -143,6 +143,33 @@ def test_a_page_that_stays_open_shows_the_next_flight_from_its_own_beginning(ses
     assert tab.run(f"{FLIGHT}.whole[0]") >= 101.0
 
 
+def test_a_page_that_stays_open_goes_on_after_a_reboot(session, tab):
+    session.fly(4.0)
+    tab.until(f"{FLIGHT}.whole[1] > 107")
+    flown(session.history, 3.0, segment=1, start=5.0, boot=1)
+    session.show(SessionStatus("1:1", is_flying=True, message_age=0.0))
+    # The clock begins again at 5 s; the timeline goes on after the 108 s before.
+    tab.until(f"{FLIGHT}.span[1] > 110.9 && {LAST_TIME} > 110.9")
+    assert tab.run(f"{FLIGHT}.whole[0]") < 101.0
+
+
+def test_a_page_that_stays_open_shows_the_flight_of_a_restarted_server(session, tab):
+    session.fly(8.0)
+    tab.until(f"{FLIGHT}.span[1] > 111")
+    offline = {"latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
+    tab.command("Network.enable")
+    tab.command("Network.emulateNetworkConditions", offline=True, **offline)
+    tab.until(f"{LOUD_LINE} !== ''")
+    session.history = LiveHistory()
+    session.end = 10.0
+    session.fly(4.0)
+    tab.command("Network.emulateNetworkConditions", offline=False, **offline)
+    tab.until(f"{LOUD_LINE} === '' && {FLIGHT}.charts.length > 0 && {FLIGHT}.whole[1] < 20")
+    session.fly(4.0)
+    tab.until(f"{FLIGHT}.span[1] > 17 && {LAST_TIME} > 17")
+    assert tab.run(f"{FLIGHT}.span[0]") >= 10.0
+
+
 def test_a_page_without_an_answer_keeps_its_state_says_for_how_long_and_recovers(session, tab):
     headline = tab.run(HEADLINE)
     tab.command("Network.enable")
