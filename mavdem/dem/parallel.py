@@ -226,6 +226,7 @@ def process_pool(
             executor.processes = [
                 process for process in active_children() if process not in earlier_processes
             ]
+        _close_writing_end_of_results(executor)
         yield executor
     finally:
         # The parent's end of the pipe is closed first, which stops the workers, and then their end is awaited. If an
@@ -235,6 +236,20 @@ def process_pool(
         with stop_pipe, blocked_signals(*TERMINATION_SIGNALS):
             parent_end.close()
             executor.shutdown()
+
+
+def _close_writing_end_of_results(executor: ProcessPool) -> None:
+    """Closes this process's own copy of the end of the pipe into which the workers write their results.
+
+    Python keeps it open. If the last worker is killed while it writes a result, the executor's thread would then wait
+    for the rest of that result forever, and the end of the pool would wait for the thread. Without the copy the pipe
+    ends with the worker, and the executor is broken, as by any other death of a worker.
+
+    Args:
+        executor: executor whose workers have all started: each has a copy of its own.
+    """
+    # No public attribute gives access to the pipe.
+    executor._result_queue._writer.close()  # type: ignore[attr-defined]
 
 
 class LearningProcess(Executor):

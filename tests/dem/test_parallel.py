@@ -41,6 +41,35 @@ def test_a_process_that_is_killed_is_replaced():
         os.kill(second, 0)
 
 
+KILLED_WHILE_IT_WRITES = """
+import os, signal, struct, sys
+from concurrent.futures import BrokenExecutor
+from mavdem.dem.parallel import LearningProcess
+
+def write_half_a_result():
+    frame = sys._getframe()
+    while "result_queue" not in frame.f_locals:
+        frame = frame.f_back
+    os.write(frame.f_locals["result_queue"]._writer.fileno(), struct.pack("!i", 1000) + b"half")
+    os.kill(os.getpid(), signal.SIGKILL)
+
+if __name__ == "__main__":
+    executor = LearningProcess(niceness=0)
+    try:
+        executor.submit(write_half_a_result).result(20)
+    except BrokenExecutor:
+        print("broken", executor.submit(abs, -3).result(20))
+    executor.shutdown()
+"""
+
+
+def test_a_process_that_is_killed_while_it_writes_its_result_is_not_waited_for(tmp_path):
+    script = tmp_path / "killed.py"
+    script.write_text(KILLED_WHILE_IT_WRITES)
+    ended = run([sys.executable, script], stdout=PIPE, timeout=60, check=True)
+    assert ended.stdout.split() == [b"broken", b"3"]
+
+
 def test_a_suspended_process_takes_no_time_and_goes_on_where_it_was():
     with LearningProcess() as executor:
         pid = executor.submit(os.getpid).result()
