@@ -113,8 +113,8 @@ def flight_times(scenario: Scenario) -> FlightTimes:
     """Plans when a scenario's flight climbs, hovers and descends.
 
     Climb and descent take as long as the height needs at a moderate speed, and the final descent as long as it needs at
-    ``LANDING_SPEED``; the hover gets the rest of the duration. It must hold the excitation, a whole course if there is
-    one, with some time of quiet hover on both sides of it.
+    ``LANDING_SPEED``; the hover gets the rest of the duration. It must be long enough for the excitation (a whole
+    course, if there is one), with some time of quiet hover on both sides of it.
 
     Args:
         scenario: Scenario with duration, height and excitation of the flight.
@@ -125,31 +125,36 @@ def flight_times(scenario: Scenario) -> FlightTimes:
     Raises:
         ValueError: The duration leaves no time for the excitation.
     """
-    climb = max(MIN_CLIMB_SECONDS, scenario.height / MAX_MEAN_CLIMB_SPEED)
+    climb_seconds = max(MIN_CLIMB_SECONDS, scenario.height / MAX_MEAN_CLIMB_SPEED)
     final_height = final_descent_height(scenario.height)
-    drop = scenario.height - final_height
+    descent_height = scenario.height - final_height
     # In a low flight the speed rises evenly to ``LANDING_SPEED``: a longer descent would climb at first.
-    even_descent = 2 * drop / LANDING_SPEED
-    descent = max(min(MIN_DESCENT_SECONDS, even_descent), drop / MAX_MEAN_CLIMB_SPEED)
-    to_touch_down = descent + final_height / LANDING_SPEED
+    max_even_seconds = 2 * descent_height / LANDING_SPEED
+    descent_seconds = max(
+        min(MIN_DESCENT_SECONDS, max_even_seconds), descent_height / MAX_MEAN_CLIMB_SPEED
+    )
+    seconds_to_touch_down = descent_seconds + final_height / LANDING_SPEED
+
     moves = scenario.excitation.moves if isinstance(scenario.excitation, Course) else ()
     timings = [move_timing(move) for move in moves]
-    course = fsum(timing.move_seconds + timing.hover_seconds for timing in timings)
-    excitation = max(course, MIN_EXCITATION_SECONDS)
-    in_hover = excitation + 2 * SETTLE_SECONDS
-    shortest = SPIN_UP_SECONDS + climb + in_hover + to_touch_down + AFTER_SECONDS
-    if scenario.duration < shortest:
+    course_seconds = fsum(timing.move_seconds + timing.hover_seconds for timing in timings)
+    excitation_seconds = max(course_seconds, MIN_EXCITATION_SECONDS)
+    hover_seconds = excitation_seconds + 2 * SETTLE_SECONDS
+    min_duration = (
+        SPIN_UP_SECONDS + climb_seconds + hover_seconds + seconds_to_touch_down + AFTER_SECONDS
+    )
+    if scenario.duration < min_duration:
         purpose = f"a height of {scenario.height:g} m"
         if moves:
             purpose += " and the course"
         raise ValueError(
-            f"duration must be at least {shortest:g} s for {purpose}, not {scenario.duration:g}"
+            f"duration must be at least {min_duration:g} s for {purpose}, not {scenario.duration:g}"
         )
     return FlightTimes(
-        climb=climb,
-        descent=descent,
-        hover=SPIN_UP_SECONDS + climb,
-        landing=scenario.duration - AFTER_SECONDS - to_touch_down,
+        climb=climb_seconds,
+        descent=descent_seconds,
+        hover=SPIN_UP_SECONDS + climb_seconds,
+        landing=scenario.duration - AFTER_SECONDS - seconds_to_touch_down,
     )
 
 
@@ -241,9 +246,9 @@ class FlightPlan:
         return Reference(LANDING, height, climb_rate)
 
     def _descent_at(self, time: float) -> Pair:
-        """Returns the setpoints of the descent, which goes over smoothly into a final descent of constant speed.
+        """Returns the setpoints of the descent: a smooth one, then a final one at ``LANDING_SPEED`` until touch-down.
 
-        The final descent goes on below the ground until the vehicle touches it.
+        The setpoint of the final descent goes on below the ground, so that the vehicle surely touches it.
 
         Args:
             time: Time since the descent began, s.
@@ -251,13 +256,16 @@ class FlightPlan:
         Returns:
             Height above the ground, m, and climb rate, m/s.
         """
-        descent = self._times.descent
+        smooth_seconds = self._times.descent
         final_height = final_descent_height(self._height)
-        if time >= descent:
-            return final_height - LANDING_SPEED * (time - descent), -LANDING_SPEED
-        depth = self._height - final_height
-        fraction, rate = _smooth_transition(time / descent, LANDING_SPEED * descent / depth)
-        return self._height - depth * fraction, -depth * rate / descent
+        if time >= smooth_seconds:
+            final_seconds = time - smooth_seconds
+            return final_height - LANDING_SPEED * final_seconds, -LANDING_SPEED
+        smooth_height = self._height - final_height
+        # The rate at the end of the smooth descent, as the fraction of its height by the fraction of its time.
+        final_rate = LANDING_SPEED * smooth_seconds / smooth_height
+        fraction, rate = _smooth_transition(time / smooth_seconds, final_rate)
+        return self._height - smooth_height * fraction, -smooth_height * rate / smooth_seconds
 
     def _with_excitation(self, hover: Reference, time: float) -> Reference:
         """Adds the scenario's excitation to the setpoints of the hover.

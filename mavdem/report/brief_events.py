@@ -19,16 +19,17 @@ class CountedEvent(NamedTuple):
 
 
 def worst_events(events: Sequence[Fact]) -> list[CountedEvent]:
-    """Selects the first event of each kind that is bad or to be watched.
+    """Selects the events of a flight that a short list shows: of each kind that warns the first one, with their number.
 
-    Events of one kind have the same code, level and subject. Where an event of the motion, such as a fast rotation, has
-    an ending of the flight at the same time (``ENDINGS`` has its code), the ending alone is listed.
+    Events of one kind have the same code, level and subject; they warn if they are bad or to be watched. An event of
+    the motion, such as a fast rotation, is left out if the flight ended at the same time by what ``ENDINGS`` lists for
+    it, since that ending states more.
 
     Args:
-        events: events of a log, in the order of time.
+        events: events of a log, in the order of time, each a coded finding.
 
     Returns:
-        The events with the count of their kind: the bad ones first, each in the given order.
+        Index of the first event of each kind, and their number: the bad kinds first, each in the order of time.
     """
     codes_and_times = {(event.code, event.time) for event in events}
     counts: Counter[tuple[str, str, str]] = Counter()
@@ -41,8 +42,13 @@ def worst_events(events: Sequence[Fact]) -> list[CountedEvent]:
         counts[kind] += 1
         first_indices.setdefault(kind, index)
     counted_events = [CountedEvent(index, counts[kind]) for kind, index in first_indices.items()]
-    # Levels are listed from good to bad. The sort is stable, so that events of one level stay in the order of time.
-    counted_events.sort(key=lambda counted: -LEVELS_BY_SEVERITY.index(events[counted.number].level))
+
+    def severity(counted: CountedEvent) -> int:
+        """Returns the position of an event's level in the list of levels, which goes from good to bad."""
+        return LEVELS_BY_SEVERITY.index(events[counted.number].level)
+
+    # The sort is stable, also in reverse, so that events of one level stay in the order of time.
+    counted_events.sort(key=severity, reverse=True)
     return counted_events
 
 

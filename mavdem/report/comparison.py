@@ -115,25 +115,26 @@ def _error_blocks(comparison: Comparison, kind: ForecastKind) -> Blocks:
 
 
 def _error_row(summary: JsonValues, test: Paired | None) -> list[str]:
-    """Returns the row of a method in the table of errors.
+    """Returns the row of one forecasting method in the table of errors.
 
     Args:
         summary: figures of the method over all flights, by key (``Comparison.over_flights``).
-        test: paired test of the reference against the method; None for the reference itself.
+        test: paired test of the reference method against this one; None for the reference itself.
 
     Returns:
-        The name, the error ratio at each horizon, the numbers of windows with an error ratio above 1 and with an
-        unstable model, ratio and p-value of the test, and the share of samples in the 90 % band.
+        The name; the error ratio (NMSE) at each horizon; the number of windows with an error ratio above 1, and that
+        with an unstable model; ratio and p-value of the test; and the percentage of samples in the 90 % band.
     """
-    test_cells = ["", ""] if test is None else [f"{test.ratio:.3g}", f"{test.p_value:.2g}"]
-    return [
-        summary["method"],
-        *(f"{ratio:.3g}" for ratio in summary["horizons"]),
-        str(summary["worse_than_constant"]),
-        str(summary["unstable"]),
-        *test_cells,
-        _coverage(summary),
-    ]
+    row = [summary["method"]]
+    for error_ratio in summary["horizons"]:
+        row.append(f"{error_ratio:.3g}")
+    row += [str(summary["worse_than_constant"]), str(summary["unstable"])]
+    if test is None:
+        row += ["", ""]
+    else:
+        row += [f"{test.ratio:.3g}", f"{test.p_value:.2g}"]
+    row.append(_coverage(summary))
+    return row
 
 
 def _coverage(summary: JsonValues) -> str:
@@ -157,17 +158,19 @@ def _common_horizons(comparison: Comparison) -> list[str]:
 
 
 def _flight_sentences(comparison: Comparison, flight: str) -> Iterator[Block]:
-    """Yields sentences on how much of a flight was compared, and on the methods that failed.
+    """Yields sentences on one flight of a comparison of forecasting methods: how much was compared, and what failed.
+
+    A flight is divided into windows of training and test data. Paired tests use only those that do not overlap.
 
     Args:
-        comparison: errors of all methods in windows, each of training and test data.
+        comparison: errors of all methods in all windows.
         flight: name of the flight.
     """
     windows = [window for window in comparison.windows if window.flight == flight]
     summaries = comparison.summaries(flight)
-    # The paired test of any method has the number of windows that it uses: those that do not overlap.
-    whole_test = summaries[0]["horizons"][-1]
-    tested_count = whole_test["reference"].tested
+    # The paired test of any method states how many windows it uses, so that the first one will do.
+    longest_horizon = summaries[0]["horizons"][-1]
+    tested_count = longest_horizon["reference"].tested
     # All windows of a flight have the same length, so that the first one stands for them.
     yield from render_section(
         "comparison_flight", windows[0], window_count=len(windows), tested_count=tested_count

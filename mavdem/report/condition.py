@@ -43,10 +43,10 @@ PARAMETER_MESSAGE = "PARAM_VALUE"
 
 
 def log_blocks(contents: JsonValues) -> Blocks:
-    """Returns all that a log contains: each vehicle with its messages, then what was received from each sender.
+    """Returns the report on what a log contains: the messages of each vehicle, then what each sender lost on the link.
 
     Args:
-        contents: inventory from ``mavdem.assessment.inventory``.
+        contents: inventory of the log, from ``mavdem.assessment.inventory``.
     """
     blocks = Blocks()
     for vehicle in contents["vehicles"]:
@@ -55,78 +55,75 @@ def log_blocks(contents: JsonValues) -> Blocks:
 
 
 def vehicle_contents(vehicle: JsonValues) -> Blocks:
-    """Returns the report on the messages of a vehicle in a log, and on whether a model can be learned from them.
+    """Returns the report on the messages of one vehicle in a log, and on whether a model can be learned from them.
 
-    The sentences give the vehicle; the tier of the log, which is the kind of model that its message rates allow;
-    cautions; repairs, which are what the reader corrected in the log, such as a clock that went back; and the settled
-    flight.
+    It has sentences on the vehicle; on the kind of model that the message rates of the log allow (its tier); cautions;
+    repairs, which are what the reader corrected in the log, such as a clock that went back; and the time of settled
+    flight. A table of the periodic messages by their rate follows.
 
     Args:
         vehicle: one of the vehicles of an inventory (``mavdem.assessment.inventory``), values by key.
-
-    Returns:
-        The sentences, and a table of the periodic messages by their rate where there are any.
     """
     # The inventory is a JSON document, whose key for the learnability of the log is "verdict".
     learnability = vehicle["verdict"]
     is_tilt = learnability.axis in TILT_AXES
+    blocks: Blocks = [*render_section("vehicle", **vehicle, is_tilt=is_tilt)]
+    blocks += render_section("tier", **vehicle)
+    blocks += [caution(fact) for fact in learnability.cautions]
+    blocks += [Sentence(str(repair), lead="Noted:") for repair in vehicle["repairs"]]
+    blocks += render_section("settled", **vehicle)
     rows = [[rate, ", ".join(names)] for rate, names in _messages_by_rate(vehicle).items()]
-    tables = [Table(["rate", "messages"], rows, words=True)] if rows else []
-    return [
-        *render_section("vehicle", **vehicle, is_tilt=is_tilt),
-        *render_section("tier", **vehicle),
-        *[caution(fact) for fact in learnability.cautions],
-        *[Sentence(str(repair), "Noted:") for repair in vehicle["repairs"]],
-        *render_section("settled", **vehicle),
-        *tables,
-    ]
+    if rows:
+        blocks.append(Table(["rate", "messages"], rows, words=True))
+    return blocks
 
 
 def _messages_by_rate(vehicle: JsonValues) -> dict[str, list[str]]:
-    """Groups the names of a vehicle's periodic messages by their rounded rate, the fastest first.
+    """Groups the names of a vehicle's periodic messages by their rate, the fastest first.
 
     Args:
-        vehicle: contents of a log about the vehicle, by the keys of the inventory.
+        vehicle: one of the vehicles of a log's inventory, values by key.
 
     Returns:
-        Names by the text of the rate ("50.0 Hz"); messages below 1 Hz are one group. A name is followed by the
-        message's name in the log, if that differs.
+        Names of messages by the text of their rate, such as "50.0 Hz"; messages below 1 Hz are one group. If the log
+        has another name for a message, that follows in brackets.
     """
-    descriptions = vehicle["names"]
-    fastest_first = sorted(
-        vehicle["messages"].items(), key=lambda message: -(message[1]["rate"] or 0.0)
+    names_in_log = vehicle["names"]
+    messages_by_descending_rate = sorted(
+        vehicle["messages"].items(),
+        key=lambda name_and_message: name_and_message[1]["rate"] or 0.0,
+        reverse=True,
     )
     names_by_rate = dict[str, list[str]]()
-    for name, message in fastest_first:
+    for name, message in messages_by_descending_rate:
         rate = message["rate"]
         if not rate or name == PARAMETER_MESSAGE:
             continue
         rate_text = f"{rate:.1f} Hz" if rate >= MIN_LISTED_RATE else "below 1 Hz"
-        description = f"{name} ({descriptions[name]})" if name in descriptions else name
-        names_by_rate.setdefault(rate_text, []).append(description)
+        full_name = f"{name} ({names_in_log[name]})" if name in names_in_log else name
+        names_by_rate.setdefault(rate_text, []).append(full_name)
     return names_by_rate
 
 
 def stream_contents(contents: JsonValues) -> list[Sentence]:
-    """Returns a sentence on each sender that lost messages or is not a vehicle, and one on undecodable messages.
+    """Returns sentences on the senders of the messages in a log, and on messages that could not be decoded.
+
+    A sender has a sentence if it lost messages or is not a vehicle; one that is usual beside a vehicle has none.
 
     Args:
         contents: inventory from ``mavdem.assessment.inventory``: ``speakers`` are all senders of messages, ``vehicles``
             those of them that are vehicles, and ``unread`` the messages that could not be decoded.
-
-    Returns:
-        The sentences.
     """
-    vehicles = [component_id(vehicle) for vehicle in contents["vehicles"]]
+    vehicle_ids = [component_id(vehicle) for vehicle in contents["vehicles"]]
     sentences = []
     for sender in contents["speakers"]:
-        is_vehicle = component_id(sender) in vehicles
+        is_vehicle = component_id(sender) in vehicle_ids
         sentences += render_section(
             "sender",
             **sender,
             # In a log with a vehicle, ground stations and radios are usual, and are not listed. In a log without one
             # every sender is listed, so that the reader sees what it contains.
-            is_ordinary=len(vehicles) > 0,
+            is_ordinary=len(vehicle_ids) > 0,
             is_silent=sender["kind"] == UNNAMED and not is_vehicle,
             # The gaps of a ground station have no meaning: it numbers its messages to all links together.
             is_lossy=is_vehicle and _is_lossy(sender),
@@ -162,22 +159,23 @@ def component_id(component: JsonValues) -> str:
 
 
 def wind_blocks(evidence: WindEvidence, tables: Sequence[Table] = ()) -> Blocks:
-    """Returns the report on the wind that was estimated from a flight.
+    """Returns the report on the wind that was estimated from a flight, in sentences with optional tables.
+
+    First come sentences on speed, direction and gusts with their 90 % intervals, and on the autopilot's own estimate
+    for comparison. Then come the tables, and last, for each quantity that the data does not determine well, the reason.
 
     Args:
         evidence: all that is known of the wind of a log: the estimate or, without one, the reason for that if known;
             and the autopilot's own estimate.
-        tables: tables of the wind, shown between the estimate and the reasons.
+        tables: tables of the wind, such as its mean in each minute.
 
     Returns:
-        Sentences on speed, direction and gusts, on their 90 % intervals, and on the autopilot's estimate for
-        comparison; the tables; and a sentence on each quantity that the data does not determine well, with the reason.
-        Without an estimate only the reason for that, or nothing if it is not known.
+        The report. Without an estimate it is only the reason for that, or empty if the reason is not known.
     """
     wind = evidence.estimate
     if wind is None:
         reason = evidence.reason
-        return [Sentence(reason.sentence_and_remedy, "Wind:")] if reason else []
+        return [Sentence(reason.sentence_and_remedy, lead="Wind:")] if reason else []
     # The reason why each quantity, such as the speed or the drag, has a wide interval or is not identifiable.
     reasons = dict(wind.reasons)
     is_blurred_by_drag = "speed" in reasons and bool(reasons["speed"].figures["by_drag"])
@@ -188,21 +186,22 @@ def wind_blocks(evidence: WindEvidence, tables: Sequence[Table] = ()) -> Blocks:
     if wind.drag.source is DragSource.POPULATION:
         # The drag of typical multirotors: both ends of its interval, as the mean over the axes x and y of the body.
         typical_drag = wind.drag.interval("linear").mean(axis=1)
+    # Half the width of the 90 % interval, rad, of the lean that no wind causes: intervals of the wind contain it.
+    lean_allowance = coverage_factor() * LEAN_SD / GRAVITY
     estimate = render_section(
         "wind",
         wind=wind,
         typical_drag=typical_drag,
-        # Half the width of the 90 % interval, rad, of the lean that no wind causes: intervals of the wind hold it.
-        lean_allowance=coverage_factor() * LEAN_SD / GRAVITY,
+        lean_allowance=lean_allowance,
         autopilot_wind=_autopilot_wind(evidence, wind),
         is_blurred_by_drag=is_blurred_by_drag,
         drag_model_setting=evidence.drag_model_setting,
         turned_wind=wind.turn,
     )
-    sentences = [
-        Sentence(str(reason), f"{quantity.capitalize()}:") for quantity, reason in reasons.items()
-    ]
-    return [*estimate, *tables, *sentences]
+    reason_sentences = []
+    for quantity, reason in reasons.items():
+        reason_sentences.append(Sentence(str(reason), lead=f"{quantity.capitalize()}:"))
+    return [*estimate, *tables, *reason_sentences]
 
 
 def _autopilot_wind(evidence: WindEvidence, wind: WindVelocity) -> dict[str, float] | None:
@@ -242,24 +241,26 @@ class _MeanWinds(NamedTuple):
 
 
 def wind_tables(wind: WindVelocity, max_rows: int | None = None) -> list[Table]:
-    """Returns a table of the mean wind of each part of about a minute, and one of that in each layer of height.
+    """Returns two tables of the mean wind: one over time, in parts of about a minute, and one over height, in layers.
 
-    Each row has both ends of the part (s) or the mean height in the layer (m), the wind speed with its 90 % interval
-    (m/s), and the direction that the wind comes from, if that is identifiable. A table with a single row is left out,
-    since it would only repeat the mean of the flight. There is no table where the data does not determine the wind
-    speed.
+    Each row has both ends of the part, s, or the mean height in the layer, m; the wind speed with its 90 % interval,
+    m/s; and the direction that the wind comes from, if that is identifiable. A table with a single row is left out,
+    since it would only repeat the mean of the flight.
 
     Args:
         wind: estimated wind of a flight.
         max_rows: most rows of a table. Of more parts or layers, evenly spaced ones are shown; None for all.
+
+    Returns:
+        Up to two tables; none if the data does not determine the wind speed.
     """
     identified_figures = wind.identified_figures
-    mean_winds_by_subject = (
+    mean_winds_of_tables = (
         _MeanWinds("Time (s)", ("start", "end"), identified_figures.minutes),
         _MeanWinds("Height (m)", ("height",), identified_figures.profile),
     )
     tables = []
-    for mean_winds in mean_winds_by_subject:
+    for mean_winds in mean_winds_of_tables:
         if len(mean_winds.rows) < 2:
             continue
         header = [mean_winds.header, "Wind (m/s)"]
@@ -267,13 +268,14 @@ def wind_tables(wind: WindVelocity, max_rows: int | None = None) -> list[Table]:
             header.append("From")
         rows = []
         for index in _evenly_spaced(len(mean_winds.rows), max_rows):
-            row = mean_winds.rows[index]
-            speed = f"{row['speed']:.1f} ({row['low']:.1f} to {row['high']:.1f})"
-            first_cell = "–".join(f"{row[key]:.0f}" for key in mean_winds.keys)
-            cells = [first_cell, speed]
+            mean_wind = mean_winds.rows[index]
+            # Both ends of a part of time, or one height.
+            first_cell = "–".join(f"{mean_wind[key]:.0f}" for key in mean_winds.keys)
+            speed = f"{mean_wind['speed']:.1f} ({mean_wind['low']:.1f} to {mean_wind['high']:.1f})"
+            row = [first_cell, speed]
             if wind.direction_identifiable:
-                cells.append(compass_text(row["direction"]))
-            rows.append(cells)
+                row.append(compass_text(mean_wind["direction"]))
+            rows.append(row)
         tables.append(Table(header, rows))
     return tables
 
@@ -309,18 +311,21 @@ def drag_table(drag: Drag, settings: Mapping[str, ParameterValue]) -> Table:
 
 
 def air_blocks(assessment: Assessment) -> Blocks:
-    """Returns the report on the air by an assessment: wind speed and direction, and its share of the wind torque.
+    """Returns the report on the wind of a flight: its speed and direction, and how much of the wind torque it explains.
 
-    The wind torque is the part of the torque that the motors do not explain; gusts of the estimated wind explain some
-    of it. The result is empty if the vehicle was not judged at all.
+    The wind torque is the part of the torque on the vehicle that the motors do not explain. Gusts of the estimated wind
+    explain some of it.
 
     Args:
         assessment: all results on a vehicle of a log: events, status lights, model, loops and wind.
+
+    Returns:
+        The report; empty if the vehicle was not judged at all.
     """
     if assessment.evidence is None:
         return []
     blocks = wind_blocks(assessment.evidence.wind)
-    explained_share = assessment.wind_share_of_torque
-    if explained_share is not None:
-        blocks.append(Sentence(str(explained_share), "Wind torque:"))
+    explained_torque = assessment.wind_share_of_torque
+    if explained_torque is not None:
+        blocks.append(Sentence(str(explained_torque), lead="Wind torque:"))
     return blocks

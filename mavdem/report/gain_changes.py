@@ -14,7 +14,7 @@ from mavdem.facts import Fact
 from mavdem.facts.loops import GainFact, LoopAction
 from mavdem.ingest.parameter_file import parameter_files
 from mavdem.ingest.telemetry import Parameters, Telemetry
-from mavdem.loops.advice import Advice, AdviceByAxis, Gain
+from mavdem.loops.advice import AdviceByAxis, Gain
 from mavdem.loops.gain_design import SURE_SHARE, Stage
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.loops import is_about_gains_to_set
@@ -128,53 +128,60 @@ def gain_changes(
 
 
 def _cautions_on_gains(advice: AdviceByAxis) -> list[Sentence]:
-    """Returns sentences on how far the gains to set can be trusted; axes with the same caution share a sentence.
+    """Returns sentences on how far advised gains can be trusted; axes with the same caution share a sentence.
 
-    Gains are computed for many models of the vehicle that agree with the flight. If the loops have the required margins
-    with too few of them, a sentence gives the fraction. Other cautions are about the identification of the loop.
+    There are two kinds. Gains are checked with many models of the vehicle that agree with the flight; if the loops have
+    the required margins with too few of them, a sentence states the fraction. Other cautions are about the
+    identification of the loop.
 
     Args:
-        advice: for each axis the gains to set and the loop before the change, or the fact why no gains are advised.
+        advice: for each axis the gains to set and the loop before the change, or the fact (coded finding) why no gains
+            are advised.
     """
-    model_shares = []
-    cautions = []
+    model_fractions = []
+    loop_cautions = []
     for axis, axis_advice in advice.items():
-        if not isinstance(axis_advice, Advice) or not axis_advice.parameters:
+        if isinstance(axis_advice, Fact) or not axis_advice.parameters:
             continue
         if axis_advice.sure < SURE_SHARE:
-            share_of_models = Fact(
+            model_fraction = Fact(
                 GainFact.SHARE_OF_MODELS,
                 share=axis_advice.sure,
                 share_lacking=axis_advice.fraction_without_margins_before,
                 is_sound=axis_advice.is_sound,
             )
-            model_shares.append((axis, share_of_models))
+            model_fractions.append((axis, model_fraction))
         identified_loop = axis_advice.before
         for caution in identified_loop.cautions:
             if is_about_gains_to_set(caution):
-                cautions.append((axis, caution))
+                loop_cautions.append((axis, caution))
     return [
-        *sentences_by_axes(model_shares),
-        *sentences_by_axes(cautions, attrgetter("sentence_and_remedy")),
+        *sentences_by_axes(model_fractions),
+        *sentences_by_axes(loop_cautions, attrgetter("sentence_and_remedy")),
     ]
 
 
 def _advised_gain_sets(advice: AdviceByAxis) -> Iterator[_GainSet]:
-    """Yields the advised gains of each stage of tuning as one set, in the order in which they are flown.
+    """Yields the advised gains of all axes as sets to load into the autopilot one after the other.
 
-    Rate loops are tuned before the attitude loops around them. So the gains of the first stage are flown before the
-    gains of the second are loaded. With several stages, each set has a suffix for the name of its file.
+    Rate loops are tuned before the attitude loops around them. So the gains of the first stage of tuning are flown
+    before those of the second are loaded.
 
     Args:
-        advice: advice by axis, or the fact why there is none.
+        advice: advice by axis, or the fact (coded finding) why there is none.
+
+    Yields:
+        A set for each stage; with several stages, each has a suffix for the name of its file.
     """
-    axes_of_stage: dict[Stage, dict[str, Gain]] = {}
+    gains_by_stage: dict[Stage, dict[str, Gain]] = {}
     for axis_advice in advice.values():
-        if isinstance(axis_advice, Advice) and axis_advice.stage is not None:
-            changed_gains = {name: axis_advice.gains[name] for name in axis_advice.parameters}
-            axes_of_stage.setdefault(axis_advice.stage, {}).update(changed_gains)
-    for stage, gains in sorted(axes_of_stage.items()):
-        suffix = f".stage{stage:d}" if len(axes_of_stage) > 1 else ""
+        if isinstance(axis_advice, Fact) or axis_advice.stage is None:
+            continue
+        changed_gains = {name: axis_advice.gains[name] for name in axis_advice.parameters}
+        gains_by_stage.setdefault(axis_advice.stage, {}).update(changed_gains)
+    has_several_stages = len(gains_by_stage) > 1
+    for stage, gains in sorted(gains_by_stage.items()):
+        suffix = f".stage{stage:d}" if has_several_stages else ""
         yield _GainSet(gains, STAGE_HEADINGS[stage], suffix)
 
 

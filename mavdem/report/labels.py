@@ -52,20 +52,21 @@ def states_are_outputs(learned: Learned) -> bool:
 
 
 def state_names(outputs: Sequence[str], learned: Learned) -> list[str]:
-    """Names the n states of a model.
+    """Returns names for the n states of a learned linear model.
+
+    If the first states are the outputs themselves, they have the names of the outputs, and the others are called
+    "hidden 1", "hidden 2", …. Otherwise, when the output matrix C was learned freely, they are "state 1", "state 2", ….
 
     Args:
-        outputs: names of the outputs, which name the first states where these are the outputs.
-        learned: the learned model. Its other states are "hidden 1", "hidden 2", …; of a free C all are "state 1", ….
-
-    Returns:
-        The n names.
+        outputs: names of the outputs.
+        learned: the learned model.
     """
     order = learned.model.A.shape[0]
     if not states_are_outputs(learned):
-        return [f"state {i + 1}" for i in range(order)]
-    hidden = [f"hidden {i + 1}" for i in range(order - len(outputs))]
-    return [*outputs, *hidden][:order]
+        return [f"state {number}" for number in range(1, order + 1)]
+    hidden_count = order - len(outputs)
+    hidden_names = [f"hidden {number}" for number in range(1, hidden_count + 1)]
+    return [*outputs, *hidden_names][:order]
 
 
 class AxisCommand(NamedTuple):
@@ -88,16 +89,17 @@ class AxisCommand(NamedTuple):
 
     @classmethod
     def of(cls, learned: Learned) -> AxisCommand:
-        """Returns the command of a model's axis, by the mixer geometry or else by each motor's effectiveness.
+        """Returns the command of a model's axis, which combines the outputs of all motors to one number.
 
-        The directions of the inputs are the relative effects of the motors on the axis. They are scaled so that the
-        command of these inputs, w · m, is 1.
+        The motors are weighted by their relative effects on the axis, from the mixer geometry or, without it, from the
+        effectiveness that was learned. They are scaled so that motor outputs m in the direction of the effects give the
+        command w · m = 1.
 
         Args:
             learned: the linear model that was learned from a flight, with its training data.
 
         Returns:
-            The command, with its weights w and inputs m (r,).
+            The command, with its weights w and the motor outputs m, (r,) each.
         """
         labels = Labels.of(learned)
         directions = input_directions(learned)

@@ -8,14 +8,18 @@ REASONED_CODES = (Unjudged.MULTIROTORS_ONLY, Unjudged.NOT_JUDGED, Unjudged.JUDGE
 
 
 def lights_with_reason_once(lights: NamedFacts) -> NamedFacts:
-    """Returns the lights of a flight, with a reason why several are not judged on the first light that has it.
+    """Returns the status lights of a flight for display, in which a reason that several share is stated only once.
 
-    A light is the judgement of one part of the vehicle, such as its motors. Of a plane, or of a vehicle that did not
-    fly, several lights have the same reason. Repeated, it would fill the screen, so the others are only "not judged".
-    Documents keep the reason of each light.
+    Of a plane, or of a vehicle that did not fly, several lights are not judged for the same reason. Repeated, it would
+    fill the screen. So the first of these lights states it, and the others are only "not judged". JSON documents keep
+    the reason of each light.
 
     Args:
-        lights: the judgement of each part of the vehicle, a fact with a level, by name, in the order shown.
+        lights: the judgement of each part of the vehicle, such as its motors, by name: a fact (a coded finding) with a
+            level.
+
+    Returns:
+        The lights in the same order.
     """
     shown_lights = {}
     stated_reasons = set()
@@ -30,17 +34,19 @@ def lights_with_reason_once(lights: NamedFacts) -> NamedFacts:
 
 
 def earlier_lights(lights: NamedFacts) -> dict[str, str]:
-    """Returns, by each light that warns of the same as an earlier one, the name of the first that says so.
-
-    Where the lights are shown, it refers to that light instead of repeating the sentence.
+    """Finds the status lights that warn of the same as an earlier one, so that a list need not repeat the sentence.
 
     Args:
-        lights: the judgement of each part of the vehicle, a fact with a level, by name, in the order shown.
+        lights: the judgement of each part of the vehicle, such as its motors, by name: a fact (a coded finding) with a
+            level; in the order of the list.
+
+    Returns:
+        For each such light the name of the first light with the same sentence, to which the list refers.
     """
-    first_lights: dict[str, str] = {}
+    first_light_by_sentence: dict[str, str] = {}
     repeated_lights = {}
     for name, fact in lights.items():
-        first = first_lights.setdefault(fact.sentence, name)
-        if fact.warns and first != name:
-            repeated_lights[name] = first
+        first_light = first_light_by_sentence.setdefault(fact.sentence, name)
+        if fact.warns and first_light != name:
+            repeated_lights[name] = first_light
     return repeated_lights

@@ -223,10 +223,10 @@ def _remarks_on_trial(
     has_only_filtered_gyro: bool,
     has_dynamic_notch: bool,
 ) -> Iterator[str]:
-    """Yields the limitations of the trial as sentences for the page.
+    """Yields sentences on the limitations of a trial of notch filters, in which a page's reader changes their settings.
 
     Args:
-        filters: notch filters whose settings the reader can try.
+        filters: the notch filters of the gyro that can be tried.
         has_loop: whether a rate loop is identified, at whose crossover frequency the phase lag is stated.
         has_only_filtered_gyro: whether the log has the gyro only after one of these filters, which is on.
         has_dynamic_notch: whether PX4 has further notches, whose centres follow the motors or an FFT of the gyro.
@@ -235,13 +235,13 @@ def _remarks_on_trial(
         yield f"No rate loop is identified: the phase is stated at {ASSUMED_CROSSOVER:.0f} Hz."
     if not filters[0].is_logged:
         yield "The log has none of its parameters: see whether the firmware has them."
+    has_moving_center = False
     for title, tried_filter in zip(_titles(filters), filters, strict=True):
         yield from _remark_on_moving_center(title or "It", tried_filter)
-    # Only ArduPilot's filters, which have a prefix, can follow something.
-    if any(
-        tried_filter.prefix and _mode_of(tried_filter) != NotchMode.FIXED
-        for tried_filter in filters
-    ):
+        # Only ArduPilot's filters, which have a prefix, can follow something.
+        if tried_filter.prefix and _mode_of(tried_filter) != NotchMode.FIXED:
+            has_moving_center = True
+    if has_moving_center:
         yield "In flight the centres move; the trial holds for the fixed ones that are shown."
     if has_dynamic_notch:
         yield "IMU_GYRO_DNF_EN adds notches that move with the motors: the trial holds for the fixed ones alone."

@@ -130,21 +130,22 @@ def _peak_for(index: int, peaks: Numbers) -> float:
 
 
 def strongest_peaks(noise: MeasuredNoise, spectrum: Spectrum) -> tuple[float, ...]:
-    """Returns the frequencies of the spectral lines, the strongest first.
+    """Returns the frequencies of the vibration, Hz, on which a notch filter may be placed, the strongest first.
+
+    They are those of the lines in the spectra of the flight. If there is no line, it is the one frequency above the
+    bandwidth of all rate loops at which the spectrum is largest.
 
     Args:
         noise: spectra of the flight with their lines.
-        spectrum: spectrum of the gyro, which extends above the bandwidth of all rate loops.
-
-    Returns:
-        Frequencies, Hz. Without any line, the one with the highest density above the bandwidth.
+        spectrum: spectrum of the gyro, which extends above that bandwidth.
     """
     if noise.lines:
-        lines = sorted(noise.lines, key=lambda line: -line.density)
+        lines = sorted(noise.lines, key=lambda line: line.density, reverse=True)
         return tuple(line.frequency for line in lines)
-    density = spectrum.mean_density.sum(axis=0)
     is_vibration = spectrum.frequency > MAX_LOOP_FREQUENCY
-    return (float(spectrum.frequency[is_vibration][np.argmax(density[is_vibration])]),)
+    frequency = spectrum.frequency[is_vibration]
+    density = spectrum.mean_density.sum(axis=0)[is_vibration]
+    return (float(frequency[np.argmax(density)]),)
 
 
 def _ardupilot_filter(

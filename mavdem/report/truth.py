@@ -21,23 +21,28 @@ MAX_SHOWN_ERROR = 10.0
 
 
 def truth_blocks(comparison: TruthComparison) -> Blocks:
-    """Returns how many intervals hold the truth, a table of all parameters, and how the wind torque compares.
+    """Returns the report on a simulated flight that compares the estimates with the true values of the simulation.
+
+    A sentence states how many 90 % intervals contain the true value, a table has all parameters, and further sentences
+    compare the wind torque.
 
     Args:
-        comparison: estimates of a simulated flight with their 90 % intervals, and the parameters of the simulation.
+        comparison: estimates with their 90 % intervals, and the parameters of the simulation.
     """
     wind_torque = comparison.wind
     parameters = list(comparison.parameters)
     # The mean wind torque has an estimate only if the torque is larger than its error.
     if wind_torque is not None and wind_torque.resolved:
         parameters.append(wind_torque.mean)
-    # Whether each interval holds the truth; a parameter that is not identifiable has no interval.
-    are_inside = [parameter.inside for parameter in parameters if parameter.inside is not None]
+    # A parameter that is not identifiable has no interval.
+    parameters_with_interval = [
+        parameter for parameter in parameters if parameter.inside is not None
+    ]
     heading, *wind_sentences = render_section(
         "truth",
         source=comparison.source,
-        inside_count=sum(are_inside),
-        interval_count=len(are_inside),
+        inside_count=sum(bool(parameter.inside) for parameter in parameters_with_interval),
+        interval_count=len(parameters_with_interval),
         wind=wind_torque,
     )
     if not parameters:

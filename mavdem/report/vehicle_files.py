@@ -57,26 +57,32 @@ def missing_axes(reasons: NamedFacts) -> list[Sentence]:
 
 
 def twin_blocks(twin: Twin, comparison: Mapping[str, Mapping[str, list[float]]]) -> Blocks:
-    """Returns the quantities of a twin with their uncertainty, and how its flight compares with the recorded one.
+    """Returns the report on the twin of a vehicle, its model for simulators: a table of its quantities, and a check.
+
+    The check compares a simulated flight of the twin with the recorded one, in wind of the same spectrum.
 
     Args:
         twin: simulated vehicle with the identified loops, hover thrust, drag and wind.
-        comparison: figures of the recorded flight and of the twin's flight in wind of the same spectrum, by axis.
-            "levels" are the twin's rates relative to the recorded ones in each of ``RATE_BANDS``, dB; the keys of
-            ``MOTION_FIGURES`` have the recorded and the twin's figure.
+        comparison: figures of both flights by axis; empty if the flight could not be repeated. "levels" are the twin's
+            rates relative to the recorded ones in each of ``RATE_BANDS``, dB; the keys of ``MOTION_FIGURES`` have the
+            recorded and the twin's figure.
     """
     rows = []
     for attribute, name in TWIN_QUANTITIES.items():
         value = attrgetter(attribute)(twin)
-        if value is not None:
-            numbers = ", ".join(f"{number:.3g}" for number in np.ravel(value))
-            uncertainty = str(twin.notes.get(attribute.replace(".", "_"), ""))
-            rows.append([name, numbers, uncertainty])
+        if value is None:
+            continue
+        # A quantity may be an array, such as the inertia about three axes.
+        numbers = ", ".join(f"{number:.3g}" for number in np.ravel(value))
+        uncertainty = str(twin.notes.get(attribute.replace(".", "_"), ""))
+        rows.append([name, numbers, uncertainty])
     blocks: Blocks = [Table(["Vehicle", "value", "90 % interval"], rows, words=True)]
     if not comparison:
         text = "The setpoints of roll were not recorded: the twin does not fly them again."
         return [*blocks, Sentence(text)]
-    return blocks + [_motion_table(axis, figures) for axis, figures in comparison.items()]
+    for axis, figures in comparison.items():
+        blocks.append(_motion_table(axis, figures))
+    return blocks
 
 
 def _motion_table(axis: str, figures: Mapping[str, Sequence[float]]) -> Block:

@@ -195,21 +195,22 @@ class Library:
         return self.folder / RESULTS / entry.digest
 
     def progress(self, entry: LibraryEntry) -> JsonValues:
-        """Returns the progress of the process that works on a log, from its progress file.
+        """Returns how far the processing of a log is, as its worker process reports it in a file.
 
         The file is in the final folder of results or, while the log is processed, in a hidden folder next to it. It is
-        missing before the process begins, and for a moment while the folder is renamed; then there are no values.
+        missing before the process begins, and for a moment while the folder is renamed.
 
         Args:
             entry: the log that is being read, or whose recordings are being made.
 
         Returns:
-            Values by their keys (``mavdem.serve.reading.ProgressFile``).
+            Values by their keys (``mavdem.serve.reading.ProgressFile``); empty if there is no file.
         """
         hidden_name = f".{entry.digest}"
         for folder_name in (entry.digest, hidden_name, f"{hidden_name}{UNFINISHED_RECORDINGS}"):
+            path = self.folder / RESULTS / folder_name / PROGRESS
+            # The file may be missing or, for a moment, incomplete.
             with suppress(OSError, ValueError):
-                path = self.folder / RESULTS / folder_name / PROGRESS
                 return dict(json.loads(path.read_bytes()))
         return {}
 
@@ -255,11 +256,13 @@ class Library:
             raise Refusal(RefusalReason.DISK_FULL)
 
     def new_incoming_path(self, recording_name: str = "") -> Path:
-        """Returns the path of a new file for an upload or a recording that is to be written.
+        """Returns the path of a new file, not created yet, for an upload or for the recording of a live session.
+
+        It begins with the name of this server. If this server dies, another one finds its files by that: it adds the
+        recordings to the library and removes the uploads.
 
         Args:
-            recording_name: name of the recording of a live session; empty for an upload. If this server dies, another
-                one adds its recordings to the library and removes its uploads.
+            recording_name: name of the recording of a live session; empty for an upload.
         """
         return self.folder / INCOMING / f"{self.name}-{recording_name or random_name()}"
 
@@ -271,17 +274,18 @@ class Library:
     # Adding logs
 
     def add(self, incoming_path: Path, name: str, **columns: Any) -> LibraryEntry:
-        """Moves a complete file into the library, after computing its digest.
+        """Moves a file that was received completely into the library; the digest of its content identifies it there.
 
         Args:
             incoming_path: path of the file, in the folder for incoming files.
             name: name of the log that users see.
-            **columns: further columns of its entry, such as ``note`` and ``sharing``.
+            **columns: further columns of its index entry, such as ``note`` and ``sharing``.
 
         Returns:
             The entry of the log, as :meth:`add_with_digest` returns it.
         """
         with refuse_full_disk(), incoming_path.open("rb") as file:
+            # The content must be on the disk before the index names it.
             os.fsync(file.fileno())
             digest = hashlib.file_digest(file, "sha256").hexdigest()
         return self.add_with_digest(incoming_path, digest, name, **columns)
@@ -337,7 +341,8 @@ class Library:
     def add_fleet_logs(self) -> None:
         """Adds entries to the index for logs that the command ``mavdem track`` has read since the last call.
 
-        A log is left out if the index has its path, or another path with the same content.
+        That command writes into the same SQLite file. A log is left out if the index has its path, or another path with
+        the same content.
         """
         # SQLite's ``data_version`` changes with every commit of another connection. Comparing it is cheap enough to be
         # done every second. Each thread has a separate connection, and so stores the version of its last call.
@@ -348,12 +353,12 @@ class Library:
         # system's separator; paths in the index may be relative to the library's folder and have the one of POSIX.
         indexed_logs = """select logs.log from entries
         join logs on logs.path in (entries.path, ? || replace(entries.path, '/', ?))"""
-        new_rows = f"""select row, file from flights where file is not null and log not in ({indexed_logs})
+        new_rows_query = f"""select row, file from flights where file is not null and log not in ({indexed_logs})
         and not exists (select 1 from entries where path = file) order by rowid"""
         folder = utf8_text(f"{self.folder}{os.sep}")
         with self.transaction() as db:
-            rows = self.store.sound_rows(new_rows, [folder, os.sep])
-            for file, rows_of_file in group_by(rows, lambda row: row.file).items():
+            new_rows = self.store.sound_rows(new_rows_query, [folder, os.sep])
+            for file, rows_of_file in group_by(new_rows, lambda row: row.file).items():
                 insert_entry(db, entry_of_fleet_log(file, rows_of_file))
         self._thread_state.fleet_version = version
 
@@ -458,10 +463,11 @@ class Library:
         return read_names(self.db)
 
     def known_scripts(self, scripts: Iterable[str]) -> Names:
-        """Returns the hashes of all scripts that the pages of this library may run, and stores those of this version.
+        """Returns the hashes of all scripts that pages of this library may run, and adds those of this version.
 
-        A page has the scripts of the version of this program that wrote it. If the policy of the server allowed those
-        of the present version alone, pages of earlier versions would show no charts.
+        The server's content security policy permits scripts by their hashes. A stored page has the scripts of the
+        version of mavdem that wrote it. If only those of the present version were permitted, pages of earlier versions
+        would show no charts.
 
         Args:
             scripts: hashes of the scripts of this version.
@@ -469,13 +475,11 @@ class Library:
         Returns:
             The hashes of every version that has served the library, this one included, in alphabetical order.
         """
+        rows = [[script] for script in scripts]
         with self.transaction() as db:
-            db.executemany(
-                "insert or ignore into chart_scripts values (?)", [[script] for script in scripts]
-            )
-            return tuple(
-                script for (script,) in db.execute("select hash from chart_scripts order by hash")
-            )
+            db.executemany("insert or ignore into chart_scripts values (?)", rows)
+            stored_rows = db.execute("select hash from chart_scripts order by hash")
+            return tuple(script for (script,) in stored_rows)
 
     @property
     def vehicle_frames(self) -> dict[str, str]:
@@ -526,7 +530,8 @@ class Library:
 
         Args:
             entry: index entry of the flight.
-            name: name of the vehicle, as it was typed. If a vehicle was given this name, it is that vehicle.
+            name: name of the vehicle, as the user typed it. If exactly one vehicle was given this name, that one is
+                assigned; otherwise a new vehicle of this name.
 
         Returns:
             The changed entry.
@@ -535,15 +540,16 @@ class Library:
             Refusal: the log identifies its vehicle, or has not been read yet.
         """
         name = plain_name(name)
-        named_vehicles = [
-            vehicle for vehicle, given_name in self.names.vehicles.items() if given_name == name
-        ]
-        vehicle = named_vehicles[0] if len(named_vehicles) == 1 else name
+        vehicles_with_name = []
+        for vehicle, given_name in self.names.vehicles.items():
+            if given_name == name:
+                vehicles_with_name.append(vehicle)
+        assigned_vehicle = vehicles_with_name[0] if len(vehicles_with_name) == 1 else name
         with self.transaction() as db:
             rows = [row for row in self.flight_rows([entry]) if row.vehicle == entry.vehicle]
             if not rows or rows[0].vehicle_basis not in (SYSTEM_ID_BASIS, GIVEN_BASIS):
                 raise Refusal(RefusalReason.VEHICLE_IDENTIFIED, name=entry.name)
-            assign_vehicle(db, rows[0], vehicle)
+            assign_vehicle(db, rows[0], assigned_vehicle)
             (assigned_row,) = rows_with_assigned_vehicles(db, rows[:1])
             self._update_baseline(assigned_row)
             entry = self.change(
@@ -555,32 +561,31 @@ class Library:
         return entry
 
     def _update_baseline(self, assigned_row: FlightRow) -> None:
-        """Corrects the vehicle of a flight in the baseline, the healthy flights, after the assignment has changed.
+        """Corrects the baseline, the flights marked as healthy, after a flight was assigned to another vehicle.
 
-        A flight whose vehicle is unnamed again is removed from the baseline: flights of other vehicles with the same
-        system id would be compared with it.
+        A flight whose vehicle is unnamed again is removed from the baseline: otherwise flights of other vehicles with
+        the same MAVLink system id would be compared with it.
 
         Args:
-            assigned_row: a row of the flight with its present vehicle.
+            assigned_row: a row of the flight in the fleet's table, with its present vehicle.
         """
-        content = content_hash(assigned_row.key)
         baseline = self.store.healthy
-        is_in_baseline = any(content_hash(row.key) == content for row in baseline)
-        if not is_in_baseline:
+        content_of_flight = content_hash(assigned_row.key)
+        if all(content_hash(row.key) != content_of_flight for row in baseline):
             return
         corrected_baseline = []
         for row in rows_with_assigned_vehicles(self.db, baseline):
-            is_of_this_flight = content_hash(row.key) == content
+            is_of_this_flight = content_hash(row.key) == content_of_flight
             if row.has_own_name or not is_of_this_flight:
                 corrected_baseline.append(row)
         self.store.healthy = corrected_baseline
 
     def widen_sharing(self, entry: LibraryEntry, sharing: str, note: str) -> LibraryEntry:
-        """Shares a flight with more people and completes its note, when its log is uploaded again.
+        """Updates the entry of a flight whose log is uploaded again: it never becomes less visible than it was.
 
         Args:
             entry: index entry of the flight.
-            sharing: with whom the new upload shares it; used only if that is wider than before.
+            sharing: with whom the new upload shares the flight; used only if these are more people than before.
             note: note of the new upload; used only if the entry has none.
 
         Returns:
@@ -592,11 +597,13 @@ class Library:
         return self.change(entry.id, sharing=widest_sharing, note=entry.note or note)
 
     def set_baseline(self, ids: Iterable[str]) -> None:
-        """Makes some flights the healthy ones with which the other flights of their vehicles are compared.
+        """Marks some flights as healthy, so that other flights of their vehicles are compared with them.
+
+        They replace all that were marked before. Flights of unnamed vehicles are left out, since flights of other
+        vehicles with the same MAVLink system id would be compared with them.
 
         Args:
-            ids: ids of the healthy flights; others are not healthy any more. Those of unnamed vehicles are left out,
-                since flights of other vehicles with the same system id would be compared with them.
+            ids: ids of the healthy flights in the index.
         """
         rows = self.flight_rows([self.entry(id) for id in ids])
         with refuse_full_disk():
@@ -627,13 +634,13 @@ class Library:
     # Reading logs
 
     def claim(self) -> LibraryEntry | None:
-        """Claims the log that has waited longest: marks it as being read by this server.
+        """Takes the log that has waited longest for this server to read, and marks it as being read.
 
-        Logs that the disk had no room for, which have a problem, come after all others, which may need less.
-        It is found and marked in one SQL statement, so that no two threads or servers get the same log.
+        Logs that could not be read for lack of disk space, which have a problem, come after all others, since these may
+        need less. The log is found and marked in one SQL statement, so that no two threads or servers get the same.
 
         Returns:
-            The entry of the log; ``None`` if no log waits.
+            The entry of the log; None if no log waits.
         """
         with self.transaction() as db:
             row = db.execute(
@@ -646,31 +653,31 @@ class Library:
         return None if row is None else entry_from_row(row)
 
     def request_new_page(self, entry: LibraryEntry) -> bool:
-        """Queues a log that was read by an earlier version to be read again, so that its page gets this one's scripts.
+        """Queues a log to be read again, so that its page, which an earlier version wrote, gets this version's scripts.
 
-        A page is requested once while the server runs, since another reading may fail again, and while fewer than
-        ``MAX_WAITING_PAGES`` logs wait, so that visitors of many pages do not hold up uploads.
+        Each page is requested once while the server runs, since reading may fail again. At most ``MAX_WAITING_PAGES``
+        logs may wait, so that visitors of many old pages do not hold up uploads.
 
         Args:
-            entry: index entry of a flight whose page is there.
+            entry: index entry of a flight that has a page.
 
         Returns:
-            Whether the log waits to be read.
+            Whether the log was queued now.
         """
         with self.transaction() as db:
             (waiting_count,) = db.execute(
                 "select count(*) from entries where stage = ?", [Stage.WAITING]
             ).fetchone()
-            is_possible = entry.stage == Stage.DONE and self.log_path(entry).is_file()
+            is_readable = entry.stage == Stage.DONE and self.log_path(entry).is_file()
             was_requested = entry.id in self._requested_pages
-            if was_requested or not is_possible or waiting_count >= MAX_WAITING_PAGES:
+            if was_requested or not is_readable or waiting_count >= MAX_WAITING_PAGES:
                 return False
             self._requested_pages.add(entry.id)
             self.change(entry.id, stage=Stage.WAITING)
         return True
 
     def finish_reading(self, entry: LibraryEntry, outcome: JobOutcome, limits: JobLimits) -> None:
-        """Stores the outcome of a log that was read: its rows in the fleet's store, its columns in the index.
+        """Stores what a worker process found in a log: rows in the fleet's store, and columns in the index.
 
         A log that cannot be read is removed, unless its uploader wants to keep it, or it was read before. If the entry
         was deleted while the log was read, the results are removed.
@@ -680,9 +687,9 @@ class Library:
             outcome: result of reading it, with the fleet's rows.
             limits: the limits of time and memory within which it was read.
         """
-        # A page that was to be made anew, but cannot be now, stays with its log and rows.
         has_page = (self.results_folder(entry) / PAGE_FILE).is_file()
         has_new_page = any(row.page for row in outcome.rows)
+        # If a page was to be made anew, and cannot be now, the earlier page stays with its log and rows.
         keeps_earlier_results = has_page and not has_new_page
         columns: JsonValues = {"stage": Stage.DONE, "claimed": "", "problem": ""}
         if not keeps_earlier_results:

@@ -191,21 +191,18 @@ class VisibleLibrary:
         return worst_rows
 
     def documents(self, entries: Sequence[LibraryEntry]) -> list[Flight]:
-        """Returns the documents of flights, with the names that were given to them and to their vehicles.
+        """Returns flights of the library as JSON documents, with the names that users gave to them and their vehicles.
 
         Args:
-            entries: flights of the library.
+            entries: index entries of the flights.
         """
         names = self.library.names
         documents = []
         for entry in entries:
-            documents.append(
-                Flight.from_results(
-                    entry,
-                    given_name=names.flights.get(entry.content_hash, ""),
-                    vehicle_name=names.vehicles.get(entry.vehicle, ""),
-                )
-            )
+            flight_name = names.flights.get(entry.content_hash, "")
+            vehicle_name = names.vehicles.get(entry.vehicle, "")
+            document = Flight.from_results(entry, given_name=flight_name, vehicle_name=vehicle_name)
+            documents.append(document)
         return documents
 
     def review(self, entry: LibraryEntry) -> JsonValues | None:
@@ -227,34 +224,39 @@ class VisibleLibrary:
             return dict(json.loads(path.read_bytes()))
 
     def recordings(self, entry: LibraryEntry) -> Recordings:
-        """Returns the document on the recordings of a flight (for Rerun and Foxglove), which are made on request.
+        """Returns the JSON document that says how far the recordings of a flight are, which are made on request.
 
-        It says how far the making is: the stage, such as waiting or done, the same in words, and why it failed if so.
+        Recordings are files for the viewers Rerun and Foxglove.
 
         Args:
             entry: index entry of the flight.
+
+        Returns:
+            The stage, such as waiting or done, the same in words, and, if they could not be made, the reason.
         """
         stage = RecordingRequests(self.library).stage(entry)
+        stage_in_words = interface_words()["stages"].get(stage, "")
         return Recordings(
             id=entry.id,
             stage=stage,
-            words=interface_words()["stages"].get(stage, ""),
+            words=stage_in_words,
             problem=entry.recording_problem,
         )
 
     def visitor_values(self, request: HttpRequest) -> JsonValues:
-        """Returns the values that the templates of all pages need: the visitor's rights, and the server's URL.
+        """Returns what the templates of all pages must know about a visitor: his rights, and the server's addresses.
 
         A visitor who may read all flights also gets two secret keys: one with which the page's script changes flights,
         and one in the address to which a ground station uploads logs.
 
         Args:
-            request: the request, for the sender's rights.
+            request: the request, for the rights of its sender.
 
         Returns:
-            Values by the names in the templates: whether the visitor may read all flights; the key for changes; whether
-            the server has a token, by which visitors sign in, and a library; its address, and that for uploads; the
-            names that were "given" to vehicles; and the kind of each vehicle's frame.
+            Values by the names in the templates: ``may_read``, whether the visitor may read all flights; ``key`` for
+            changes; ``has_token``, whether visitors can sign in with a token; ``has_library``; ``address`` of the
+            server, and that for uploads (``upload``); the names that were ``given`` to vehicles; and the type of each
+            vehicle's frame (``frames``).
         """
         may_read = self.rights.allows(request, Permission.READ)
         address = str(request.base_url).rstrip("/")

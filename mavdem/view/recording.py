@@ -68,7 +68,7 @@ SENSITIVITY_FREQUENCIES = np.linspace(0.5, 30.0, 60)
 
 
 def write_recording(target: Target, assessment: Assessment) -> None:
-    """Writes the assessment of a flight with its model as a recording for the Rerun viewer.
+    """Writes all plots of a flight and its learned model as a recording, which the Rerun viewer shows.
 
     The recording contains its layout, a row of tabs. The first one has the same plots as the first tab of a live
     session. The others are motion, space, vehicle, wind, loops, free energy, forecasts, learning, and the report as
@@ -87,7 +87,8 @@ def write_recording(target: Target, assessment: Assessment) -> None:
     learned = analysis.learned
     held_out = analysis.held_out
     assert learned is not None and held_out is not None
-    with recording_to_file(target, Path(assessment.log.source).name) as recording:
+    log_name = Path(assessment.log.source).name
+    with recording_to_file(target, log_name) as recording:
         tabs = RecordingTabs(recording, assessment, timeline)
         series = recording_series(analysis.flights, learned)
         title = flight_title(analysis.flights, assessment.simulated)
@@ -113,9 +114,9 @@ def write_recording(target: Target, assessment: Assessment) -> None:
 
 
 def write_words(target: Target, name: str, blocks: Sequence[Block]) -> None:
-    """Writes a recording whose only content is a text, such as that a log is being read, or why it cannot be.
+    """Writes a Rerun recording that has only a text, for example that a log is being read, or why it cannot be.
 
-    In a stream it replaces the text that was written before.
+    In a stream to a viewer it replaces the text that was written before.
 
     Args:
         target: a file or a stream.
@@ -126,8 +127,9 @@ def write_words(target: Target, name: str, blocks: Sequence[Block]) -> None:
         OSError: the file cannot be written.
     """
     with recording_to_file(target, name) as recording:
-        text = rrb.Vertical(log_text(recording, "report", "Report", blocks))
-        recording.send_blueprint(blueprint(text), make_active=True)
+        text_view = log_text(recording, "report", "Report", blocks)
+        layout = blueprint(rrb.Vertical(text_view))
+        recording.send_blueprint(layout, make_active=True)
 
 
 class RecordingTabs:
@@ -207,7 +209,7 @@ class RecordingTabs:
         return first_tab(plots, SideTexts([summary, events], [60, 40]))
 
     def summary(self) -> rrb.View:
-        """Writes the text with the headline, the next step, and the judgement of each part of the vehicle.
+        """Writes the text beside the first plots: headline, next step, and the judgement of each part of the vehicle.
 
         Returns:
             The view of the text.
@@ -217,48 +219,50 @@ class RecordingTabs:
             f"**{headline(judgement.headline)}**",
             f"**Next:** {judgement.next_step.sentence_and_remedy}",
         ]
-        # The light of a part, such as the motors, is a fact with a level: good, watch, bad or unknown.
-        for name, fact in judgement.lights.items():
-            is_headline = str(fact) == str(judgement.headline)
-            text = "See the headline." if is_headline else fact.sentence_and_remedy
-            lines.append(f"**{name.capitalize()} – {fact.level}:** {text}")
+        # The status light of a part, such as the motors, is a finding with a level: good, watch, bad or unknown.
+        for name, light in judgement.lights.items():
+            is_headline = str(light) == str(judgement.headline)
+            text = "See the headline." if is_headline else light.sentence_and_remedy
+            lines.append(f"**{name.capitalize()} – {light.level}:** {text}")
         return log_text(self._recording, "headline", "", "\n\n".join(lines))
 
     def _angle_and_setpoint(self, axis: str) -> Sequence[Line]:
-        """Returns the lines of an axis's angle over the whole record: its setpoint, if recorded, and as measured.
+        """Returns the measured angle of an axis and, if it was recorded, its setpoint as lines over the whole record.
 
         Args:
             axis: "roll", "pitch" or "yaw".
 
         Returns:
-            The lines, °; none if the angle was not recorded.
+            The lines, degrees, the setpoint first; none if the angle was not recorded.
         """
         charts = self._timeline.axis_charts.get(axis, ())
         if not charts:
             return ()
-        lines = charts[0].lines
-        # The angle comes last, after its setpoint where one was recorded.
-        measured_line = lines[-1]._replace(name="measured", colour=palette.MEASURED)
-        return [*lines[:-1], measured_line]
+        angle_chart = charts[0]
+        *setpoint_lines, angle_line = angle_chart.lines
+        measured_line = angle_line._replace(name="measured", colour=palette.MEASURED)
+        return [*setpoint_lines, measured_line]
 
     def motion(self) -> rrb.Container:
-        """Draws the angles of all axes with their setpoints, and all rates in one plot, next to the event log.
+        """Draws the motion of the vehicle: a plot of the angle of each axis with its setpoint, and one of all rates.
+
+        The event log is next to the plots.
 
         Returns:
             The tab "Motion".
         """
-        charts: list[Chart] = []
+        angle_charts: list[Chart] = []
         rate_lines = []
-        # Each axis has a chart of its angle, and where the rate was recorded a second one.
         for number, (axis, axis_charts) in enumerate(self._timeline.axis_charts.items()):
-            charts += axis_charts[:1]
+            # Each axis has a chart of its angle, and a second one if the rate was recorded.
+            angle_charts += axis_charts[:1]
             if len(axis_charts) > 1:
                 # The measured rate comes last, after its setpoint where one was recorded.
-                rate = axis_charts[1].lines[-1]
-                rate_lines.append(rate._replace(name=axis, colour=palette.distinct(number)))
-        charts.append(over_time("Rates", "°/s", rate_lines))
+                rate_line = axis_charts[1].lines[-1]
+                rate_lines.append(rate_line._replace(name=axis, colour=palette.distinct(number)))
+        charts = [*angle_charts, over_time("Rates", "°/s", rate_lines)]
         plots = rrb.Vertical(*self._draw_charts("motion", charts))
-        # The event log can be filtered, and moves the time; its rows are cut where the texts of the first tab wrap.
+        # A click on an event moves the time. Rows are cut off at the edge; the texts of the first tab wrap instead.
         return rrb.Horizontal(plots, events_view(), column_shares=[72, 28], name="Motion")
 
     def space(self) -> list[rrb.Container]:
@@ -277,23 +281,23 @@ class RecordingTabs:
         return [rrb.Vertical(*views, name="Vehicle")]
 
     def wind(self, learned: Learned, sample_times: Array) -> list[rrb.Container]:
-        """Draws the wind, m/s, and the torque that it exerts on the vehicle, rad/s², with marks where gusts begin.
+        """Draws the wind, m/s, and the torque that it exerts on the vehicle, °/s², with marks where gusts begin.
 
         Args:
             learned: the linear model that was learned from a flight, with its training data.
             sample_times: (T,) times of the samples that it was trained on, s.
 
         Returns:
-            The tab "Wind"; none if neither is known.
+            A list with the tab "Wind"; empty if neither is known.
         """
         if not self._timeline.wind_charts:
             return []
-        torque = learned.resolved_wind_torque
-        gusts = torque.gusts if torque else ()
+        wind_torque = learned.resolved_wind_torque
+        gusts = wind_torque.gusts if wind_torque else ()
         gust_starts = [float(sample_times[gust.sample]) for gust in gusts]
-        marks = EventMarks(f"gust ({len(gust_starts)})", palette.GUST, gust_starts)
+        gust_marks = EventMarks(f"gust ({len(gust_starts)})", palette.GUST, gust_starts)
         # A live session stores its wind under the same path.
-        views = self._draw_charts("air", self._timeline.wind_charts, marks)
+        views = self._draw_charts("air", self._timeline.wind_charts, gust_marks)
         return [rrb.Vertical(*views, name="Wind")]
 
     def loops(self) -> list[rrb.Container]:
@@ -344,11 +348,13 @@ class RecordingTabs:
         return [rrb.Horizontal(*views, name="Loops")] if views else []
 
     def free_energy(self, learned: Learned, series: Mapping[str, Series]) -> rrb.Container:
-        """Draws F(t) of each sample, its terms, and its sum from the first sample on, which ends at F̄.
+        """Draws the free energy F(t) of each sample, nats, the terms that it consists of, and its sum over time.
+
+        The sum from the first sample on ends at F̄, which learning maximised.
 
         Args:
             learned: the linear model that was learned from a flight, with its training data.
-            series: values (T, k) by name; a model without terms has neither them nor the sum.
+            series: values (T, k) by name; a model whose F(t) has no terms has neither these nor the sum.
 
         Returns:
             The tab "Free energy".
@@ -407,9 +413,9 @@ class RecordingTabs:
         return rrb.Vertical(*self._draw_charts("forecast", charts), name="Forecast")
 
     def learning(self, learned: Learned) -> rrb.Container:
-        """Draws how far F̄ was below its maximum at each iteration of learning, next to a text of details.
+        """Draws how learning converged: how far the free energy F̄, nats, was below its maximum at each iteration.
 
-        F̄ is the free energy action that learning maximises, in nats.
+        A text beside it has the details of the model and of its learning.
 
         Args:
             learned: the linear model that was learned from a flight, with its training data.
@@ -418,13 +424,13 @@ class RecordingTabs:
             The tab "Learning".
         """
         energy = learned.free_energy.total
+        maximum = energy.max()
         # The first iterations are left out, but of a fit with very few at least the last one is shown.
         first_iteration = min(FIRST_ITERATION, len(energy) - 1)
-        title = f"F̄ below its maximum of {energy.max():,.0f} nats, by iteration"
+        title = f"F̄ below its maximum of {maximum:,.0f} nats, by iteration"
         iterations = np.arange(first_iteration, len(energy), dtype=np.float64)
-        bars = self._draw_bars(
-            "learning/gap", title, iterations, energy.max() - energy[first_iteration:]
-        )
+        distances = maximum - energy[first_iteration:]
+        bars = self._draw_bars("learning/gap", title, iterations, distances)
         blocks = [*motor_blocks(learned, None), *detail_blocks(learned)]
         details = log_text(
             self._recording, "learning/details", "The model, and how it was learned", blocks
@@ -434,22 +440,23 @@ class RecordingTabs:
     def _draw_charts(
         self, folder: str, charts: Sequence[Chart], *marks: EventMarks
     ) -> list[rrb.View]:
-        """Draws charts that share the height of a tab, each with vertical lines at the times of events.
+        """Draws charts that share the height of a tab, with vertical lines at the times of alarms and other events.
 
         Args:
-            folder: path of the entities; each chart has its number within it.
+            folder: path in the recording under which the charts are stored, each by its number.
             charts: charts over time.
-            marks: events to mark; alarms are marked in any case.
+            marks: further events to mark, such as gusts.
 
         Returns:
             Views of the charts in the same order.
         """
-        all_marks = *marks, EventMarks("alarm", palette.BAD, self._alarm_times)
+        alarm_marks = EventMarks("alarm", palette.BAD, self._alarm_times)
+        height = 1 / len(charts)
         views = []
         for number, chart in enumerate(charts):
-            origin = f"{folder}/{number}"
+            path = f"{folder}/{number}"
             view = draw_chart(
-                self._recording, origin, chart, self._timeline.span, 1 / len(charts), all_marks
+                self._recording, path, chart, self._timeline.span, height, (*marks, alarm_marks)
             )
             views.append(view)
         return views
@@ -499,9 +506,10 @@ def log_text(
 
 
 def forecast_chart(output: int, held_out: HeldOut, measured_outputs: Series, label: str) -> Chart:
-    """Returns a chart of one output as measured, and of its forecasts in held-out windows with their bands.
+    """Returns a chart of one output of the model: the measurement, and its forecasts with their 90 % bands.
 
-    Forecasts of an unstable model may overflow, so they and their bands are clipped near the range of the measurement.
+    The forecasts are those in held-out windows, on which the model was not trained. Forecasts of an unstable model may
+    overflow, so that they and their bands are clipped near the range of the measurement.
 
     Args:
         output: index of the output.
@@ -510,16 +518,12 @@ def forecast_chart(output: int, held_out: HeldOut, measured_outputs: Series, lab
         label: unit of the output in the data, such as rad. The chart is in the unit that people read, such as degrees.
 
     Returns:
-        A chart over time with a line of the measurement and one of the forecast, interrupted between windows.
+        A chart over time, in which the line of the forecasts is interrupted between windows.
     """
     unit = display_unit(label)
     name = measured_outputs.names[output].capitalize()
-    measured = Line(
-        "measured",
-        palette.MEASURED,
-        measured_outputs.time,
-        unit.scale * measured_outputs.values[:, output],
-    )
+    measurement = unit.scale * measured_outputs.values[:, output]
+    measured_line = Line("measured", palette.MEASURED, measured_outputs.time, measurement)
     # A NaN after the last sample of each window keeps a line from being drawn to the next one.
     gap = ((0, 0), (0, 1))
     forecasts = np.pad(held_out.forecasts[FORECAST][:, :, output], gap, constant_values=np.nan)
@@ -527,10 +531,10 @@ def forecast_chart(output: int, held_out: HeldOut, measured_outputs: Series, lab
     time = np.pad(held_out.time, gap, mode="edge").ravel()
     values = unit.scale * forecasts.ravel()
     half_width = unit.scale * bands.ravel()
-    forecast = Line(
+    forecast_line = Line(
         "forecast", palette.PREDICTED, time, values, values - half_width, values + half_width
     )
-    lines = (measured, forecast.clipped_to([measured]))
+    lines = (measured_line, forecast_line.clipped_to([measured_line]))
     chart = over_time(f"{name}, and its forecast for {held_out.seconds:.2g} s", unit.name, lines)
     return chart._replace(y=chart.y._replace(label=f"{chart.y.label} · model: {held_out.model}"))
 
@@ -544,23 +548,29 @@ def _chart_with_label(charts: Sequence[Chart], label: str) -> Chart:
 
 
 def free_energy_chart(learned: Learned, free_energy: Series) -> Chart:
-    """Returns a chart of F(t) of each sample, and of F̄ divided by the number of samples.
+    """Returns a chart of the free energy F(t) of each sample, nats, which shows the samples that the model fits badly.
+
+    A second line has F̄ per sample: the free energy of all samples together (an integral over time), divided by their
+    number.
 
     Args:
         learned: the linear model that was learned from a flight, with its training data.
-        free_energy: F(t), (T, 1), nats.
+        free_energy: F(t) of T samples, (T, 1), nats.
     """
     time = free_energy.time
-    level = np.full(len(time), free_energy_per_sample(learned))
+    mean = np.full(len(time), free_energy_per_sample(learned))
     lines = (
         Line("F(t)", palette.MEASURED, time, free_energy.values[:, 0]),
-        Line("F̄ per sample", palette.PREDICTED, time, level),
+        Line("F̄ per sample", palette.PREDICTED, time, mean),
     )
     return over_time("Free energy", "nats", lines)
 
 
 def parameter_chart(assessment: Assessment) -> Chart:
-    """Returns a chart of the physical parameters over the flight, estimated separately in each part, with their bands.
+    """Returns a chart that shows whether the physical parameters changed during a flight.
+
+    The flight is divided into parts, and the parameters are estimated in each part separately. They are drawn as
+    constant over each part, with their 90 % bands.
 
     Args:
         assessment: assessment of a log from which a model was learned.
@@ -575,11 +585,11 @@ def parameter_chart(assessment: Assessment) -> Chart:
         return over_time("Physical parameters", "", ())
     times = []
     estimates_over_time = []
-    for estimates_of_part in history:
+    for part in history:
         # Each row has the value of one parameter and the half width of its interval.
-        estimates = parameter_estimates(estimates_of_part.physical)
-        part_time = estimates_of_part.samples.time
-        # The NaN after each part breaks the lines there.
+        estimates = parameter_estimates(part.physical)
+        part_time = part.samples.time
+        # A further sample with NaN after each part breaks the lines there.
         times += [part_time, part_time[-1:]]
         estimates_over_time += [
             np.tile(estimates, (len(part_time), 1, 1)),
@@ -592,10 +602,9 @@ def parameter_chart(assessment: Assessment) -> Chart:
     traces = parameter_traces(history[0].physical, analysis.flights[0].input_units[0])
     for number, trace in enumerate(traces):
         value, half_width = trace.scale * table[:, number].T
-        if np.isnan(half_width).all():
-            # The parameter is not identifiable in any part.
-            continue
-        lines.append(Line.with_band(trace.name, trace.colour, time, value, half_width))
+        is_identifiable = not np.isnan(half_width).all()
+        if is_identifiable:
+            lines.append(Line.with_band(trace.name, trace.colour, time, value, half_width))
     return over_time("Physical parameters", "", lines)
 
 

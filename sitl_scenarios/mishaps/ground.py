@@ -100,19 +100,25 @@ class GroundContact:
             self.impact = TOPPLE_IMPACT
 
     def state_on_ground(self, former_state: State) -> State:
-        """Computes the state of the vehicle on the ground from the present lean and its rate.
+        """Computes the state of a vehicle that tips over or lies on the ground, from its present lean and lean rate.
 
         Args:
-            former_state: Former state, of which position and rotor speeds are kept.
+            former_state: State in the cycle before, of which the horizontal position and the rotor speeds are kept.
 
         Returns:
-            The state, with the velocity 0.
+            The state, at height 0 and with the velocity 0.
         """
-        half_lean = self.lean / 2
         axis_north, axis_east = self.axis
-        tilt = (cos(half_lean), sin(half_lean) * axis_north, sin(half_lean) * axis_east, 0.0)
-        attitude = normalised(quaternion_product(tilt, self.heading))
-        # The rate of the lean about its horizontal axis, turned into body axes.
+        # The quaternion of the lean, a rotation about a horizontal axis of the world, after that of the heading.
+        half_angle = self.lean / 2
+        lean_rotation = (
+            cos(half_angle),
+            sin(half_angle) * axis_north,
+            sin(half_angle) * axis_east,
+            0.0,
+        )
+        attitude = normalised(quaternion_product(lean_rotation, self.heading))
+        # The rate about the same axis, projected on the body axes, which are the columns of the matrix.
         body_axes_north, body_axes_east, _ = rotation_matrix(attitude)
         rates = tuple(
             self.rate * (axis_north * north + axis_east * east)

@@ -52,41 +52,49 @@ class DrawnChange(NamedTuple):
 
 
 def drawn_changes(difference: VehicleDifference) -> list[QuantityChange]:
-    """Returns the changes that are drawn: all but the quantities that stayed the same, or these if all did.
+    """Selects the quantities that the drawing of changes shows, and sorts them.
+
+    Quantities that stayed the same are left out, unless all did.
 
     Args:
-        difference: changes of a vehicle between two states.
+        difference: changes of a vehicle between two states, quantity by quantity.
 
     Returns:
-        The changes: first the quantities that changed, then the uncertain ones, of which those whose interval does not
-        contain "no change" come first.
+        First the quantities that changed, then the uncertain ones. Of each, those whose interval excludes "no change"
+        come first.
     """
-    outcomes = list(OUTCOME_LEVELS)
+    outcomes_in_order = list(OUTCOME_LEVELS)
+
+    def sort_key(change: QuantityChange) -> tuple[int, bool]:
+        """Returns the position of the outcome, and whether "no change" is possible."""
+        return outcomes_in_order.index(change.outcome), change.interval_contains_zero
+
     changes = [
         change for change in difference.changes if change.outcome is not QuantityOutcome.SAME
     ]
-    return sorted(
-        changes or difference.changes,
-        key=lambda change: (outcomes.index(change.outcome), change.interval_contains_zero),
-    )
+    return sorted(changes or difference.changes, key=sort_key)
 
 
 def change_plan(difference: VehicleDifference) -> Plan | None:
-    """Returns a drawing of changes of quantities, those of :func:`drawn_changes`.
+    """Draws how much each quantity changed, with its 90 % interval, as a forest plot with a row for each quantity.
+
+    Changes are drawn relative to the equivalence limit of their quantity, below which a change does not matter.
 
     Args:
-        difference: changes of a vehicle between two states.
+        difference: changes of a vehicle between two states, quantity by quantity.
 
     Returns:
-        The drawing; None if nothing was compared.
+        The drawing of :func:`drawn_changes`; None if nothing was compared.
     """
     changes = drawn_changes(difference)
     if not changes:
         return None
     relative_changes = [_relative(change) for change in changes]
     # The axis reaches to the farthest end of an interval, and at least to the equivalence limit, which is 1.
-    extent = max(abs(relative.difference) + relative.half_width for relative in relative_changes)
-    extent = min(max(extent, 1.0), MAX_RELATIVE_CHANGE)
+    farthest_end = max(
+        abs(relative.difference) + relative.half_width for relative in relative_changes
+    )
+    extent = min(max(farthest_end, 1.0), MAX_RELATIVE_CHANGE)
     percent_per_limit = (CENTER_PERCENT - MARGIN_PERCENT) / extent
 
     def position(value: float) -> float:
@@ -95,9 +103,12 @@ def change_plan(difference: VehicleDifference) -> Plan | None:
 
     rows = []
     for change, relative in zip(changes, relative_changes, strict=True):
+        # An arrow at the right (1) or left edge (-1) stands for a change beyond it.
         beyond = 0
-        if abs(relative.difference) > extent:
-            beyond = 1 if relative.difference > 0 else -1
+        if relative.difference > extent:
+            beyond = 1
+        elif relative.difference < -extent:
+            beyond = -1
         rows.append(
             DrawnChange(
                 capitalize_first(change_text(change, difference)),
@@ -110,7 +121,7 @@ def change_plan(difference: VehicleDifference) -> Plan | None:
             )
         )
     svg = figure_as_svg("changes", rows=rows, limit=percent_per_limit)
-    texts = listed(drawn.text for drawn in rows)
+    texts = listed(row.text for row in rows)
     return Plan("", f"Changes with their 90 % intervals: {texts}", svg)
 
 

@@ -188,17 +188,17 @@ class Line(NamedTuple):
         )
 
     def clipped_to(self, lines: Iterable[Line]) -> Line:
-        """Returns the line and its band clipped to the range of other lines and ``CLIP_SPANS`` of it beyond its ends.
+        """Returns the line and its band clipped to the range of other lines, with a margin of ``CLIP_SPANS`` of it.
 
-        A prediction that diverges would otherwise decide the range of the axis, on which the others are then flat.
+        A prediction that diverges would otherwise determine the range of the axis, on which the other lines are flat.
 
         Args:
-            lines: lines that decide the range, at least one with a finite value; otherwise the line stays as it is.
+            lines: lines that determine the range; without any finite value in them, nothing is clipped.
         """
-        others = np.concatenate([line.y[np.isfinite(line.y)] for line in lines])
-        if not len(others):
+        values_of_lines = np.concatenate([line.y[np.isfinite(line.y)] for line in lines])
+        if not len(values_of_lines):
             return self
-        low, high = others.min(), others.max()
+        low, high = values_of_lines.min(), values_of_lines.max()
         margin = CLIP_SPANS * (high - low)
 
         def clipped(values: Array | None) -> Array | None:
@@ -505,32 +505,36 @@ class Group(NamedTuple):
 
     @classmethod
     def side_by_side(cls, panels: Iterable[Panel | None], caption: str = "") -> Group:
-        """Returns a group with one column for each panel.
+        """Returns a group in which each chart or drawing has a column of its own.
 
         Args:
-            panels: the panels, from left to right; None, for what there is nothing to draw of, is left out.
-            caption: text below the charts.
+            panels: charts and drawings, from left to right; None, where there was nothing to draw, is left out.
+            caption: text below them.
         """
-        return cls(tuple((panel,) for panel in panels if panel is not None), caption)
+        columns = [(panel,) for panel in panels if panel is not None]
+        return cls(tuple(columns), caption)
 
 
 def step_chart(title: str, steps: Sequence[Line]) -> Chart:
-    """Makes a chart of step responses, which ends after twice the time in which the slowest of them settles.
+    """Makes a chart of step responses over the time after the step, s; a horizontal line at 1 is the setpoint.
 
-    A response has settled when it stays within ``SETTLED_SHARE`` of its last value. The rest would only press together
-    what distinguishes the responses. A level at 1 marks the setpoint.
+    The chart ends after twice the time in which the slowest response settles, since the rest would only compress the
+    part in which the responses differ. A response has settled when it stays within the fraction ``SETTLED_SHARE`` of
+    its last value.
 
     Args:
         title: title of the chart.
-        steps: responses as shares of the step, over the time after it, s.
+        steps: responses to a step of 1.
     """
     settling_times = []
     for step in steps:
         is_unsettled = abs(step.y - step.y[-1]) > SETTLED_SHARE * abs(step.y[-1])
         settling_times.append(step.x[is_unsettled].max(initial=0.0))
+    # If all responses are settled from the beginning, nothing is cut off.
     end = 2 * float(max(settling_times)) or np.inf
     shown_steps = tuple(step.until(end) for step in steps)
-    return Chart(title, TIME_AFTER_STEP, STEP_RESPONSE, shown_steps, (1.0,))
+    setpoint = 1.0
+    return Chart(title, TIME_AFTER_STEP, STEP_RESPONSE, shown_steps, (setpoint,))
 
 
 def over_time(title: str, unit: str, lines: Iterable[Line]) -> Chart:

@@ -81,10 +81,9 @@ SENSITIVITY_LEVELS = 1.0, MARGIN_TARGETS["default"].ms
 def step_charts(
     responses: Responses, advised_steps_by_loop: StepsByLoop = NO_STEPS, *, has_gain: bool = True
 ) -> dict[str, Charts]:
-    """Returns charts of the closed-loop responses of each axis, measured and predicted.
+    """Returns charts of how the closed loops of each axis respond to their setpoints, measured and predicted.
 
-    An axis has the step responses of rate and angle, and the gain |T| of the rate loop. Axes without a measured
-    response are left out.
+    An axis has the step responses of rate and angle, and over frequency the gain |T| of its closed rate loop.
 
     Args:
         responses: responses by axis and loop.
@@ -92,23 +91,22 @@ def step_charts(
         has_gain: whether the gain |T| is among the charts.
 
     Returns:
-        The charts by axis.
+        The charts by axis; axes without a measured response are left out.
     """
-    charts_of_axes = {}
+    charts_by_axis = {}
     for axis, loops in responses.items():
-        charts: list[Chart] = []
+        charts_of_axis: list[Chart] = []
         for loop_name, response in loops.items():
-            if isinstance(response.measured, StepResponse):
-                title = f"{axis.capitalize()} {loop_name}"
-                advised_step = advised_steps_by_loop.get(axis, {}).get(loop_name)
-                charts_of_loop = list(
-                    _response_charts(title, response, response.measured, advised_step)
-                )
-                # The step response comes first, and the gain of a rate loop after it.
-                charts += charts_of_loop if has_gain else charts_of_loop[:1]
-        if charts:
-            charts_of_axes[axis] = tuple(charts)
-    return charts_of_axes
+            if not isinstance(response.measured, StepResponse):
+                continue
+            title = f"{axis.capitalize()} {loop_name}"
+            advised_step = advised_steps_by_loop.get(axis, {}).get(loop_name)
+            charts = list(_response_charts(title, response, response.measured, advised_step))
+            # The step response comes first, and the gain of a rate loop after it.
+            charts_of_axis += charts if has_gain else charts[:1]
+        if charts_of_axis:
+            charts_by_axis[axis] = tuple(charts_of_axis)
+    return charts_by_axis
 
 
 def _response_charts(
@@ -251,23 +249,25 @@ def _unwrapped_phase(response: Complex) -> Array:
 
 
 def spectrum_chart(noise: MeasuredNoise, loop: Loop | None = None, name: str = GYRO) -> Chart:
-    """Draws a sensor's spectrum before and after its filters, with marks at its spectral lines.
+    """Draws a sensor's power spectrum before and after its filters, with a mark at each spectral line and its cause.
 
     Args:
         noise: spectra and spectral lines of the sensors; there is at least one of this sensor.
-        loop: a loop whose gyro filters are drawn as a gain in dB, and whose crossover is marked; None without.
+        loop: control loop whose gyro filters are drawn as a gain in dB, and whose crossover frequency is marked; None
+            without.
         name: name of the sensor in ``noise``.
 
     Returns:
-        The chart.
+        The chart over frequency, Hz.
     """
     lines, unit = _spectrum_lines(noise, name)
-    # Lines are marked in the spectrum before the filters, under its own key, or else in the one after them.
+    # Spectral lines are found before the filters if that was logged, otherwise after them.
     spectral_lines = noise.peaks.get(f"{name}_before", noise.peaks.get(name, ()))
-    marks = [
-        Mark(line.frequency, "?" if line.cause is LineCause.UNNAMED else str(line.cause))
-        for line in spectral_lines
-    ]
+    marks = []
+    for spectral_line in spectral_lines:
+        is_unnamed = spectral_line.cause is LineCause.UNNAMED
+        label = "?" if is_unnamed else str(spectral_line.cause)
+        marks.append(Mark(spectral_line.frequency, label))
     max_frequency = max(line.x[-1] for line in lines)
     right_axis = None
     if loop is not None:
@@ -347,10 +347,10 @@ def _filter_line(loop: Loop, max_frequency: float) -> Line:
 
 
 def spectrogram_charts(spectrum: Spectrum) -> Sequence[Chart]:
-    """Returns spectrograms of a sensor: its power by frequency over time and, if known, over throttle.
+    """Returns one or two spectrograms of a sensor, power in dB by frequency: over time and, if known, over throttle.
 
-    Over throttle, lines of motors and propellers rise with the motors' speed, while resonances of the frame stay at
-    their frequency.
+    The second one tells causes apart: over throttle, lines of motors and propellers rise with the motors' speed, while
+    resonances of the frame stay at their frequency.
 
     Args:
         spectrum: spectra of a sensor in W windows of the flight, with the time and throttle of each.
@@ -361,9 +361,8 @@ def spectrogram_charts(spectrum: Spectrum) -> Sequence[Chart]:
     over_time = _spectrogram_in_decibels(
         spectrum.time[order], spectrum.frequency, spectrum.total_density[order]
     )
-    charts = [
-        Chart(f"{name} over time (Hz)", TIME, frequency_axis, spectrogram=over_time, group="flight")
-    ]
+    title = f"{name} over time (Hz)"
+    charts = [Chart(title, TIME, frequency_axis, spectrogram=over_time, group="flight")]
     throttle_levels, density_by_level = spectrum.density_by_throttle
     if len(throttle_levels) > 1:
         over_throttle = _spectrogram_in_decibels(
@@ -375,20 +374,21 @@ def spectrogram_charts(spectrum: Spectrum) -> Sequence[Chart]:
 
 
 def _spectrogram_in_decibels(x: Array, frequency: Array, density: Array) -> Spectrogram:
-    """Returns spectral densities as the colours of a spectrogram, in dB.
+    """Converts spectral densities at uneven times or throttles to a spectrogram on an even axis, in dB.
+
+    Each even point takes the density of the nearest ``x``. The colours end at ``HEAT_PERCENTILES`` of the densities, so
+    that single extremes do not use up their range.
 
     Args:
-        x: ascending times or throttle levels (W,).
+        x: ascending times, s, or throttle levels (W,).
         frequency: frequencies (F,), Hz.
         density: spectral density (W, F).
-
-    Returns:
-        The densities on an even axis, at each point those of the nearest ``x``, limited to ``HEAT_PERCENTILES``.
     """
-    # Power of the drawn frequencies, each the maximum of those it stands for, so that no spectral line is lost.
+    # Neighbouring frequencies are drawn as one, with their maximum, so that no spectral line is lost.
     frequency_bins, bin_density = max_decimated(frequency, density, MAX_BINS // 2)
-    decibels = 10 * np.log10(np.maximum(bin_density, np.finfo(np.float64).tiny))
+    smallest_positive = np.finfo(np.float64).tiny
+    decibels = 10 * np.log10(np.maximum(bin_density, smallest_positive))
     even_x = np.linspace(x[0], x[-1], int(np.clip(len(x), 2, MAX_BINS)))
-    nearest = abs(even_x[:, None] - x).argmin(axis=1)
+    nearest_row = abs(even_x[:, None] - x).argmin(axis=1)
     low, high = np.percentile(decibels, HEAT_PERCENTILES)
-    return Spectrogram(even_x, frequency_bins, np.clip(decibels[nearest], low, high))
+    return Spectrogram(even_x, frequency_bins, np.clip(decibels[nearest_row], low, high))

@@ -93,7 +93,14 @@ class MapWind(NamedTuple):
 
     @classmethod
     def of_flight(cls, wind: WindVelocity | None) -> Self | None:
-        """Returns the mean wind of a flight with its course; None where its direction is not known."""
+        """Returns the wind of a flight for its map: its mean, and how direction and speed changed over time.
+
+        Args:
+            wind: the estimated wind; None without an estimate.
+
+        Returns:
+            The wind, without the speed if that is not identifiable; None if the direction is not.
+        """
         if wind is None or not wind.direction_identifiable:
             return None
         polar = wind.polar
@@ -108,26 +115,31 @@ class MapWind(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Direction and, where it is known, both ends of the interval of the speed."""
-        label = f"from {compass_text(self.direction)}"
+        """Text at the arrow of the wind, such as "3.1 to 5.2 m/s from NW"; without the speed if it is not known."""
+        origin = f"from {compass_text(self.direction)}"
         if self.speed_interval is None:
-            return label
+            return origin
         low, high = self.speed_interval
-        return f"{low:.1f} to {high:.1f} m/s {label}"
+        return f"{low:.1f} to {high:.1f} m/s {origin}"
 
     def course_at(self, time: Array) -> dict[str, Array]:
-        """Returns direction (N,), degrees, and speed (N,), m/s, at times (N,), s since boot, as far as known, by name.
+        """Interpolates the wind at the times of the path's points, so that the map can show it beside the cursor.
 
-        Outside the course they are NaN.
+        Args:
+            time: (N,) times, s since boot.
+
+        Returns:
+            "direction", (N,), degrees, and "speed", (N,), m/s, as far as known; NaN before and after the estimate.
+            Empty if only the mean wind is known.
         """
         if self.time is None:
             return {}
         courses = {"direction": self.directions, "speed": self.speeds}
-        return {
-            name: np.interp(time, self.time, values, left=np.nan, right=np.nan)
-            for name, values in courses.items()
-            if values is not None
-        }
+        interpolated = {}
+        for name, values in courses.items():
+            if values is not None:
+                interpolated[name] = np.interp(time, self.time, values, left=np.nan, right=np.nan)
+        return interpolated
 
 
 def flown_path(timeline: Timeline | None, wind: MapWind | None = None) -> Plan | None:

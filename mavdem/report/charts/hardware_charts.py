@@ -49,7 +49,9 @@ SHOWN_SWITCHES = 8
 
 
 def hardware_groups(evidence: Evidence, timeline: Timeline) -> dict[str, list[Group]]:
-    """Returns the charts on power, receivers and so on (subjects), and on setpoints and sticks, by subject.
+    """Returns the charts of a vehicle's hardware over a flight, by subject: power, satellite receivers, and so on.
+
+    Setpoints of the position and the pilot's sticks are further subjects.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -70,9 +72,12 @@ def hardware_groups(evidence: Evidence, timeline: Timeline) -> dict[str, list[Gr
         CommandPart.STICKS: _stick_charts,
     }
     groups = {}
-    for subject, charts_of in chart_functions.items():
-        # A chart without lines is of a quantity that was not recorded.
-        charts = [timeline.marked(chart) for chart in charts_of(evidence, timeline) if chart.lines]
+    for subject, charts_of_subject in chart_functions.items():
+        charts = []
+        for chart in charts_of_subject(evidence, timeline):
+            # A chart without lines is of a quantity that was not recorded.
+            if chart.lines:
+                charts.append(timeline.marked(chart))
         # Charts are placed from left to right, row by row.
         left_column, right_column = tuple(charts[::2]), tuple(charts[1::2])
         columns = tuple(column for column in (left_column, right_column) if column)
@@ -115,11 +120,14 @@ def _controller_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart
 
 
 def _receiver_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
-    """Yields charts of the satellite receivers: satellites, dilution of precision, accuracy, noise and jamming.
+    """Yields charts of the satellite navigation (GNSS) receivers, as they report it themselves.
+
+    They have the number of satellites of each receiver, and then the accuracy of the position, the dilution of
+    precision, noise and jamming. Quantities that were not recorded make charts without lines.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        timeline: timeline of the flight, for its span of time.
+        timeline: charts of the flight over time, whose time range is used.
     """
     satellites: dict[str, TimeSeries | None] = {}
     for number, message in enumerate(RECEIVER_MESSAGES, start=1):
@@ -160,24 +168,24 @@ def _processor_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]
 
 
 def _sample_interval_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
-    """Yields a chart of the time between successive samples of the attitude, which shows gaps of the recording.
+    """Yields a chart of the time between successive samples of the attitude, ms, in which gaps of the log are peaks.
 
-    The interval, in ms, is drawn at the later sample. Where body rates were recorded faster, the attitude has an angle
-    at each of their stamps: then these are intervals between body rates, and the title says so.
+    The interval is drawn at the later sample. If body rates were recorded faster than attitudes, the attitude has been
+    resampled to their times. The intervals are then those between body rates, and the title says so.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        timeline: timeline of the flight, for its span of time.
+        timeline: charts of the flight over time, whose time range is used.
     """
     attitude = evidence.signals.attitude
     angle = None if attitude is None else series_of_boot(attitude.angle_series, timeline.boot)
     if angle is None or len(angle.time) <= MIN_SAMPLES:
         return
-    intervals = TimeSeries(angle.time[1:], angle.boot[1:], 1000 * np.diff(angle.time))
+    milliseconds = 1000 * np.diff(angle.time)
+    intervals = TimeSeries(angle.time[1:], angle.boot[1:], milliseconds)
     quantity = "body rates" if is_attitude_resampled(evidence.signals) else "attitudes"
-    yield over_time(
-        f"Time between {quantity}", "ms", _lines_of_series({"step": intervals}, timeline)
-    )
+    lines = _lines_of_series({"step": intervals}, timeline)
+    yield over_time(f"Time between {quantity}", "ms", lines)
 
 
 def _temperature_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
@@ -216,28 +224,30 @@ def _stick_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
 def _quantity_chart(
     title: str, quantities: Iterable[HardwareQuantity], evidence: Evidence, timeline: Timeline
 ) -> Chart:
-    """Returns a chart with a line for each of some quantities of one unit that was recorded.
+    """Returns a chart over time of several recorded quantities that have the same unit, one line each.
 
     Args:
         title: title of the chart.
-        quantities: the quantities, which have one unit.
+        quantities: the quantities; those that were not recorded have no line.
         evidence: signals, events and measurements of the vehicle.
-        timeline: timeline of the flight, for its span of time.
+        timeline: charts of the flight over time, whose time range is used.
     """
     unit = ""
-    series = {}
+    series_by_name = {}
     for quantity in quantities:
         unit = quantity.unit
-        series[quantity.name] = recorded_quantity(evidence.signals, quantity)
-    return over_time(title, unit, _lines_of_series(series, timeline))
+        series_by_name[quantity.name] = recorded_quantity(evidence.signals, quantity)
+    return over_time(title, unit, _lines_of_series(series_by_name, timeline))
 
 
 def _with_motor_command(chart: Chart, evidence: Evidence) -> Chart:
-    """Returns a chart with the mean command of the motors on its right axis, where they were recorded.
+    """Adds the mean command of the motors, %, to a chart, on an axis at its right.
+
+    It shows what follows the motors, such as the magnetic field of their currents.
 
     Args:
-        chart: the chart, to which the command is added.
-        evidence: signals, events and measurements of the vehicle.
+        chart: the chart; without lines it is returned as it is.
+        evidence: signals, events and measurements of the vehicle; without recorded motor commands none are added.
     """
     history = evidence.time_history
     if not chart.lines or history is None or history.motors is None:
@@ -245,9 +255,9 @@ def _with_motor_command(chart: Chart, evidence: Evidence) -> Chart:
     outputs = history.motors.outputs
     if outputs is None:
         return chart
-    mean: Array = outputs.values.mean(axis=1)
-    command = Line("motors", MEASURED, outputs.time, mean, is_on_right_axis=True)
-    return chart._replace(lines=(*chart.lines, command), right_axis=Axis("motors (%)"))
+    mean_output: Array = outputs.values.mean(axis=1)
+    command_line = Line("motors", MEASURED, outputs.time, mean_output, is_on_right_axis=True)
+    return chart._replace(lines=(*chart.lines, command_line), right_axis=Axis("motors (%)"))
 
 
 def _lines_of_series(

@@ -161,18 +161,20 @@ class Timeline(NamedTuple):
         return TIME._replace(limits=self.span)
 
     def marked(self, chart: Chart) -> Chart:
-        """Returns a chart of this flight over the span of the timeline, with its events and training intervals.
+        """Adds what all charts of this flight have in common: the time range, marks at events, and training intervals.
+
+        Where the labels of marks would overlap, a page draws only the label of the first one in the order of the marks.
+        So how the flight was lost comes first, then alarms, then other events, the latest first in each.
 
         Args:
             chart: a chart over time. Marks and spans that it has already are replaced.
         """
         labels = self.event_labels or ("",) * len(self.events)
-        # The time of an event may be unknown.
-        labelled_events = [
-            (event, label)
-            for event, label in zip(self.events, labels, strict=True)
-            if event.has_time
-        ]
+        labelled_events = []
+        for event, label in zip(self.events, labels, strict=True):
+            # The time of an event may be unknown.
+            if event.has_time:
+                labelled_events.append((event, label))
 
         def rank(labelled_event: tuple[Event, str]) -> int:
             """Returns the rank of an event: 0 for how the flight was lost, 1 for an alarm, and 2 for any other."""
@@ -181,8 +183,8 @@ class Timeline(NamedTuple):
                 return 0
             return 1 if event.is_alarm else 2
 
-        # Where labels would overlap, a page draws only the label of the first mark in this order. The sort is stable:
-        # the latest event of a rank comes first, since the end of a flight matters more than what led to it.
+        # The sort is stable, so that within a rank the latest event stays first: the end of a flight matters more than
+        # what led to it.
         labelled_events.reverse()
         labelled_events.sort(key=rank)
         event_marks = []
@@ -196,14 +198,17 @@ class Timeline(NamedTuple):
 def assessment_timeline(
     assessment: Assessment, *, has_all_flights: bool = False
 ) -> Timeline | None:
-    """Returns the charts and events of the boot that was analysed, or of all flights, over one axis of time.
+    """Returns the charts of a log over time, with its events and, unlike :func:`history_timeline`, the wind torque.
+
+    A log may have several boots of the autopilot, whose clocks begin at 0 each.
 
     Args:
-        assessment: all that was found out about the log.
-        has_all_flights: whether the flights of other boots are drawn before and after this boot.
+        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
+        has_all_flights: whether the flights of other boots are drawn before and after the boot that was analysed, on
+            one axis of time.
 
     Returns:
-        The timeline; None if nothing was analysed, or the boot has less than two samples of the attitude.
+        The charts and events; None if nothing was analysed, or the boot has less than two samples of the attitude.
     """
     analysis = assessment.analysis
     evidence = assessment.evidence
@@ -213,19 +218,24 @@ def assessment_timeline(
     if history is None:
         return None
     timeline = history_timeline(history)
+    wind_charts = list(timeline.wind_charts)
     torque_chart = _wind_torque_chart(assessment.analyses)
-    torque_charts = (torque_chart,) if torque_chart.lines else ()
+    if torque_chart.lines:
+        wind_charts.append(torque_chart)
+    training_intervals = [(flight.time[0], flight.time[-1]) for flight in analysis.flights]
     return timeline._replace(
-        training_intervals=tuple((flight.time[0], flight.time[-1]) for flight in analysis.flights),
-        wind_charts=timeline.wind_charts + torque_charts,
+        training_intervals=tuple(training_intervals), wind_charts=tuple(wind_charts)
     )
 
 
 def history_timeline(history: TimeHistory) -> Timeline:
-    """Returns the charts and events that need no model.
+    """Returns the charts of a flight over time that need no identified model, with its events.
+
+    They are charts of height, motors and battery; of angle, rate and setpoints of each axis; and of the wind, if it was
+    estimated.
 
     Args:
-        history: signals of one boot of a flight.
+        history: signals and events over time.
     """
     axis_charts = {}
     for axis, axis_history in history.axes.items():
@@ -233,11 +243,13 @@ def history_timeline(history: TimeHistory) -> Timeline:
     wind_charts: Charts = ()
     if history.wind is not None:
         wind_charts = tuple(wind_speed_and_direction_charts(history.wind))
+    flight_charts = [chart for chart in _flight_charts(history) if chart.lines]
+    modes = [Span(mode.start, mode.end, mode.name) for mode in history.modes]
     return Timeline(
-        flight_charts=tuple(chart for chart in _flight_charts(history) if chart.lines),
+        flight_charts=tuple(flight_charts),
         span=(history.segment.start, history.segment.end),
         axis_charts=axis_charts,
-        modes=tuple(Span(mode.start, mode.end, mode.name) for mode in history.modes),
+        modes=tuple(modes),
         events=history.events,
         position=history.position,
         wind_charts=wind_charts,
@@ -246,15 +258,15 @@ def history_timeline(history: TimeHistory) -> Timeline:
 
 
 def _flight_charts(history: TimeHistory) -> Iterator[Chart]:
-    """Yields charts of height, motors, and battery; one that was not recorded has no lines.
+    """Yields charts of height, motors, and battery over time; what was not recorded has a chart without lines.
 
-    Motors are shown as percent of their range, and again minus the mean of all motors at each time, which shows what
-    steers the vehicle.
+    The motors have two charts, in percent of their range. In the second one the mean of all motors at each time is
+    subtracted, so that it shows the differences by which the vehicle is steered.
 
     Args:
-        history: signals of one flight over time.
+        history: signals of the flight over time.
     """
-    # The barometer, which is behind the height, shows where that diverged.
+    # The barometer is drawn first, so that it lies behind the estimated height and shows where that diverged.
     barometer = _lines_of_columns(history.barometer_height, ["barometer"], [MEASURED])
     height = _lines_of_columns(history.height, ["height"])
     yield over_time("Height", "m", [*barometer, *height])
@@ -264,8 +276,9 @@ def _flight_charts(history: TimeHistory) -> Iterator[Chart]:
         yield over_time("Motors", "%", _lines_of_columns(motors.outputs, names))
         yield over_time("Motors minus their mean", "%", _lines_of_columns(motors.deviations, names))
     voltage_lines: list[Line] = []
-    for row, (name, voltage) in enumerate(history.voltages.items()):
-        voltage_lines += _lines_of_columns(voltage, [name], DISTINCT[row % len(DISTINCT) :])
+    for number, (name, voltage) in enumerate(history.voltages.items()):
+        colour = DISTINCT[number % len(DISTINCT)]
+        voltage_lines += _lines_of_columns(voltage, [name], [colour])
     yield over_time("Battery", "V", voltage_lines)
 
 
@@ -317,11 +330,11 @@ def _lines_with_setpoint(name: str, signal: FollowedSetpoint) -> list[Line]:
 def _lines_of_columns(
     signal: TimeSeries | None, names: Sequence[str], colours: Sequence[str] = DISTINCT
 ) -> Iterator[Line]:
-    """Yields a line for each column of a signal.
+    """Yields a line for each column of a signal, such as one for each motor.
 
     Args:
-        signal: samples (N,) or (N, k); None if it was not recorded, which yields nothing.
-        names: names of the k lines.
+        signal: samples, (N,) for one line or (N, k) for k lines; None if it was not recorded, which yields nothing.
+        names: names of the lines.
         colours: colours that the lines get in turn.
     """
     if signal is None:
@@ -563,19 +576,24 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
 
 
 def _live_position(history: LiveHistory, columns: _LiveColumns) -> TimeSeries | None:
-    """Returns the path (N, 3) of a live vehicle in its latest boot, m north, east and down; None where none is known.
+    """Returns the flown path of a live vehicle since the latest boot of its autopilot, for the map of its page.
 
     Args:
         history: events and signals of the live flight on one timeline.
-        columns: its columns.
+        columns: time and position of the history's rows, by name.
+
+    Returns:
+        Positions (N, 3), m north, east and down; None if fewer than two are known.
     """
     positions = np.column_stack([columns.north, columns.east, -columns.height])
-    is_earlier_boot = columns.time < history.boot_start
-    rows = np.isfinite(positions).all(axis=1) & ~is_earlier_boot
-    if np.count_nonzero(rows) < 2:
+    # The start of the latest boot may be unknown (NaN). The comparison is then false, and no row is of an earlier boot.
+    is_of_earlier_boot = columns.time < history.boot_start
+    is_shown = np.isfinite(positions).all(axis=1) & ~is_of_earlier_boot
+    count = np.count_nonzero(is_shown)
+    if count < 2:
         return None
-    boots = np.full(np.count_nonzero(rows), history.boot)
-    return TimeSeries(columns.time[rows], boots, positions[rows])
+    boots = np.full(count, history.boot)
+    return TimeSeries(columns.time[is_shown], boots, positions[is_shown])
 
 
 def _live_charts(motor_names: Iterable[str], axis: str, columns: _LiveColumns) -> Iterator[Chart]:

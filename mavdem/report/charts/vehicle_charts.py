@@ -61,18 +61,18 @@ Estimates = dict[str, Array]
 
 
 def vehicle_group(flights: Sequence[AxisRows]) -> Group | None:
-    """Returns the charts of a vehicle over its flights, with 90 % intervals.
+    """Returns charts that show how the motors and other figures of one vehicle changed from flight to flight.
 
-    Each quantity has a chart, whose horizontal axis counts the flights. Flights with a fault or a drift of the motors
-    are marked in all of them.
+    Each quantity has a chart of estimates with 90 % intervals, over the number of the flight. Flights with a fault or a
+    drift of the motors are marked in all charts.
 
     Args:
-        flights: rows of each flight by axis, in order of time; at least two flights.
+        flights: rows of each flight in the fleet's table, one for each axis, in order of time; at least two flights.
 
     Returns:
         The charts; None if no quantity is known.
     """
-    axis = _flight_axis(flights)
+    flight_axis = _flight_axis(flights)
     marks = []
     for number, flight in enumerate(flights):
         health = worst_health(flight)
@@ -80,23 +80,27 @@ def vehicle_group(flights: Sequence[AxisRows]) -> Group | None:
             symbol, colour = HEALTH_MARKS[health]
             marks.append(Mark(float(number), symbol, colour))
     charts = []
-    suspect = _suspect_motor(flights)
+    suspect_motor = _suspect_motor(flights)
     for title, estimates in _charted_quantities(flights):
         known_flights = np.zeros(len(flights), dtype=bool)
         for values_and_half_widths in estimates.values():
             known_flights |= np.isfinite(values_and_half_widths[:, 0])
-        # Of a single flight nothing is seen over the flights.
+        # A quantity that is known of a single flight shows no change over the flights.
         if known_flights.sum() > 1:
-            lines = tuple(_lines_of_estimates(estimates, suspect))
+            lines = tuple(_lines_of_estimates(estimates, suspect_motor))
             levels = (0.0,) if title in TITLES_OF_DEVIATIONS else ()
-            charts.append(Chart(title, axis, Axis(""), lines, levels, marks=tuple(marks)))
+            charts.append(Chart(title, flight_axis, Axis(""), lines, levels, marks=tuple(marks)))
     return Group.side_by_side(charts) if charts else None
 
 
 def _flight_axis(flights: Sequence[AxisRows]) -> Axis:
-    """Returns an axis that counts the flights and has their dates; of many only those of the first and the last one.
+    """Returns the horizontal axis of the charts of a vehicle, on which each flight has its date or its number.
 
-    A page has room for two of them below a chart; it shows the others under the cursor.
+    Below a chart there is room for few dates. Of more than ``MAX_DATED_FLIGHTS`` flights only the first and the last
+    have theirs; a page shows the others under the cursor.
+
+    Args:
+        flights: rows of each flight, one for each axis, in order of time.
     """
     names = []
     for number, flight in enumerate(flights, start=1):
@@ -112,7 +116,14 @@ def _flight_axis(flights: Sequence[AxisRows]) -> Axis:
 
 
 def _suspect_motor(flights: Sequence[AxisRows]) -> str:
-    """Returns the name of the motor that failed or is suspected in the latest flight that names one; otherwise ""."""
+    """Returns the name of the motor that failed or is suspected, by the latest flight whose results name one.
+
+    Args:
+        flights: rows of each flight, one for each axis, in order of time.
+
+    Returns:
+        The name, such as "motor 2"; empty if no flight names a motor.
+    """
     motors = _motor_names(flights)
     for flight in reversed(flights):
         for row in flight:
@@ -123,58 +134,62 @@ def _suspect_motor(flights: Sequence[AxisRows]) -> str:
 
 
 def _lines_of_estimates(estimates: Estimates, suspect_motor: str) -> Iterator[Line]:
-    """Yields a line of dots with whiskers for each series of estimates; series without a finite value are left out.
+    """Yields a line of dots with whiskers for each series of estimates over the flights of a vehicle.
 
     A dot is the estimate of one flight, and its whisker the 90 % interval. A line joins the dots, so that a motor that
-    weakens from flight to flight can be followed. The abscissa is the number of the flight, from 0 on. Each series gets
-    its colour by its position, even where others are left out, so that a motor or an axis has the same colour in all
-    charts.
+    weakens from flight to flight can be followed. The abscissa is the number of the flight, from 0 on. Series without a
+    finite value are left out, but keep their colours, so that a motor or an axis has the same colour in all charts.
 
     Args:
         estimates: (flights, 2) estimates and half widths of their intervals, by the name of the line.
-        suspect_motor: name of the line that is labelled, that of a motor that is suspected; empty for none.
+        suspect_motor: name of the motor that is suspected of a fault, whose line gets a label; empty for none.
     """
     for number, (name, values_and_half_widths) in enumerate(estimates.items()):
         values, half_widths = values_and_half_widths.T
-        if np.isfinite(values).any():
-            flight_numbers = np.arange(len(values), dtype=np.float64)
-            # An unknown half width is NaN. A whisker of length 0 leaves just the dot.
-            whiskers = np.nan_to_num(half_widths)
-            colour = distinct(number)
-            style = LineStyle.JOINED_DOTS
-            line = Line.with_band(name, colour, flight_numbers, values, whiskers, style)
-            yield line._replace(remark=f"{name}, suspected") if name == suspect_motor else line
+        if not np.isfinite(values).any():
+            continue
+        flight_numbers = np.arange(len(values), dtype=np.float64)
+        # An unknown half width is NaN. A whisker of length 0 leaves just the dot.
+        whiskers = np.nan_to_num(half_widths)
+        colour = distinct(number)
+        line = Line.with_band(name, colour, flight_numbers, values, whiskers, LineStyle.JOINED_DOTS)
+        if name == suspect_motor:
+            line = line._replace(remark=f"{name}, suspected")
+        yield line
 
 
 def _charted_quantities(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Estimates]]:
-    """Yields the title of each chart, with the unit, and the estimates that it shows by the name of their line.
+    """Yields the quantities that are drawn over the flights of a vehicle: the title of each chart, and its lines.
 
-    First come the deviations of the motors from their mean and the vibration, then ``AXIS_QUANTITIES`` with a line for
-    each axis. The deviations are those without lean, by which flights are compared; where no flight has them, since the
-    places of the motors are not known, they are those of the outputs as they were.
+    The first chart has the deviation of each motor from the mean of all, as it would be without lean, by which flights
+    are compared. If no flight has that, since the positions of the motors are not known, it has the deviations of the
+    outputs as they were. Charts of the vibration follow, and of ``AXIS_QUANTITIES`` with a line for each axis.
 
     Args:
-        flights: rows of the vehicle's flights, in the order of date.
+        flights: rows of the vehicle's flights, one for each axis, in the order of date.
+
+    Yields:
+        Title with the unit, and the estimates of each line by its name.
     """
     motors = _motor_names(flights)
     trims = _trims_without_lean(flights)
     if trims:
         yield TRIM_WITHOUT_LEAN_TITLE, trims
     else:
-        shares = _estimates_of_column(flights, "trim_share", len(motors))
-        # A half width keeps its meaning when 1 is taken from its estimate.
-        deviations = PERCENT * (shares - [1.0, 0.0])
+        relative_outputs = _estimates_of_column(flights, "trim_share", len(motors))
+        # The outputs are relative to their mean, so that 1 is no deviation. The half width stays the same.
+        deviations = PERCENT * (relative_outputs - [1.0, 0.0])
         yield TRIM_TITLE, dict(zip(motors, deviations, strict=True))
     vibration = _estimates_of_column(flights, "vibration", 3)
     yield "Vibration, first IMU (m/s²)", dict(zip("xyz", vibration, strict=True))
     # Some firmware has a single level in the place of three components.
     level = _estimates_of_column(flights, "vibration", 1)[0]
     yield "Vibration level, first IMU (m/s²)", {"level": level}
-    inputs = sorted({row.per_input for flight in flights for row in flight if row.damping})
+    input_units = sorted({row.per_input for flight in flights for row in flight if row.damping})
     for quantity in AXIS_QUANTITIES:
         # With the demand as its input, a time constant includes the mixer: such flights have a chart of their own.
-        if quantity.is_per_input and len(inputs) > 1:
-            for unit in inputs:
+        if quantity.is_per_input and len(input_units) > 1:
+            for unit in input_units:
                 title = f"{quantity.title}, per {unit}" if unit else quantity.title
                 yield title, _estimates_by_axis(flights, quantity, unit)
         else:
@@ -182,34 +197,36 @@ def _charted_quantities(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Esti
 
 
 def _trims_without_lean(flights: Sequence[AxisRows]) -> Estimates:
-    """Returns how much each motor deviates from the mean of all without the vehicle's lean, %, by which it is judged.
+    """Returns how much each motor deviates from the mean of all, %, without the part that the vehicle's lean explains.
 
-    Wind makes a vehicle lean, and the lean asks for a torque, so that in wind sound motors deviate as weak ones do.
+    Wind makes a vehicle lean, and the lean needs a torque, so that in wind even sound motors deviate. Without this part
+    the deviations are those by which the motors are judged.
 
     Args:
-        flights: rows of the vehicle's flights. Those with other motors than the latest flight with a known balance
-            count as unknown.
+        flights: rows of the vehicle's flights, in the order of date. The motors are those of the latest flight with a
+            known balance of the motors; flights with another arrangement of motors count as unknown.
 
     Returns:
-        Deviation and half width of its 90 % interval (flights, 2) by motor, NaN where not known; empty if no flight has
-        them.
+        Deviation and half width of its 90 % interval (flights, 2) by the name of the motor, NaN where not known; empty
+        if they are known of no flight.
     """
-    figures = [health_figures(log_row(flight)) for flight in flights]
-    known_figures = [one for one in figures if one.missing is None]
-    if not known_figures:
+    health_of_flights = [health_figures(log_row(flight)) for flight in flights]
+    known_health = [figures for figures in health_of_flights if figures.missing is None]
+    if not known_health:
         return {}
-    latest = known_figures[-1]
-    numbers = []
+    latest = known_health[-1]
+    flight_numbers = []
     balances = []
-    for number, one in enumerate(figures):
-        if one.missing is None and one.geometry_key == latest.geometry_key:
-            numbers.append(number)
-            balances.append(one.known_balance)
+    for number, figures in enumerate(health_of_flights):
+        if figures.missing is None and figures.geometry_key == latest.geometry_key:
+            flight_numbers.append(number)
+            balances.append(figures.known_balance)
     assert latest.signatures is not None
     deviations = deviations_of_motors(level_balances(balances), latest.signatures)
+    # By motor, flight, and the pair of estimate and half width.
     trims = np.full((len(latest.motors), len(flights), 2), np.nan)
-    trims[:, numbers, 0] = PERCENT * deviations.estimates.T
-    trims[:, numbers, 1] = PERCENT * deviations.half_widths.T
+    trims[:, flight_numbers, 0] = PERCENT * deviations.estimates.T
+    trims[:, flight_numbers, 1] = PERCENT * deviations.half_widths.T
     return dict(zip(map(without_remark, latest.motors), trims, strict=True))
 
 
@@ -245,15 +262,15 @@ def _estimates_by_axis(
 def _estimates_of_column(
     flights: Sequence[AxisRows], column: str, count: int, axis: str = "", input_unit: str = ""
 ) -> Array:
-    """Returns the estimates in one column of the flights' rows, with the half widths of their intervals.
+    """Reads the estimates in one column of the fleet's table for each flight, with the half widths of their intervals.
 
     Args:
-        flights: the rows of each flight.
-        column: name of a field of ``FlightRow`` with a number or a list of numbers. The field of this name with
-            "_interval" appended, where there is one, has the half widths.
-        count: numbers that a row must have to be used.
-        axis: axis of the rows to use; empty for any, then the first one with a value counts.
-        input_unit: ``per_input`` of the rows to use; empty for any.
+        flights: the rows of each flight, one for each axis.
+        column: name of a field of ``FlightRow`` with a number or a list of numbers. If there is a field of this name
+            with "_interval" appended, it has the half widths.
+        count: how many numbers a row must have to be used.
+        axis: axis of the row to use; empty for the first row with a value.
+        input_unit: the row's unit of the input (``per_input``); empty for any.
 
     Returns:
         (count, flights, 2): the estimate, then its half width; NaN where not known.
@@ -262,8 +279,8 @@ def _estimates_of_column(
     for number, flight in enumerate(flights):
         for row in flight:
             value = getattr(row, column)
-            is_wanted = axis in ("", row.axis) and input_unit in ("", row.per_input)
-            if value is not None and np.size(value) == count and is_wanted:
+            is_selected = axis in ("", row.axis) and input_unit in ("", row.per_input)
+            if value is not None and np.size(value) == count and is_selected:
                 half_width = getattr(row, f"{column}_interval", None)
                 estimates[number, :, 0] = value
                 estimates[number, :, 1] = np.nan if half_width is None else half_width

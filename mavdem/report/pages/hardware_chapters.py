@@ -23,14 +23,17 @@ COMMANDS_TITLE = "Setpoints and sticks"
 def hardware_chapters(
     evidence: Evidence, lights: NamedFacts, timeline: Timeline | None
 ) -> list[Chapter]:
-    """Returns the chapters on the hardware, and on setpoints and sticks; without a section where nothing was logged.
+    """Returns two folded chapters: on the hardware, such as the power supply, and on setpoints and the pilot's sticks.
 
-    Both are folded. A section is about one subject, such as the power supply, and has a sentence and charts.
+    A chapter has a section with a sentence and charts for each subject of which anything was logged.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        lights: the lights by name, of which that on the power is the fact of the section on the power supply.
-        timeline: charts of the flight; None without, so that the sections have no charts.
+        lights: status lights by name; that on the power is the finding of the section on the power supply.
+        timeline: charts of the flight over time; without it (None) the sections have no charts.
+
+    Returns:
+        The chapters that have sections.
     """
     charts = {} if timeline is None else hardware_groups(evidence, timeline)
     tables: dict[str, Blocks] = {}
@@ -45,13 +48,18 @@ def hardware_chapters(
 def _chapter_of_facts(
     title: str, facts: NamedFacts, charts: dict[str, list[Group]], tables: dict[str, Blocks]
 ) -> Chapter:
-    """Returns a folded chapter with a section for each fact, and the worst level of those that are judged.
+    """Returns a folded chapter with a section for each subject, such as the power supply.
+
+    A section has the sentence of a fact (a coded finding with a level), and the charts and tables of its subject.
 
     Args:
-        title: heading.
+        title: heading of the chapter.
         facts: facts by subject.
         charts: groups of charts by subject; a subject may have none.
-        tables: tables by subject.
+        tables: tables by subject; a subject may have none.
+
+    Returns:
+        The chapter, with the worst level of its facts; without a level if none of them is judged.
     """
     sections = []
     for subject, fact in facts.items():

@@ -60,26 +60,28 @@ STEP_FIGURES = {
 
 
 def tuning_chapter(responses: Responses, noise: MeasuredNoise) -> Chapter:
-    """Returns the chapter with one row of pictures: the step responses of rate and attitude, and the gyro's spectrum.
+    """Returns the chapter that shows the tuning of a flight at a glance: one row of pictures.
 
-    Each picture of a step response has a line for each axis. Bands, predictions and figures are in other chapters.
+    They are the measured step responses of rate and attitude, with a line for each axis, and the spectrum of the gyro.
+    Bands, predictions and figures are in other chapters.
 
     Args:
-        responses: measured response or the fact why there is none, by axis and loop.
+        responses: by axis and loop, the measured response or the fact (coded finding) why there is none.
         noise: spectra of the sensors.
 
     Returns:
-        The chapter, without content where no step response was measured.
+        The chapter; without content if no step response was measured.
     """
-    charts = step_overview_charts(responses)
-    if not charts:
+    step_charts = step_overview_charts(responses)
+    if not step_charts:
         return Chapter(TUNING_TITLE)
-    names = [*charts]
-    panels = [*charts.values()]
-    if f"{GYRO}_before" in noise.spectra or GYRO in noise.spectra:
+    names = [*step_charts]
+    charts = [*step_charts.values()]
+    has_gyro_spectrum = f"{GYRO}_before" in noise.spectra or GYRO in noise.spectra
+    if has_gyro_spectrum:
         names.append("gyro")
-        panels.append(spectrum_chart(noise))
-    columns = tuple((panel,) for panel in panels)
+        charts.append(spectrum_chart(noise))
+    columns = tuple((chart,) for chart in charts)
     return Chapter(TUNING_TITLE, groups=[Group(columns, names=tuple(names), is_flat=True)])
 
 
@@ -140,10 +142,11 @@ def responses_chapter(
 
 
 def _step_figure_text(response: StepResponse, key: str) -> str:
-    """Returns a figure of a step response with its 90 % interval, such as "0.12 (0.10 to 0.15)".
+    """Returns a figure of a step response with its 90 % interval as text, such as "0.12 (0.10 to 0.15)".
 
-    A duration, such as the settling time, cannot be measured beyond the end of the response. A value at the end is
-    shown as "over" that time. If even the lower end of the interval lies there, the interval is left out.
+    A duration, such as the settling time, cannot be measured beyond the end of the response. If it reaches that, it is
+    shown as "over" the end. The interval is left out if even its lower end lies there, or if it is narrower than the
+    last digit that is shown.
 
     Args:
         response: response of rate or angle to its setpoint, measured in flight.
@@ -153,16 +156,15 @@ def _step_figure_text(response: StepResponse, key: str) -> str:
     figure = STEP_FIGURES[key]
     end = float(response.time[-1]) if figure.is_duration else inf
 
-    def with_limit(value: float) -> str:
-        """Returns a value in the shown unit, as "over" the end of the response where it is not below that."""
+    def text_of(value: float) -> str:
+        """Returns a value in the shown unit; one that reaches the end of the response with "over" before it."""
         number = rounded(figure.scale * value)
         return f"over {number}" if value >= end else number
 
     value, low, high = estimate
-    value_text, low_text, high_text = with_limit(value), with_limit(low), with_limit(high)
-    # An interval that is narrower than the last digit shown says nothing.
-    says_nothing = value_text == low_text == high_text
-    if low >= end or says_nothing:
+    value_text, low_text, high_text = text_of(value), text_of(low), text_of(high)
+    is_narrow = value_text == low_text == high_text
+    if low >= end or is_narrow:
         return value_text
     return f"{value_text} ({low_text} to {high_text})"
 
@@ -243,20 +245,23 @@ def _margin_sentences(evidence: Evidence, decisions: DecisionsByAxis) -> list[Se
 
 
 def _fact_beside_decision(fact: Fact, decision: LoopDecision | None) -> Fact | None:
-    """Returns a fact about the margins of an axis, made to agree with the decision on the axis that is shown above it.
+    """Makes a finding on the stability margins of an axis agree with the decision on the axis, which is shown above it.
+
+    The decision also knows whether the axis follows its setpoint. If it does not, good margins are not enough, and the
+    sentence on the margins has to say so.
 
     Args:
-        fact: fact (a coded finding) about the margins alone.
-        decision: decision on the axis, which the page shows above; None without one.
+        fact: the finding, a code with figures.
+        decision: the decision; None without one.
 
     Returns:
-        The fact; None if the decision states the same.
+        The finding, perhaps with another sentence; None if the decision states the same.
     """
     if decision is None:
         return fact
     if fact.code is decision.reason.code:
         return None
     if fact.is_good and decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY:
-        # Good margins are not enough. With this figure the sentence says that the axis does not follow its setpoint.
+        # With this figure the sentence says that the axis does not follow its setpoint.
         return fact.replace(follows=False)
     return fact

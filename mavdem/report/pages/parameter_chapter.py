@@ -88,13 +88,15 @@ def parameters_chapter(telemetry: Telemetry, *, is_full: bool) -> Chapter:
 
 
 def _changed_defaults(telemetry: Telemetry) -> Blocks:
-    """Returns how many parameters are not the autopilot's default, and a table of them.
+    """Returns a sentence on how many parameters differ from the autopilot's defaults, and a table of these.
+
+    Parameters that the autopilot sets by itself, such as calibrations, are not counted.
 
     Args:
         telemetry: telemetry of the vehicle, with the parameters and their defaults.
 
     Returns:
-        A sentence and the table; nothing if all are the default, except those that the autopilot sets by itself.
+        The sentence and the table; empty if no parameter differs.
     """
     changed_names = [
         name for name in telemetry.changed_defaults if not AUTOPILOT_SET_PARAMETERS.search(name)

@@ -77,13 +77,14 @@ def wind_page(
 
 
 def _wind_level(wind_evidence: WindEvidence, assessment: Assessment) -> Level:
-    """Returns the level of the wind's light by the estimate of this page; the level of the log if nothing flew.
+    """Returns the level of the wind's status light, judged by the estimate of this page.
 
-    The two may differ: this page may use the vehicle's drag from an earlier flight, by which the wind is known better.
+    The light of the flight's review may have another level. This page may use the vehicle's drag from an earlier
+    flight, by which the wind is known better. If the vehicle did not fly, the level is that of the review.
 
     Args:
         wind_evidence: the wind that was estimated for this page.
-        assessment: assessment of the log, with the light of the state estimator.
+        assessment: assessment of the log, with the light of the state estimator, on which that of the wind depends.
     """
     lights = assessment.lights
     if assessment.evidence is None or assessment.evidence.not_flown is not None:
