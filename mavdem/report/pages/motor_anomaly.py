@@ -138,26 +138,32 @@ def review_with_anomaly(
     """Returns the review document of a flight, with its motors judged also by the other flights of the vehicle.
 
     The review itself judges the log alone. An anomaly of the motors, which shows beside other flights only, replaces
-    the status light of the motors in it. It also replaces the headline and the next step, unless the headline is bad
-    already. A comparison of two flights then judges each in the same way as its own page does.
+    the status light of the motors in it, also one of the same level, as on the page of the flight and in lists. It also
+    replaces the headline and the next step, unless the headline is bad already. A comparison of two flights then judges
+    each in the same way as its own page does. What the log alone says of a motor is added if the anomaly names none.
 
     Args:
         review: review document of the flight; it is not modified.
         anomaly: the anomaly of the motors; None if there is none.
 
     Returns:
-        A changed copy; the review itself without an anomaly, or if its motors are as bad by the log alone.
+        A changed copy; the review itself without an anomaly, or if its motors are bad by the log alone.
     """
     if anomaly is None:
         return review
     lights = review.get("lights") or {}
-    level_of_log = Level(value_at(lights, f"{Light.MOTORS}.level") or Level.UNKNOWN)
-    if motors_level(level_of_log, anomaly.level) is level_of_log:
+    light_of_log = lights.get(Light.MOTORS) or {}
+    level_of_log = Level(light_of_log.get("level") or Level.UNKNOWN)
+    if level_of_log is Level.BAD:
         return review
     changed_parts: JsonValues = {}
     judgement: JsonValues = {"level": anomaly.level, "sentence": anomaly.reason}
     if Light.MOTORS in lights:
         motors_light = judgement | {"subject": anomaly.motor}
+        motor_of_log = light_of_log.get("subject") or ""
+        if level_of_log is Level.WATCH and motor_of_log and not anomaly.motor:
+            sentences = f"{anomaly.reason} By this log alone: {light_of_log['sentence']}"
+            motors_light |= {"subject": motor_of_log, "sentence": sentences}
         changed_parts["lights"] = lights | {Light.MOTORS: motors_light}
     if value_at(review, "headline.level") != Level.BAD:
         changed_parts["headline"] = judgement

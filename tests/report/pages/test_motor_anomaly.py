@@ -215,6 +215,18 @@ def test_beside_a_baseline_the_weak_motor_has_one_verdict():
     assert not any("Perhaps" in text or "Doubtful" in text for text in others)
 
 
+def test_a_motor_that_the_log_alone_watches_has_the_words_of_lists_in_a_comparison():
+    alone = {"level": "watch", "subject": "motor 1", "sentence": "Motor 1 works 9 % harder."}
+    review = {"lights": {"motors": alone}, "headline": {"level": "watch", "sentence": "Uneven."}}
+    weak = anomaly("drift", 1, "Motor 1 lost about 27 % of its thrust.")
+    light = review_with_anomaly(review, weak)["lights"]["motors"]
+    assert light == {"level": "watch", "subject": "motor 1", "sentence": weak.reason}
+    unnamed = anomaly("drift", None, "It differs.")
+    light = review_with_anomaly(review, unnamed)["lights"]["motors"]
+    assert light["subject"] == "motor 1"
+    assert light["sentence"] == "It differs. By this log alone: Motor 1 works 9 % harder."
+
+
 def test_a_log_that_shows_worse_is_compared_as_it_is():
     review = {"lights": {"motors": {"level": "bad", "sentence": "Motor 2 stopped."}}}
     assert review_with_anomaly(review, anomaly("drift", 1)) is review
