@@ -1,4 +1,4 @@
-"""Lights of a live vehicle: the worst finding (fact) on each part of it, such as its motors, in its flights so far."""
+"""Status lights of a live vehicle: the worst finding (``Fact`` with a level) on each part of it, such as its motors."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ MAXIMUM_FIGURES: Mapping[Code, str] = {EstimatorLight.FILTER_AGREED: "ratio"}
 
 
 class FlightLights:
-    """The lights of one vehicle: the worst fact on each part of it, such as its motors or its power.
+    """The status lights of one vehicle by the name of the part: the worst fact of the latest flight and of former ones.
 
     Attributes:
-        latest: lights of the latest flight so far, by the name of the part.
+        latest: lights of the latest flight so far.
         earlier: lights of all flights of the session before it.
     """
 
@@ -48,75 +48,83 @@ class FlightLights:
         self.earlier = self.of_session
         self.latest = {}
 
-    def add(self, light: Light, fact: Fact) -> None:
-        """Adds a fact on a part of the vehicle; it becomes the light of the latest flight unless that is worse.
+    def add(self, part: Light, fact: Fact) -> None:
+        """Adds a fact on a part of the vehicle, which becomes its light in the latest flight unless that is worse.
 
-        A fact may be about the last minute only. Where it states a maximum, an equally good one with a larger maximum
-        stays the light, since a maximum of the flight never decreases.
+        A fact may be about the last minute only. Where it states a maximum, such as the largest innovation, a fact of
+        the same level with a larger maximum stays the light, since the maximum of a flight never decreases.
 
         Args:
-            light: part of the vehicle, such as the motors.
+            part: part of the vehicle, such as the motors.
             fact: what was found on it.
         """
-        present = self.latest.get(str(light), fact)
-        if not _states_larger_maximum(present, fact):
-            self.latest[str(light)] = worst_fact([fact, present])
+        present_light = self.latest.get(str(part), fact)
+        if not _states_larger_maximum(present_light, fact):
+            self.latest[str(part)] = worst_fact([fact, present_light])
 
-    def add_first(self, light: Light, fact: Fact) -> None:
+    def add_first(self, part: Light, fact: Fact) -> None:
         """Adds a fact on a part of the vehicle on which nothing has been found in the latest flight.
 
         Args:
-            light: part of the vehicle, such as the motors.
+            part: part of the vehicle, such as the motors.
             fact: what was found; it is ignored if the part has a light already.
         """
-        self.latest.setdefault(str(light), fact)
+        self.latest.setdefault(str(part), fact)
 
-    def replace(self, light: Light, former_code: Code, fact: Fact) -> None:
-        """Replaces a light by a newer fact on the same fault, even if that is better.
+    def replace(self, part: Light, former_code: Code, fact: Fact) -> None:
+        """Replaces the light of a part by a newer fact on the same fault, even if that is better.
 
         Args:
-            light: part of the vehicle, such as the motors.
+            part: part of the vehicle, such as the motors.
             former_code: code of the fault. A light that states another fault stays as it is.
             fact: what is known of this fault now.
         """
-        present = self.latest.get(str(light))
-        if present is not None and present.code is former_code:
-            self.latest[str(light)] = fact
+        present_light = self.latest.get(str(part))
+        if present_light is not None and present_light.code is former_code:
+            self.latest[str(part)] = fact
 
-    def move(self, former_fact: Fact | None, light: Light, fact: Fact) -> None:
+    def move(self, former_fact: Fact | None, part: Light, fact: Fact) -> None:
         """Moves a fact to the light of another part of the vehicle, when its cause has become known.
 
         Args:
             former_fact: the fact as it was stated before, by the light of any part; None if it is new.
-            light: the part that the fact is about, as is known now.
+            part: the part that the fact is about, as is known now.
             fact: the fact with its cause.
         """
-        for name in [name for name, present in self.latest.items() if present == former_fact]:
-            del self.latest[name]
-        self.latest[str(light)] = fact
+        remaining_lights = {}
+        for name, light in self.latest.items():
+            if light != former_fact:
+                remaining_lights[name] = light
+        self.latest = remaining_lights
+        self.latest[str(part)] = fact
 
-    def remove_good(self, light: Light) -> None:
-        """Removes a light that is good, since that is no longer certain.
+    def remove_good(self, part: Light) -> None:
+        """Removes the light of a part if it is good, since that is no longer certain.
 
         Args:
-            light: name of the part; if its light warns, nothing is removed.
+            part: part of the vehicle, such as the motors. A light that warns stays.
         """
-        present = self.latest.get(str(light))
-        if present is not None and present.is_good:
-            del self.latest[str(light)]
+        present_light = self.latest.get(str(part))
+        if present_light is not None and present_light.is_good:
+            del self.latest[str(part)]
 
 
-def _states_larger_maximum(present: Fact, fact: Fact) -> bool:
+def _states_larger_maximum(present_light: Fact, fact: Fact) -> bool:
     """Returns whether a light states a larger maximum of the same quantity, at the same level, than another fact.
 
     Args:
-        present: the light as it is.
-        fact: another fact on the same part of the vehicle.
+        present_light: the fact that is the light of a part of the vehicle.
+        fact: another fact on the same part.
+
+    Returns:
+        False if they are about different quantities, or state no maximum (``MAXIMUM_FIGURES``).
     """
-    if present.code is not fact.code or present.level is not fact.level:
+    if present_light.code is not fact.code or present_light.level is not fact.level:
         return False
-    name = MAXIMUM_FIGURES.get(fact.code)
-    return name is not None and bool(present.figures[name] > fact.figures[name])
+    maximum_name = MAXIMUM_FIGURES.get(fact.code)
+    if maximum_name is None:
+        return False
+    return bool(present_light.figures[maximum_name] > fact.figures[maximum_name])
 
 
 def worse_lights(first: NamedFacts, second: NamedFacts) -> dict[str, Fact]:
@@ -126,8 +134,10 @@ def worse_lights(first: NamedFacts, second: NamedFacts) -> dict[str, Fact]:
         first: facts by the name of the part. Where both facts are equally bad, this one is returned.
         second: other facts by the name of the part.
     """
-    worst = {}
-    for name in {**first, **second}:
-        facts = [lights[name] for lights in (first, second) if name in lights]
-        worst[name] = worst_fact(facts)
-    return worst
+    worse = dict(first)
+    for name, fact in second.items():
+        if name in first:
+            worse[name] = worst_fact([first[name], fact])
+        else:
+            worse[name] = fact
+    return worse

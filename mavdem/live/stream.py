@@ -347,7 +347,11 @@ class LiveStream:
             takeoff_position=self._pose.takeoff_position if is_takeoff_seen else None,
             displacement=None if is_takeoff_seen else self._takeoff_place.displacement,
             watch_facts=self.watch_facts,
-            worst_lights=(watchdog.lights.latest if self.is_flying else watchdog.lights.of_session),
+            worst_lights=(
+                watchdog.status_lights.latest
+                if self.is_flying
+                else watchdog.status_lights.of_session
+            ),
             wind=self.wind.latest,
             mean_wind=self.wind.mean,
             no_wind_reason=self.wind.no_estimate_reason,
@@ -387,7 +391,7 @@ class LiveStream:
         monitored, s on that vehicle's boot clock, or why it is not, for example because a message is missing. The
         followed vehicle comes first. Facts of other vehicles get the name of their vehicle as a figure.
         """
-        facts = list(self._review.watchdog.watched.facts.values())
+        facts = list(self._review.watchdog.watch_list.facts.values())
         for name, stream in self.other_vehicles.items():
             # Each other vehicle has a stream of its own, which does not name it.
             for fact in stream.watch_facts:

@@ -1,4 +1,7 @@
-"""Faults of a live vehicle by its own messages, without a model, as facts: findings with a code, a level and figures.
+"""Watchdog of a live vehicle: finds faults in its messages twice a second, for its alarms and its status lights.
+
+A fault is a ``Fact``: a finding with a code, a level (good, watch, bad, unknown) and figures. A status light is the
+worst fact on one part of the vehicle, such as its motors. No fault needs a learned model.
 
 It is the judgement of a log in small steps. What the autopilot reports, and the lights of vibration, power, estimator
 and tracking, are those of ``mavdem.assessment`` on the messages so far. A limit cycle is found in the last seconds by
@@ -74,7 +77,7 @@ from mavdem.vibration.vibration_message import reported_vibration
 from mavdem.wind_velocity.from_log import ESTIMATOR_FLAG_MESSAGES
 from mavdem.witnesses.ground_heights import MAX_WAIT_SECONDS
 
-LIGHTS = {
+PART_OF_QUANTITY = {
     WatchedQuantity.CONTROL: Light.TRACKING,
     WatchedQuantity.OSCILLATION: Light.MARGINS,
     WatchedQuantity.MOTOR_LIMITS: Light.MOTORS,
@@ -85,7 +88,7 @@ LIGHTS = {
     WatchedQuantity.DRIFT: Light.WIND,
     WatchedQuantity.HEIGHT: Light.ESTIMATOR,
 }
-"""The part of the vehicle (light) that a fault of each watched quantity is a fault of."""
+"""The part of the vehicle, with a status light of its own, that is at fault where a watched quantity is."""
 
 PRESENT_FAULTS = (
     WatchedQuantity.OSCILLATION,
@@ -97,7 +100,7 @@ PRESENT_FAULTS = (
 """Quantities whose facts state a fault of the present moment. Once one is over in flight, its light says so. The facts
 of other quantities state when their fault was."""
 
-NEEDS_ATTITUDE = (
+QUANTITIES_BY_ATTITUDE = (
     WatchedQuantity.CONTROL,
     WatchedQuantity.OSCILLATION,
     WatchedQuantity.TRACKING,
@@ -108,11 +111,11 @@ NEEDS_ATTITUDE = (
 LOSSES_IN_AIR = (Ending.CONTROL_LOST, WatchFact.STOPPED_IN_AIR)
 """Losses of vehicles that are still in the air: how they meet the ground, which ends the flight, is not known yet."""
 
-OPEN_LOSSES = (*LOSSES_IN_AIR, Ending.LOSS_REPORTED)
+REPLACEABLE_LOSSES = (*LOSSES_IN_AIR, Ending.LOSS_REPORTED)
 """Losses that a contact with the ground replaces: by the motion a flight is known to be lost better, as in a log, than
 by the autopilot's report."""
 
-EXPLAINED_BY_LOSS = (
+NOT_JUDGED_AFTER_LOSS = (
     WatchedQuantity.OSCILLATION,
     WatchedQuantity.MOTOR_LIMITS,
     WatchedQuantity.VIBRATION,
@@ -121,7 +124,7 @@ EXPLAINED_BY_LOSS = (
 )
 """Quantities in which a vehicle out of control has faults however sound it is: they are not judged after a loss."""
 
-CAUSED_LOSSES = (Ending.CONTROL_LOST, Ending.CRASHED)
+LOSSES_BY_MOTORS = (Ending.CONTROL_LOST, Ending.CRASHED)
 """Losses that a motor at its limit may have caused."""
 
 FALL_SECONDS = 2 * RECOVERY_SECONDS
@@ -173,9 +176,10 @@ class _Review:
 
 
 class Watchdog:
-    """Watches one boot of a vehicle for faults of each ``WatchedQuantity``, such as vibration or loss of control.
+    """Watches a vehicle since its autopilot started (one boot), and keeps alarms and status lights of the faults found.
 
-    It reviews the vehicle twice a second. A review has up to four steps, between which messages are taken:
+    Each fault is of one ``WatchedQuantity``, such as the vibration or the control. The vehicle is reviewed twice a
+    second. A review has up to four steps, between which messages are taken:
     ``begin_review``; in flight ``review_lights`` and, every ``TRACKING_PERIOD``, ``review_tracking``; and
     ``finish_review``. Battery, estimator, vibration and tracking are judged by thorough reviews only, every second one.
     So are reports of the autopilot, unless an urgent message has changed. The balance of the motors, too, is one of the
@@ -184,8 +188,8 @@ class Watchdog:
     Attributes:
         is_thorough: whether the latest review is thorough.
         alarms: the alarms that are active as of the last review.
-        watched: since when each quantity is watched, or why it is not.
-        lights: the worst fact on each part of the vehicle, in the latest flight and before.
+        watch_list: since when each quantity is watched, or why it is not.
+        status_lights: the worst fact on each part of the vehicle, in the latest flight and before.
         control: judges whether control of the flight was lost.
         drift: looks for wind that carries the vehicle away in the present flight.
         loss: how the flight was lost, by its motion or a report of the autopilot; it stays until the next take-off.
@@ -207,9 +211,9 @@ class Watchdog:
         """
         self.is_thorough = False
         self.alarms = ActiveAlarms()
-        self.watched = WatchList()
-        self.lights: FlightLights = FlightLights(
-            None if former is None else former.lights, has_flight_gone_on=was_flying
+        self.watch_list = WatchList()
+        self.status_lights: FlightLights = FlightLights(
+            None if former is None else former.status_lights, has_flight_gone_on=was_flying
         )
         self.control = ControlWatch(recent)
         self.drift = WindDriftDetector(recent.boot)
@@ -227,8 +231,8 @@ class Watchdog:
         self._landed_states = LandedStates()
         # Whether the vehicle flew when the former boot ended.
         self._was_flying = was_flying
-        # A fall with the motors at idle that has not ended; None without one.
-        self._fall: Fact | None = None
+        # The alarm of a fall with the motors at idle that has not ended; None without one.
+        self._ongoing_fall: Fact | None = None
         self._report_search = ReportSearch()
         # The restart of the autopilot in flight, as its light states it; None without one.
         self._restart: Fact | None = None
@@ -267,17 +271,20 @@ class Watchdog:
         that may still be caught, and then all other bad faults. The loss stays an alarm while the vehicle lies on the
         ground.
         """
-        urgent = []
-        if self._restart is not None and self._landed_states.is_in_air:
-            urgent.append(self._restart)
         bad_faults = [fact for fact in self.alarms.facts.values() if fact.is_bad]
-        bad_faults += [fact for fact in self._report_alarms.active if fact not in bad_faults]
-        falls = []
-        if self._fall is not None and not self.has_landed:
-            falls.append(self._fall)
-        if self.loss is not None and self.loss not in [*falls, *bad_faults]:
-            urgent.append(self.loss)
-        return (*urgent, *falls, *bad_faults)
+        for reported_fault in self._report_alarms.active:
+            # The watchdog may have found the same fault that the autopilot reports.
+            if reported_fault not in bad_faults:
+                bad_faults.append(reported_fault)
+        falls_and_faults = bad_faults
+        if self._ongoing_fall is not None and not self.has_landed:
+            falls_and_faults = [self._ongoing_fall, *bad_faults]
+        most_urgent = []
+        if self._restart is not None and self._landed_states.is_in_air:
+            most_urgent.append(self._restart)
+        if self.loss is not None and self.loss not in falls_and_faults:
+            most_urgent.append(self.loss)
+        return (*most_urgent, *falls_and_faults)
 
     def begin_review(
         self, now: float, vehicle: Telemetry, *, is_flying: bool, settled_start: float | None
@@ -340,27 +347,33 @@ class Watchdog:
             else has shown the loss before.
         """
         if report.code is SessionFact.ALARM:
-            # The alarm of a restart in flight, whose light ``_update_restart`` sets.
+            # The alarm of a restart in flight, whose status light ``_update_restart`` has set.
             return report
         if report.code is ReportedEvent.BOARD_VOLTAGE_LOW:
             # In a log a moment below the limit is a warning. In flight nobody knows whether the autopilot survives it.
             report = report.replace(Level.BAD)
         if report.warns:
             self._warnings.append(report)
-            light = light_of_event(report)
-            if light is not None:
-                self.lights.add(light, report)
+            part = light_of_event(report)
+            if part is not None:
+                self.status_lights.add(part, report)
         if report.code in POWER_REPORTS:
             return self._take_power_report(report, now)
         if report.code in REPORTS_OF_LOSS and report.is_bad:
-            is_first = self.loss is not None and self.loss.code is Ending.LOSS_REPORTED
-            return event_or_alarm(report, report.start_time) if is_first else report
+            # Where the motion has shown the loss before, that was the alarm.
+            is_known_by_report_alone = (
+                self.loss is not None and self.loss.code is Ending.LOSS_REPORTED
+            )
+            if is_known_by_report_alone:
+                return event_or_alarm(report, report.start_time)
+            return report
         return self._report_alarms.add_report(report, now)
 
     def _take_power_report(self, report: Fact, now: float) -> Fact:
-        """Makes a warning of the autopilot about its power the active alarm of the battery.
+        """Raises the battery's alarm at once if the autopilot warns of its power, such as of a low battery.
 
-        A later review, which judges the power by this warning too, finds the alarm active and does not report it again.
+        The next review of the battery, which judges the power by this warning too, then finds the alarm active and does
+        not report it again.
 
         Args:
             report: a new report of the autopilot on the power.
@@ -371,8 +384,10 @@ class Watchdog:
         """
         if not report.warns:
             return report
-        active = self.alarms.facts.get(WatchedQuantity.BATTERY, report)
-        self.alarms.raise_alarm(WatchedQuantity.BATTERY, worst_fact([active, report]), now)
+        # A worse alarm that is active already stays.
+        active_alarm = self.alarms.facts.get(WatchedQuantity.BATTERY, report)
+        alarm = worst_fact([active_alarm, report])
+        self.alarms.raise_alarm(WatchedQuantity.BATTERY, alarm, now)
         if report.is_bad:
             return event_or_alarm(report, report.start_time)
         return report
@@ -380,109 +395,122 @@ class Watchdog:
     def _update_phase(self, now: float, landed_state: int) -> None:
         """Begins another phase, in the air or on the ground, if the landed state has changed.
 
+        Faults that last until the end of a phase end with it, and their status lights get the time of the end.
+
         Args:
             now: present time on the boot clock, s.
             landed_state: present landed state, ``IN_AIR`` or ``ON_GROUND``.
         """
-        states = self._landed_states
-        if states.latest == landed_state:
+        if landed_state == self._landed_states.latest:
             return
         self._end_drift(now)
-        disagreement = self._height.end_flight(now)
-        if disagreement is not None:
-            self.lights.replace(Light.ESTIMATOR, disagreement.code, disagreement)
+        # The event that barometer and satellites disagree about the height.
+        height_disagreement = self._height.end_flight(now)
+        if height_disagreement is not None:
+            self.status_lights.replace(
+                Light.ESTIMATOR, height_disagreement.code, height_disagreement
+            )
         if landed_state == IN_AIR:
             self._begin_flight(now)
-        states.begin_phase(landed_state, now, self._review_time)
+        self._landed_states.begin_phase(landed_state, now, self._review_time)
 
     def _begin_flight(self, now: float) -> None:
         """Begins to watch a flight at its take-off, without the findings of the flight before.
 
         But a vehicle that leaves the ground again within ``RECOVERY_SECONDS`` has bounced, or its landed state was
-        wrong for a moment: then the same flight goes on, with its loss of control and its lights (the judgement of each
-        part of the vehicle). The lights also stay if the autopilot has restarted in flight.
+        wrong for a moment: then the same flight goes on, with its loss of control and its status lights. The status
+        lights also stay if the autopilot has restarted in flight.
 
-        Before the first phase of a boot no flight is known that could go on, so that it always begins a new one.
+        The first phase of a boot always begins a new flight, since none is known that could go on.
 
         Args:
             now: present time on the boot clock, s.
         """
-        states = self._landed_states
-        self._fall = None
+        self._ongoing_fall = None
         self._height.begin_flight()
         self._are_heights_judged = False
         self.has_landed = False
         self._landing_report = None
         self.alarms.begin_flight()
-        is_new_flight = states.is_first_phase or now - states.phase_start >= RECOVERY_SECONDS
+        states = self._landed_states
+        is_new_flight = states.is_first_phase
+        if not states.is_first_phase:
+            seconds_on_ground = now - states.phase_start
+            is_new_flight = seconds_on_ground >= RECOVERY_SECONDS
         if is_new_flight:
-            self.loss = self.ground_contact = None
+            self.loss = None
+            self.ground_contact = None
             self.alarms.discard(WatchedQuantity.CONTROL)
         has_restarted_in_flight = states.is_first_phase and self._was_flying
         if is_new_flight and not has_restarted_in_flight:
-            self.lights.begin_flight()
+            self.status_lights.begin_flight()
 
     def _end_drift(self, now: float) -> None:
-        """Ends a drift in wind with its flight, and begins to look for another one.
+        """Ends the search for wind that carries the vehicle away, at a take-off or landing, and begins a new one.
+
+        A drift that was found and still lasts ends now. The status light of the wind, if it states that drift, gets its
+        end.
 
         Args:
             now: present time on the boot clock, s.
         """
         self.drift.end(now)
-        drift = self.drift.latest
-        if drift is not None:
-            self.lights.replace(Light.WIND, drift.code, drift)
+        ended_drift = self.drift.latest
+        if ended_drift is not None:
+            self.status_lights.replace(Light.WIND, ended_drift.code, ended_drift)
         self.drift = WindDriftDetector(self._recent.boot)
 
     def review_lights(self) -> None:
         """Judges battery, estimator and, in settled flight, vibration, by the functions that judge a log.
 
-        The review must have begun, and be thorough; the results are added to its facts.
+        The review must have begun, and be thorough. The judgements are added to the ``facts`` of the review, and to its
+        ``last_found_times`` when a fault was there last.
         """
         review = self._review
         assert review is not None
-        assert review.recent_signals is not None
+        signals = review.recent_signals
+        assert signals is not None
         condition = Condition(duration=review.now - review.phase_start)
         self._judge_battery(review, condition)
         # The estimator is judged by the last minute alone, since it may recover: earlier warnings must not last.
-        recent_warnings = []
-        for warning in self._warnings:
-            if warning.start_time > review.now - MEMORY_SECONDS:
-                recent_warnings.append(warning)
-        findings = LiveFindings(events=tuple(recent_warnings), ending=self._ending)
-        evidence = live_evidence(review.recent_signals, condition, findings)
+        first_time = review.now - MEMORY_SECONDS
+        recent_warnings = [warning for warning in self._warnings if warning.start_time > first_time]
+        findings = LiveFindings(events=tuple(recent_warnings), ending=self._loss_that_ended_flight)
+        evidence = live_evidence(signals, condition, findings)
         estimator = estimator_light(evidence)
         if estimator.code is not EstimatorLight.ESTIMATOR_UNMEASURED:
             review.facts[WatchedQuantity.ESTIMATOR] = estimator
             if estimator.warns and estimator.time is not None and not is_lasting_state(estimator):
-                review.last_found_times[WatchedQuantity.ESTIMATOR] = latest_estimator_time(
-                    review.recent_signals, estimator
-                )
+                fault_time = latest_estimator_time(signals, estimator)
+                review.last_found_times[WatchedQuantity.ESTIMATOR] = fault_time
         if review.has_settled:
             vibration = vibration_light(evidence)
             review.facts[WatchedQuantity.VIBRATION] = vibration
             if vibration.warns:
                 limit = vibration.figures["acceptable_vibration"]
-                review.last_found_times[WatchedQuantity.VIBRATION] = latest_vibration_time(
-                    review.recent_signals, limit
-                )
+                fault_time = latest_vibration_time(signals, limit)
+                review.last_found_times[WatchedQuantity.VIBRATION] = fault_time
 
     @property
-    def _ending(self) -> Fact | None:
-        """The loss of the flight, where it is one by the rules for logs: what is measured after it judges nothing."""
-        is_ending = self.loss is not None and self.loss.code in Ending
-        return self.loss if is_ending else None
+    def _loss_that_ended_flight(self) -> Fact | None:
+        """The loss of the flight if, by the rules for logs, it ended the flight; otherwise None.
+
+        Whatever is measured after such a loss, of a tumbling or crashed vehicle, does not count in its judgement.
+        """
+        if self.loss is not None and self.loss.code in Ending:
+            return self.loss
+        return None
 
     def _judge_battery(self, review: _Review, condition: Condition) -> None:
-        """Judges the power by all messages and warnings of the boot, since a battery does not recover.
+        """Judges the power by all messages and warnings of the boot, since a battery does not recover in flight.
 
         Args:
             review: the review, whose ``facts`` get the judgement.
             condition: figures of the vehicle, with the duration of the flight so far.
         """
-        all_signals = self._signals(review.vehicle, review.now, -inf)
+        all_signals = self._signals(review.vehicle, review.now, start_time=-inf)
         # The current that a crashed vehicle draws is no fault of its battery: the light gets the crash with its time.
-        findings = LiveFindings(events=tuple(self._warnings), ending=self._ending)
+        findings = LiveFindings(events=tuple(self._warnings), ending=self._loss_that_ended_flight)
         power = power_light(live_evidence(all_signals, condition, findings))
         review.facts[WatchedQuantity.BATTERY] = power
         # Just after the take-off too few voltages have come to say that none is measured.
@@ -514,7 +542,7 @@ class Watchdog:
             review.facts[WatchedQuantity.TRACKING] = tracking
 
     def finish_review(self, motion: RecentMotion | None, takeoff_time: float = -inf) -> list[Fact]:
-        """Ends the review that has begun: judges the motion, and turns all facts of the review into alarms.
+        """Ends the review that has begun: judges the motion, and turns the faults that were found into alarms.
 
         Args:
             motion: attitude and motor outputs of the last seconds; None if they do not come.
@@ -534,10 +562,11 @@ class Watchdog:
             self._judge_end_of_flight(review, moment)
             reported_facts = self._judge_heights_on_ground(review, moment)
         if self.has_landed and self._landing_report is not None:
+            # The autopilot reported the landing before; only now is it certain that it was none in the air.
             reported_facts.append(self._landing_report)
             self._landing_report = None
-        reasons = self._reasons_not_watched(review.now, review.vehicle, motion)
-        self.watched.update(review.now, reasons, is_flying=review.is_flying)
+        reasons_not_watched = self._reasons_not_watched(review.now, review.vehicle, motion)
+        self.watch_list.update(review.now, reasons_not_watched, is_flying=review.is_flying)
         reported_facts += self._update_alarms(review)
         reported_facts += self._take_contact_report(review.now)
         self._review_time = review.now
@@ -546,7 +575,7 @@ class Watchdog:
     def review_control(self, moment: FlightMoment) -> list[Fact]:
         """Judges between two reviews whether control of a flying vehicle is being lost, which cannot wait for the next.
 
-        A vehicle that loses control 4 m up hits the ground a second later, and a review takes up to that long.
+        A vehicle that loses control 4 m above the ground hits it a second later, and a review takes up to that long.
 
         Args:
             moment: present time, and the motion.
@@ -567,7 +596,7 @@ class Watchdog:
         )
         reported_facts = self._judge_control(review, moment)
         for quantity, fact in review.facts.items():
-            self.lights.add(LIGHTS[quantity], fact)
+            self.status_lights.add(PART_OF_QUANTITY[quantity], fact)
         reported_facts += self._raise_alarms(review)
         return [*reported_facts, *self._take_contact_report(moment.time)]
 
@@ -579,7 +608,9 @@ class Watchdog:
         """
         contact = self._unreported_contact
         self._unreported_contact = None
-        return [] if contact is None else [event_or_alarm(contact, now)]
+        if contact is None:
+            return []
+        return [event_or_alarm(contact, now)]
 
     def _judge_flight(self, review: _Review, moment: FlightMoment) -> list[Fact]:
         """Judges in flight control, height, drift in wind, oscillation, and motors at their limits.
@@ -596,20 +627,51 @@ class Watchdog:
         if self.drift.latest is not None:
             self._add_event(review, WatchedQuantity.DRIFT, self.drift.latest)
         if self.is_thorough:
-            divergence = self._height.divergence(moment)
-            disagreement = self._height.disagreement(moment)
-            height_events = [event for event in (divergence, disagreement) if event is not None]
-            if height_events:
-                self._add_event(review, WatchedQuantity.HEIGHT, worst_fact(height_events))
+            self._judge_height(review, moment)
         if moment.motion is not None:
             self._judge_motor_limits(review, moment, moment.motion)
         if WatchedQuantity.OSCILLATION in review.facts:
-            # In a limit cycle the motors go from limit to limit, and cannot be compared with each other.
-            self.lights.remove_good(Light.MOTORS)
+            # In a limit cycle the motors go from limit to limit, and cannot be compared with each other. So it is no
+            # longer known that they are sound.
+            self.status_lights.remove_good(Light.MOTORS)
         if self.loss is not None:
-            for quantity in EXPLAINED_BY_LOSS:
+            for quantity in NOT_JUDGED_AFTER_LOSS:
                 review.facts.pop(quantity, None)
         return reported_facts
+
+    def _judge_height(self, review: _Review, moment: FlightMoment) -> None:
+        """Judges in flight whether the height estimate diverges, or barometer and satellites disagree.
+
+        Args:
+            review: the review, to whose ``facts`` the worse of these two events is added, if there is one.
+            moment: present time, and the motion.
+        """
+        height_events = []
+        divergence = self._height.divergence(moment)
+        if divergence is not None:
+            height_events.append(divergence)
+        disagreement = self._height.disagreement(moment)
+        if disagreement is not None:
+            height_events.append(disagreement)
+        if height_events:
+            self._add_event(review, WatchedQuantity.HEIGHT, worst_fact(height_events))
+
+    def _judge_height(self, review: _Review, moment: FlightMoment) -> None:
+        """Judges in flight whether the height estimate diverges, or barometer and satellites disagree.
+
+        Args:
+            review: the review, to whose ``facts`` the worse of these two events is added, if there is one.
+            moment: present time, and the motion.
+        """
+        height_events = []
+        divergence = self._height.divergence(moment)
+        if divergence is not None:
+            height_events.append(divergence)
+        disagreement = self._height.disagreement(moment)
+        if disagreement is not None:
+            height_events.append(disagreement)
+        if height_events:
+            self._add_event(review, WatchedQuantity.HEIGHT, worst_fact(height_events))
 
     @staticmethod
     def _add_event(review: _Review, quantity: WatchedQuantity, event: Fact) -> None:
@@ -637,17 +699,17 @@ class Watchdog:
             The alarm of a fall with idle motors that begins, or its end once the motors carry the vehicle again. A fall
             is no loss yet: the pilot may catch the vehicle.
         """
-        loss = self.control.loss(moment)
-        if loss is not None:
-            known_loss = self.alarms.facts.get(WatchedQuantity.CONTROL)
-            is_new = known_loss is None
-            loss = known_loss or loss
+        present_loss = self.control.loss(moment)
+        if present_loss is not None:
+            first_loss = self.alarms.facts.get(WatchedQuantity.CONTROL)
+            loss = first_loss or present_loss
             flight_end = None
             if self.ground_contact is None:
                 # The contact shows more exactly than the attitude when the vehicle hit the ground, and how fast.
                 flight_end = self.control.crash_after_loss(moment)
-                is_in_air = loss.code in LOSSES_IN_AIR and flight_end is None
-                if is_new and is_in_air and self.control.awaits_impact(loss, moment):
+                is_still_in_air = loss.code in LOSSES_IN_AIR and flight_end is None
+                is_new = first_loss is None
+                if is_new and is_still_in_air and self.control.awaits_impact(loss, moment):
                     return []
             self._record_loss(loss, flight_end, review)
         elif self.loss is None and self._is_sinking:
@@ -656,7 +718,7 @@ class Watchdog:
             if flight_end is not None and flight_end.loss is not None:
                 self._record_loss(flight_end.loss, flight_end, review)
         if self.loss is not None:
-            self._fall = None
+            self._ongoing_fall = None
             return []
         return self._judge_fall(review, moment)
 
@@ -670,17 +732,18 @@ class Watchdog:
         Returns:
             The alarm of a fall that begins, or its end once the motors carry the vehicle again.
         """
-        fall = self.control.fall(moment)
-        if fall is not None:
-            is_new = self._fall is None
-            self._fall = fall
-            return [event_or_alarm(fall, review.now)] if is_new else []
-        has_been_caught = carries_vehicle(moment.motion, review.vehicle.parameters)
-        if self._fall is None or not has_been_caught:
+        former_fall = self._ongoing_fall
+        present_fall = self.control.fall(moment)
+        if present_fall is not None:
+            self._ongoing_fall = present_fall
+            if former_fall is None:
+                return [event_or_alarm(present_fall, review.now)]
             return []
-        end = Fact(WatchFact.ALARM_OVER, time=review.now, reason=self._fall)
-        self._fall = None
-        return [end]
+        do_motors_carry = carries_vehicle(moment.motion, review.vehicle.parameters)
+        if former_fall is not None and do_motors_carry:
+            self._ongoing_fall = None
+            return [Fact(WatchFact.ALARM_OVER, time=review.now, reason=former_fall)]
+        return []
 
     @property
     def _is_sinking(self) -> bool:
@@ -688,27 +751,31 @@ class Watchdog:
         alarm = self.alarms.facts.get(WatchedQuantity.MOTOR_LIMITS)
         return alarm is not None and alarm.code is WatchFact.SINKS_AT_LIMIT
 
-    def _record_loss(self, loss: Fact, end: FlightEnd | None, review: _Review) -> None:
+    def _record_loss(self, loss: Fact, flight_end: FlightEnd | None, review: _Review) -> None:
         """Stores the loss of the vehicle and its contact with the ground, for the alarms and the light of the motors.
 
         Args:
             loss: the event that control was lost, as it was found first.
-            end: how the flight ended; None before the vehicle has met the ground.
+            flight_end: how the flight ended; None before the vehicle has met the ground. A loss that it states, such as
+                a crash, replaces ``loss``.
             review: the review, whose ``facts`` get the loss.
         """
-        if end is not None and end.loss is not None:
-            loss = end.loss
+        contact_after_loss = None
+        if flight_end is not None:
+            loss = flight_end.loss or loss
+            contact_after_loss = flight_end.contact
         loss = self._with_motor_at_limit(loss)
-        is_contact = loss.code not in LOSSES_IN_AIR
-        if end is not None and end.contact is not None and not is_contact:
+        is_loss_in_air = loss.code in LOSSES_IN_AIR
+        if not is_loss_in_air:
+            # The vehicle was lost by the contact itself, as in a crash.
+            self.ground_contact = loss
+        elif contact_after_loss is not None:
             # The loss in the air came first, and stays what the flight is judged by.
             if self.ground_contact is None:
-                self.ground_contact = end.contact.replace(Level.BAD)
+                self.ground_contact = contact_after_loss.replace(Level.BAD)
                 self._unreported_contact = self.ground_contact
             # On the ground no parachute helps.
             loss = loss.replace(is_low=True)
-        elif is_contact:
-            self.ground_contact = loss
         self.loss = loss
         review.facts[WatchedQuantity.CONTROL] = loss
         self._judge_motors_after_loss(loss)
@@ -727,19 +794,21 @@ class Watchdog:
             The loss with the motor as cause; unchanged if it has a cause, or if no motor was at its limit just before.
         """
         limit_alarm = self.alarms.facts.get(WatchedQuantity.MOTOR_LIMITS)
-        if limit_alarm is None or not limit_alarm.subject:
+        if limit_alarm is None:
             return loss
-        if loss.code not in CAUSED_LOSSES:
-            # A loss of this kind has no cause among the motors.
+        motor_name = limit_alarm.subject
+        if not motor_name:
+            # The alarm is about several motors.
             return loss
-        if loss.figures.get("cause") is not None:
+        has_known_cause = loss.figures.get("cause") is not None
+        if has_known_cause or loss.code not in LOSSES_BY_MOTORS:
             return loss
         last_time_at_limit = self.alarms.last_found(WatchedQuantity.MOTOR_LIMITS)
         if last_time_at_limit < loss.start_time - RECOVERY_SECONDS:
             return loss
-        motor = limit_alarm.subject
-        cause = Fact(FailedFirst.LIMIT_FIRST, subject=motor)
-        return loss.replace(subject=motor, cause=cause, mode="")
+        cause = Fact(FailedFirst.LIMIT_FIRST, subject=motor_name)
+        # With a motor as the cause, the flight mode that was chosen explains nothing.
+        return loss.replace(subject=motor_name, cause=cause, mode="")
 
     def _judge_attitude_estimate(self, review: _Review) -> None:
         """Judges whether the estimated attitude is NaN, by which the estimator has failed for certain.
@@ -774,20 +843,7 @@ class Watchdog:
         # Motors that reach their limits bound the amplitude of a limit cycle. Where none does, as in most flights,
         # there is no need to look for one.
         if is_at_upper.any() or is_at_lower.any():
-            cycle = detect_starting_limit_cycle(
-                motors,
-                motion.tilts,
-                self.control.setpoints(review.vehicle),
-                self._recent.boot,
-                review.phase_start,
-                review.now,
-            )
-            if cycle is not None:
-                # The gains to lower follow by the same rule as in the judgement of the recording after the landing.
-                lowered_gains = gain_reduction_advice(cycle, review.vehicle.parameters)
-                review.facts[WatchedQuantity.OSCILLATION] = Fact(
-                    MarginsLight.OSCILLATES, reason=lowered_gains, **cycle.figures
-                )
+            self._judge_oscillation(review, motion)
         has_just_taken_off = review.now - review.phase_start < DECISION_SECONDS
         limited_motor = motor_at_upper_limit(motors, is_at_upper, review.now)
         alarm = self.alarms.facts.get(WatchedQuantity.MOTOR_LIMITS)
@@ -807,6 +863,52 @@ class Watchdog:
             )
             if sinking is not None and not is_explained:
                 review.facts[WatchedQuantity.MOTOR_LIMITS] = sinking
+
+    def _judge_oscillation(self, review: _Review, motion: RecentMotion) -> None:
+        """Judges whether a limit cycle, an oscillation from limit to limit, begins in the last seconds.
+
+        Args:
+            review: the review, to whose ``facts`` the oscillation is added with the gains that should be lowered.
+            motion: attitude and motor outputs of the last seconds.
+        """
+        limit_cycle = detect_starting_limit_cycle(
+            motion.motors,
+            motion.tilts,
+            self.control.setpoints(review.vehicle),
+            self._recent.boot,
+            review.phase_start,
+            review.now,
+        )
+        if limit_cycle is None:
+            return
+        # The gains to lower follow by the same rule as in the judgement of the recording after the landing.
+        advice = gain_reduction_advice(limit_cycle, review.vehicle.parameters)
+        review.facts[WatchedQuantity.OSCILLATION] = Fact(
+            MarginsLight.OSCILLATES, reason=advice, **limit_cycle.figures
+        )
+
+    def _judge_oscillation(self, review: _Review, motion: RecentMotion) -> None:
+        """Judges whether a limit cycle, an oscillation from limit to limit, begins in the last seconds.
+
+        Args:
+            review: the review, to whose ``facts`` the oscillation is added with the gains that should be lowered.
+            motion: attitude and motor outputs of the last seconds.
+        """
+        limit_cycle = detect_starting_limit_cycle(
+            motion.motors,
+            motion.tilts,
+            self.control.setpoints(review.vehicle),
+            self._recent.boot,
+            review.phase_start,
+            review.now,
+        )
+        if limit_cycle is None:
+            return
+        # The gains to lower follow by the same rule as in the judgement of the recording after the landing.
+        advice = gain_reduction_advice(limit_cycle, review.vehicle.parameters)
+        review.facts[WatchedQuantity.OSCILLATION] = Fact(
+            MarginsLight.OSCILLATES, reason=advice, **limit_cycle.figures
+        )
 
     def _judge_heights_on_ground(self, review: _Review, moment: FlightMoment) -> list[Fact]:
         """Judges whether barometer or satellites drifted, by the heights at rest before and after the latest flight.
@@ -831,8 +933,8 @@ class Watchdog:
             drift = self._height.judgement_at_rest(review.vehicle, flight_interval, moment.motion)
             if drift is not None:
                 self._are_heights_judged = True
-                self.lights.replace(Light.ESTIMATOR, MotionEvent.HEIGHTS_DISAGREE, drift)
-                self.lights.add(Light.ESTIMATOR, drift)
+                self.status_lights.replace(Light.ESTIMATOR, MotionEvent.HEIGHTS_DISAGREE, drift)
+                self.status_lights.add(Light.ESTIMATOR, drift)
                 return [drift]
         self._height.add_rest(review.vehicle, moment.motion)
         return []
@@ -849,33 +951,35 @@ class Watchdog:
             review: the review, whose ``facts`` get the loss.
             moment: present time, and the motion.
         """
-        flight_end = self._landed_states.flight_end
-        if flight_end is None or review.now - flight_end > FALL_SECONDS:
+        end_time = self._landed_states.flight_end
+        if end_time is None or review.now - end_time > FALL_SECONDS:
             return
-        end = self.control.flight_end(moment, flight_end, self._report_search.reports)
-        self.has_landed = not end.is_in_air
-        loss = self._loss_at_end_of_flight(end, review)
+        flight_end = self.control.flight_end(moment, end_time, self._report_search.reports)
+        self.has_landed = not flight_end.is_in_air
+        loss = self._loss_at_end_of_flight(flight_end, review)
         if loss is not None and self._replaces_known_loss(loss):
-            self._record_loss(loss, end, review)
-            self._fall = None
+            self._record_loss(loss, flight_end, review)
+            self._ongoing_fall = None
 
-    def _loss_at_end_of_flight(self, end: FlightEnd, review: _Review) -> Fact | None:
+    def _loss_at_end_of_flight(self, flight_end: FlightEnd, review: _Review) -> Fact | None:
         """Returns the fact of how a flight that has just ended was lost, such as by a crash.
 
         Args:
-            end: how the flight ended.
+            flight_end: how the flight ended.
             review: the review, with the time when the flight ended.
 
         Returns:
             The loss; None if the vehicle has landed, or if it is not known how it came down.
         """
-        if end.loss is not None and end.loss.is_bad:
-            return end.loss
-        if end.is_falling and self.loss is None:
-            # The motors stopped between the last review in flight and the first one after it.
-            fall_start = review.phase_start if self._fall is None else self._fall.time
-            return Fact(WatchFact.STOPPED_IN_AIR, Level.BAD, time=fall_start)
-        return None
+        if flight_end.loss is not None and flight_end.loss.is_bad:
+            return flight_end.loss
+        if not flight_end.is_falling or self.loss is not None:
+            return None
+        # The motors stopped between the last review in flight and the first one after it.
+        fall_start: float | None = review.phase_start
+        if self._ongoing_fall is not None:
+            fall_start = self._ongoing_fall.time
+        return Fact(WatchFact.STOPPED_IN_AIR, Level.BAD, time=fall_start)
 
     def _replaces_known_loss(self, loss: Fact) -> bool:
         """Returns whether the loss of a vehicle, as found at the end of its flight, replaces the one found before.
@@ -891,20 +995,20 @@ class Watchdog:
             return True
         if earlier_loss.code is Ending.LOSS_REPORTED and loss.code is Ending.LOSS_REPORTED:
             return False
-        return earlier_loss.code in OPEN_LOSSES
+        return earlier_loss.code in REPLACEABLE_LOSSES
 
     def _judge_motors_after_loss(self, loss: Fact) -> None:
-        """Updates the light of the motors, that is the judgement of them, after the vehicle was lost.
+        """Updates the status light of the motors, that is the judgement of them, after the vehicle was lost.
 
-        If a motor failed first, the loss becomes the light. Otherwise a good light is removed, since it is no longer
-        certain that the motors are sound.
+        If a motor failed first, the loss becomes the judgement. Otherwise a good judgement is removed, since it is no
+        longer certain that the motors are sound.
 
         Args:
             loss: the event that the vehicle was lost; its subject is the motor that failed first, if one is known.
         """
         if loss.subject:
-            self.lights.add(Light.MOTORS, loss)
-        self.lights.remove_good(Light.MOTORS)
+            self.status_lights.add(Light.MOTORS, loss)
+        self.status_lights.remove_good(Light.MOTORS)
 
     def _signals(
         self,
@@ -965,14 +1069,17 @@ class Watchdog:
         return reports
 
     def _update_restart(self, restart: Fact) -> None:
-        """Makes a restart of the autopilot in flight the light (judgement) of the part that caused it, such as power.
+        """Moves the restart of the autopilot in flight to the status light of the part that caused it, such as power.
+
+        The cause may become known some time after the restart, when more messages have come.
 
         Args:
-            restart: the restart, with its cause as far as that is known now.
+            restart: the event of the restart, with its cause as far as that is known now.
         """
-        light = light_of_event(restart)
-        assert light is not None
-        self.lights.move(self._restart, light, restart)
+        part_at_fault = light_of_event(restart)
+        assert part_at_fault is not None
+        former_statement = self._restart
+        self.status_lights.move(former_statement, part_at_fault, restart)
         self._restart = restart
 
     def _update_alarms(self, review: _Review) -> list[Fact]:
@@ -997,12 +1104,13 @@ class Watchdog:
             s of the boot clock.
         """
         for quantity, last_found_time in review.last_found_times.items():
-            is_past = review.now - last_found_time >= CALM_SECONDS
-            if is_past and quantity not in self.alarms.facts:
-                # After a loss of control, the fact may have been removed already (``EXPLAINED_BY_LOSS``).
+            is_past_fault = review.now - last_found_time >= CALM_SECONDS
+            has_active_alarm = quantity in self.alarms.facts
+            if is_past_fault and not has_active_alarm:
+                # After a loss of control, the fact may have been removed already (``NOT_JUDGED_AFTER_LOSS``).
                 review.facts.pop(quantity, None)
         for quantity, fact in review.facts.items():
-            self.lights.add(LIGHTS[quantity], fact)
+            self.status_lights.add(PART_OF_QUANTITY[quantity], fact)
         return [*self._raise_alarms(review), *self._end_alarms(review)]
 
     def _raise_alarms(self, review: _Review) -> list[Fact]:
@@ -1028,33 +1136,36 @@ class Watchdog:
         return alarms
 
     def _end_alarms(self, review: _Review) -> list[Fact]:
-        """Removes the active alarms that are over, and returns their ends as facts.
+        """Removes the active alarms that are over, and returns the facts that they are over.
 
-        If the fault was one of the present moment (``PRESENT_FAULTS``), its light then states that it is over. All
-        other lights keep stating what was wrong in the flight.
+        If the fault was one of the present moment (``PRESENT_FAULTS``), its status light then states that it is over.
+        All other status lights keep stating what was wrong in the flight.
 
         Args:
             review: the review that ends; its warnings are among the active alarms already.
 
         Returns:
-            The ends to report, with the time, s, at which the fault was found last.
+            The facts to report, each with the time, s, at which its fault was found last.
         """
-        ends = []
+        reported_ends = []
         for quantity in list(self.alarms.facts):
             if not self._is_alarm_over(quantity, review):
                 continue
-            last_found = self.alarms.last_found(quantity)
+            fault_time = self.alarms.last_found(quantity)
             is_end_reported = self._is_end_reported(quantity, review)
             alarm = self.alarms.end(quantity)
             if quantity is WatchedQuantity.CONTROL:
-                self.loss = self.ground_contact = None
+                self.loss = None
+                self.ground_contact = None
             if not is_end_reported:
                 continue
-            end = Fact(WatchFact.ALARM_OVER, time=last_found, reason=alarm)
-            ends.append(end)
+            alarm_over = Fact(WatchFact.ALARM_OVER, time=fault_time, reason=alarm)
+            reported_ends.append(alarm_over)
             if review.is_flying and quantity in PRESENT_FAULTS:
-                self.lights.replace(LIGHTS[quantity], alarm.code, end.replace(alarm.level))
-        return ends
+                # The flight had the fault: the status light keeps its level.
+                past_fault = alarm_over.replace(alarm.level)
+                self.status_lights.replace(PART_OF_QUANTITY[quantity], alarm.code, past_fault)
+        return reported_ends
 
     def _is_alarm_over(self, quantity: WatchedQuantity, review: _Review) -> bool:
         """Returns whether an active alarm is over: after the landing, or if its fault has not been found for some time.
@@ -1116,52 +1227,56 @@ class Watchdog:
             )
         invalid_attitude = self.control.invalid_attitude(vehicle)
         if invalid_attitude is not None:
-            for quantity in NEEDS_ATTITUDE:
+            for quantity in QUANTITIES_BY_ATTITUDE:
                 reasons[quantity] = invalid_attitude
         if self._battery_not_judged is not None:
             reasons.setdefault(WatchedQuantity.BATTERY, self._battery_not_judged)
         return reasons
 
     def set_motors_watched(self, reason: Fact | None, now: float) -> None:
-        """Notes whether motors that lose thrust are detected at present; ``MotorAlarms`` tests them, not this class.
+        """Notes whether a motor that loses thrust would be detected at present; ``MotorAlarms`` tests the motors.
 
-        If so, the status of the motors (their light) becomes "no loss found" until something worse is found. There are
-        two exceptions: after a loss of control, and while the vehicle oscillates. Then the motors go from limit to
-        limit, so that they are not compared with each other, and must not be called sound.
+        If so, the status light of the motors becomes "no loss found" until something worse is found. There are two
+        exceptions: after a loss of control, and while the vehicle oscillates. Then the motors go from limit to limit,
+        so that they are not compared with each other, and must not be called sound.
 
         Args:
             reason: why a motor that loses thrust would not be detected; None if it would be.
             now: present time on the boot clock, s.
         """
-        self.watched.set(WatchedQuantity.MOTORS, reason, now)
+        self.watch_list.set(WatchedQuantity.MOTORS, reason, now)
         is_oscillating = WatchedQuantity.OSCILLATION in self.alarms.facts
         can_detect_loss = reason is None
         if can_detect_loss and self.loss is None and not is_oscillating:
-            self.lights.add_first(Light.MOTORS, Fact(MotorWatchFact.NO_LOSS_FOUND, clock=now))
+            self.status_lights.add_first(
+                Light.MOTORS, Fact(MotorWatchFact.NO_LOSS_FOUND, clock=now)
+            )
 
 
 def latest_estimator_time(signals: Signals, estimator: Fact) -> float:
-    """Returns when a fault of the estimator was there last.
+    """Returns when a fault of the state estimator was there last.
 
     Args:
         signals: signals of the last minute, in which the estimator was judged.
-        estimator: the fault, with its time.
+        estimator: the fault, with its time. Where the fault is a large innovation, its figure "name" is that of the
+            innovation.
 
     Returns:
         The time, s of the boot clock: of an innovation when it was last beyond its limit, of another fault its end by
         its duration.
     """
-    name = estimator.figures.get("name")
-    if name in INNOVATIONS:
+    innovation_name = estimator.figures.get("name")
+    if innovation_name in INNOVATIONS:
         limit = estimator.figures.get("failsafe_limit", INNOVATION_LIMIT)
-        latest_time = latest_time_above(signals.telemetry, name, limit)
+        latest_time = latest_time_above(signals.telemetry, innovation_name, limit)
         if latest_time is not None:
             return latest_time
-    return estimator.start_time + float(estimator.figures.get("duration", 0.0))
+    duration = float(estimator.figures.get("duration", 0.0))
+    return estimator.start_time + duration
 
 
 def latest_vibration_time(signals: Signals, limit: float) -> float:
-    """Returns when the vibration was last above a limit, or an accelerometer out of its range.
+    """Returns when the vibration was last above a limit, or an accelerometer out of its range (clipping).
 
     Args:
         signals: signals of the last minute, in which the vibration was judged.
@@ -1172,5 +1287,8 @@ def latest_vibration_time(signals: Signals, limit: float) -> float:
     """
     vibration = reported_vibration(signals)
     assert vibration is not None
-    is_strong = (vibration.levels.values > limit).any(axis=1) | (vibration.clips > 0).any(axis=1)
-    return float(vibration.levels.time[is_strong].max(initial=-inf))
+    # Each sample has three axes of vibration, and the clipping of several accelerometers: one of them is enough.
+    is_above_limit = (vibration.levels.values > limit).any(axis=1)
+    is_clipping = (vibration.clips > 0).any(axis=1)
+    times = vibration.levels.time[is_above_limit | is_clipping]
+    return float(times.max(initial=-inf))
