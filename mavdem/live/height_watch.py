@@ -1,4 +1,6 @@
-"""Wrong heights of a live vehicle, judged by the rules for logs: an estimate that diverges, a barometer that drifts.
+"""Wrong heights of a live vehicle: a height estimate that diverges from its barometer, or a barometer that drifts.
+
+They are judged by the rules for logs.
 
 The estimator follows its barometer, so that a barometer that drifts shows by the altitude of satellites in flight, and
 for certain after the landing, at rest.
@@ -43,7 +45,7 @@ MEMORY_SECONDS = 15.0
 
 
 class HeightWatch:
-    """Watches one boot of a vehicle for heights that are wrong."""
+    """Watches the heights of a vehicle since its autopilot started: estimated, by barometer, and by satellites."""
 
     def __init__(self, recent: RecentMessages, control: ControlWatch) -> None:
         """Begins without a rest.
@@ -58,11 +60,11 @@ class HeightWatch:
         self._latest_rest: TimeInterval | None = None
         self._rest_before_flight: TimeInterval | None = None
         # The latest divergence of the estimated height; None before any.
-        self._divergence: Fact | None = None
+        self._latest_divergence: Fact | None = None
         # How much higher the barometer read than satellites at the take-off, m; None before that is known.
-        self._initial_difference: float | None = None
+        self._takeoff_difference: float | None = None
         # The latest disagreement of these two in the present flight; None before any.
-        self._disagreement: Fact | None = None
+        self._latest_disagreement: Fact | None = None
 
     def divergence(self, moment: FlightMoment) -> Fact | None:
         """Returns the event that the autopilot's height estimate diverges from its barometer, if it does.
@@ -75,30 +77,30 @@ class HeightWatch:
         Returns:
             The latest such event of the last ``MEMORY_SECONDS``, with its times; None if there was none.
         """
-        start = moment.time - MEMORY_SECONDS
+        start_time = moment.time - MEMORY_SECONDS
         # This comparison of the climb rates is quick. The full judgement below takes much longer, and is needed only if
         # they contradict each other.
-        columns = self._recent.columns((BAROMETER_MESSAGE, *CLIMB_RATE_FIELDS), start)
-        comparison = height_comparison(
-            Signals(replace(moment.vehicle, messages=columns)), self._recent.boot
-        )
+        columns = self._recent.columns((BAROMETER_MESSAGE, *CLIMB_RATE_FIELDS), start_time)
+        height_signals = Signals(replace(moment.vehicle, messages=columns))
+        comparison = height_comparison(height_signals, self._recent.boot)
         if not comparison.contradictions:
             return None
-        # The seconds of specific force that are kept have no rest, without which its error has no known cause.
+        # The accelerometer is left out: its offset is known only from a rest on the ground, and the seconds that are
+        # kept contain none.
         signals = self._control.signals(
             moment.vehicle,
             moment.motion,
             (BAROMETER_MESSAGE, "VIBRATION"),
-            start,
+            start_time,
             has_accelerometer=False,
         )
         sensors = BootSensors(signals, self._recent.boot, moment.takeoff_time)
-        flight_interval = (max(moment.takeoff_time, start), moment.time)
+        flight_interval = (max(moment.takeoff_time, start_time), moment.time)
         divergences = list(height_divergences(sensors, flight_interval))
         if not divergences:
             return None
-        self._divergence = _with_known_start(divergences[-1], self._divergence)
-        return self._divergence
+        self._latest_divergence = _with_known_start(divergences[-1], self._latest_divergence)
+        return self._latest_divergence
 
     def disagreement(self, moment: FlightMoment) -> Fact | None:
         """Returns the event that barometer and satellite receiver disagree about the height, if they do.
@@ -113,47 +115,55 @@ class HeightWatch:
             the last ``MEMORY_SECONDS``.
         """
         flight_start = moment.takeoff_time - SECONDS_BEFORE_TAKE_OFF
-        start = moment.time - MEMORY_SECONDS
-        if self._initial_difference is None:
-            # The difference at the take-off is needed, and follows from the messages since then.
-            start = flight_start
-        former_event = self._disagreement
+        # The last seconds are enough, except before the difference at the take-off is known.
+        search_start = moment.time - MEMORY_SECONDS
+        if self._takeoff_difference is None:
+            search_start = flight_start
+        former_event = self._latest_disagreement
         is_ongoing = former_event is not None and former_event.end_time is None
-        latest = self._disagreement_since(start, moment, is_ongoing=is_ongoing)
-        if latest is None:
+        recent_event = self._disagreement_since(search_start, moment, is_ongoing=is_ongoing)
+        if recent_event is None:
             return None
-        # The former event, if the latest one continues it; otherwise the latest one itself.
-        event = _with_known_start(latest, former_event)
-        is_new = event is latest
-        if is_new:
+        event = _with_known_start(recent_event, former_event)
+        continues_former_event = event is not recent_event
+        if not continues_former_event:
             # A slow drift began long before the last seconds: its start is found in the whole flight.
-            event = self._disagreement_since(flight_start, moment) or latest
-        largest_difference = max(event.figures["height"], latest.figures["height"], key=abs)
-        self._disagreement = event.replace(height=largest_difference)
-        return self._disagreement
+            event = self._disagreement_since(flight_start, moment) or recent_event
+        # Either event may have the larger difference, which may be negative.
+        largest_difference = event.figures["height"]
+        recent_difference = recent_event.figures["height"]
+        if abs(recent_difference) > abs(largest_difference):
+            largest_difference = recent_difference
+        self._latest_disagreement = event.replace(height=largest_difference)
+        return self._latest_disagreement
 
     def _disagreement_since(
-        self, start: float, moment: FlightMoment, *, is_ongoing: bool = False
+        self, start_time: float, moment: FlightMoment, *, is_ongoing: bool = False
     ) -> Fact | None:
-        """Returns the latest event that barometer and satellites disagree since a time; None if they agree.
+        """Returns the latest event that barometer and satellites disagree about the height, since a given time.
+
+        It also notes the difference of their heights at the take-off, once the messages show it.
 
         Args:
-            start: time of the first message that is used, s of the boot clock.
+            start_time: time of the first message that is used, s of the boot clock.
             moment: present time, with the vehicle's parameters, time of take-off, and motion of the last seconds.
             is_ongoing: whether they disagreed when they were compared last.
+
+        Returns:
+            The event; None if they agree, or if the difference at the take-off is not known.
         """
-        columns = self._recent.columns((BAROMETER_MESSAGE, RECEIVER_MESSAGE), start)
+        columns = self._recent.columns((BAROMETER_MESSAGE, RECEIVER_MESSAGE), start_time)
         signals = Signals(replace(moment.vehicle, messages=columns))
         difference = height_difference(signals, self._recent.boot)
         if difference is None:
             return None
-        if self._initial_difference is None:
-            self._initial_difference = initial_difference(difference, moment.takeoff_time)
-        if self._initial_difference is None:
+        if self._takeoff_difference is None:
+            self._takeoff_difference = initial_difference(difference, moment.takeoff_time)
+        if self._takeoff_difference is None:
             return None
         flight_interval = (moment.takeoff_time, moment.time)
         return disagreement(
-            difference, self._initial_difference, flight_interval, is_known=is_ongoing
+            difference, self._takeoff_difference, flight_interval, is_known=is_ongoing
         )
 
     def add_rest(self, vehicle: Telemetry, motion: RecentMotion | None) -> None:
@@ -173,8 +183,8 @@ class HeightWatch:
         After the landing, the heights at rest before and after the flight are compared.
         """
         self._rest_before_flight = self._latest_rest
-        self._initial_difference = None
-        self._disagreement = None
+        self._takeoff_difference = None
+        self._latest_disagreement = None
 
     def end_flight(self, now: float) -> Fact | None:
         """Ends a disagreement of barometer and satellites that lasts until the landing.
@@ -185,10 +195,10 @@ class HeightWatch:
         Returns:
             The latest disagreement in this flight, which may have ended before; None without any.
         """
-        event = self._disagreement
+        event = self._latest_disagreement
         if event is not None and event.end_time is None:
-            self._disagreement = event.replace(end_time=now)
-        return self._disagreement
+            self._latest_disagreement = event.replace(end_time=now)
+        return self._latest_disagreement
 
     def judgement_at_rest(
         self, vehicle: Telemetry, flight_interval: TimeInterval, motion: RecentMotion | None
@@ -205,39 +215,45 @@ class HeightWatch:
             wandered. None if neither has, before the vehicle has rested after the landing, or if it was not seen to
             rest before the take-off.
         """
-        take_off, _ = flight_interval
-        if self._rest_before_flight is None or not isfinite(take_off):
+        takeoff_time, _ = flight_interval
+        if self._rest_before_flight is None or not isfinite(takeoff_time):
             return None
-        names = (BAROMETER_MESSAGE, RECEIVER_MESSAGE)
-        signals = self._control.signals(vehicle, motion, names)
-        rests = [self._rest_before_flight, *rest_intervals(signals, self._recent.boot)]
-        sensors = BootSensors(signals, self._recent.boot, take_off)
-        drift = next(barometer_drifts(sensors, flight_interval, rests), None)
-        event = self._disagreement
-        if drift is not None:
-            return dated_by_growth(drift, event)
-        if event is None or not is_barometer_steady(sensors, flight_interval, rests):
+        height_messages = (BAROMETER_MESSAGE, RECEIVER_MESSAGE)
+        signals = self._control.signals(vehicle, motion, height_messages)
+        rests = [self._rest_before_flight]
+        rests += rest_intervals(signals, self._recent.boot)
+        sensors = BootSensors(signals, self._recent.boot, takeoff_time)
+        barometer_drift = next(barometer_drifts(sensors, flight_interval, rests), None)
+        disagreement_in_flight = self._latest_disagreement
+        if barometer_drift is not None:
+            return dated_by_growth(barometer_drift, disagreement_in_flight)
+        if disagreement_in_flight is None:
             return None
-        return event.replace(Level.GOOD)
+        if not is_barometer_steady(sensors, flight_interval, rests):
+            return None
+        # The barometer was right, so that the satellites wandered, which is no fault of the vehicle.
+        return disagreement_in_flight.replace(Level.GOOD)
 
 
-def _with_known_start(event: Fact, known: Fact | None) -> Fact:
+def _with_known_start(event: Fact, earlier_event: Fact | None) -> Fact:
     """Gives an event the start at which it was found first, if it is still the same one.
 
-    Its first seconds are forgotten after ``MEMORY_SECONDS``, so that it seems to begin later and later.
+    The first seconds of a long event are no longer among the messages that are kept, so that it seems to begin later
+    with each review.
 
     Args:
         event: the event, as the messages that are still kept show it.
-        known: the event of this kind that was found before; None before any.
+        earlier_event: the event of this kind that was found before; None before any.
 
     Returns:
-        The event that was found before, with the new end, if this one begins within it; otherwise this one.
+        The earlier event with the new end, if ``event`` begins within it; otherwise ``event``.
     """
-    if known is None:
+    if earlier_event is None:
         return event
     # The climb rates are compared on a time grid that begins with the kept messages. So a start up to a step later is
     # the same start.
-    latest_same_start = known.start_time + 1.0 / GRID_RATE
-    if latest_same_start < event.start_time < known.latest_time:
-        return known.replace(end_time=event.end_time)
+    grid_step = 1.0 / GRID_RATE
+    latest_same_start = earlier_event.start_time + grid_step
+    if latest_same_start < event.start_time < earlier_event.latest_time:
+        return earlier_event.replace(end_time=event.end_time)
     return event

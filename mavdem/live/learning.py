@@ -1,4 +1,4 @@
-"""Learning of models in a live flight, from rows: motor outputs and motion at one time, at equal steps."""
+"""Learning of models in a live flight, from rows: samples of motor outputs, angle and body rate at equal steps."""
 
 from collections import deque
 from collections.abc import Callable
@@ -100,13 +100,13 @@ class FlightLearning:
         return self._row_format
 
     def begin(self, row_format: RowFormat) -> None:
-        """Prepares for the rows of another segment.
+        """Prepares for the rows of another segment: those after a gap, or with other motors or another time step.
 
         If motors and time step are the same, the learner continues across the gap between the segments. Otherwise its
         matrices no longer fit, and a new learner begins.
 
         Args:
-            row_format: format of the next rows.
+            row_format: names of motors and outputs, units and time step of the next rows.
         """
         # The format of the rows of the segment before; None before the first one.
         former_format = self._row_format
@@ -115,7 +115,8 @@ class FlightLearning:
             if former_format.boot != row_format.boot:
                 self._date_models_of_other_boot()
             has_same_motors = former_format.geometry.names == row_format.geometry.names
-            if has_same_motors and former_format.dt == row_format.dt:
+            has_same_step = former_format.dt == row_format.dt
+            if has_same_motors and has_same_step:
                 return
         self.learner = self._new_learner(row_format)
         self._gusts = GustDetector(row_format.dt)
@@ -128,11 +129,18 @@ class FlightLearning:
         Args:
             row_format: names of motors and outputs, units and time step of the rows.
         """
-        prior = self._prior
-        if prior is not None and prior.record.input_units != row_format.input_units:
-            prior = None
-            self._log(Fact(SessionFact.PRIOR_NOT_USED))
+        prior_parameters = None
+        if self._prior is not None:
+            if self._prior.record.input_units == row_format.input_units:
+                prior_parameters = self._prior.physical
+            else:
+                # Thrust per output is not comparable between outputs of different units.
+                self._log(Fact(SessionFact.PRIOR_NOT_USED))
         geometry = row_format.geometry
+        # The signs in which each motor turns the vehicle about the axis; None where the motors' places are guessed.
+        effect_directions = None
+        if not geometry.positions_assumed:
+            effect_directions = geometry.mixer_row(self._axis)
         return OnlineLearner(
             self._settings,
             row_format.dt,
@@ -140,10 +148,8 @@ class FlightLearning:
             len(model_outputs(self._axis)),
             executor=self._executor,
             horizons=horizon_steps(row_format.dt),
-            effect_directions=(
-                None if geometry.positions_assumed else geometry.mixer_row(self._axis)
-            ),
-            prior=None if prior is None else prior.physical,
+            effect_directions=effect_directions,
+            prior=prior_parameters,
         )
 
     def _date_models_of_other_boot(self) -> None:
@@ -210,16 +216,17 @@ class FlightLearning:
             self.has_settled = True
         else:
             self._climb_model = model
-        if model is not None and model not in (self.newest_model, self._climb_model):
+        is_known_model = model in (self.newest_model, self._climb_model)
+        if model is not None and not is_known_model:
             self.newest_model = model
+            # A model that is newer than the last landing is of another flight.
             self.has_landed = False
             self._models.append(_KeptModel(row.time, model))
 
-    def count_row(self, estimate: Estimate | None) -> None:
-        """Counts a row, and reports unexpected motion and gusts that its estimate shows.
+    def note_estimate(self, estimate: Estimate | None) -> None:
+        """Takes the estimate of a row: counts the row, and reports unexpected motion and gusts that begin with it.
 
-        Unexpected motion is reported when it begins, not with each of its samples. The row's segment must have begun,
-        as for :meth:`learn_row`.
+        The row's segment must have begun, as for :meth:`learn_row`.
 
         Args:
             estimate: estimate of the row; None if it was not learned from.
@@ -228,18 +235,26 @@ class FlightLearning:
             self.unlearned_rows += 1
             return
         self.learned_rows += 1
-        was_unusual = self.estimate is not None and self.estimate.unusual
-        if estimate.unusual and not was_unusual:
-            latest_surprise = estimate.latest_mark
-            cause = None if latest_surprise is None else latest_surprise.cause
-            self._log(
-                Fact(SessionFact.MOTION_UNEXPECTED, clock=estimate.window_center, cause=cause)
-            )
+        was_unexpected = self.estimate is not None and self.estimate.unusual
+        if estimate.unusual and not was_unexpected:
+            self._report_unexpected_motion(estimate)
         self.estimate = estimate
-        # ``begin`` has made it together with the learner that gave the estimate.
+        # ``begin`` has made the detector together with the learner that gave the estimate.
         assert self._gusts is not None
         for gust in self._gusts.add(estimate):
             self._log(gust)
+
+    def _report_unexpected_motion(self, estimate: Estimate) -> None:
+        """Reports that the motion has become improbable for the model, with the cause if that is known.
+
+        Args:
+            estimate: the first estimate with unexpected motion.
+        """
+        cause = None
+        unexpected_window = estimate.latest_mark
+        if unexpected_window is not None:
+            cause = unexpected_window.cause
+        self._log(Fact(SessionFact.MOTION_UNEXPECTED, clock=estimate.window_center, cause=cause))
 
     def withdraw_since(self, landing_time: float) -> None:
         """Forgets the samples of a landing or of a loss of control, and the models that were learned from them.
@@ -328,13 +343,15 @@ class FlightLearning:
         if row_format is None:
             return learned
         motor_names = row_format.geometry.names
-        # The model is of other motors than the latest rows: their names would be wrong.
-        if learned.record.inputs.shape[1] != len(motor_names):
+        input_count = learned.record.inputs.shape[1]
+        if input_count != len(motor_names):
+            # The model is of other motors than the latest rows: their names would be wrong.
             return learned
         outputs = model_outputs(self._axis)
-        gains = {
-            name: value for name, value in parameters.items() if CONTROL_PARAMETERS.match(name)
-        }
+        gains = {}
+        for name, value in parameters.items():
+            if CONTROL_PARAMETERS.match(name):
+                gains[name] = value
         record = replace(
             learned.record,
             input_names=motor_names,

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from math import nan
 
 from mavdem.assessment.autopilot_messages import REPEAT_SECONDS
+from mavdem.containers import Numbers
 from mavdem.dem import Estimate, Learned
 from mavdem.errors import failure_fact
 from mavdem.facts import Fact
@@ -24,7 +25,7 @@ OpenDisplay = Callable[[RowFormat], Display | None]
 
 
 class Presentation:
-    """Shows rows and events on a display, if there is one, and keeps the history of the flight.
+    """Shows the samples (rows) and events of a flight on a display, if there is one, and keeps its history.
 
     Attributes:
         history: what happened.
@@ -90,13 +91,13 @@ class Presentation:
         wind: WindEstimate | None,
         pose: LatestPose | None = None,
     ) -> None:
-        """Adds a row to the history, with the latest wind and pose, and each motor as a share of its range.
+        """Adds one sample of the flight to the history, with the latest wind and pose.
 
-        The wind is kept as speed and half width of its band, m/s. Of the pose, roll, pitch, their setpoints and yaw are
-        kept, rad, and the position, m. What is not known is NaN.
+        The wind is kept as speed and half width of its band, m/s, and each motor output as a fraction of its range.
+        What is not known is NaN.
 
         Args:
-            row: the row.
+            row: the sample: motor outputs and motion at one time.
             row_format: format of the row, with the boot of its time, and the range of the motors.
             estimate: estimate of the learner for this row; None if the learner did not take the row.
             wind: the latest estimate of the wind, which is left out ``SILENCE_SECONDS`` later; None before the first.
@@ -109,28 +110,10 @@ class Presentation:
             compass_wind = wind.compass
             wind_speed = compass_wind.speed
             wind_band = compass_wind.speed_high - compass_wind.speed
-        tilts = (nan, nan)
-        tilt_setpoints = (nan, nan)
-        yaw = nan
-        north, east, height = nan, nan, nan
-        if pose is not None:
-            roll, pitch, yaw = pose.angles
-            tilts = (roll, pitch)
-            roll_setpoint, pitch_setpoint = pose.setpoint
-            tilt_setpoints = (roll_setpoint, pitch_setpoint)
-            if pose.position is not None:
-                north, east, down = pose.position
-                height = -down
         motor_fractions = row_format.scale.fraction(row.inputs)
         self.history.advance(row.time, row_format.boot)
         # ``LiveHistory.add_row`` defines this order.
-        further_values = (
-            *(wind_speed, wind_band),
-            *tilts,
-            *tilt_setpoints,
-            *(yaw, north, east, height),
-            *motor_fractions,
-        )
+        further_values = (wind_speed, wind_band, *_pose_values(pose), *motor_fractions)
         self.history.add_row(row.segment, row.time, row.outputs, estimate, further_values)
 
     def show(
@@ -167,40 +150,44 @@ class Presentation:
 
     def preview(
         self,
-        latest: FormattedRow | None,
+        latest_sample: FormattedRow | None,
         pose: LatestPose | None,
         displayed_format: RowFormat | None,
     ) -> None:
-        """Displays the latest sample while there are no rows.
+        """Displays the latest sample of a vehicle whose messages come too slowly to learn a model from them.
 
-        In flight, rows begin only once messages come fast enough and the flight is free. Until then the user must see
-        the motion, to find out what is wrong.
+        Otherwise each sample is displayed as it is learned from. Where none is, the user must see the motion
+        nevertheless, to find out what is wrong.
 
         Args:
-            latest: the sample as a row, with its format; None without a sample, or while there are rows.
+            latest_sample: the sample, with its format; None without one, or while all samples are displayed anyway.
             pose: latest pose of the vehicle; None if it is not known.
-            displayed_format: format of the rows that the display has shown so far; None before the first row. Samples
-                of other motors cannot be added to the same display.
+            displayed_format: format of the samples that the display has shown so far; None before the first. Samples of
+                other motors cannot be added to the same display.
         """
-        if latest is None:
+        if latest_sample is None:
             return
         if not self.has_display:
-            self.open(latest.row_format)
-        motor_names = latest.row_format.geometry.names
+            self.open(latest_sample.row_format)
+        motor_names = latest_sample.row_format.geometry.names
         if displayed_format is None or displayed_format.geometry.names == motor_names:
-            self.show(latest.row, pose)
+            self.show(latest_sample.row, pose)
 
     def log(self, fact: Fact) -> None:
-        """Reports a fact to the user, to the history and to the display, unless it repeats one that was just reported.
+        """Reports a fact (a finding) as an event: to the user, to the history and to the display.
+
+        A fact that repeats one that was just reported is dropped.
 
         Args:
-            fact: its time, where it has one, is in s of the boot clock.
+            fact: its time, where it has one, is in s of the boot clock. The event has it in s of the session's
+                timeline, which goes on across reboots.
         """
         if self._is_repetition(fact):
             return
+        timeline_offset = self.history.timeline_offset
         start_time = nan
         if fact.time is not None:
-            start_time = fact.time + self.history.timeline_offset
+            start_time = fact.time + timeline_offset
             if fact.time == self._motor_alarms.change_time:
                 # The fact is about a motor that became weak then: since that time the estimated wind torque was in
                 # truth the torque of the motor.
@@ -210,7 +197,7 @@ class Presentation:
             fact,
             start_time,
             reception=clock.unix_time(),
-            clock=self.history.now - self.history.timeline_offset,
+            clock=self.history.now - timeline_offset,
             boot=self.history.boot,
         )
         self._report_event(event)
@@ -239,6 +226,26 @@ class Presentation:
             return True
         recent_times[key] = now
         return False
+
+
+def _pose_values(pose: LatestPose | None) -> Numbers:
+    """Returns the numbers of a pose that the history keeps; each is NaN if it is not known.
+
+    Args:
+        pose: the latest attitude with its setpoint and position; None before the first.
+
+    Returns:
+        Roll, pitch, their setpoints and yaw, rad; north, east and height, m.
+    """
+    if pose is None:
+        return (nan,) * 8
+    roll, pitch, yaw = pose.angles
+    roll_setpoint, pitch_setpoint = pose.setpoint
+    north, east, height = nan, nan, nan
+    if pose.position is not None:
+        north, east, down = pose.position
+        height = -down
+    return (roll, pitch, roll_setpoint, pitch_setpoint, yaw, north, east, height)
 
 
 def _repetition_key(fact: Fact) -> tuple[object, ...]:

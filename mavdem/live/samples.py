@@ -73,40 +73,42 @@ class SampleStream:
             Whether the sample was added. It is dropped if its stamp is there already, if it is too late, or if it is
             not finite.
         """
-        if not all(map(isfinite, values)):
+        if not all(isfinite(value) for value in values):
             return False
         stamps = self.time
         # The place of the sample in the order of stamps: nearly always the end.
-        row = bisect_left(stamps, time)
-        is_last = row == len(stamps)
-        if not is_last:
-            if stamps[row] == time:
+        index = bisect_left(stamps, time)
+        is_latest = index == len(stamps)
+        if not is_latest:
+            if stamps[index] == time:
                 return False
             if time <= max(self.completed_time, self.start_time):
                 self.late_count += 1
                 return False
-        # Length of the gap that this sample ends, s; 0 if it ends none.
         self.gap = 0.0
-        if is_last and stamps and time - stamps[-1] > MAX_GAP_SECONDS:
-            self.gap = time - stamps[-1]
-            self._gap_end = time
-        stamps.insert(row, time)
+        if is_latest and stamps:
+            step = time - stamps[-1]
+            if step > MAX_GAP_SECONDS:
+                self.gap = step
+                self._gap_end = time
+        stamps.insert(index, time)
         self._value_count = len(values)
-        start = row * self._value_count
-        self._values[start:start] = array("d", values)
+        first_value = index * self._value_count
+        # An empty slice is replaced, which inserts the values.
+        self._values[first_value:first_value] = array("d", values)
         self.added_count += 1
         if self.added_count % SAMPLES_PER_CLEANING == 0:
             self._drop_old_samples()
         return True
 
-    def sample(self, row: int) -> Numbers:
+    def sample(self, index: int) -> Numbers:
         """Returns the values of one sample.
 
         Args:
-            row: number of the sample in ``time``, from 0.
+            index: number of the sample in ``time``, from 0.
         """
-        start = row * self._value_count
-        return tuple(self._values[start : start + self._value_count])
+        first_value = index * self._value_count
+        return tuple(self._values[first_value : first_value + self._value_count])
 
     @property
     def latest(self) -> Numbers:
@@ -157,10 +159,11 @@ class SampleStream:
             The rate, Hz; None with ``MEDIAN_STEPS`` samples or fewer, whose rate would be chance.
         """
         start_time = max(self.start_time, self.time[-1] - DECISION_SECONDS)
-        stamps = self.time[bisect_left(self.time, start_time) :]
-        if len(stamps) <= segments.MEDIAN_STEPS:
+        first_index = bisect_left(self.time, start_time)
+        recent_stamps = self.time[first_index:]
+        if len(recent_stamps) <= segments.MEDIAN_STEPS:
             return None
-        return resampling.mean_rate(stamps)
+        return resampling.mean_rate(recent_stamps)
 
     def nearest(self, time: float) -> Numbers | None:
         """Returns the values of the sample at a time, or of the nearest one within the resolution of stamps.
@@ -172,18 +175,19 @@ class SampleStream:
             The values; None if no stamp is as near as ``STAMP_RESOLUTION``. Of two equally near samples it is the
             earlier one.
         """
-        next_row = bisect_left(self.time, time)
-        nearest_row = None
+        # The nearest sample is either the last one before the time, or the first one at or after it.
+        next_index = bisect_left(self.time, time)
+        nearest_index = None
         nearest_distance = inf
-        for row in (next_row - 1, next_row):
-            if 0 <= row < len(self.time):
-                distance = abs(self.time[row] - time)
+        for index in (next_index - 1, next_index):
+            if 0 <= index < len(self.time):
+                distance = abs(self.time[index] - time)
                 if distance < nearest_distance:
-                    nearest_row = row
+                    nearest_index = index
                     nearest_distance = distance
-        if nearest_row is None or nearest_distance > resampling.STAMP_RESOLUTION:
+        if nearest_index is None or nearest_distance > resampling.STAMP_RESOLUTION:
             return None
-        return self.sample(nearest_row)
+        return self.sample(nearest_index)
 
     def weighted_sum(self, time: float, weights: Array, offsets: Array) -> Numbers:
         """Returns the weighted sum of interpolated values around a time: a finite impulse response (FIR) filter.
@@ -199,13 +203,14 @@ class SampleStream:
         Returns:
             The sum for each value of a sample, in its unit.
         """
-        # One sample before the first tap, and one at or after the last, enclose all of them.
-        first_row = bisect_left(self.time, time + offsets[0]) - 1
-        first_row = max(first_row, bisect_left(self.time, self.start_time))
-        last_row = bisect_left(self.time, time + offsets[-1])
-        stamps = self.time[first_row : last_row + 1]
-        start = first_row * self._value_count
-        end = (last_row + 1) * self._value_count
-        columns = np.array(self._values[start:end]).reshape(-1, self._value_count).T
-        interpolated = [np.interp(time + offsets, stamps, column) for column in columns]
-        return tuple((np.array(interpolated) @ weights).tolist())
+        tap_times = time + offsets
+        # The samples around the taps: from the last one before the first tap to the first one at or after the last tap.
+        first_index_since_gap = bisect_left(self.time, self.start_time)
+        first_index = max(bisect_left(self.time, tap_times[0]) - 1, first_index_since_gap)
+        end_index = bisect_left(self.time, tap_times[-1]) + 1
+        stamps = self.time[first_index:end_index]
+        value_count = self._value_count
+        flat_values = self._values[first_index * value_count : end_index * value_count]
+        samples = np.array(flat_values).reshape(-1, value_count)
+        values_at_taps = [np.interp(tap_times, stamps, column) for column in samples.T]
+        return tuple((np.array(values_at_taps) @ weights).tolist())

@@ -306,7 +306,7 @@ class LiveSession:
         silence = self._note_messages(first_arrival, batches[-1].arrival_time, frames)
         self.history.advance(self.stream.now, self.stream.boot)
         self._add_sample_to_history()
-        self._withdraw_unsettled()
+        self._withdraw_landing_or_loss()
         self._report_resumption(silence)
         has_rebooted = self.stream.boot != former_boot
         if has_rebooted or silence > SILENCE_SECONDS:
@@ -318,20 +318,22 @@ class LiveSession:
         Args:
             silence: how long no message of the followed vehicle had come before the latest ones, s.
         """
+        # How long neither attitudes nor motor outputs had come before the latest samples, s.
         motion_silence = self._silence_monitor.note_samples(self.stream.sample_count)
         self._silence_monitor.note_attitudes(self.stream.attitude_count)
-        silences = ((MissingMessages.MESSAGES, silence), (MissingMessages.MOTION, motion_silence))
-        for missing, seconds in silences:
-            resumption_fact = resumption(missing, seconds)
-            if resumption_fact is not None:
-                self._presentation.log(resumption_fact)
-                # Where all messages were missing, those of attitude and motor outputs are among them.
-                break
+        resumption_fact = resumption(MissingMessages.MESSAGES, silence)
+        if resumption_fact is None:
+            # Where all messages were missing, those of attitude and motor outputs are among them.
+            resumption_fact = resumption(MissingMessages.MOTION, motion_silence)
+        if resumption_fact is not None:
+            self._presentation.log(resumption_fact)
 
     def _note_messages(
         self, first_arrival: float, last_arrival: float, frames: Sequence[Frame]
     ) -> float:
-        """Notes for the silence monitor who sent the latest messages: the followed vehicle, others, or nobody intact.
+        """Tells the silence monitor who sent the latest messages: the followed vehicle, others, or nobody intact.
+
+        If the followed vehicle has been silent for long while another one sends, that becomes its successor.
 
         Args:
             first_arrival: when the first of the messages arrived, s of the monotonic clock.
@@ -343,11 +345,14 @@ class LiveSession:
         """
         vehicle = self.stream.followed_vehicle
         monitor = self._silence_monitor
-        if not any(frame.checksum == CHECKSUM_MATCHES for frame in frames):
+        has_intact_frame = any(frame.checksum == CHECKSUM_MATCHES for frame in frames)
+        if not has_intact_frame:
             monitor.note_noise(last_arrival)
         if not frames:
             return 0.0
-        if vehicle is None or any(vehicle.has_sent(frame) for frame in frames):
+        # Before a vehicle is chosen, any sender may be the one.
+        is_from_vehicle = vehicle is None or any(vehicle.has_sent(frame) for frame in frames)
+        if vehicle is None or is_from_vehicle:
             return monitor.note_messages(first_arrival, last_arrival)
         monitor.note_other_messages(last_arrival)
         if monitor.is_succeeded(first_arrival):
@@ -378,25 +383,27 @@ class LiveSession:
         )
 
     def _add_sample_to_history(self) -> None:
-        """Adds the latest sample to the history in flight while messages come too slowly for rows.
+        """Adds the latest sample to the history in flight while messages come too slowly to learn a model from them.
 
-        So the flight is drawn at any rate of messages. Samples are ``SAMPLE_PERIOD`` apart; nothing is learned of them.
+        So plots show the flight at any rate of messages. These samples are at least ``SAMPLE_PERIOD`` apart.
         """
         # After a reboot the clock begins again, so that the difference may be negative. It is NaN before any time.
         is_due = abs(self.stream.now - self._sample_time) >= SAMPLE_PERIOD
         if not self.stream.is_flying or not is_due:
             return
         self._sample_time = self.stream.now
-        latest = self.stream.latest_row()
-        if latest is None:
+        latest_sample = self.stream.latest_row()
+        if latest_sample is None:
+            # There is none, or messages come fast enough: ``_process_row`` adds each sample then.
             return
-        self.history.motor_names = latest.row_format.geometry.names
+        row_format = latest_sample.row_format
+        self.history.motor_names = row_format.geometry.names
         self._presentation.add_to_history(
-            latest.row, latest.row_format, None, self.stream.wind.latest, self.stream.pose
+            latest_sample.row, row_format, None, self.stream.wind.latest, self.stream.pose
         )
 
     def _process_row(self, row: AlignedRow, arrival_time: float) -> None:
-        """Trains the model with one row, that is one sample of motor outputs and motion, and shows the sample.
+        """Trains the model with one row, that is one sample of motor outputs and motion at one time, and shows it.
 
         All rows are shown. The learner gets rows of free flight only, in which the vehicle is in the air and nothing
         holds it, unless this computer is so late that estimates are postponed. The latency is the time from the
@@ -410,8 +417,9 @@ class LiveSession:
         row_format = self.stream.row_format
         assert row_format is not None
         learning = self._learning
-        # A new segment of the stream has a new format object; its rows may have other inputs or another step.
-        if row_format is not learning.row_format:
+        is_new_segment = row_format is not learning.row_format
+        if is_new_segment:
+            # A segment of the stream has a format object of its own; its rows may have other motors or another step.
             learning.begin(row_format)
             self.history.motor_names = row_format.geometry.names
             self._presentation.open(row_format)
@@ -423,26 +431,27 @@ class LiveSession:
             # While a motor is weak, the other motors balance its missing thrust, and that torque is not the wind's.
             estimate = learning.learn_row(row, self.stream.motor_alarms.weak_since)
         self._latencies.add(clock.monotonic() - arrival_time)
-        learning.count_row(estimate)
+        learning.note_estimate(estimate)
         wind = self.stream.wind.latest
         self._presentation.add_to_history(row, row_format, estimate, wind, self.stream.pose)
         model = None if learning.learner is None else learning.learner.learned
         self._presentation.show(row, self.stream.pose, estimate, model, wind)
 
-    def _withdraw_unsettled(self) -> None:
-        """Removes a landing or a loss of control from the samples of the model, and has the recording judged.
+    def _withdraw_landing_or_loss(self) -> None:
+        """Removes a landing or a loss of control, once it is recognised, from the samples that the model is trained on.
 
-        Both are recognised some time after they have begun. Until then their samples are taken for settled flight, and
-        the model is trained on them.
+        It is recognised some time after it has begun. Until then its samples are taken for settled flight, and the
+        model is trained on them. As the flight is over or lost now, its recording is due to be judged, too.
         """
-        withdrawal_time = self.stream.pop_withdrawal_time()
-        if withdrawal_time is None:
+        # When the landing or the loss of control began, s of the boot clock.
+        onset = self.stream.pop_withdrawal_time()
+        if onset is None:
             return
         if self.gain_adviser is not None:
             self.gain_adviser.is_due = True
-        self.history.forget_learned_since(withdrawal_time)
+        self.history.forget_learned_since(onset)
         if self._learning.learner is not None:
-            self._learning.withdraw_since(withdrawal_time)
+            self._learning.withdraw_since(onset)
 
     def _update_status(self, now: float) -> SessionStatus:
         """Determines the status, reports it, and shows what a display needs between two rows; called once a second.
@@ -476,43 +485,57 @@ class LiveSession:
         return status
 
     def _report_no_model_reason(self, status: SessionStatus) -> None:
-        """Reports why no model is learned, or that one is being learned again, if that has changed.
+        """Reports why no model is learned, or that one is being learned again, whenever that changes.
 
-        In flight, a lost link is such a reason, which is reported again when it has become bad.
-
-        The same reason with other figures, such as rates that vary, is not reported again. While a vehicle is out of
-        control in the air, nothing about learning is reported.
+        In flight, a lost link is such a reason, which is reported again when it has become bad. The same reason with
+        other measured figures, such as rates that vary, is not reported again.
 
         Args:
             status: the present status, with the reason.
         """
         reason = status.link_loss or status.no_model_reason
         if status.is_flying and reason is not None and reason.code in NO_ROWS_CODES:
+            # It is kept for the end of the session, when the vehicle no longer flies.
             self._no_rows_reason = reason
         former_reason = self._reported_reason
         if _without_measurements(reason) == _without_measurements(former_reason):
             return
         self._reported_reason = reason
+        if self._is_reported_otherwise(reason, former_reason, status):
+            return
+        if reason is None:
+            report = Fact(SessionFact.BEING_LEARNED, Level.GOOD)
+        elif reason.code is SessionFact.FLIGHT_OVER and status.loss is not None:
+            # The loss was an alarm, which said what to do: that is not repeated as the reason of the end.
+            report = reason.replace(reason=None)
+        else:
+            report = reason
+        is_alarmed = any(alarm.is_bad for alarm in status.active_alarms)
+        if is_alarmed:
+            # During an alarm, the report must not advise the pilot to fly on: ``grounded`` is without such advice.
+            report = report.grounded
+        self._presentation.log(report)
+
+    def _is_reported_otherwise(
+        self, reason: Fact | None, former_reason: Fact | None, status: SessionStatus
+    ) -> bool:
+        """Returns whether a change of the reason without a model needs no report, since another one says it.
+
+        Args:
+            reason: why no model is learned now; None if one is.
+            former_reason: the reason before; None if there was none.
+            status: the present status of the session.
+        """
         if reason is None and former_reason == FIRST_FIT_RUNNING:
             # The first model was reported when it came.
-            return
+            return True
         if status.is_flying and status.loss is not None:
-            return
+            # While a vehicle is out of control in the air, nothing about learning matters.
+            return True
         is_after_landing = self._learning.has_landed and not status.is_flying
-        if is_after_landing and reason is not None and reason.code is SessionFact.NOT_FLYING:
-            # The landing is reported with what the flight has shown; another take-off is the pilot's choice.
-            return
-        if (
-            reason is not None
-            and reason.code is SessionFact.FLIGHT_OVER
-            and status.loss is not None
-        ):
-            # The loss was an alarm, which said what to do.
-            reason = reason.replace(reason=None)
-        report = reason or Fact(SessionFact.BEING_LEARNED, Level.GOOD)
-        # During an alarm, the report must not advise the pilot to fly on: ``grounded`` removes such advice.
-        is_alarmed = any(alarm.is_bad for alarm in status.active_alarms)
-        self._presentation.log(report.grounded if is_alarmed else report)
+        # The landing is reported with what the flight has shown; another take-off is the pilot's choice.
+        is_waiting_for_takeoff = reason is not None and reason.code is SessionFact.NOT_FLYING
+        return is_after_landing and is_waiting_for_takeoff
 
     @property
     def status(self) -> SessionStatus:
@@ -524,30 +547,31 @@ class LiveSession:
         return self._report.account_for(self.backlog.analysed_until)
 
     def final_model(self) -> Learned:
-        """Returns the last model before the last landing; in flight, a model of the latest samples.
+        """Returns the model to keep at the end of the session: of the samples before the last landing.
 
-        It is called at the end of the session. The learning process, which is suspended while this computer is busy
-        with the analysis of messages, is resumed, since no more messages are analysed.
-
-        Returns:
-            The final model.
+        If the vehicle still flies, it is a model of the latest samples.
 
         Raises:
-            NotLearnable: no model was learned.
+            NotLearnable: no model was learned. The error states the first reason that applies: no samples of attitude
+                and motor outputs came in flight; no vehicle was followed; this computer was too slow; or the reason of
+                the learner.
         """
         if isinstance(self._executor, LearningProcess):
+            # The learning process may be suspended, since this computer was busy with messages. None follow now, so
+            # that it goes on.
             self._executor.suspend(False)
-        if self._learning.learner is None and self._no_rows_reason is not None:
+        has_samples = self._learning.learner is not None
+        if not has_samples and self._no_rows_reason is not None:
             raise NotLearnable(self._no_rows_reason)
         not_followed_reason = self.stream.not_followed_reason
         if not_followed_reason is not None and not_followed_reason.code in NOT_FOLLOWED_CODES:
             raise NotLearnable(not_followed_reason)
         try:
             return self._learning.final_model(self.stream.parameters)
-        except NotLearnable as refusal:
-            if not self._is_computer_too_slow:
-                raise
-            raise NotLearnable(self._too_slow_fact) from refusal
+        except NotLearnable as error:
+            if self._is_computer_too_slow:
+                raise NotLearnable(self._too_slow_fact) from error
+            raise
 
     @property
     def _is_computer_too_slow(self) -> bool:
@@ -564,17 +588,18 @@ class LiveSession:
         )
 
     def _reason_without_parameters(self) -> Fact | None:
-        """Returns why no physical parameters of the flight are known so far.
+        """Returns why no physical parameters of the flight, such as motor lag and damping, are known so far.
 
         Returns:
-            The first of these that applies: there were no samples (rows of aligned angle and motor outputs); this
+            The first of these that applies: there were no samples (angle and motor outputs at the same times); this
             computer was too slow for most of them; the settled flight was too short for a fit; a fit is not finished.
             None if there are physical parameters, or if no sample has been learned from for another reason.
         """
         learning = self._learning
         if learning.learner is None:
             return self._no_rows_reason
-        if learning.estimate is not None and learning.estimate.physical is not None:
+        has_parameters = learning.estimate is not None and learning.estimate.physical is not None
+        if has_parameters:
             return None
         if self._is_computer_too_slow:
             return self._too_slow_fact
@@ -628,7 +653,7 @@ class LiveSession:
         if adviser is None or vehicle is None:
             return
         if adviser.is_due and self.stream.is_flying and not is_at_end:
-            # The recording would end in the air, before the landing is complete.
+            # The recording would end in the air, before the landing is complete: the advice has to wait.
             return
         if is_at_end:
             has_flown = self._learning.has_settled or self.stream.is_flying
@@ -648,29 +673,31 @@ class LiveSession:
         """Reports the stability margins that the recording shows, if they are known, and then the advice on gains.
 
         Args:
-            advice: what to do with the gains of each axis; empty while no advice is ready.
+            advice: facts (findings) on what to do with the gains of each axis; empty while no advice is ready.
             judgement: judgement of the recorded flight; None before it is ready.
         """
+        reported_advice = list(advice)
         if not self._learning.has_settled:
             # Without settled flight no gains can be computed, which needs no report. An error is reported all the same.
-            advice = tuple(fact for fact in advice if fact.code is GainFact.ADVICE_FAILED)
-        if advice and judgement is not None:
-            self._log_margins(judgement.lights[Light.MARGINS], advice)
-        is_lost = self.stream.status().loss is not None
-        for fact in advice:
-            if is_lost and fact.code is GainFact.GAINS_LEFT:
+            reported_advice = [fact for fact in advice if fact.code is GainFact.ADVICE_FAILED]
+        if reported_advice and judgement is not None:
+            self._log_margins(judgement.lights[Light.MARGINS], tuple(reported_advice))
+        is_vehicle_lost = self.stream.status().loss is not None
+        for fact in reported_advice:
+            if is_vehicle_lost and fact.code is GainFact.GAINS_LEFT:
                 # The loss was an alarm, and nobody asks why a vehicle that has crashed gets no new gains.
                 continue
             self._presentation.log(fact)
 
     def _log_margins(self, margins: Fact, advice: Facts) -> None:
-        """Reports the stability margins, unless the advice on gains states them, or says why they are not known.
+        """Reports the stability margins, unless they are not known or the advice on gains states them anyway.
 
         Args:
-            margins: the light of the margins, with the action that it advises.
+            margins: the judgement of the margins, with the action that it advises.
             advice: what to do with the gains of each axis, which is reported next.
         """
-        if margins.code is not MarginsLight.LOOP_MARGINS or _states_margins(advice, margins):
+        are_known = margins.code is MarginsLight.LOOP_MARGINS
+        if not are_known or _states_margins(advice, margins):
             return
         if any(fact.code is GainFact.GAINS_WRITTEN for fact in advice):
             # The gains follow, with their files: nobody has to run a command for them.

@@ -656,23 +656,6 @@ class Watchdog:
         if height_events:
             self._add_event(review, WatchedQuantity.HEIGHT, worst_fact(height_events))
 
-    def _judge_height(self, review: _Review, moment: FlightMoment) -> None:
-        """Judges in flight whether the height estimate diverges, or barometer and satellites disagree.
-
-        Args:
-            review: the review, to whose ``facts`` the worse of these two events is added, if there is one.
-            moment: present time, and the motion.
-        """
-        height_events = []
-        divergence = self._height.divergence(moment)
-        if divergence is not None:
-            height_events.append(divergence)
-        disagreement = self._height.disagreement(moment)
-        if disagreement is not None:
-            height_events.append(disagreement)
-        if height_events:
-            self._add_event(review, WatchedQuantity.HEIGHT, worst_fact(height_events))
-
     @staticmethod
     def _add_event(review: _Review, quantity: WatchedQuantity, event: Fact) -> None:
         """Adds an event of the last minute to the facts of a review, with the time until which it lasted.
@@ -863,29 +846,6 @@ class Watchdog:
             )
             if sinking is not None and not is_explained:
                 review.facts[WatchedQuantity.MOTOR_LIMITS] = sinking
-
-    def _judge_oscillation(self, review: _Review, motion: RecentMotion) -> None:
-        """Judges whether a limit cycle, an oscillation from limit to limit, begins in the last seconds.
-
-        Args:
-            review: the review, to whose ``facts`` the oscillation is added with the gains that should be lowered.
-            motion: attitude and motor outputs of the last seconds.
-        """
-        limit_cycle = detect_starting_limit_cycle(
-            motion.motors,
-            motion.tilts,
-            self.control.setpoints(review.vehicle),
-            self._recent.boot,
-            review.phase_start,
-            review.now,
-        )
-        if limit_cycle is None:
-            return
-        # The gains to lower follow by the same rule as in the judgement of the recording after the landing.
-        advice = gain_reduction_advice(limit_cycle, review.vehicle.parameters)
-        review.facts[WatchedQuantity.OSCILLATION] = Fact(
-            MarginsLight.OSCILLATES, reason=advice, **limit_cycle.figures
-        )
 
     def _judge_oscillation(self, review: _Review, motion: RecentMotion) -> None:
         """Judges whether a limit cycle, an oscillation from limit to limit, begins in the last seconds.

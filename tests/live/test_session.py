@@ -384,7 +384,7 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     )
     learner_of_flight, one._learning.learner = one._learning.learner, None
     one.stream.pop_withdrawal_time = lambda: 54.0
-    one._withdraw_unsettled()
+    one._withdraw_landing_or_loss()
     assert adviser.is_due, "the recording of a flight without a model is judged, too"
     adviser.is_due = False
     one._learning.learner = learner_of_flight
