@@ -35,7 +35,7 @@ def motor_alarms(signals: Signals) -> tuple[MotorChange, ...]:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
-        The changes, boot by boot; none if the motors were not recorded, or at less than 6 Hz, or if the vehicle is not
+        The changes, boot by boot; none if the motors were not recorded, or at less than 4 Hz, or if the vehicle is not
         a multirotor.
     """
     motors = signals.motors

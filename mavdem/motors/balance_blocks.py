@@ -13,8 +13,11 @@ from mavdem.dataset.steady_flight import MAX_HEADING_CHANGE
 from mavdem.motors.change_statistics import BLOCK_SECONDS
 from mavdem.motors.heading_sectors import heading_change
 
-MIN_BLOCK_SAMPLES = 3
-"""Number of samples that a block must have."""
+MIN_BLOCK_SAMPLES = 2
+"""Number of samples that a block must have: ground stations ask ArduPilot for 4 Hz.
+
+Fewer samples only make a block noisier, and the noise is estimated from the blocks themselves.
+"""
 
 MIN_SAMPLE_RATE = MIN_BLOCK_SAMPLES / BLOCK_SECONDS
 """Rate of the samples, Hz, that the detection needs."""

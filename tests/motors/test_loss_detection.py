@@ -276,14 +276,25 @@ def test_after_a_long_silence_what_was_before_is_no_reference(silent):
         assert len(changes(time[heard], commands[heard])) == 0
 
 
+@mark.parametrize("motor", range(4))
+def test_a_motor_that_loses_a_fifth_of_its_thrust_is_named_at_the_rate_of_ground_stations(motor):
+    time, commands = flight(motor + 20, seconds=100.0)
+    commands[time >= 150.0] += 0.15 * 0.6 * np.eye(4)[motor]
+    # Of the 20 samples of 2 s, 8 arrive: 4 Hz.
+    kept = np.arange(len(time)) % 5 % 3 == 0
+    (change,) = changes(time[kept], commands[kept])
+    assert change.motor == motor + 1 and change.is_weak
+    assert 150.0 < change.time <= 155.0
+
+
 def test_where_nothing_can_be_found_it_says_why():
     time, commands = flight(2)
     weak = commands + after(time, 0.15 * np.eye(4)[0])
-    slow = watched(2 * time, weak)
+    slow = watched(4 * time, weak)
     assert (
         not slow.alarms and slow.undetectable_reason.code is MotorWatchFact.MOTOR_OUTPUTS_TOO_SLOW
     )
-    assert watched(time + 200.0, commands, watch=slow).undetectable_reason is None
+    assert watched(time + 400.0, commands, watch=slow).undetectable_reason is None
     silent = watched(time, weak, watch=MotorLossDetector(geometry(spins=())))
     assert (
         not silent.alarms and silent.undetectable_reason.code is MotorWatchFact.MOTOR_PLACES_UNKNOWN

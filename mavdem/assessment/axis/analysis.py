@@ -37,7 +37,7 @@ from mavdem.facts.assessment import Caveat, NoModel
 from mavdem.flight import Flights
 from mavdem.immutable import ReadOnlyDict
 from mavdem.ingest import Log
-from mavdem.motors.balance_blocks import MIN_SAMPLE_RATE
+from mavdem.motors.balance_blocks import MIN_SAMPLE_RATE, SAMPLE_RATE_TOLERANCE
 from mavdem.motors.motor_changes import MotorChange
 from mavdem.motors.trim_pattern import trim_of_signals
 from mavdem.plant import Physical
@@ -224,7 +224,7 @@ def _is_motor_loss_detectable(signals: Signals) -> bool:
     motors = signals.motors
     if motors is None or not motors.geometry.positions:
         return False
-    return rate_between_outages(motors) >= MIN_SAMPLE_RATE
+    return rate_between_outages(motors) >= SAMPLE_RATE_TOLERANCE * MIN_SAMPLE_RATE
 
 
 def _with_reason_of_no_slow_model(analysis: LogAnalysis, slow_model_reason: Fact) -> LogAnalysis:
