@@ -308,6 +308,7 @@ class LiveSession:
         self._add_sample_to_history()
         self._withdraw_landing_or_loss()
         self._report_resumption(silence)
+        self._silence_monitor.note_outage(silence, is_flying=self.stream.is_flying)
         has_rebooted = self.stream.boot != former_boot
         if has_rebooted or silence > SILENCE_SECONDS:
             self._rates.restart()

@@ -41,6 +41,9 @@ from mavdem.motors.motor_changes import MotorChange, thrust_losses
 STATUS_PERIOD = 1.0
 """Time between two reports of a status, s: a choice."""
 
+HEADLINES_WITHOUT_ALARM = (HeadlineCode.NOTHING_WRONG, WatchFact.NO_ALARM)
+"""Headlines that state that nothing is wrong."""
+
 NOT_RECEIVED_CODES = (
     LinkFact.CONNECTION_LOST,
     RowsFact.NOTHING_RECEIVED,
@@ -199,6 +202,9 @@ class SessionStatus(ImmutableResult):
 
     flight_seconds: float | None = None
     """Time since the take-off, s; None on the ground, or where the take-off was not seen."""
+
+    link_outage: float | None = None
+    """Longest time without messages in the present flight, s, if that was an alarm; None without one."""
 
     has_landed: bool = True
     """Whether the latest flight ended on the ground; false while the vehicle may be falling with its motors stopped."""
@@ -457,6 +463,9 @@ class SessionStatus(ImmutableResult):
             if link_loss is not None or not is_urgent:
                 headline = link_loss or reason
             return replace(judgement, headline=headline, next_step=next_step)
+        if self.link_outage is not None and headline.code in HEADLINES_WITHOUT_ALARM:
+            # The pilot flew without alarms meanwhile, which is not over with the outage.
+            headline = headline.replace(outage=self.link_outage)
         if headline.code is HeadlineCode.NOTHING_WRONG:
             # Of a vehicle in flight the pilot asks first whether there is an alarm.
             headline = headline.replace(is_in_flight=True)

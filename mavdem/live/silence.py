@@ -6,6 +6,7 @@ from mavdem.facts import Fact
 from mavdem.facts.session import MissingMessages, RowsFact
 from mavdem.live import clock
 from mavdem.live.link import SILENCE_SECONDS
+from mavdem.live.link_loss import LONG_LOSS_SECONDS
 
 SUCCESSION_SECONDS = 10.0
 """Silence of the followed vehicle after which another one that sends is followed, s: a choice.
@@ -24,6 +25,7 @@ class SilenceMonitor:
         noise_time: when bytes without an intact message came last, s of that clock.
         motion_time: when a sample of attitude or motors came last, s of that clock.
         attitude_time: when an attitude of any vehicle came last, followed or not, s of that clock.
+        outage: longest time without messages in the latest flight, s, if that was an alarm; None without one.
     """
 
     def __init__(self) -> None:
@@ -32,6 +34,7 @@ class SilenceMonitor:
         self.noise_time = -inf
         self.motion_time = -inf
         self.attitude_time = -inf
+        self.outage: float | None = None
         self._sample_count = 0
         self._attitude_count = 0
         # Whether any message has come: before that nothing can resume.
@@ -52,6 +55,18 @@ class SilenceMonitor:
         self.message_time = last_arrival
         self.link_time = last_arrival
         return silence_before
+
+    def note_outage(self, silence: float, *, is_flying: bool) -> None:
+        """Records how long no message of the vehicle had come before the latest ones, if that was an alarm.
+
+        Args:
+            silence: duration, s.
+            is_flying: whether the vehicle flew before; the outages of a flight end with it.
+        """
+        if not is_flying:
+            self.outage = None
+        elif silence >= LONG_LOSS_SECONDS:
+            self.outage = max(silence, self.outage or 0.0)
 
     def note_noise(self, last_arrival: float) -> None:
         """Records that bytes arrived, and no intact message among them.

@@ -95,6 +95,7 @@ class StatusReport:
             watch_facts=watch_facts,
             analysis_delay=delay if delay >= BEHIND_DELAY else 0.0,
             absent_messages=self.rates.absent_messages,
+            link_outage=self.silence.outage if status.is_flying else None,
         )
         if self.learning.estimate is None:
             return status

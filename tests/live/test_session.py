@@ -562,8 +562,11 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
         if fact.code is RowsFact.MESSAGES_RESUMED and fact.subject == MissingMessages.MESSAGES
     )
     assert resumed.figures["duration"] == approx(600.0, abs=1.0)
+    # Its absence was an alarm, which the headline of the flight still names.
     one.link.script = batches(2.0, start=11.0)
     run(one)
+    assert one.status.is_flying and one.status.link_outage == approx(600.0, abs=1.0)
+    assert "now, after the link was lost for 600 s" in str(one.status.overall_judgement.headline)
     assert one.status.rates["ATTITUDE"] > 50 and not one.status.no_model_reason
 
 

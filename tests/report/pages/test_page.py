@@ -439,6 +439,8 @@ def test_a_session_that_goes_on_lists_each_event_once_and_offers_no_fields_of_a_
     page = live_document
     assert [page.count(f"moment {time} s<") for time in range(12)] == [1] * 12
     assert "Earlier events" in page and "Plot any field" not in page
+    # In flight a model is learned from the climb too, which is not settled.
+    assert "what the model was learned from" in page and "Grey: settled flight" not in page
 
 
 def test_events_of_a_live_page_have_the_same_numbers_in_its_list_and_in_its_charts():
