@@ -95,6 +95,9 @@ class Table(NamedTuple):
     words: bool = False
     """Whether the cells are words, aligned on the left; otherwise they are numbers, aligned on the right."""
 
+    is_printed: bool = True
+    """Whether the paper of a page has it: a long list in which things are looked up serves a screen."""
+
 
 Block = Sentence | Table
 Blocks = list[Block]

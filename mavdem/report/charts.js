@@ -256,7 +256,7 @@
   const height = (figure, data) => {
     if (!data.lines.length) return 26;
     const isFlat = figure.dataset.flat != null, isBare = figure.dataset.bare != null, isForPaper = root.classList.contains("printing");
-    return above(data) + (isForPaper ? (isFlat ? 56 : 89) + (isBare ? 0 : 26) : (isFlat ? 118 : 154) + (isBare ? 0 : 34));
+    return above(data) + (isForPaper ? (isFlat ? 54 : 81) + (isBare ? 0 : 26) : (isFlat ? 118 : 154) + (isBare ? 0 : 34));
   };
 
   // What a figure shows: its data with the values unpacked, and the columns, series and bands that uPlot has of them.

@@ -74,7 +74,7 @@ def vehicle_contents(vehicle: JsonValues) -> Blocks:
     blocks += render_section("settled", **vehicle)
     rows = [[rate, ", ".join(names)] for rate, names in _messages_by_rate(vehicle).items()]
     if rows:
-        blocks.append(Table(["rate", "messages"], rows, words=True))
+        blocks.append(Table(["rate", "messages"], rows, words=True, is_printed=False))
     return blocks
 
 

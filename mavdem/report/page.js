@@ -154,10 +154,10 @@
   });
 
   // On paper all chapters are open but what only serves a screen: a list that is fetched as it opens is not fetched. A part
-  // of a chapter that a reader has not opened is its first line, as on the screen.
+  // of a chapter that a reader has not opened is its first line, as on the screen, and a chapter of extras is left out.
   let closedParts = [];
   addEventListener("beforeprint", () => {
-    closedParts = [...document.querySelectorAll("main details:not([open], .on-screen, .part)")];
+    closedParts = [...document.querySelectorAll("main details:not([open], .on-screen, .part, .extra)")];
     for (const part of closedParts) part.open = true;
   }, true); // before the charts are drawn for paper
   addEventListener("afterprint", () => { for (const part of closedParts) part.open = false; });

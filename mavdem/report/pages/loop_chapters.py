@@ -82,7 +82,9 @@ def tuning_chapter(responses: Responses, noise: MeasuredNoise) -> Chapter:
         names.append("gyro")
         charts.append(spectrum_chart(noise))
     columns = tuple((chart,) for chart in charts)
-    return Chapter(TUNING_TITLE, groups=[Group(columns, names=tuple(names), is_flat=True)])
+    # Paper has the same in the chapters of step responses and spectra.
+    groups = [Group(columns, names=tuple(names), is_flat=True)]
+    return Chapter(TUNING_TITLE, groups=groups, is_printed=False)
 
 
 def responses_chapter(

@@ -59,7 +59,7 @@ def other_sensors_chapter(
     for sensor in OTHER_SENSORS:
         groups += _spectrum_groups(noise, sensor, timeline, has_spectrograms=has_spectrograms)
     title = "Other spectra"
-    return Chapter(title, (), groups, folded=True)
+    return Chapter(title, (), groups, folded=True, is_printed_closed=False)
 
 
 def _spectrum_groups(

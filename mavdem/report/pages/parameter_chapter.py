@@ -111,7 +111,7 @@ def _changed_defaults(telemetry: Telemetry) -> Blocks:
     rows = _changed_default_rows(telemetry)
     if rows:
         header = ["not the default", "value", "default", "meaning"]
-        blocks.append(Table(header, rows, words=True))
+        blocks.append(Table(header, rows, words=True, is_printed=False))
     return blocks
 
 

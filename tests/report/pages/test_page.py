@@ -465,10 +465,16 @@ def test_events_of_a_live_page_have_the_same_numbers_in_its_list_and_in_its_char
 
 @mark.slow
 def test_a_table_of_many_columns_is_on_a_telephone_too(tmp_path, browser):
-    page = render_document("a.tlog", "", [Table([*"abcdefgh"], [["1"] * 8])])
-    height = "document.querySelector('.scroll.wide').offsetHeight"
-    _, shown_height = browser.shown(page, height, tmp_path, 390)
-    assert shown_height > 20
+    """Each row is a card there, whose cells say what they are."""
+    header = [f"quantity {letter} (m/s)" for letter in "abcdefgh"]
+    page = render_document("a.tlog", "", [Table(header, [["1.0 (0.9 to 1.1)"] * 8])])
+    sizes = """(table => [table.parentElement.offsetHeight, table.parentElement.clientWidth, table.offsetWidth,
+        getComputedStyle(table.querySelector("td:last-child"), "::before").content])(document.querySelector("table"))"""
+    _, (height, room, width, label) = browser.shown(page, sizes, tmp_path, 390)
+    assert height > 20 and width <= room
+    assert "quantity h" in label or "attr(data-label)" in label
+    _, (_, _, _, label_on_desk) = browser.shown(page, sizes, tmp_path, 1280)
+    assert label_on_desk == "none"
 
 
 @mark.slow
