@@ -201,7 +201,8 @@ def motor_health_by_vehicle(summaries: Sequence[VehicleSummary]) -> dict[str, Js
     for name, vehicle in vehicles_with_section(summaries).items():
         motor_health[name] = {
             "health": vehicle.health,
-            "sentence": vehicle.texts.reason or vehicle.texts.all_flights,
+            # The latest flight alone is described where its motors have no anomaly.
+            "sentence": vehicle.texts.reason or vehicle.texts.latest_flight,
             "next_step": vehicle.texts.next_step,
         }
     return motor_health

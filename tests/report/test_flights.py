@@ -46,6 +46,9 @@ def test_the_next_step_of_a_fleet_is_that_of_its_most_urgent_vehicle():
     assert "Why:" not in plain_text(fleet_blocks([explained], lists_follow=True))
     motors = fleet_summary.motor_health_by_vehicle(vehicle_summaries([explained]))["beta"]
     assert motors == {"health": "fault", "sentence": reason, "next_step": inspect}
+    lost = flight_row("beta", 0, health="unknown", headline="It fell.", headline_level="bad")
+    motors = fleet_summary.motor_health_by_vehicle(vehicle_summaries([lost]))["beta"]
+    assert (motors["health"], motors["sentence"]) == ("unknown", "It fell.")
     cycle = {"headline": "Oscillates.", "headline_level": "bad", "next_step": "Lower the gains."}
     rows = [flight_row("alpha", 0, **cycle), weak]
     assert f"Next: beta: {inspect}" in plain_text(fleet_blocks(rows))

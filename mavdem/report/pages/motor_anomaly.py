@@ -109,8 +109,8 @@ def review_beside_flights(review: Mapping[str, Any], rows: FlightRows) -> Mappin
         rows: rows of the fleet's table for the flight, with its health; of several flights the latest counts.
 
     Returns:
-        A changed copy, as :func:`review_with_anomaly` makes it, in which ``motor_health`` has the judgement itself; the
-        review itself if the motors were not judged.
+        A changed copy, as :func:`review_with_anomaly` makes it, in which ``motor_health`` has the judgement itself. One
+        without lights, as of a fleet, gets that of the motors alone. The review itself, if the motors were not judged.
     """
     flown_rows = [row for row in rows if row.is_read]
     if not flown_rows:
@@ -129,6 +129,14 @@ def review_beside_flights(review: Mapping[str, Any], rows: FlightRows) -> Mappin
     if not review and row.headline_level == Level.BAD:
         # A fleet has no reviews, only headlines, of which a bad one stays.
         judged_review = review
+    if not judged_review.get("lights"):
+        # Nor has it lights, except the judgement of the motors.
+        motors_light = {
+            "level": HEALTH_LEVELS[MotorHealth(row.health)],
+            "sentence": row.health_reason,
+            "subject": suspected_motor(row),
+        }
+        judged_review = {**judged_review, "lights": {Light.MOTORS: motors_light}}
     return {**judged_review, "motor_health": motor_health}
 
 

@@ -170,6 +170,27 @@ def test_a_doubtful_figure_of_the_motor_that_is_weak_is_evidence_and_no_second_v
     assert "agrees" not in stronger
 
 
+def test_flights_of_a_fleet_which_has_no_reviews_have_one_verdict_too():
+    sound = flight_row("quad", 1, health_reason="No change.", fault_probability=0.01)
+    weak = flight_row(
+        "quad",
+        2,
+        health="drift",
+        health_reason="Motor 1 lost thrust.",
+        suspect_motor=1,
+        fault_probability=0.6,
+    )
+    rows = {"A": sound, "B": weak}
+    reviews = {side: review_beside_flights({}, [row]) for side, row in rows.items()}
+    motors, rest = texts(headline_of_comparison(reviews, doubtful_trim(1, 0.08)))
+    assert motors == (
+        "Motors: good in A, watch in B. Motor 1 lost thrust. "
+        "This agrees with motor 1's relative trim +8 % ± 6 %."
+    )
+    assert rest == "No other compared figure changed."
+    assert reviews["B"]["headline"]["sentence"] == "Motor 1 lost thrust."
+
+
 def test_a_sure_change_of_the_weak_motor_is_evidence_too():
     difference = doubtful_trim(1, 0.16)
     change, *rest = difference.changes
