@@ -1,6 +1,8 @@
 """Immutable results: dataclasses whose arrays and dictionaries cannot be changed, however deeply they are nested."""
 
 from dataclasses import is_dataclass
+from enum import Enum
+from operator import is_
 from typing import Any, NoReturn, TypeVar
 
 import numpy as np
@@ -50,8 +52,8 @@ def freeze(value: ValueType) -> ValueType:
     if type(value) in IMMUTABLE_TYPES:
         return value
     frozen: Any = value
-    if isinstance(value, ImmutableResult):
-        # The values of an immutable result were frozen when it was created.
+    if isinstance(value, (ImmutableResult, Enum)):
+        # The values of an immutable result were frozen when it was created. A member of an enumeration has none.
         pass
     elif isinstance(value, np.ndarray):
         value.setflags(write=False)
@@ -66,8 +68,8 @@ def freeze(value: ValueType) -> ValueType:
             }
         )
     elif isinstance(value, tuple):
-        items = tuple(freeze(item) for item in value)
-        is_unchanged = all(new is old for new, old in zip(items, value, strict=True))
+        items = [item if type(item) in IMMUTABLE_TYPES else freeze(item) for item in value]
+        is_unchanged = all(map(is_, items, value))
         if not is_unchanged:
             # A named tuple is made by its method ``_make``, since its constructor takes the items one by one.
             frozen = getattr(value, "_make", tuple)(items)
@@ -79,7 +81,8 @@ def freeze(value: ValueType) -> ValueType:
 def _freeze_attributes(record: Any) -> None:
     """Replaces the values of a dataclass by frozen ones, in place."""
     for name, item in vars(record).items():
-        object.__setattr__(record, name, freeze(item))
+        if type(item) not in IMMUTABLE_TYPES:
+            object.__setattr__(record, name, freeze(item))
 
 
 class ImmutableResult:

@@ -27,6 +27,7 @@ FLOORS = (
         "machine",
         "physical_constants",
         "processes",
+        "running_windows",
         "unit_errors",
         "units",
     },

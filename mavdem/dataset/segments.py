@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from math import inf
 
 import numpy as np
-import scipy
 
 from mavdem.arrays import Array, Flags
 from mavdem.dataset import phases
@@ -284,9 +283,13 @@ def slow_steps(steps: Array) -> Flags:
     Returns:
         Flags (N,): whether the running median of ``MEDIAN_STEPS`` steps is longer than the rate allows.
     """
-    usual_steps = scipy.ndimage.median_filter(steps, size=MEDIAN_STEPS, mode="mirror")
+    if not len(steps):
+        return np.zeros(0, dtype=np.bool_)
     max_usual_step = STEP_TOLERANCE / MIN_STREAM_RATE
-    return usual_steps > max_usual_step
+    # The median of an odd number of steps is longer than that where most of them are. The ends are mirrored.
+    is_long = np.pad(steps > max_usual_step, MEDIAN_STEPS // 2, mode="reflect")
+    long_steps = np.convolve(is_long, np.ones(MEDIAN_STEPS), mode="valid")
+    return long_steps > MEDIAN_STEPS / 2
 
 
 def _intervals_at_any_rate(time: Array) -> Intervals:
