@@ -1,7 +1,7 @@
 """Statistical confidence: the level of all intervals and bands, their half widths, and thresholds of significance."""
 
 from functools import cache
-from math import atan, cos, lgamma, pi, sin, sqrt
+from math import atan, cos, exp, lgamma, pi, sin, sqrt
 from numbers import Real
 from statistics import NormalDist
 from typing import Any, NamedTuple
@@ -102,11 +102,11 @@ def _student_coverage_factor(level: float, freedom: int) -> float:
         probability = sin(angle) * cosine_sum
         if is_odd:
             probability = 2 / pi * (angle + probability)
-        log_density = student_t_log_density(np.array(half_width), freedom)
-        step = (level - probability) / (2 * np.exp(log_density))
+        density = exp(student_t_log_density(np.array(half_width), freedom))
+        step = (level - probability) / (2 * density)
         half_width += step
         if step <= 1e-15 * half_width:
-            return float(half_width)
+            return half_width
 
 
 def half_width(
