@@ -3,6 +3,7 @@
 from array import array
 from collections import deque
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from math import inf, isfinite, nan
 from operator import itemgetter
@@ -33,6 +34,12 @@ GAP_SECONDS = 1.0
 """Time between two learned samples from which on they count as two parts of the flight, s: a choice.
 
 It is also the gap that the timeline shows at a reboot of the vehicle.
+"""
+
+MAX_WITHDRAWN_SECONDS = 10.0
+"""Longest time before its report for which a landing or a loss of control is withdrawn, s.
+
+A landing counts for ``TRANSIENT_SECONDS`` before the touch-down, which autopilots report some seconds later: a choice.
 """
 
 SAMPLE_PERIOD = 0.1
@@ -132,6 +139,37 @@ class _ErrorSums:
         self.count += 1
 
 
+class _Comparison(NamedTuple):
+    """A prediction whose time has come."""
+
+    horizon: float
+    """How far ahead it was made, s."""
+
+    prediction: _Prediction
+    """The prediction."""
+
+    outputs: list[float]
+    """The m outputs that were measured at its time."""
+
+    @property
+    def time(self) -> float:
+        """Its time, s of the timeline."""
+        return self.prediction.time
+
+
+def _add_to_sums(error_sums: dict[float, _ErrorSums], comparison: _Comparison) -> None:
+    """Adds the error of a prediction to the sums of its horizon.
+
+    Args:
+        error_sums: sums by horizon, s, to which the error is added.
+        comparison: the prediction and what was measured.
+    """
+    horizon = comparison.horizon
+    if horizon not in error_sums:
+        error_sums[horizon] = _ErrorSums.zero(output_count=len(comparison.outputs))
+    error_sums[horizon].add(comparison.prediction, comparison.outputs)
+
+
 class _PredictedAngle(NamedTuple):
     """A predicted angle; NaN without a prediction."""
 
@@ -179,6 +217,8 @@ class LiveHistory:
         # Both by horizon, s: predictions whose time has not come, and the errors of those whose time has.
         self._predictions: dict[float, deque[_Prediction]] = {}
         self._error_sums: dict[float, _ErrorSums] = {}
+        # Predictions of the last ``MAX_WITHDRAWN_SECONDS``, which are not in these sums yet, in the order of time.
+        self._comparisons: deque[_Comparison] = deque()
 
     def advance(self, time: float, boot: int) -> None:
         """Advances the timeline to a time on the vehicle's clock; the timeline never goes back.
@@ -295,12 +335,17 @@ class LiveHistory:
         self.learned_intervals.append((start, time))
 
     def forget_learned_since(self, start_time: float) -> None:
-        """Removes from the learned intervals what was withdrawn from the model.
+        """Removes from the learned intervals, and from the errors of predictions, what was withdrawn from the model.
+
+        In a tumble, or on the ground, no model of free flight predicts anything.
 
         Args:
             start_time: time of the first withdrawn sample, s of the present boot's clock.
         """
         start_time += self.timeline_offset
+        self._predictions.clear()
+        kept_comparisons = [one for one in self._comparisons if one.time < start_time]
+        self._comparisons = deque(kept_comparisons)
         kept_intervals = [(-inf, start_time)]
         self.learned_intervals = intersection(self.learned_intervals, kept_intervals)
 
@@ -345,11 +390,13 @@ class LiveHistory:
                 is_missed = prediction.time < time - STAMP_ROUNDING
                 if is_missed or not all(map(isfinite, prediction.outputs + prediction.band)):
                     continue
-                if horizon not in self._error_sums:
-                    self._error_sums[horizon] = _ErrorSums.zero(output_count=len(outputs))
-                self._error_sums[horizon].add(prediction, outputs)
+                self._comparisons.append(_Comparison(horizon, prediction, outputs))
                 if horizon == reported_horizon:
                     reported = _PredictedAngle(prediction.outputs[0], prediction.band[0])
+        # Earlier ones are no longer withdrawn.
+        confirmed_time = time - MAX_WITHDRAWN_SECONDS
+        while self._comparisons and self._comparisons[0].time < confirmed_time:
+            _add_to_sums(self._error_sums, self._comparisons.popleft())
         return reported
 
     def clear_wind_torque(self, start_time: float) -> None:
@@ -374,8 +421,11 @@ class LiveHistory:
         predictions of the m outputs, the same of the baseline, which predicts that the outputs stay as they were, and
         the share of measurements within the predicted 90 % band (the coverage).
         """
+        error_sums = deepcopy(self._error_sums)
+        for comparison in self._comparisons:
+            _add_to_sums(error_sums, comparison)
         errors = []
-        for seconds, sums in sorted(self._error_sums.items(), key=itemgetter(0)):
+        for seconds, sums in sorted(error_sums.items(), key=itemgetter(0)):
             errors.append(
                 HorizonErrors(
                     seconds,

@@ -35,6 +35,20 @@ def test_nothing_is_compared_across_a_gap_and_lines_break_there():
     assert history.learned_intervals == [approx((100.0, 100.99)), approx((103.0, 104.99))]
 
 
+def test_what_is_withdrawn_from_the_model_leaves_no_errors_of_predictions():
+    sound = LiveHistory()
+    flown(sound, 5.0)
+    lost = LiveHistory()
+    flown(lost, 5.0)
+    for time in np.arange(105.0, 107.0, DT):
+        lost.add_row(0, time, np.array([3.0, 9.0]), None)
+    assert lost.errors()[1].mse[0] > sound.errors()[1].mse[0]
+    lost.forget_learned_since(105.0)
+    for after_withdrawal, expected in zip(lost.errors(), sound.errors(), strict=True):
+        assert after_withdrawal.samples == expected.samples
+        assert_allclose(after_withdrawal.mse, expected.mse)
+
+
 def test_slow_samples_after_rows_are_drawn():
     """While a vehicle lands there are no rows, only samples that are ten times as far apart."""
     history = LiveHistory()
