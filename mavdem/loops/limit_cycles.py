@@ -238,10 +238,10 @@ def _cycles_at_limits(
     window_seconds: float,
     min_duration: float,
 ) -> list[Oscillation]:
-    """Returns those limit cycles of one segment in which motors reach their limits.
+    """Returns those limit cycles of one segment of flight in which motors reach their limits, for alarms in flight.
 
-    It serves a flight that is still going on, in which a limit cycle has just begun. Other oscillations would have to
-    last for much of the flight to be counted as limit cycles.
+    An oscillation that does not drive motors to their limits counts as a limit cycle only if it lasts for a large part
+    of the flight. That cannot be known while the flight goes on.
 
     Args:
         motor_series: signals of the motors, as :func:`_motor_series` returns them.
@@ -261,8 +261,7 @@ def _cycles_at_limits(
             motor_series,
             [segment],
             window_seconds,
-            # An oscillation also counts if it lasts for a share of the flight. An infinite duration of the flight
-            # disables that criterion.
+            # No oscillation lasts for a part of an infinite flight, so that this criterion is disabled.
             flight_duration=np.inf,
             min_duration=min_duration,
         )

@@ -294,19 +294,21 @@ def _evenly_spaced(count: int, max_count: int | None) -> Sequence[int]:
 
 
 def drag_table(drag: Drag, settings: Mapping[str, ParameterValue]) -> Table:
-    """Returns a table of a vehicle's linear drag, and of the autopilot's parameters that describe the same drag.
+    """Returns a table of a vehicle's linear drag, 1/s, and of the autopilot's parameters that describe the same drag.
+
+    Each row has the value and both ends of its 90 % interval.
 
     Args:
         drag: drag of the vehicle, with linear coefficients along x and y of the body (2,), 1/s, and both ends of their
             intervals (2, 2). The table has the mean of both axes.
-        settings: value and both ends of the 90 % interval of each parameter to set, by name.
+        settings: value and both ends of the interval of each parameter to set, by its name.
     """
     low, high = drag.interval("linear").mean(axis=1)
     linear_drag = ParameterValue(float(drag.linear.mean()), low=float(low), high=float(high))
+    quantities = {**settings, "linear drag (1/s)": linear_drag}
     rows = []
-    for name, parameter in {**settings, "linear drag (1/s)": linear_drag}.items():
-        numbers = (parameter.value, parameter.low, parameter.high)
-        rows.append([name, *(f"{number:.3g}" for number in numbers)])
+    for name, quantity in quantities.items():
+        rows.append([name, f"{quantity.value:.3g}", f"{quantity.low:.3g}", f"{quantity.high:.3g}"])
     return Table([f"Drag, from {DRAG_SOURCES[drag.source]}", "value", "from", "to"], rows)
 
 

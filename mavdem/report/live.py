@@ -233,10 +233,11 @@ def live_report(
 
 
 def _time_table(seconds_by_activity: Mapping[TimeUse, float]) -> Table:
-    """Returns a table of the time of a live session by activity, such as learning, on the ground, or without a link.
+    """Returns a table of what a live session spent its time on: learning, on the ground, without a link, and so on.
 
     Args:
-        seconds_by_activity: seconds. They are rounded to whole seconds, and an activity of 0 s has no row.
+        seconds_by_activity: duration of each activity, s. They are rounded to whole seconds, and an activity of 0 s has
+            no row.
 
     Returns:
         The table, whose first header has the sum, as in "of 312 s".
@@ -245,7 +246,7 @@ def _time_table(seconds_by_activity: Mapping[TimeUse, float]) -> Table:
     rows = []
     for activity in TimeUse:
         if whole_seconds[activity]:
-            # The sentence of this fact is the name of the activity, as all texts are sentences of facts.
+            # All texts are made as sentences of facts (coded findings); that of this fact is the activity's name.
             name = capitalize_first(Fact(SessionFact.SECONDS_SPENT, kind=activity))
             rows.append([name, f"{whole_seconds[activity]} s"])
     return Table([f"of {sum(whole_seconds.values())} s", "time"], rows)

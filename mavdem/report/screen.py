@@ -523,13 +523,13 @@ def _axis_header(axes: Mapping[str, AxisEstimates]) -> list[str]:
 
 
 def _axis_cells(figures: AxisEstimates) -> list[str]:
-    """Returns the table cells of an axis: mean effectiveness, damping, motor time constant and wind torque.
+    """Returns an axis' row in the table of physical parameters: effectiveness, damping, time constant, wind torque.
 
-    An estimate has the half width of its 90 % interval, and "(biased)" behind it where closed-loop control biases it.
-    Of the wind torque the standard deviation is shown. Units are those of :func:`_axis_header`.
+    A parameter has the half width of its 90 % interval and, if the closed loop biases its estimate, "(biased)". Of the
+    wind torque the row has the standard deviation. Units are those of :func:`_axis_header`.
 
     Args:
-        figures: physical parameters and wind torque of the axis.
+        figures: estimates of the physical parameters and of the wind torque.
 
     Returns:
         Four cells, with a dash for what is not known.
@@ -539,13 +539,14 @@ def _axis_cells(figures: AxisEstimates) -> list[str]:
         return [UNKNOWN_FIGURE] * 4
     half_widths = physical.interval()
     mean_effect, mean_effect_half_width = physical.mean_effect()
+    milliseconds = 1e3
     # By the names of the parameters in ``physical.status``, where "lag" is the motor time constant.
     estimates = {
         "effect": plus_minus(
             TORQUE_UNIT.scale * mean_effect, TORQUE_UNIT.scale * mean_effect_half_width
         ),
         "damping": plus_minus(physical.damping, half_widths.damping),
-        "lag": plus_minus(1e3 * physical.lag, 1e3 * half_widths.lag),
+        "lag": plus_minus(milliseconds * physical.lag, milliseconds * half_widths.lag),
     }
     cells = []
     for name, estimate in estimates.items():

@@ -1,4 +1,4 @@
-"""What guards the endpoints of a server: access rights, security headers, and answers to refusals by their facts.
+"""Guards the endpoints of a server: checks access rights, adds security headers, and answers refused requests.
 
 A fact is a coded finding, here the reason why a request is refused.
 """
@@ -87,11 +87,11 @@ class Guard:
         self._visitor_values = visitor_values
 
     def routes(self, endpoints: Mapping[str, Callable[[HttpRequest], Any]]) -> list[Route]:
-        """Returns the routes of the guarded endpoints.
+        """Returns Starlette's routes to endpoints, each wrapped so that it checks rights and adds security headers.
 
         Args:
-            endpoints: by method and path, such as "GET /live", a coroutine function, or a plain function, which is then
-                called in a thread.
+            endpoints: function that answers the requests, by HTTP method and path, such as "GET /live". It is a
+                coroutine function, or a plain one, which is then called in a thread.
         """
         routes = []
         for method_and_path, endpoint in endpoints.items():

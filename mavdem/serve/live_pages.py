@@ -171,16 +171,16 @@ def session_page(
     saved_flight: PageLink | None = None,
     is_last: bool = False,
 ) -> str:
-    """Returns the HTML page of a live session.
+    """Returns the HTML page of a live session as the server shows it, which a browser loads again every few seconds.
 
     Args:
         session: the session, with the history of its flight.
-        status: state of the live session: vehicle, learning, alarms, headline and next step.
+        status: state of the session now: vehicle, learning, alarms, headline and next step.
         names: names that were given to vehicles in the library.
         back: link to the page that leads here, if any.
         links: links to other pages, such as that of the flight before.
         saved_flight: link to the page of this session's flight in the library; None while the session goes on.
-        is_last: whether the server ends after it, so that a browser is to keep it and to ask for no other.
+        is_last: whether the server ends after this page, so that a browser must keep it and not ask for a newer one.
     """
     # Sentences for a browser must not advise options of `mavdem live`, which its reader cannot give.
     with sentences_for(Medium(has_terminal=False)):

@@ -122,10 +122,10 @@ class ReadingThreads:
         reader.stop()
 
     def _wait_for_log(self) -> None:
-        """Waits until a log is added, for ``RETRY_SECONDS`` at most.
+        """Waits until a log is added to the library, for ``RETRY_SECONDS`` at most.
 
-        Before it waits, it looks for work that no other thread announces: it takes over the logs of servers that have
-        died, and adds the logs that ``mavdem track`` has read.
+        Some work is not announced by another thread, so that it is looked for before each wait: logs of servers that
+        have died are taken over, and logs that the command ``mavdem track`` has read are added.
         """
         if dead_servers(self._library):
             recover(self._library)
@@ -185,10 +185,10 @@ class ReadingThreads:
             self.store_persistently(lambda: self._recordings.finish(entry, outcome))
 
     def store_persistently(self, change: Callable[[], object]) -> None:
-        """Makes a change of the index, and repeats it while it fails by an error that may pass.
+        """Makes a change of the index, and tries again every ``RETRY_SECONDS`` while it fails by a temporary error.
 
-        Otherwise a log would stay claimed for ever if the disk is full at that moment. A server that ends during this
-        releases the logs that it has claimed.
+        Otherwise a log would stay claimed for ever if the disk is full at that moment. It gives up if the flight was
+        deleted, or if the server ends, which then releases the logs that it has claimed.
 
         Args:
             change: function that makes the change.
@@ -198,14 +198,17 @@ class ReadingThreads:
                 change()
                 return
             except TEMPORARY_ERRORS as error:
-                is_deleted = (
+                was_deleted = (
                     isinstance(error, Refusal) and error.fact.code is RefusalReason.NO_SUCH_FLIGHT
                 )
-                if is_deleted or self._is_stopping.wait(RETRY_SECONDS):
+                if was_deleted or self._is_stopping.wait(RETRY_SECONDS):
                     return
 
     def _publish_table(self, reader: LogReader | Cluster) -> None:
-        """Has the fleet's table of flights written again, always on this machine, even if a cluster reads the logs.
+        """Has the fleet's table of flights written again, which many flights make slow.
+
+        A worker process of this machine does it. If a cluster reads the logs, this thread does it itself, since the
+        workers of the cluster only read logs.
 
         Args:
             reader: reader of logs: a process of this machine, or the workers of a cluster.
@@ -218,5 +221,4 @@ class ReadingThreads:
         if self._cluster is None:
             reader.read(job, self._limits, publish_table)
         else:
-            # A cluster only reads logs: this thread writes the table itself.
             outcome_of(job, publish_table)

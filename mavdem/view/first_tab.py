@@ -36,14 +36,17 @@ def plot_titles(
     motor_unit: str,
     model: ModelName = ModelName.JOINT_VAR,
 ) -> dict[str, str]:
-    """Returns the titles of the five plots, by the keys of ``PLOT_HEIGHTS``; each names the model of its figures.
+    """Returns the titles of the five plots of the first tab; each names the model by which its values were estimated.
 
     Args:
         axis: "roll" or "pitch".
         angle_unit: unit of the angle.
-        prediction: name of the prediction of the angle, such as "0.25 s ahead".
-        motor_unit: unit of the outputs of the motors; empty where they are fractions.
-        model: model of this prediction.
+        prediction: name of the prediction that is drawn with the angle, such as "0.25 s ahead".
+        motor_unit: unit of the outputs of the motors; empty where they are fractions of the range.
+        model: model that makes this prediction.
+
+    Returns:
+        Titles by the keys of ``PLOT_HEIGHTS``.
     """
     angle = name_with_unit(axis.capitalize(), angle_unit)
     return {
@@ -62,13 +65,13 @@ def free_energy_title() -> str:
 
 
 def height_shares(names: Collection[str]) -> dict[str, float]:
-    """Returns the height of each plot of the first tab as a share of the height of the tab.
+    """Returns the height of each plot of the first tab as a fraction of the height of the tab, which they fill.
 
     Args:
-        names: names of the plots that there are, keys of ``PLOT_HEIGHTS``; they fill the tab.
+        names: names of the plots that there are, keys of ``PLOT_HEIGHTS``, which has their relative heights.
     """
-    whole = sum(PLOT_HEIGHTS[name] for name in names)
-    return {name: PLOT_HEIGHTS[name] / whole for name in names}
+    total_height = sum(PLOT_HEIGHTS[name] for name in names)
+    return {name: PLOT_HEIGHTS[name] / total_height for name in names}
 
 
 class SideTexts(NamedTuple):
@@ -96,7 +99,9 @@ def first_tab(plots: Mapping[str, rrb.View], side_texts: SideTexts) -> rrb.Conta
 
 
 def events_text(events: Iterable[Event]) -> str:
-    """Returns events as Markdown. The viewer wraps its lines, while it cuts long rows of its event log off.
+    """Returns a list of events as Markdown, for the column of texts beside the plots.
+
+    The viewer has an event log, too, but cuts its long rows off, while it wraps the lines of this text.
 
     Args:
         events: events in the order in which they are listed.

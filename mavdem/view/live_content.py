@@ -134,7 +134,7 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
 
 
 def first_tab_paths(axis: str) -> dict[str, str]:
-    """Returns the paths of the data in the Rerun recording that each plot of the first tab shows.
+    """Returns where in the Rerun recording the data of each plot of the first tab are.
 
     Rerun stores each line under a path, like a file in a folder ("air/1_speed"). A plot shows all lines under its path,
     and draws them in the order of their names: those with lower numbers lie below the others.
@@ -149,8 +149,8 @@ def first_tab_paths(axis: str) -> dict[str, str]:
         "angle": f"axes/{axis}",
         "motors": "motors",
         "parameters": "parameters",
-        # The paths of the last two differ from the names of the plots: the velocity of the wind, m/s, is under "air",
-        # and the torque that the wind exerts on the vehicle is under "wind".
+        # Two paths differ from the names of the plots: the velocity of the wind, m/s, is under "air", and the torque
+        # that the wind exerts on the vehicle is under "wind".
         "wind": "air",
         "torque": "wind",
     }
@@ -225,15 +225,20 @@ def figure_texts(
 
 
 def _why_no_model(status: SessionStatus, training_end_time: float | None) -> str:
-    """Returns the reason why there is no model, or no newer one, as a sentence; empty while learning proceeds.
+    """Returns why there is no model of the vehicle, or why no newer one is learned, for the texts beside the plots.
 
     Args:
         status: state of the session. Its ``no_model_reason`` is the reason why nothing is learned now, if there is one.
         training_end_time: time of the last sample that the latest model was trained on, s; None before the first model.
+
+    Returns:
+        The reason with what to do about it; empty while learning proceeds.
     """
     if status.no_model_reason is not None:
         return status.no_model_reason.sentence_and_remedy
-    return TOO_FEW_SAMPLES.sentence_and_remedy if training_end_time is None else ""
+    if training_end_time is None:
+        return TOO_FEW_SAMPLES.sentence_and_remedy
+    return ""
 
 
 def status_document(

@@ -185,21 +185,23 @@ class LiveWriter:
         self._widen_axes()
 
     def mark_motor_torque(self, start_time: float) -> None:
-        """Draws torque that a weak motor caused in red over the line of the wind torque, which shows it as wind.
+        """Draws the part of the wind torque in red that a weak motor caused, over the line of the wind torque.
 
-        A loss of thrust is detected some seconds after it happened. The red line begins when the motor lost thrust or
-        recovered it, and ends now.
+        The wind torque is all torque that the model does not explain, so that a loss of thrust looks like wind. The
+        loss is detected some seconds after it happened. The red line begins when the motor lost thrust or recovered it,
+        and ends now.
 
         Args:
             start_time: time of the change of the motor, s on the timeline.
         """
+        # Samples of one segment are joined to a line. Each alarm has its own segment, numbered by its time.
+        segment_number = int(start_time)
         samples = []
         for sample in self._torque_samples:
             if sample.time >= start_time:
-                # Samples of one segment are joined to a line. Each alarm has its own segment, numbered by its time.
-                segment_number = int(start_time)
                 samples.append(Sample(segment_number, sample.time, sample.values))
-        self._draw_samples(Lines(MOTOR_TORQUE_PATH, ("of a motor",), (BAD,), 3.0), samples)
+        red_line = Lines(MOTOR_TORQUE_PATH, ("of a motor",), (BAD,), 3.0)
+        self._draw_samples(red_line, samples)
 
     def mark_alarm(self, time: float) -> None:
         """Marks an alarm by a vertical line in every plot except the parameters', whose legend has no room left.
@@ -367,26 +369,28 @@ class LiveWriter:
         scale: float,
         clip: bool = False,
     ) -> list[Sample]:
-        """Draws a line with its 90 % band.
+        """Draws estimates as a line, and their 90 % intervals as a shaded band around it.
 
         Args:
-            band_path: path of the band's entity in the recording.
+            band_path: path of the band's data in the recording.
             line: name, colour and path of the line in the recording.
-            estimates: estimates in the order of their times.
-            scale: factor from the unit of data to the unit that is shown.
+            estimates: estimates with the half widths of their intervals, in the order of their times.
+            scale: factor from the unit of the estimates to the unit that is shown.
             clip: whether to clip values far beyond what was measured so far.
 
         Returns:
-            The samples of the line.
+            The samples of the line, in the shown unit.
         """
-        edges = []
         line_samples = []
+        band_samples = []
         for segment, time, value, half_width in estimates:
-            edge_values = [scale * (value - half_width), scale * (value + half_width)]
-            edges.append(Sample(segment, time, edge_values))
             line_samples.append(Sample(segment, time, [scale * value]))
+            edges = [scale * (value - half_width), scale * (value + half_width)]
+            band_samples.append(Sample(segment, time, edges))
         shade = colour_on_dark(line.colours[0], BAND_OPACITY)
-        self._draw_samples(Lines(band_path, ("90 % band",), (shade,), is_filled=True), edges, clip)
+        band = Lines(band_path, ("90 % band",), (shade,), is_filled=True)
+        # The band is drawn first, so that the line lies over it.
+        self._draw_samples(band, band_samples, clip)
         self._draw_samples(line, line_samples, clip)
         return line_samples
 
@@ -527,11 +531,14 @@ class LiveWriter:
 
 
 def _samples_of_line(samples: Sequence[Sample], column: int) -> list[Sample]:
-    """Returns the samples of one line, from samples that have the values of several lines.
+    """Selects one line from samples that have the values of several lines at the same times.
 
     Args:
-        samples: samples of k lines.
+        samples: samples of k lines, each with k values.
         column: index of the line.
+
+    Returns:
+        Samples with one value each.
     """
     return [sample._replace(values=sample.values[column : column + 1]) for sample in samples]
 

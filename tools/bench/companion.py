@@ -149,17 +149,18 @@ def control_group(share: float) -> Iterator[Path | None]:
 
 @contextmanager
 def background_load(core: int, share: float) -> Iterator[None]:
-    """Keeps a core busy, within the block, with as many processes as leave a share of it to one more process.
+    """Keeps a processor core busy within the block, so that one more process on it gets only a fraction of its time.
 
     The scheduler divides a core evenly between processes that are always ready: n busy ones leave 1 / (n + 1).
 
     Args:
         core: number of the core.
-        share: share of it that is left, above 0 to 1.
+        share: fraction of its time that is left, above 0 to 1.
     """
     busy_loop = f"import os; os.sched_setaffinity(0, {{{core}}})\nwhile True: pass"
+    busy_count = round(1 / share) - 1
     processes = []
-    for _ in range(round(1 / share) - 1):
+    for _ in range(busy_count):
         processes.append(subprocess.Popen([sys.executable, "-c", busy_loop]))
     try:
         yield

@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Reviews of simulated flights with a known mishap: do headline, lights and events (coded facts) state it? Two tables.
+"""Reviews of simulated flights with a known mishap: do headline, status lights and events state it? Two tables.
 
 A review has a headline, a light (good, watch or bad) for each subject such as the motors, and events. Each is a fact: a
 code with the figures of its sentence. The kind of a flight is what goes wrong in it; in a "sound" one nothing does. The

@@ -30,7 +30,10 @@ from mavdem.motors.signatures import motor_signatures
 
 
 def health_figures(path: Path) -> HealthFigures:
-    """Measures in a log what the health of its motors is judged by: their balance in steady flight, and their effort.
+    """Measures in a log the figures by which the health of its motors is judged.
+
+    They are the balance of the motors in steady flight, from which a weak motor deviates, and the effort of all: their
+    mean command at the voltage of the battery.
 
     Args:
         path: a log that has motor outputs and the battery's voltage.
@@ -39,11 +42,11 @@ def health_figures(path: Path) -> HealthFigures:
     condition = measure_condition(signals)
     assert signals.motors is not None, "the log has no motor outputs"
     assert condition.battery is not None, "the log has no battery voltage"
-    layout = signals.motors.geometry
+    geometry = signals.motors.geometry
     return HealthFigures(
         name=path.stem,
-        motors=layout.names,
-        signatures=motor_signatures(layout),
+        motors=geometry.names,
+        signatures=motor_signatures(geometry),
         balance=balance_of_steady_flight(signals),
         date=identify_vehicle(signals).date,
         collective=condition.collective,
@@ -54,16 +57,16 @@ def health_figures(path: Path) -> HealthFigures:
 def health_row(
     flight: HealthFigures, assessment: HealthAssessment, by_date: HealthAssessment
 ) -> Values:
-    """Returns the row of a flight: health, probabilities, and the suspect motor.
+    """Returns the row of a flight in the table of results: health of the motors, probabilities, and suspected motor.
 
     Args:
         flight: balance and effort of the motors in the flight.
-        assessment: health of its motors, compared with healthy flights.
-        by_date: the same, with what the flights before it show as its prior.
+        assessment: health of its motors, judged by comparison with all healthy flights, whatever their dates.
+        by_date: the same, judged with the knowledge from the flights before it alone.
 
     Returns:
-        Texts by column. "motor" says by how many percent more than in healthy flights the suspect motor works, with the
-        90 % interval; it is empty without a suspect.
+        Texts by column. "motor" states by how many percent more than in healthy flights the suspected motor works, with
+        the 90 % interval; it is empty if none is suspected.
     """
     motor = ""
     if assessment.suspect_motor is not None:
@@ -81,35 +84,35 @@ def health_row(
 
 
 def pair_row(flight: HealthFigures, good_flights: Sequence[HealthFigures]) -> Values:
-    """Returns the row of a flight that is compared with each earlier good flight alone.
+    """Returns the row of a flight whose motors are compared with those of a single good flight before it, for each.
 
     Args:
         flight: balance and effort of the motors in the flight.
-        good_flights: good flights; those after the flight are left out.
+        good_flights: flights with sound motors; those after the flight are left out.
 
     Returns:
-        Texts by column: the number of pairs, how many are a fault, how many a drift, how often each motor is named, and
-        the smallest and the largest probability of a fault.
+        Texts by column: the number of such pairs of flights, in how many of them the flight has a fault or a drift of
+        the motors, how often each motor is named, and the smallest and the largest probability of a fault.
     """
-    counts = Counter[str]()
-    motors = Counter[int]()
+    pairs_by_health = Counter[str]()
+    pairs_by_motor = Counter[int]()
     probabilities = []
     for good_flight in good_flights:
         if good_flight.start_time >= flight.start_time:
             continue
         _, assessment = assess_motor_health([good_flight, flight])
-        counts[assessment.health] += 1
+        pairs_by_health[assessment.health] += 1
         if assessment.suspect_motor is not None:
-            motors[assessment.suspect_motor] += 1
+            pairs_by_motor[assessment.suspect_motor] += 1
         assert assessment.fault_probability is not None
         probabilities.append(assessment.fault_probability)
-    named_motors = [f"motor {motor} in {count}" for motor, count in sorted(motors.items())]
+    named_motors = [f"motor {motor} in {count}" for motor, count in sorted(pairs_by_motor.items())]
     lowest, highest = min(probabilities), max(probabilities)
     return {
         "flight": flight.name,
         "pairs": str(len(probabilities)),
-        "fault": str(counts[MotorHealth.FAULT]),
-        "drift": str(counts[MotorHealth.DRIFT]),
+        "fault": str(pairs_by_health[MotorHealth.FAULT]),
+        "drift": str(pairs_by_health[MotorHealth.DRIFT]),
         "named": ", ".join(named_motors),
         "probability of a fault": f"{lowest:.2f} to {highest:.2f}",
     }

@@ -191,13 +191,15 @@ def event_starts(flight: Flight, disturbance_start: float | None) -> list[float]
 
 
 def learner_marks(flight: Flight) -> list[Mark]:
-    """Gives a segment to the online learner sample by sample, and returns the samples that it reports as unusual.
+    """Returns the samples of a flight that the online learner reports as unusual, with the causes that it names.
+
+    The flight is given to the learner sample by sample, as in a live session.
 
     Args:
         flight: uniformly sampled inputs and outputs of one segment of flight.
 
     Returns:
-        Time and cause of each mark, in the order of time.
+        Time and cause of each such sample, in the order of time.
     """
     learner = OnlineLearner(
         dt=flight.dt,

@@ -239,24 +239,25 @@ class Line(NamedTuple):
         return self._replace(x=grid, y=y, lower_edge=lower_edge, upper_edge=upper_edge)
 
     def _with_extremes(self, grid: Array, interpolated_y: Array) -> Array:
-        """Replaces interpolated values by the extremes of the samples, where many fall into a pair of grid points.
+        """Replaces interpolated values by minima and maxima where many samples lie between two points of a grid.
 
-        A pair of points stands for the interval of two grid steps that begins at its first point. It gets the minimum
-        and the maximum of the samples in this interval: the maximum first where the samples fall from their first to
-        their last, the minimum first otherwise.
+        The points of the grid are taken in pairs. A pair stands for the samples in the two grid steps that begin at its
+        first point. If these are many, the pair gets their minimum and their maximum, so that a peak stays visible: the
+        maximum first if the samples fall from their first to their last, otherwise the minimum first.
 
         Args:
             grid: abscissae (M,), evenly spaced.
-            interpolated_y: (M,) values interpolated at these.
+            interpolated_y: (M,) values of the line, interpolated at these.
 
         Returns:
-            (M,) the values, of which crowded pairs have the extremes.
+            (M,) values, with the extremes at crowded pairs.
         """
         # The last interval ends one step after the last point.
         end_of_grid = 2 * grid[-1] - grid[-2]
         # The index of the first sample of each pair, and the end of the last pair.
         first_samples = np.searchsorted(self.x, np.append(grid[::2], end_of_grid))
-        sample_counts = np.diff(first_samples)[: len(grid) // 2]
+        pair_count = len(grid) // 2
+        sample_counts = np.diff(first_samples)[:pair_count]
         # With as many samples as grid points, three of them may fall into one pair.
         crowded_pairs = np.flatnonzero(sample_counts > MAX_SAMPLES_DRAWN_SINGLY)
         if not len(crowded_pairs):
@@ -268,8 +269,9 @@ class Line(NamedTuple):
         last_samples = first_samples[crowded_pairs + 1] - 1
         is_falling = self.y[starts[crowded_pairs]] > self.y[last_samples]
         y = interpolated_y.copy()
-        y[2 * crowded_pairs] = np.where(is_falling, maximum, minimum)
-        y[2 * crowded_pairs + 1] = np.where(is_falling, minimum, maximum)
+        first_points = 2 * crowded_pairs
+        y[first_points] = np.where(is_falling, maximum, minimum)
+        y[first_points + 1] = np.where(is_falling, minimum, maximum)
         return y
 
 

@@ -87,26 +87,29 @@ def gain_trial_groups(
 
 
 def twin_charts(axis: str, trial: GainTrial) -> list[Chart]:
-    """Returns the charts of one axis in the two flights of the twin, the simulated model of the vehicle and its loops.
+    """Returns charts of how one axis moves with the present and with the advised gains in simulated flights.
 
-    One flight follows recorded setpoints, and the other is a hover in wind.
+    The twin, a simulated model of the vehicle with its identified loops, flies twice: one flight follows the recorded
+    setpoints, the other is a hover in wind.
 
     Args:
         axis: "roll", "pitch" or "yaw".
-        trial: the flights by axis. A flight without this axis has no chart.
+        trial: the motion of the twin in both flights, by axis.
+
+    Returns:
+        A chart for each flight in which this axis was simulated.
     """
     charts = []
     tracking_motion = trial.tracking.get(axis)
     if tracking_motion is not None:
         title = f"{axis.capitalize()} of the twin"
-        is_drawn = np.ones(len(tracking_motion.time), bool)
-        charts.append(_motion_chart(title, tracking_motion, is_drawn))
+        all_samples = np.ones(len(tracking_motion.time), bool)
+        charts.append(_motion_chart(title, tracking_motion, all_samples))
     hover_motion = trial.wind.get(axis)
     if hover_motion is not None:
-        is_drawn = hover_motion.time < HOVER_SECONDS
-        charts.append(
-            _motion_chart(f"{axis.capitalize()} of the twin in a hover", hover_motion, is_drawn)
-        )
+        title = f"{axis.capitalize()} of the twin in a hover"
+        is_at_beginning = hover_motion.time < HOVER_SECONDS
+        charts.append(_motion_chart(title, hover_motion, is_at_beginning))
     return charts
 
 
@@ -135,12 +138,12 @@ def predicted_step_chart(loops: LoopsByAxis, loop_name: str) -> Chart:
 
 
 def _motion_chart(title: str, motion: TwinMotion, is_drawn: Flags) -> Chart:
-    """Returns the chart of an angle of the twin, degrees, with both sets of gains and the setpoint.
+    """Returns the chart of an angle in a simulated flight, °: with the present gains, with advised ones, and setpoint.
 
     Args:
-        title: names the axis and the flight; the error of the angle with both sets of gains is added to it.
-        motion: the whole motion, from which the error is computed.
-        is_drawn: (T,) whether a sample is drawn.
+        title: names the axis and the flight. The error of the angle with both sets of gains, °, is added to it.
+        motion: motion of the twin, the simulated vehicle, with both sets of gains.
+        is_drawn: (T,) whether a sample is drawn; the errors are those of all samples.
     """
     errors = f"{motion.present_error:.2g} → {motion.expected_error:.2g}°"
     time = motion.time[is_drawn]
@@ -149,7 +152,7 @@ def _motion_chart(title: str, motion: TwinMotion, is_drawn: Flags) -> Chart:
     if np.any(motion.setpoint):
         setpoint = np.degrees(motion.setpoint[is_drawn])
         lines.append(Line("setpoint", TRUTH, time, setpoint, style=LineStyle.DASHES))
-    lines.append(Line("now", GAIN_COLOURS["now"], time, np.degrees(motion.present[is_drawn])))
-    advised_angle = np.degrees(motion.advised[is_drawn])
-    lines.append(Line("advised", GAIN_COLOURS["advised"], time, advised_angle))
+    angles = {"now": motion.present, "advised": motion.advised}
+    for name, angle in angles.items():
+        lines.append(Line(name, GAIN_COLOURS[name], time, np.degrees(angle[is_drawn])))
     return Chart(f"{title}: error {errors}", TRIAL_TIME, Axis("angle (°)"), tuple(lines))

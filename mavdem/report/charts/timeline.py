@@ -120,11 +120,11 @@ class Timeline(NamedTuple):
 
     @property
     def overview_groups(self) -> tuple[Group, ...]:
-        """The charts over time as a page groups them: first those of roll and pitch, then those of flight and wind.
+        """The charts over time in the arrangement of a page: roll and pitch, then height, motors, battery and wind.
 
-        The first ``FULL_WIDTH_CHARTS`` stand below each other, and the others in up to ``MAX_COLUMNS`` columns, so that
-        the page is shorter. Roll and pitch are left out if their setpoints were not recorded: an angle alone does not
-        show how well the vehicle follows.
+        The first ``FULL_WIDTH_CHARTS`` stand below each other over the whole width. The others stand in up to
+        ``MAX_COLUMNS`` columns, so that the page is shorter. Roll and pitch are left out if their setpoints were not
+        recorded: an angle alone does not show how well the vehicle follows.
         """
         tilt_charts: list[Chart] = []
         for axis in TILT_AXES:
@@ -142,10 +142,10 @@ class Timeline(NamedTuple):
         if not other_charts:
             return (full_width_group,)
         # Charts that follow each other share a column.
-        row_count = ceil(len(other_charts) / MAX_COLUMNS)
+        charts_per_column = ceil(len(other_charts) / MAX_COLUMNS)
         columns = []
-        for first in range(0, len(other_charts), row_count):
-            columns.append(other_charts[first : first + row_count])
+        for first in range(0, len(other_charts), charts_per_column):
+            columns.append(other_charts[first : first + charts_per_column])
         return full_width_group, Group(tuple(columns), is_flat=True)
 
     def _overview_of(self, unmarked_charts: Charts) -> Charts:
@@ -283,7 +283,9 @@ def _flight_charts(history: TimeHistory) -> Iterator[Chart]:
 
 
 def axis_history_charts(axis: str, history: AxisHistory) -> Charts:
-    """Returns charts of one axis: angle and rate with their setpoints, and the rate error, as far as recorded.
+    """Returns the charts of one axis over time: angle, °, and body rate, °/s, with setpoints, and the rate error.
+
+    What was not recorded has no chart or, within a chart, no line.
 
     Args:
         axis: name of the axis.
@@ -294,12 +296,12 @@ def axis_history_charts(axis: str, history: AxisHistory) -> Charts:
     if history.angle is not None:
         angle_lines = _lines_with_setpoint(axis, history.angle)
         if axis not in TILT_AXES:
-            # A heading beyond half a turn is drawn between -180° and 180°: after turns its details would not show.
-            wrapped_lines = [
-                line._replace(y=(line.y + FULL_TURN / 2) % FULL_TURN - FULL_TURN / 2)
-                for line in angle_lines
-            ]
-            angle_lines = [_broken_where_it_wraps(line) for line in wrapped_lines]
+            # After several turns the details of a heading would not show, so that it is drawn between -180° and 180°.
+            wrapped_lines = []
+            for line in angle_lines:
+                wrapped_angle = (line.y + FULL_TURN / 2) % FULL_TURN - FULL_TURN / 2
+                wrapped_lines.append(_broken_where_it_wraps(line._replace(y=wrapped_angle)))
+            angle_lines = wrapped_lines
         charts.append(over_time(title, "°", angle_lines))
     if history.rate is None:
         return tuple(charts)
@@ -307,23 +309,27 @@ def axis_history_charts(axis: str, history: AxisHistory) -> Charts:
     charts.append(over_time(f"{title} rate", "°/s", rate_lines))
     if len(rate_lines) > 1:
         setpoint_line, rate_line = rate_lines
-        error = Line("error", DISTURBANCE, rate_line.x, rate_line.y - setpoint_line.y)
-        charts.append(over_time(f"{title} rate error", "°/s", [error]))
+        error_line = Line("error", DISTURBANCE, rate_line.x, rate_line.y - setpoint_line.y)
+        charts.append(over_time(f"{title} rate error", "°/s", [error_line]))
     return tuple(charts)
 
 
 def _lines_with_setpoint(name: str, signal: FollowedSetpoint) -> list[Line]:
-    """Returns the lines of a setpoint, if it was recorded, and of the measured signal that follows it, in degrees.
+    """Returns the lines of a measured angle or rate and, before it, of the setpoint that it follows, in degrees.
 
     Args:
-        name: name of the signal's line.
+        name: name of the measured signal in the legend.
         signal: the measured signal with its setpoint.
+
+    Returns:
+        Two lines over time; only that of the measured signal if the setpoint was not recorded.
     """
     scale = display_unit(signal.unit).scale
     time = signal.measured.time
-    lines = [Line(name, PREDICTED, time, scale * signal.measured.values)]
+    lines = []
     if signal.setpoint is not None:
-        lines.insert(0, Line("setpoint", TRUTH, time, scale * signal.setpoint))
+        lines.append(Line("setpoint", TRUTH, time, scale * signal.setpoint))
+    lines.append(Line(name, PREDICTED, time, scale * signal.measured.values))
     return lines
 
 
@@ -345,10 +351,10 @@ def _lines_of_columns(
 
 
 def wind_speed_and_direction_charts(history: WindHistory) -> Iterator[Chart]:
-    """Yields a chart of the wind speed (m/s) and one of the direction that the wind comes from (°).
+    """Yields a chart of the wind speed over time, m/s, and one of the direction that the wind comes from, °.
 
-    Each has the estimate with its 90 % band, and the autopilot's own estimate where that was logged. A quantity that
-    is not identifiable, since the flight does not determine it, has no chart.
+    Each has the estimate with its 90 % band, and the autopilot's own estimate if that was logged. A quantity that the
+    flight does not determine, so that it is not identifiable, has no chart.
 
     Args:
         history: the wind over time, as estimated and as the autopilot has it.
@@ -357,50 +363,52 @@ def wind_speed_and_direction_charts(history: WindHistory) -> Iterator[Chart]:
     # Speed and direction of each sample, from the velocity north and east.
     polar = wind.polar
     if wind.speed_identifiable:
-        line = _speed_line("wind", wind.time, polar.speed, polar.speed_half_width)
+        speed_line = _speed_line("wind", wind.time, polar.speed, polar.speed_half_width)
         autopilot_lines = _lines_of_columns(
             history.autopilot_speed, ["autopilot's own"], [BASELINE]
         )
-        yield over_time("Wind", "m/s", [line, *autopilot_lines])
+        yield over_time("Wind", "m/s", [speed_line, *autopilot_lines])
     if wind.direction_identifiable:
-        line = _direction_line(
-            "wind", DISTURBANCE, wind.time, polar.direction, polar.direction_half_width
-        )
-        lines = [line]
-        estimate = history.autopilot_direction
-        if estimate is not None:
-            direction = estimate.values.ravel()
-            lines.append(_direction_line("autopilot's own", BASELINE, estimate.time, direction))
+        direction_lines = [
+            _direction_line(
+                "wind", DISTURBANCE, wind.time, polar.direction, polar.direction_half_width
+            )
+        ]
+        autopilot_direction = history.autopilot_direction
+        if autopilot_direction is not None:
+            degrees = autopilot_direction.values.ravel()
+            direction_lines.append(
+                _direction_line("autopilot's own", BASELINE, autopilot_direction.time, degrees)
+            )
         title = f"Wind from {compass_text(wind.direction)}"
-        yield over_time(title, "°", lines)
+        yield over_time(title, "°", direction_lines)
 
 
 def _direction_line(
     name: str, colour: str, time: Array, direction: Array, half_width: Array | None = None
 ) -> Line:
-    """Returns the line of a wind direction from 0° to 360°, which breaks where it passes north.
+    """Returns the line of a wind direction on an axis from 0° to 360°, with a gap wherever it passes north.
 
     Args:
         name: name in the legend.
         colour: colour from ``mavdem.report.palette``.
         time: (T,) s.
         direction: (T,) degrees, not limited to 0 to 360.
-        half_width: (T,) half widths of the band, degrees; None for no band. The band ends at north.
-
-    Returns:
-        The line, with a NaN between the samples of each break.
+        half_width: (T,) half widths of the band, degrees; None for no band. The band is cut off at north.
     """
     wrapped_direction = np.mod(direction, FULL_TURN)
-    line = Line(name, colour, time, wrapped_direction)
+    lower_edge = upper_edge = None
     if half_width is not None:
         lower_edge = np.maximum(wrapped_direction - half_width, 0.0)
         upper_edge = np.minimum(wrapped_direction + half_width, FULL_TURN)
-        line = Line(name, colour, time, wrapped_direction, lower_edge, upper_edge)
+    line = Line(name, colour, time, wrapped_direction, lower_edge, upper_edge)
     return _broken_where_it_wraps(line)
 
 
 def _broken_where_it_wraps(line: Line) -> Line:
-    """Returns a line of angles with a gap wherever they jump by more than half a turn.
+    """Returns a line of angles with a gap wherever they jump by more than half a turn, as from 359° to 1°.
+
+    Without a gap, each jump would be drawn as a vertical stroke over the whole chart.
 
     Args:
         line: angles, degrees, in a range of one turn.
@@ -408,17 +416,19 @@ def _broken_where_it_wraps(line: Line) -> Line:
     Returns:
         The line, with a NaN between the samples of each jump.
     """
-    breaks = 1 + np.flatnonzero(abs(np.diff(line.y)) > FULL_TURN / 2)
+    # The index of the first sample after each jump.
+    jumps = 1 + np.flatnonzero(abs(np.diff(line.y)) > FULL_TURN / 2)
 
-    def with_breaks(values: Array | None) -> Array | None:
-        """Returns an edge of the band with a NaN at each break; None without a band."""
-        return None if values is None else np.insert(values, breaks, np.nan)
+    def with_gaps(values: Array | None) -> Array | None:
+        """Returns an edge of the band with a NaN at each jump; None without a band."""
+        return None if values is None else np.insert(values, jumps, np.nan)
 
+    times_of_gaps = (line.x[jumps] + line.x[jumps - 1]) / 2
     return line._replace(
-        x=np.insert(line.x, breaks, (line.x[breaks] + line.x[breaks - 1]) / 2),
-        y=np.insert(line.y, breaks, np.nan),
-        lower_edge=with_breaks(line.lower_edge),
-        upper_edge=with_breaks(line.upper_edge),
+        x=np.insert(line.x, jumps, times_of_gaps),
+        y=np.insert(line.y, jumps, np.nan),
+        lower_edge=with_gaps(line.lower_edge),
+        upper_edge=with_gaps(line.upper_edge),
     )
 
 

@@ -179,43 +179,47 @@ def comparison_page(
 
 
 def _change_chapter(difference: VehicleDifference) -> Chapter:
-    """Returns the chapter on the changes between the flights: a drawing of the vehicle, and further ones in sentences.
+    """Returns the chapter on what changed between the flights: a drawing of the changes, and sentences on the others.
 
     Args:
-        difference: differences between the vehicles.
+        difference: comparison of the two flights, quantity by quantity.
     """
-    plan = change_plan(difference)
-    groups = [] if plan is None else [Group.side_by_side([plan], CHANGES_CAPTION)]
-    drawn = drawn_changes(difference)
-    not_drawn = [change for change in difference.changes if change not in drawn]
-    sentences = [*bound_sentences(difference), *same_sentences(not_drawn)]
+    drawing = change_plan(difference)
+    groups = [] if drawing is None else [Group.side_by_side([drawing], CHANGES_CAPTION)]
+    changes_in_drawing = drawn_changes(difference)
+    other_changes = [change for change in difference.changes if change not in changes_in_drawing]
+    sentences = [*bound_sentences(difference), *same_sentences(other_changes)]
     return Chapter("What changed", sentences, groups)
 
 
 def _series_charts(
     flights: tuple[FlightSeries | None, FlightSeries | None], legend: Mapping[str, str]
 ) -> Iterator[Chart]:
-    """Yields a chart of each time series, with both flights over each other.
+    """Yields a chart of each recorded quantity over time, such as roll, with the lines of both flights in it.
 
     Args:
-        flights: time series of the flight of each side, A and B; None where they were not stored with the flight.
-        legend: name of each side in legends.
+        flights: time series of flight A and of flight B; None where they were not stored with the flight.
+        legend: name of each side, "A" and "B", in legends.
     """
-    series = dict(zip(SIDE_COLOURS, flights, strict=True))
-    known_series = {side: flown for side, flown in series.items() if flown is not None}
-    for chart in flight_series_charts(known_series, legend, SIDE_COLOURS):
+    series_by_side = {}
+    for side, series in zip(SIDE_COLOURS, flights, strict=True):
+        if series is not None:
+            series_by_side[side] = series
+    for chart in flight_series_charts(series_by_side, legend, SIDE_COLOURS):
         yield _with_single_side(chart)
 
 
 def _overview_groups(
     reviews_by_side: Reviews, legend: Mapping[str, str], series_charts: Sequence[Chart]
 ) -> list[Group]:
-    """Returns one row of pictures of both flights: the gyro's spectra, and the time series in ``OVERVIEW_SERIES``.
+    """Returns the row of pictures at the top of the page: spectra of the gyro, vibration and mean motor output.
+
+    Each picture shows both flights. Those of quantities that were not recorded are left out.
 
     Args:
         reviews_by_side: review documents of both logs, by side.
         legend: name of each side in legends.
-        series_charts: charts of the time series of both flights.
+        series_charts: charts of the time series of both flights, among them those of ``OVERVIEW_SERIES``.
     """
     spectra = _spectrum_chart(reviews_by_side, legend)
     charts = [_with_single_side(spectra)] if spectra.lines else []
@@ -245,20 +249,25 @@ def _motor_groups(series_charts: Sequence[Chart]) -> list[Group]:
 def _series_chapter(
     flights: tuple[FlightSeries | None, FlightSeries | None], series_charts: Sequence[Chart]
 ) -> Chapter:
-    """Returns the folded chapter with the time series that stand neither in the row at the top nor with the motors.
+    """Returns the folded chapter with the charts over time that the page does not show elsewhere.
+
+    Elsewhere are those in the row at the top of the page and those of the motors. A sentence names the side whose time
+    series were not stored.
 
     Args:
-        flights: time series of the flight of each side, A and B; None where they were not stored with the flight, which
-            the chapter says.
+        flights: time series of flight A and of flight B; None where they were not stored with the flight.
         series_charts: charts of the time series of both flights.
     """
-    series = dict(zip(SIDE_COLOURS, flights, strict=True))
-    sides_without_series = [side for side, flown in series.items() if flown is None]
+    sides_without_series = []
+    for side, series in zip(SIDE_COLOURS, flights, strict=True):
+        if series is None:
+            sides_without_series.append(side)
     remarks = render_section("difference_series", lacking=sides_without_series)
-    shown_titles = (*OVERVIEW_SERIES, *MOTOR_OUTPUTS)
-    groups = [
-        Group.side_by_side([chart]) for chart in series_charts if chart.title not in shown_titles
-    ]
+    titles_shown_elsewhere = (*OVERVIEW_SERIES, *MOTOR_OUTPUTS)
+    groups = []
+    for chart in series_charts:
+        if chart.title not in titles_shown_elsewhere:
+            groups.append(Group.side_by_side([chart]))
     return Chapter("More time series", remarks, groups, folded=True)
 
 
@@ -338,36 +347,37 @@ def _cell(document: Review, key: str, scale: float = 1.0) -> str:
 
 
 def _step_charts(reviews_by_side: Reviews, legend: Mapping[str, str], axis: str) -> Iterator[Chart]:
-    """Yields charts of the step responses of rate and angle of an axis, with the lines and bands of both sides.
+    """Yields a chart of the step response of the rate loop and one of the attitude loop of an axis, with both flights.
 
-    The responses are those of the review documents: times, s, the response to a step of 1, and the half width of its
-    90 % band. A loop that neither side has measured has no chart.
+    The responses and their 90 % bands are measured ones, from the review documents. A loop that neither flight has
+    measured has no chart.
 
     Args:
         reviews_by_side: review documents of both logs, by side.
         legend: name of each side in legends.
         axis: "roll", "pitch" or "yaw".
     """
-    for loop in ("rate", "attitude"):
+    for loop_name in ("rate", "attitude"):
         lines = []
         for side, review in reviews_by_side.items():
-            response = value_at(review, f"axes.{axis}.{loop}.measured")
-            if response:
-                time = np.array(response["time"])
-                step = np.array(response["step"])
-                half_width = np.array(response["step_half"])
-                name = legend[side]
-                lines.append(Line.with_band(name, SIDE_COLOURS[side], time, step, half_width))
+            # Times, s, the response to a step of 1, and the half width of its band.
+            response = value_at(review, f"axes.{axis}.{loop_name}.measured")
+            if not response:
+                continue
+            time = np.array(response["time"])
+            step = np.array(response["step"])
+            half_width = np.array(response["step_half"])
+            lines.append(Line.with_band(legend[side], SIDE_COLOURS[side], time, step, half_width))
         if lines:
-            title = f"{axis.capitalize()} {loop}: step"
-            chart = step_chart(title, lines)
+            chart = step_chart(f"{axis.capitalize()} {loop_name}: step", lines)
             yield _with_single_side(chart)
 
 
 def _spectrum_chart(reviews_by_side: Reviews, legend: Mapping[str, str]) -> Chart:
-    """Returns a chart of the gyro's power spectra in both flights, (rad/s)²/Hz, the sum over its three axes.
+    """Returns a chart of the power spectral densities of the gyro in both flights, (rad/s)²/Hz, the sum of three axes.
 
-    Spectra before the filters are preferred to those after them. A side without a spectrum has no line.
+    The spectrum before the filters is drawn if that was logged, otherwise the one after them. A side without any has no
+    line.
 
     Args:
         reviews_by_side: review documents of both logs, by side.
@@ -377,12 +387,13 @@ def _spectrum_chart(reviews_by_side: Reviews, legend: Mapping[str, str]) -> Char
     for side, review in reviews_by_side.items():
         spectra = review.get("spectra") or {}
         spectrum = spectra.get("gyro_before") or spectra.get("gyro")
-        if spectrum:
-            # The first frequency, 0 Hz, is the mean and no vibration.
-            density = np.sum(list(spectrum["density"].values()), axis=0)[1:]
-            frequency = np.array(spectrum["frequency"])[1:]
-            power = np.maximum(density, MIN_DENSITY)
-            lines.append(Line(legend[side], SIDE_COLOURS[side], frequency, power))
+        if not spectrum:
+            continue
+        density = np.sum(list(spectrum["density"].values()), axis=0)
+        frequency = np.array(spectrum["frequency"])
+        # The first frequency, 0 Hz, is the mean and no vibration.
+        power = np.maximum(density[1:], MIN_DENSITY)
+        lines.append(Line(legend[side], SIDE_COLOURS[side], frequency[1:], power))
     power_axis = Axis("power ((rad/s)²/Hz)", is_logarithmic=True)
     title = "Gyro, power ((rad/s)²/Hz)"
     return Chart(title, Axis("frequency (Hz)"), power_axis, tuple(lines))
@@ -484,25 +495,34 @@ def _wind_rows(reviews_by_side: Reviews) -> list[list[str]]:
 
 
 def _wind_speed_cell(wind: Review) -> str:
-    """Returns the wind speed with its 90 % interval, m/s; of air that may be still, only the end of the interval.
+    """Returns the table cell of a flight's wind speed, m/s, with its 90 % interval, such as "5.2 (4.6 to 5.9)".
+
+    If the air may have been still, the cell has only the upper end of the interval, such as "below 1.3".
 
     Args:
-        wind: the wind in a review document; empty without a wind. A dash stands for a speed that is not identifiable.
+        wind: the wind in a review document; empty without a wind.
+
+    Returns:
+        The text; a dash if the speed is not identifiable.
     """
     status = wind.get("status", {})
     if status.get("speed") == NOT_IDENTIFIABLE:
         return UNKNOWN_FIGURE
     if wind.get("calm"):
-        return f"below {rounded_up(wind['speed_interval'][1], 1)}"
+        _, upper_end = wind["speed_interval"]
+        return f"below {rounded_up(upper_end, 1)}"
     return _cell(wind, "speed")
 
 
 def _wind_direction_cell(wind: Review) -> str:
-    """Returns the direction that the wind comes from with the half width of its interval, degrees.
+    """Returns the table cell of the direction that a flight's wind came from, degrees, such as "270 ± 8".
 
     Args:
-        wind: the wind in a review document; empty without a wind. A dash stands for a direction that is not
-            identifiable, and for still air, which comes from nowhere.
+        wind: the wind in a review document; empty without a wind.
+
+    Returns:
+        Direction and half width of its 90 % interval; a dash if the direction is not identifiable, and for still air,
+        which comes from nowhere.
     """
     status = wind.get("status", {})
     if not wind or wind["calm"] or status.get("direction") == NOT_IDENTIFIABLE:

@@ -424,13 +424,14 @@ def _bad_unnamed_flights(summaries: Sequence[VehicleSummary]) -> list[UnnamedFli
 def _labels_of_serial_numbers(
     summaries: Sequence[VehicleSummary], names: GivenNames
 ) -> dict[str, str]:
-    """Returns labels that replace the serial numbers of vehicles in a table of flights, as "Quadrotor 001a…0c3f2a".
+    """Returns short labels for the vehicles whose logs name them by a serial number, such as "Quadrotor 001a…0c3f2a".
 
-    A serial number is too long for a column. Its label has the kind of frame and both ends of the number.
+    A serial number is too long for a column of the table of flights. The label has the type of the frame and both ends
+    of the number.
 
     Args:
-        summaries: what is known of the flights under each name.
-        names: names that were given to vehicles; a vehicle with a given name needs no label.
+        summaries: summary of the flights under each name.
+        names: names that owners gave to vehicles; a vehicle with a given name needs no label.
 
     Returns:
         Labels by the serial number, which is the name of the vehicle in its logs.
@@ -444,16 +445,16 @@ def _labels_of_serial_numbers(
 
 
 def _note_on_vehicle(vehicle: VehicleFlights) -> str:
-    """Returns the note on a vehicle in the list of a fleet's vehicles: what is wrong, in one sentence.
+    """Returns what is wrong with a vehicle in one sentence, for its line in the list of a fleet's vehicles.
 
     A vehicle of which nothing is known to be wrong has no note, since most vehicles of a fleet would have the same.
 
     Args:
         vehicle: summary of the vehicle's flights, with texts on its motors and the headline of its latest flight.
     """
-    needs_look = vehicle.urgency.rank < MAX_URGENT_RANK
-    if needs_look:
-        # The reason, where there is one, names the motor and the probability as the text on the latest flight does.
+    needs_attention = vehicle.urgency.rank < MAX_URGENT_RANK
+    if needs_attention:
+        # The reason is in the same words as the text on the latest flight, but shorter.
         return vehicle.texts.reason or vehicle.texts.latest_flight
     # The headline is empty unless it is bad or to be watched.
     return vehicle.last.headline
@@ -501,21 +502,22 @@ def _flight_calendar(lines: Sequence[FlightLine]) -> Calendar | None:
 
 
 def _level_counts_by_day(lines: Sequence[FlightLine]) -> dict[date, Counter[Level]]:
-    """Counts the flights of each day (UTC) by the level of their health, the judgement of the motors.
+    """Counts the flights of each day (UTC) by level: good, watch or bad, by the health of the motors.
 
     Args:
         lines: lines of the table of all flights.
 
     Returns:
-        Numbers of flights by day and level. Flights without a date or a health are not counted.
+        Numbers of flights by day and level. Flights without a date, and logs that were not used, are not counted.
     """
-    health_column = [*COLUMNS].index("health")
+    health_column = list(COLUMNS).index("health")
     counts = defaultdict[date, Counter[Level]](Counter)
     for line in lines:
         health = line.cells[health_column]
         if line.seconds is not None and health != NOT_USED:
             day = datetime.fromtimestamp(line.seconds, UTC).date()
-            counts[day][BADGE_LEVELS[health]] += 1
+            level = BADGE_LEVELS[health]
+            counts[day][level] += 1
     return counts
 
 
@@ -570,25 +572,26 @@ def _light_counts(summaries: Sequence[VehicleSummary]) -> list[LightCounts]:
 
 
 def _repeated_summaries(sections: Sequence[VehicleSection]) -> Table:
-    """Moves summaries that are the same for several vehicles from their sections of the page into one table.
+    """Moves texts that several vehicles have in common from their sections of the page into one table.
 
-    Many vehicles of a fleet lack the same thing, such as enough flights to compare. Their sections would all say so.
+    Many vehicles of a fleet lack the same thing, such as enough flights to compare, and all their sections would say
+    so.
 
     Args:
-        sections: sections of the page, one for each vehicle; repeated summaries are removed from them.
+        sections: sections of the page, one for each vehicle. The summary of a section is emptied if it is in the table.
 
     Returns:
-        Summary and number of vehicles, the most frequent first.
+        The table of summaries with the number of vehicles, the most frequent first.
     """
     counts = Counter(section.summary for section in sections if section.summary)
-    cells = []
+    rows = []
     for summary, count in counts.most_common():
         if count > 1:
-            cells.append([summary, str(count)])
+            rows.append([summary, str(count)])
     for section in sections:
         if counts[section.summary] > 1:
             section.summary = ""
-    return Table(["reason", "vehicles"], cells, words=True)
+    return Table(["reason", "vehicles"], rows, words=True)
 
 
 def _rose(summaries: Sequence[VehicleSummary]) -> Plan | None:
