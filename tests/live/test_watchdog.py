@@ -42,10 +42,11 @@ from mavdem.live.flight_lights import FlightLights
 from mavdem.live.motor_limits import ALARMING_SHARE
 from mavdem.live.recent_messages import MAX_ROWS, RecentMessages
 from mavdem.live.session_status import Latency, SessionStatus
+from mavdem.live.takeoff_place import Displacement
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.live.watchdog import DECISION_SECONDS, TRACKING_PERIOD, Watchdog
 from mavdem.live.wind import WindEstimate
-from mavdem.report.live import watched_quantities_text
+from mavdem.report.live import vehicle_text, watched_quantities_text
 
 
 @dataclass(frozen=True)
@@ -670,6 +671,24 @@ def test_a_lost_link_heads_the_status_with_a_light_that_is_bad(obstacle):
     status = replace(status, worst_lights={Light.MOTORS: bad})
     headline = status.overall_judgement.headline
     assert bad in (headline, headline.figures.get("cause"))
+
+
+def test_on_a_terminal_the_place_of_a_lost_vehicle_stands_in_the_headline_alone():
+    silent = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0)
+    state = VehicleState("Guided", is_armed=True, voltage=12.2)
+    status = SessionStatus(
+        "1:1",
+        state=state,
+        is_flying=True,
+        flight_seconds=6.0,
+        message_age=4.0,
+        displacement=Displacement(distance=3.0, height=10.0),
+    )
+    place = "10 m above the take-off, 3 m from it"
+    assert place in vehicle_text(status, has_table=True)
+    lost = replace(status, no_model_reason=silent)
+    assert place in str(lost.overall_judgement.headline)
+    assert vehicle_text(lost, has_table=True) == "1:1, Guided, in flight for 0:06 min."
 
 
 def test_a_line_of_a_log_says_what_is_new(capsys):
