@@ -80,7 +80,7 @@ def write_fleet_pages(store: Store, changes: Mapping[str, Sequence[Block]]) -> F
 
 
 def _cached_summaries(store: Store, outdated_names: Collection[str]) -> list[VehicleSummary]:
-    """Returns the summary of each vehicle, from the store if it is kept there and up to date.
+    """Returns the summary of each vehicle for the index page, from the store if it is kept there and up to date.
 
     Args:
         store: The open SQLite store of the fleet, with the rows of all logs.
@@ -141,10 +141,14 @@ def _update_flight_pages(folder: Path, rows: FlightRows) -> None:
     Raises:
         Unreadable: A page cannot be written.
     """
-    for flight_rows in group_into_flights(row for row in rows if row.page):
-        path = folder / PAGES / Path(flight_rows[0].page or "").name
+    rows_with_page = [row for row in rows if row.page]
+    for flight_rows in group_into_flights(rows_with_page):
+        page = flight_rows[0].page or ""
+        path = folder / PAGES / Path(page).name
+        # Somebody may have deleted the page.
         if path.is_file():
-            _update_flight_page(path, motor_anomaly(worst_row(flight_rows)))
+            anomaly = motor_anomaly(worst_row(flight_rows))
+            _update_flight_page(path, anomaly)
 
 
 def _update_flight_page(path: Path, anomaly: MotorAnomaly | None) -> None:

@@ -265,8 +265,12 @@ def _show_log(
         count: Number of logs to read; 0 if all are known already.
         outcome: Outcome of the log that was read last; None before the first.
     """
-    title = f"{done} of {counted(count, 'new log')} read" if done < count else "Comparing flights"
-    show_bar(done / max(count, 1), title)
+    title = "Comparing flights"
+    if done < count:
+        title = f"{done} of {counted(count, 'new log')} read"
+    # The count is 0 without new logs.
+    done_fraction = done / max(count, 1)
+    show_bar(done_fraction, title)
     if STDERR.is_terminal:
         return
     if outcome is not None:
@@ -283,12 +287,15 @@ def _outcome_line(outcome: JobOutcome) -> str:
     """
     line = f"{outcome.path}, {outcome.seconds:.1f} s"
     # A copy of a log that the fleet has is recognized by its content, and not read.
-    if outcome.ended == "known":
+    is_copy = outcome.ended == "known"
+    if is_copy:
         return f"{line}: its content is known"
-    if any(row.has_flight for row in outcome.rows):
+    has_flight = any(row.has_flight for row in outcome.rows)
+    if has_flight:
         return line
     # The first row stands for the log; its status is the reason.
-    return f"{line}: {outcome.rows[0].status}"
+    reason = outcome.rows[0].status
+    return f"{line}: {reason}"
 
 
 def _refuse_names_of_other_logs(folder: Path, logs: Names, given_names: Names) -> None:
@@ -303,16 +310,22 @@ def _refuse_names_of_other_logs(folder: Path, logs: Names, given_names: Names) -
         click.BadParameter: There is no such log. Serial numbers are not checked, since they are known only after the
             reading.
     """
-    subjects = [given_name.partition("=")[0] for given_name in given_names]
-    log_names = [subject for subject in subjects if looks_like_log(subject)]
+    # What is named stands before "=": a log, or a serial number of a vehicle.
+    log_names = []
+    for given_name in given_names:
+        subject = given_name.partition("=")[0]
+        if looks_like_log(subject):
+            log_names.append(subject)
     if not log_names:
         return
     known_names: set[str] = set()
-    for source in find_logs(logs, folder)[0]:
+    found_logs, _ = find_logs(logs, folder)
+    for source in found_logs:
         known_names.update(_file_names(source.path))
     if is_fleet(folder):
         for row in read_brief_rows(folder):
-            known_names.update((*_file_names(row.file), row.vehicle))
+            known_names.update(_file_names(row.file))
+            known_names.add(row.vehicle)
     for name in log_names:
         if name not in known_names:
             raise click.BadParameter(f"there is no log {name}.", param_hint="--name")
@@ -330,7 +343,9 @@ def _is_subject_known(rows: FlightRows, given_name: str) -> bool:
 
 
 def _store_names(store: Store, given_names: Names) -> str | None:
-    """Gives names to vehicles and flights of a fleet, or takes them away: all of them, or none if one is unknown.
+    """Stores the names that the user gave to vehicles and flights of a fleet; an empty name deletes the former one.
+
+    If one of the vehicles or flights is unknown, none of the names is stored.
 
     Args:
         store: The open SQLite store of the fleet, with the rows of all logs.
@@ -352,12 +367,13 @@ def _store_names(store: Store, given_names: Names) -> str | None:
 
 
 def _store_name(store: Store, rows: FlightRows, given_name: str) -> None:
-    """Gives a name to a vehicle or a flight of a fleet, or takes it away.
+    """Stores the name that the user gave to a vehicle or a flight of a fleet; an empty name deletes the former one.
 
     Args:
         store: The open store of the fleet, in a transaction.
         rows: All rows of the fleet's table, one for each axis of each flight.
-        given_name: Argument of --name: a vehicle's name in the table or the file name of a log, "=", and the name.
+        given_name: Argument of --name: a vehicle's name in the table or the file name of a log, "=", and the name, such
+            as "flight.ulg=After the new propellers".
     """
     subject, _, typed_name = given_name.partition("=")
     name = plain_name(typed_name)
@@ -404,7 +420,10 @@ def _print_fleet(
         blocks_by_vehicle: The same as sentences and tables, of the vehicles that the baseline has.
         has_new_baseline: Whether this run has named the baseline; otherwise one of an earlier run is stated.
     """
-    unused_files = {row.file for summary in pages.summaries for row in summary.unused}
+    # Logs in the table without a flight.
+    unused_files = set()
+    for summary in pages.summaries:
+        unused_files.update(row.file for row in summary.unused)
     print_to_stdout(
         f"{counted(tracked.logs, 'log')}, {tracked.read} of them read now; {len(unused_files)} in the table without a"
         " flight; copies count once.\n"
@@ -422,14 +441,16 @@ def _print_fleet(
             print_blocks([headline_sentence(f"{label}:"), *blocks_by_vehicle[vehicle]])
         else:
             labels_without_baseline.append(label)
-    baseline_logs = sorted({PurePath(row.file).name for row in tracked.healthy})
+    # A flight has one row for each axis, so that sets count it once.
+    baseline_flights = {(row.file, row.key) for row in tracked.healthy}
+    baseline_logs = {PurePath(row.file).name for row in tracked.healthy}
     print_blocks(
         render_section(
             "fleet_without_baseline",
             vehicles=abbreviated_list(labels_without_baseline),
             is_kept=bool(tracked.healthy) and not has_new_baseline,
-            flights=len({(row.file, row.key) for row in tracked.healthy}),
-            logs=abbreviated_list(baseline_logs),
+            flights=len(baseline_flights),
+            logs=abbreviated_list(sorted(baseline_logs)),
         )
     )
 

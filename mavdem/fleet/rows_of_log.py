@@ -139,10 +139,13 @@ def _loop_columns(assessment: Assessment, axis: str) -> JsonValues:
     columns: JsonValues = {}
     loop = assessment.loops[axis]
     # A column cannot say that its number is doubtful, so the margins of a doubtful loop are left out.
-    if not isinstance(loop, NoLoop) and axis not in assessment.axes_with_doubtful_loop:
+    is_doubtful = axis in assessment.axes_with_doubtful_loop
+    if not isinstance(loop, NoLoop) and not is_doubtful:
         columns = margin_columns(loop)
-    columns |= step_columns(assessment.responses.get(axis, {}).get("rate"))
-    return columns | decision_columns(assessment.loop_decisions.get(axis))
+    responses_of_axis = assessment.responses.get(axis, {})
+    columns |= step_columns(responses_of_axis.get("rate"))
+    columns |= decision_columns(assessment.loop_decisions.get(axis))
+    return columns
 
 
 def failed_motor(assessment: Assessment) -> int | None:
@@ -152,10 +155,13 @@ def failed_motor(assessment: Assessment) -> int | None:
         assessment: assessment of one vehicle of the log.
 
     Returns:
-        The number; None unless the motors' light is bad and names a motor.
+        The number; None if the judgement of the motors is not bad, or is not about one motor.
     """
-    light = assessment.lights[Light.MOTORS]
-    return motor_number(light.subject) if light.level is Level.BAD else None
+    # The status light of the motors: a fact with a level, whose subject is the motor that it is about.
+    motors_light = assessment.lights[Light.MOTORS]
+    if motors_light.level is not Level.BAD:
+        return None
+    return motor_number(motors_light.subject)
 
 
 def _row_without_flight(
@@ -294,15 +300,16 @@ def step_columns(response: LoopResponse | None) -> JsonValues:
     """
     if response is None or isinstance(response.measured, Fact):
         return {}
-    columns: JsonValues = {
-        "rate_step_source": "identified_loop" if response.measured.is_identified else "measured"
+    step_response = response.measured
+    source = "identified_loop" if step_response.is_identified else "measured"
+    columns: JsonValues = {"rate_step_source": source}
+    # Each is the estimate with both ends of its 90 % interval.
+    estimates = {
+        "rate_overshoot": step_response.overshoot,
+        "rate_rise": step_response.rise_time,
     }
-    figures = {
-        "rate_overshoot": response.measured.overshoot,
-        "rate_rise": response.measured.rise_time,
-    }
-    for name, (value, low, high) in figures.items():
-        columns[name] = value
+    for name, (estimate, low, high) in estimates.items():
+        columns[name] = estimate
         columns[f"{name}_interval"] = (high - low) / 2
     return columns
 

@@ -135,7 +135,7 @@ class Store:
             yield
 
     def _add_brief_rows(self) -> None:
-        """Adds brief rows and pages to the store of an earlier version, whose rows had neither."""
+        """Adds columns to the store of an earlier version: brief rows, for quick reading, and pages of flights."""
         if has_brief_rows(self.db):
             return
         with self.transaction():
@@ -146,17 +146,17 @@ class Store:
             self.db.execute("alter table flights add column page text")
             self.db.execute("alter table unpublished add column vehicle text")
             query = "select rowid, row, coalesce(file, '') from flights"
-            for row_id, *columns in self.db.execute(query).fetchall():
+            for row_id, row_json, file in self.db.execute(query).fetchall():
                 # A damaged row is reported where it is used.
                 with suppress(sqlite3.DatabaseError):
-                    row = row_of_json(*columns)
+                    row = row_of_json(row_json, file)
                     self.db.execute(
                         "update flights set brief = ?, page = ? where rowid = ?",
                         [brief_json(row), row.page, row_id],
                     )
 
     def has_read(self, source: LogSource, limits: JobLimits) -> bool:
-        """Returns whether a log need not be read: it is unchanged, and another reading would end as the last one did.
+        """Returns whether a log need not be read again: it is unchanged, and another reading would end as the last did.
 
         A log without a version, such as a pipe, always counts as changed. A reading that failed may succeed now, for
         example with higher limits; the condition ``WOULD_END_ALIKE_SQL`` excludes such logs.
@@ -167,12 +167,14 @@ class Store:
         """
         query = f"""select 1 from logs where path = :path and version = :version and version <> '' and
             :size in ({UNKNOWN_SIZE}, size) and {WOULD_END_ALIKE_SQL}"""
-        return self.db.execute(query, _query_values(source, limits)).fetchone() is not None
+        entry_of_unchanged_log = self.db.execute(query, _query_values(source, limits)).fetchone()
+        return entry_of_unchanged_log is not None
 
     def keys_of_size(self, source: LogSource, limits: JobLimits) -> Names:
-        """Returns the keys of the stored logs that have the size of a log, so that it may be a copy of one of them.
+        """Returns the hashes of the stored logs that have the size of a log, so that it may be a copy of one of them.
 
-        A key is a hash of the content. Who reads the log compares its key with these: a copy need not be read again.
+        A key is the hash of a log's content. The process that opens the log compares its key with these: a copy of a
+        stored log need not be read again.
 
         Args:
             source: the log, with its size in bytes.
@@ -183,7 +185,8 @@ class Store:
         """
         query = f"""select distinct key from logs where size = :size and key <> '' and {WOULD_END_ALIKE_SQL}
             order by key"""
-        return tuple(key for (key,) in self.db.execute(query, _query_values(source, limits)))
+        entries = self.db.execute(query, _query_values(source, limits))
+        return tuple(key for (key,) in entries)
 
     def is_last_reading_valid(self, source: LogSource, outcome: JobOutcome) -> bool:
         """Returns whether the rows that were read from a log last are still valid after another attempt to read it.
@@ -306,9 +309,12 @@ class Store:
         existing_pages = set()
         if (self.folder / PAGES).is_dir():
             existing_pages = {f"{PAGES}/{name}" for name in os.listdir(self.folder / PAGES)}
-        rows = self.db.execute("select distinct log, page from flights where page is not null")
-        marked_logs = [[content] for content, page in rows if page not in existing_pages]
-        self.db.executemany("update logs set ended = 'source' where log = ?", marked_logs)
+        query = "select distinct log, page from flights where page is not null"
+        logs_without_page = []
+        for log_key, page in self.db.execute(query):
+            if page not in existing_pages:
+                logs_without_page.append([log_key])
+        self.db.executemany("update logs set ended = 'source' where log = ?", logs_without_page)
 
     def track(self, sources: Iterable[LogSource]) -> None:
         """Marks logs as tracked, as far as the store has them: the fleet's table shows the flights of these only."""
@@ -317,15 +323,16 @@ class Store:
             self.db.executemany("update logs set tracked = 1 where path = ?", paths)
 
     def rows(self, query: str) -> Iterator[FlightRow]:
-        """Yields the rows that a query finds.
+        """Yields the rows of the fleet's table that a query finds: one for each axis of each flight.
 
         Args:
-            query: SQL that selects ``row``, or ``row`` and the name of the log in the table.
+            query: SQL that selects ``row``, the row as JSON, or ``row`` and the present name of the log's file.
 
         Raises:
             sqlite3.DatabaseError: a row is damaged.
         """
-        return (row_of_json(*values) for values in self.db.execute(query))
+        found_columns = self.db.execute(query)
+        return (row_of_json(*columns) for columns in found_columns)
 
     def sound_rows(self, query: str, values: Sequence[Any] = ()) -> Iterator[FlightRow]:
         """Yields the rows that a query with ``values`` finds, as :meth:`rows` does, without those that are damaged."""
@@ -361,11 +368,13 @@ class Store:
             self.db.executemany("insert into healthy values (?)", texts)
 
     def update_names(self) -> None:
-        """Gives each row the first path of its log, and deletes the rows of logs that have no path any more.
+        """Updates the path of the log in each row of the table, and deletes the rows of logs that no longer exist.
 
-        The text of a row names its file, and is written when the vehicle is judged. So rows whose path changes are
-        marked to be judged again, by an empty column ``judged``.
+        A log may have several paths, such as those of copies: the first one in alphabetical order is stated. Only logs
+        in the table of the fleet count (column ``tracked``). The text of a row names its file, and is written when the
+        vehicle is judged. So rows whose path changes are marked to be judged again, by an empty column ``judged``.
         """
+        # The rows of logs without a path.
         self._delete_rows()
         # "is not" also holds where a row has no file yet, where "<>" would give null.
         self.db.execute(
@@ -384,14 +393,17 @@ class Store:
             condition: SQL; by default that the log of a row no longer exists under any name.
             values: Values of the question marks in it.
         """
-        vehicles = f"select distinct vehicle from flights where {condition}"
-        self.db.execute(f"insert into unpublished (vehicle) {vehicles}", values)
-        self.db.execute(f"update flights set judged = null where vehicle in ({vehicles})", values)
+        affected_vehicles = f"select distinct vehicle from flights where {condition}"
+        # The table files for other programs (``fleet/table_files.py``) are written again for these vehicles.
+        self.db.execute(f"insert into unpublished (vehicle) {affected_vehicles}", values)
+        self.db.execute(
+            f"update flights set judged = null where vehicle in ({affected_vehicles})", values
+        )
         self.db.execute(f"delete from flights where {condition}", values)
 
 
 def _query_values(source: LogSource, limits: JobLimits) -> JsonValues:
-    """Returns the values of the named parameters in queries for a log.
+    """Returns the values for the named parameters of SQL queries about a log, such as ``:path``.
 
     Args:
         source: path of the log, with its size and the version of its content.
@@ -400,9 +412,10 @@ def _query_values(source: LogSource, limits: JobLimits) -> JsonValues:
     Returns:
         Values by name: the fields of ``source`` and ``limits``, and ``mavdem``, the version of this program.
     """
-    return {
-        **source._asdict(),
-        **limits._asdict(),
-        "path": utf8_text(source.path),
-        "mavdem": metadata.version("mavdem"),
-    }
+    values = JsonValues()
+    values.update(source._asdict())
+    values.update(limits._asdict())
+    # SQLite takes no text that is not valid Unicode, as the name of a file may be.
+    values["path"] = utf8_text(source.path)
+    values["mavdem"] = metadata.version("mavdem")
+    return values

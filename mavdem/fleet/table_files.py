@@ -238,10 +238,11 @@ def row_schema() -> Any:
             return pyarrow.list_(arrow_type(get_args(column_type)[0]))
         return scalar_types[column_type]
 
-    units = {name: {"unit": unit} for name, unit in field_units(FlightRow).items()}
+    units = field_units(FlightRow)
     columns = []
     for name, column_type in column_types().items():
-        columns.append(pyarrow.field(name, arrow_type(column_type), metadata=units.get(name)))
+        column_metadata = {"unit": units[name]} if name in units else None
+        columns.append(pyarrow.field(name, arrow_type(column_type), metadata=column_metadata))
     heading = document_heading("flights", SCHEMA_VERSION, {})
     versions = {
         "mavdem_schema": str(SCHEMA_VERSION),
@@ -284,15 +285,16 @@ def _row_groups(rows: Iterable[StoredRow]) -> Iterator[Any]:
     """
     import pyarrow
 
-    rows = iter(rows)
-    group = list(islice(rows, ROWS_PER_GROUP))
-    while group:
+    remaining_rows = iter(rows)
+    while True:
+        group = list(islice(remaining_rows, ROWS_PER_GROUP))
+        if not group:
+            return
         try:
             table = _arrow_table(group)
         except pyarrow.ArrowInvalid as error:
             raise sqlite3.DatabaseError(error) from None
         yield table
-        group = list(islice(rows, ROWS_PER_GROUP))
 
 
 def _arrow_table(rows: Sequence[StoredRow]) -> Any:
@@ -324,7 +326,7 @@ def _arrow_table(rows: Sequence[StoredRow]) -> Any:
 
 
 def _table_of_json(texts: Iterable[str], schema: Any) -> Any:
-    """Returns texts of JSON objects, one for each row, as a ``pyarrow.Table`` with the columns of a schema.
+    """Parses texts of JSON objects, one for each row, to a ``pyarrow.Table`` with the columns of a schema.
 
     Args:
         texts: texts of JSON objects.
@@ -339,8 +341,9 @@ def _table_of_json(texts: Iterable[str], schema: Any) -> Any:
     import pyarrow
     from pyarrow import json as arrow_json
 
-    # A line is a row, as long as no row contains a line break; a damaged one may.
-    lines = "\n".join(text.replace("\n", " ") for text in texts).encode()
+    # Arrow reads one object from each line. Only the text of a damaged row can contain a line break.
+    single_lines = [text.replace("\n", " ") for text in texts]
+    lines = "\n".join(single_lines).encode()
     return arrow_json.read_json(
         pyarrow.BufferReader(lines),
         arrow_json.ReadOptions(use_threads=False, block_size=max(len(lines), 1)),

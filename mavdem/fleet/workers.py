@@ -314,11 +314,12 @@ class LogReader:
     def _awaited_result(
         self, future: Future[Any], is_beyond_limits: Callable[[], bool] = lambda: False
     ) -> Any:
-        """Waits for a result.
+        """Waits for a result of the process, as long as it keeps its limits and the reading is not cancelled.
 
         Args:
-            future: future to wait for.
-            is_beyond_limits: whether to wait no longer; it is called every ``POLL_SECONDS``.
+            future: future of the result.
+            is_beyond_limits: function that returns whether the process exceeds a limit; it is called every
+                ``POLL_SECONDS``.
 
         Returns:
             The result; None if the process is beyond its limits, or the reading was given up.
@@ -404,10 +405,9 @@ def read_in_parallel(
     executor = ThreadPoolExecutor(MAX_READER_THREADS)
     try:
         # The readers that work, by the future of the log that each reads.
-        busy_readers = {
-            executor.submit(read_function, job): read_function
-            for read_function, job in zip(read_functions, jobs, strict=False)
-        }
+        busy_readers = {}
+        for read_function, job in zip(read_functions, jobs, strict=False):
+            busy_readers[executor.submit(read_function, job)] = read_function
         while busy_readers:
             # It waits for a limited time only: another thread may have received a signal, which Python handles in this
             # thread when it wakes.

@@ -133,9 +133,11 @@ class _ErrorSums:
         """
         for column, measured in enumerate(outputs):
             error = measured - prediction.outputs[column]
+            baseline_error = measured - prediction.last_sample[column]
             self.squares[column] += error**2
-            self.baseline_squares[column] += (measured - prediction.last_sample[column]) ** 2
-            self.inside[column] += abs(error) <= prediction.band[column]
+            self.baseline_squares[column] += baseline_error**2
+            if abs(error) <= prediction.band[column]:
+                self.inside[column] += 1
         self.count += 1
 
 
@@ -267,7 +269,7 @@ class LiveHistory:
         estimate: Estimate | None,
         further_values: Sequence[float] = (),
     ) -> None:
-        """Adds a row, and compares it with the predictions that were made of it.
+        """Adds a sample of the flight (a row), and compares it with the predictions that were made of it.
 
         The earlier predictions for this time are scored, the row is kept, and the new predictions of its estimate begin
         to wait for their time.
@@ -276,33 +278,36 @@ class LiveHistory:
             segment: number of the row's segment; it changes at gaps, across which nothing is compared.
             time: s of the present boot's clock.
             outputs: (m,) measured angle, rad, and rate, rad/s.
-            estimate: the learner's estimate; None of a row that was not learned from.
+            estimate: the learner's estimate; None for a row that was not learned from.
             further_values: wind speed and half width of its band, m/s; roll, pitch and their setpoints, rad; yaw, rad;
                 position north and east, and height, m; then each motor as a share of its range.
         """
-        time += self.timeline_offset
+        timeline_time = time + self.timeline_offset
         is_new_segment = segment != self._segment
         if is_new_segment:
             self._segment = segment
             self._predictions.clear()
         output_values = outputs.tolist()
-        predicted_angle, predicted_band = self._compare_predictions(time, output_values)
-        torque = nan
-        torque_band = nan
+        predicted_angle, predicted_band = self._compare_predictions(timeline_time, output_values)
+        wind_torque = nan
+        wind_torque_band = nan
         if estimate is not None:
-            torque = estimate.wind_torque
-            torque_band = estimate.wind_torque_band
-        angle_columns = (segment, time, output_values[0], predicted_angle, predicted_band)
-        self._keep_row(array("d", (*angle_columns, torque, torque_band, *further_values)))
+            wind_torque = estimate.wind_torque
+            wind_torque_band = estimate.wind_torque_band
+        # The columns of ``table``.
+        angle_columns = (segment, timeline_time, output_values[0], predicted_angle, predicted_band)
+        columns = (*angle_columns, wind_torque, wind_torque_band, *further_values)
+        self._keep_row(array("d", columns))
         if estimate is not None:
-            self._extend_learned_interval(time, is_new_segment=is_new_segment)
-            self._remember_predictions(time, output_values, estimate)
+            self._extend_learned_interval(timeline_time, is_new_segment=is_new_segment)
+            self._remember_predictions(timeline_time, output_values, estimate)
 
     def _keep_row(self, row: "array[float]") -> None:
-        """Keeps a row, or skips it: a full history halves its resolution over the whole flight, and from then on.
+        """Keeps a row of the history in bounded memory, or skips it.
 
-        Samples that were added while there were no rows stand for the times of the first rows, which come together
-        later. So rows that are earlier than the latest one are skipped, too: the times of kept rows never go back.
+        A full history drops every second row, and keeps half as many of the rows that follow: its resolution is the
+        same over the whole flight. A row that is earlier than the latest one is skipped, too, so that the times of kept
+        rows never go back. Such rows come when the model begins: they are of times at which slower samples were added.
 
         Args:
             row: values of the columns of ``table``.
@@ -310,6 +315,7 @@ class LiveHistory:
         if self._rows and row[TIME_COLUMN] < self._rows[-1][TIME_COLUMN]:
             return
         self._row_count += 1
+        # Only every ``_stride``-th row is kept.
         if self._row_count % self._stride != 0:
             return
         self._rows.append(row)
@@ -342,11 +348,13 @@ class LiveHistory:
         Args:
             start_time: time of the first withdrawn sample, s of the present boot's clock.
         """
-        start_time += self.timeline_offset
+        withdrawal_time = start_time + self.timeline_offset
         self._predictions.clear()
-        kept_comparisons = [one for one in self._comparisons if one.time < start_time]
+        kept_comparisons = [
+            comparison for comparison in self._comparisons if comparison.time < withdrawal_time
+        ]
         self._comparisons = deque(kept_comparisons)
-        kept_intervals = [(-inf, start_time)]
+        kept_intervals = [(-inf, withdrawal_time)]
         self.learned_intervals = intersection(self.learned_intervals, kept_intervals)
 
     def _remember_predictions(self, time: float, outputs: list[float], estimate: Estimate) -> None:
@@ -357,14 +365,16 @@ class LiveHistory:
             outputs: the row's m measured outputs: the baseline predicts that they stay.
             estimate: estimate with predicted outputs and half widths of their band, (K, m), for K times ahead.
         """
-        times = (estimate.ahead_times + self.timeline_offset).tolist()
-        ahead = estimate.ahead.tolist()
+        predicted_times = (estimate.ahead_times + self.timeline_offset).tolist()
+        predicted_outputs = estimate.ahead.tolist()
         bands = estimate.ahead_band.tolist()
-        for predicted_time, values, band in zip(times, ahead, bands, strict=True):
+        for predicted_time, values, band in zip(
+            predicted_times, predicted_outputs, bands, strict=True
+        ):
             # Rounded to microseconds, so that all predictions at one horizon have the same key.
             horizon = round(predicted_time - time, 6)
-            predictions = self._predictions.setdefault(horizon, deque())
-            predictions.append(_Prediction(predicted_time, values, band, outputs))
+            waiting_predictions = self._predictions.setdefault(horizon, deque())
+            waiting_predictions.append(_Prediction(predicted_time, values, band, outputs))
 
     def _compare_predictions(self, time: float, outputs: list[float]) -> _PredictedAngle:
         """Compares the predictions for one time with the measurement at that time, and adds the errors to the sums.
@@ -380,24 +390,27 @@ class LiveHistory:
         Returns:
             The angle that was predicted ``REPORTED_HORIZON`` before.
         """
-        reported = _PredictedAngle()
+        reported_angle = _PredictedAngle()
+        # Horizons are whole steps, so that the one nearest to ``REPORTED_HORIZON`` is reported.
         reported_horizon = min(
             self._predictions, key=lambda seconds: abs(seconds - REPORTED_HORIZON), default=nan
         )
         for horizon, predictions in self._predictions.items():
             while predictions and predictions[0].time < time + STAMP_ROUNDING:
                 prediction = predictions.popleft()
-                is_missed = prediction.time < time - STAMP_ROUNDING
-                if is_missed or not all(map(isfinite, prediction.outputs + prediction.band)):
+                was_never_measured = prediction.time < time - STAMP_ROUNDING
+                numbers = prediction.outputs + prediction.band
+                is_finite = all(isfinite(number) for number in numbers)
+                if was_never_measured or not is_finite:
                     continue
                 self._comparisons.append(_Comparison(horizon, prediction, outputs))
                 if horizon == reported_horizon:
-                    reported = _PredictedAngle(prediction.outputs[0], prediction.band[0])
+                    reported_angle = _PredictedAngle(prediction.outputs[0], prediction.band[0])
         # Earlier ones are no longer withdrawn.
         confirmed_time = time - MAX_WITHDRAWN_SECONDS
         while self._comparisons and self._comparisons[0].time < confirmed_time:
             _add_to_sums(self._error_sums, self._comparisons.popleft())
-        return reported
+        return reported_angle
 
     def clear_wind_torque(self, start_time: float) -> None:
         """Makes the wind torque of earlier rows unknown (NaN), since a weak motor caused it, not the wind.
@@ -408,11 +421,11 @@ class LiveHistory:
             start_time: time from which on the torque is cleared, s of the timeline. NaN clears nothing.
         """
         for number, row in enumerate(self._rows):
-            time = row[TIME_COLUMN]
-            if time >= start_time:
-                cleared = array("d", row)
-                cleared[TORQUE_COLUMNS] = array("d", (nan, nan))
-                self._rows[number] = cleared
+            if row[TIME_COLUMN] >= start_time:
+                cleared_row = array("d", row)
+                # The torque and the half width of its band.
+                cleared_row[TORQUE_COLUMNS] = array("d", (nan, nan))
+                self._rows[number] = cleared_row
 
     def errors(self) -> list[HorizonErrors]:
         """Returns the errors with which the flight's outputs were predicted, for each horizon, the shortest first.

@@ -131,7 +131,7 @@ def judge_model(
 
 
 def _motor_outputs(row_format: RowFormat, time: Array, outputs: Array) -> MotorOutputs:
-    """Returns the motor outputs of one segment of a model's samples in the form in which a log has them.
+    """Returns the motor outputs of a segment of live samples in the form that logs have, for the functions for logs.
 
     Args:
         row_format: format of the rows: message names, mixer geometry, and scale of the r motors.
@@ -152,36 +152,42 @@ def _motor_outputs(row_format: RowFormat, time: Array, outputs: Array) -> MotorO
 
 
 def _motors_light(evidence: Evidence, after_landing: Fact) -> Fact:
-    """Returns the light of the motors, that is the judgement of them, in flight.
+    """Judges the motors in flight, by the samples of the model's axis.
 
     Args:
         evidence: signals and events of one axis, made from the samples of the model.
-        after_landing: the fact that a part of the vehicle is judged by the recording after the landing. It is returned
-            if one axis is not enough to judge the motors.
+        after_landing: the fact that a part of the vehicle is judged by the recording after the landing.
+
+    Returns:
+        The judgement, a fact with a level (the status light of the motors); ``after_landing`` if one axis is not enough
+        for it.
     """
-    light = motors_light(evidence)
+    judgement = motors_light(evidence)
     # The hover trim of the motors needs all axes, and the model has one.
-    if light.code is TrimFact.TRIM_UNKNOWN:
+    if judgement.code is TrimFact.TRIM_UNKNOWN:
         return after_landing
-    return light
+    return judgement
 
 
 def _margins_light(evidence: Evidence, after_landing: Fact, margins_awaited: Fact | None) -> Fact:
-    """Returns the light of the stability margins, that is the judgement of the control loop, in flight.
+    """Judges the stability margins of the control loop in flight, by the samples of the model's axis.
 
     Args:
         evidence: signals and events of one axis, made from the samples of the model.
-        after_landing: the fact that a part of the vehicle is judged by the recording after the landing. It is returned
-            if the samples are not enough to judge the margins.
-        margins_awaited: the light where the loop is identified by setpoints of the body rate, and not by the samples.
-            Then nothing but an oscillation is judged by these. None where no such setpoints come.
+        after_landing: the fact that a part of the vehicle is judged by the recording after the landing.
+        margins_awaited: the fact that the margins follow, where setpoints of the body rate come, by which the loop is
+            identified better than by the samples; None where no such setpoints come.
+
+    Returns:
+        The judgement, a fact with a level (the status light of the margins): an oscillation in any case;
+        ``margins_awaited`` where that is given; ``after_landing`` if the samples are not enough.
     """
-    light = margins_light(evidence)
-    if light.code is MarginsLight.OSCILLATES:
-        return light
+    judgement = margins_light(evidence)
+    if judgement.code is MarginsLight.OSCILLATES:
+        return judgement
     if margins_awaited is not None:
         return margins_awaited
     # The samples have no setpoint, so that a peak of the rate may be a test signal that is flown.
-    if light.code is MarginsLight.RATE_STANDS_OUT:
+    if judgement.code is MarginsLight.RATE_STANDS_OUT:
         return after_landing
-    return light
+    return judgement

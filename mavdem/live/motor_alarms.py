@@ -92,17 +92,18 @@ class MotorAlarms:
 
     @property
     def of_latest_flight(self) -> tuple[MotorChange, ...]:
-        """Those of the latest changes that belong to the latest flight, which may go on after a reboot in the air."""
+        """The changes of the motors' balance in the latest flight, which may go on after a reboot in the air."""
         if self._flight_boot is None:
             return ()
-        changes = []
+        changes_of_flight = []
         for change in self.latest:
-            is_in_first_boot = (
+            is_after_reboot = change.boot > self._flight_boot
+            is_before_reboot = (
                 change.boot == self._flight_boot and change.time >= self._flight_start
             )
-            if is_in_first_boot or change.boot > self._flight_boot:
-                changes.append(change)
-        return tuple(changes)
+            if is_before_reboot or is_after_reboot:
+                changes_of_flight.append(change)
+        return tuple(changes_of_flight)
 
     @property
     def weak_since(self) -> float | None:
@@ -159,7 +160,9 @@ class MotorAlarms:
         return tuple(facts)
 
     def note_unsettled(self, time: float, boot: int, *, is_flying: bool) -> None:
-        """Notes whether the vehicle is on the ground or in a flight that is not settled yet, with which one begins.
+        """Notes a sample outside of settled flight: that the vehicle is on the ground, or that another flight begins.
+
+        Settled flight is without take-off and landing. The outputs of the motors at other times are not compared.
 
         Args:
             time: time of the latest sample of motor outputs, s of the boot clock.
@@ -180,7 +183,7 @@ class MotorAlarms:
             self.has_landed = False
 
     def _activate(self, change: MotorChange) -> None:
-        """Makes the losses of all motors that are weak now the active alarms, after a change of one of them.
+        """Updates the active alarms after a change of one motor: an event for each motor that is weak now.
 
         If no motor is weak any more, the change is a recovery, which becomes active in the place of alarms.
 
@@ -189,13 +192,15 @@ class MotorAlarms:
         """
         assert self._detector is not None
         self.change_time = change.onset_time
-        # The slow loss of a motor is its whole loss, and replaces a sudden part of it.
-        weak_motors = {loss.name: loss for loss in self._detector.weak_motors.values()}
+        losses_by_motor = {loss.name: loss for loss in self._detector.weak_motors.values()}
         if self._reported_loss is not None and self._gradual_watch is not None:
+            # The slow loss of a motor is its whole loss, and replaces a sudden part of it.
             gradual_loss = self._gradual_watch.loss or self._reported_loss
-            weak_motors[gradual_loss.name] = gradual_loss
-        shown_changes = list(weak_motors.values()) or [change]
-        self.active = tuple(shown_change.event for shown_change in shown_changes)
+            losses_by_motor[gradual_loss.name] = gradual_loss
+        if losses_by_motor:
+            self.active = tuple(loss.event for loss in losses_by_motor.values())
+        else:
+            self.active = (change.event,)
 
     def _is_part_of_gradual_loss(self, change: MotorChange) -> bool:
         """Returns whether a change that the sequential test has found is the latest part of a known slow loss."""
@@ -205,9 +210,9 @@ class MotorAlarms:
     def _search_gradual_loss(self, time: float, commands: list[float], lean: Numbers) -> Facts:
         """Searches the flight for a motor that loses thrust slowly, and reports the result.
 
-        Each sample is passed to the search (:class:`GradualLossWatch`), which runs once a second. If a motor was named
-        first by a sudden loss, a slow one is reported only if that was a part of it. It begins anew when the sudden
-        loss is over.
+        Each sample is passed to the search (:class:`GradualLossWatch`), which runs once a second. While a motor is weak
+        after a sudden loss, a slow loss is reported only if it is much larger, so that the sudden one was a part of it.
+        The search begins anew when the sudden loss is over.
 
         Args:
             time: time of the sample, s of the boot clock.
@@ -223,17 +228,21 @@ class MotorAlarms:
         if not watch.is_continued(time):
             # After a landing or a long gap there is no reference, so that nothing shows whether the loss is over.
             self._reported_loss = None
-        sudden_losses = [] if self._reported_loss else [*self._detector.weak_motors.values()]
+        sudden_losses = []
+        if self._reported_loss is None:
+            sudden_losses = list(self._detector.weak_motors.values())
         if self._is_suddenly_weak and not sudden_losses:
             # The flight before a sudden loss that is over is no reference for a slow one.
             watch.restart()
         self._is_suddenly_weak = bool(sudden_losses)
         watch.add_sample(time, commands, lean)
-        if sudden_losses and not (watch.loss and is_much_larger(watch.loss, sudden_losses)):
+        gradual_loss = watch.loss
+        if gradual_loss is None:
+            # While a sudden loss lasts, no slow one was reported that could end.
+            return () if sudden_losses else self._report_end_of_gradual_loss(time)
+        if sudden_losses and not is_much_larger(gradual_loss, sudden_losses):
             return ()
-        if watch.loss is None:
-            return self._report_end_of_gradual_loss(time)
-        return self._report_gradual_loss(watch.loss)
+        return self._report_gradual_loss(gradual_loss)
 
     def _report_gradual_loss(self, loss: MotorChange) -> Facts:
         """Stores the newest figures of a slow loss, and reports it when it is new or has grown.
@@ -245,18 +254,21 @@ class MotorAlarms:
             The event of the loss, if another motor lost thrust than in the latest report, or if the loss is
             ``MIN_REPORTED_GROWTH`` times as large as in that report; otherwise nothing.
         """
-        reported_loss = self._reported_loss
-        if reported_loss is None or reported_loss.name != loss.name:
+        former_report = self._reported_loss
+        is_new = former_report is None or former_report.name != loss.name
+        if former_report is None or is_new:
             self.latest.append(loss)
             is_report_due = True
             self._is_suddenly_weak = False
         else:
             self._replace_latest(loss)
-            is_report_due = loss.size >= MIN_REPORTED_GROWTH * reported_loss.size
+            is_report_due = loss.size >= MIN_REPORTED_GROWTH * former_report.size
         if is_report_due:
             self._reported_loss = loss
         self._activate(loss)
-        return (loss.event,) if is_report_due else ()
+        if is_report_due:
+            return (loss.event,)
+        return ()
 
     def _report_end_of_gradual_loss(self, time: float) -> Facts:
         """Reports that a motor has recovered from the slow loss that was reported; nothing if none was.

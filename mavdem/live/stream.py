@@ -165,7 +165,8 @@ class LiveStream:
         """
         for frame in frames:
             sender = self._vehicles.sender(frame)
-            if sender is not self.followed_vehicle and sender.name in self._vehicles.other_vehicles:
+            is_followed = sender is self.followed_vehicle
+            if not is_followed and sender.name in self._vehicles.other_vehicles:
                 return sender
         return None
 
@@ -212,7 +213,8 @@ class LiveStream:
             data: bytes as they were received, which need not begin or end with a frame.
 
         Returns:
-            The rows that these bytes complete, in order.
+            The rows that these bytes complete, in the order of time: motor outputs and motion of the followed vehicle,
+            each at one time.
         """
         return list(self.process_frames(stamp, self.frame_reader.feed(data)))
 
@@ -238,13 +240,16 @@ class LiveStream:
                 self._watch_other_vehicle(sender.name, frame)
 
     def process_without_rows(self, stamp: float, frames: Sequence[Frame]) -> None:
-        """Takes the next frames of the link, where nobody needs the rows that they complete.
+        """Processes the next frames of the link, and discards the rows that they complete.
+
+        It is for a vehicle of which only alarms are reported, since no model of it is learned.
 
         Args:
             stamp: time when they were received, UNIX s.
             frames: the frames of all senders, in the order of arrival.
         """
         for _ in self.process_frames(stamp, frames):
+            # ``process_frames`` is a generator, which does its work while its rows are taken.
             pass
 
     def _watch_other_vehicle(self, name: str, frame: Frame) -> None:
@@ -265,10 +270,12 @@ class LiveStream:
         for event in stream.drain_events():
             fact = event.fact
             is_warning = isinstance(fact.code, ReportedEvent) and not fact.is_good
-            if is_warning or fact.code in OTHER_VEHICLE_CODES:
-                self._report(
-                    Fact(WatchFact.OTHER_VEHICLE_ALARM, fact.level, subject=name, reason=fact)
+            is_alarm = fact.code in OTHER_VEHICLE_CODES
+            if is_warning or is_alarm:
+                alarm_of_other = Fact(
+                    WatchFact.OTHER_VEHICLE_ALARM, fact.level, subject=name, reason=fact
                 )
+                self._report(alarm_of_other)
 
     @property
     def is_flying(self) -> bool:
@@ -359,18 +366,22 @@ class LiveStream:
 
     @property
     def _no_rows_reason(self) -> Fact | None:
-        """Why no rows come: the first thing that is missing; None if nothing is.
+        """Why there are no rows (samples of motor outputs and motion) to learn from; None if there are.
 
-        It may be a vehicle to follow; its attitude, which gives the boot clock; or what the latest review found
-        missing. After a crash it is that the flight is over, since learning does not wait for another take-off then.
+        It is the first thing that is missing: a vehicle to follow; its attitude, which gives the boot clock; or what
+        the latest review found missing. After a crash it is that the flight is over, since learning does not wait for
+        another take-off then.
         """
         loss = self._review.watchdog.loss
         if loss is not None and not self.is_flying:
             return Fact(SessionFact.FLIGHT_OVER, reason=loss)
         if self._vehicles.not_followed_reason is not None:
             return self._vehicles.not_followed_reason
+        # The boot clock begins with the first attitude; before it, the time is NaN.
         has_attitude = not isnan(self._clock.now)
-        return self._review.no_rows_reason if has_attitude else self._rate_check.no_attitude
+        if not has_attitude:
+            return self._rate_check.no_attitude
+        return self._review.no_rows_reason
 
     @property
     def latest_restart(self) -> TimeInterval | None:
@@ -453,11 +464,13 @@ class LiveStream:
             return []
         if sender is not self._vehicles.followed:
             return []
-        messages = [
-            (early.message, early.stamp) for early in self._early_messages if early.sender is sender
-        ]
+        messages = []
+        for early in self._early_messages:
+            if early.sender is sender:
+                messages.append((early.message, early.stamp))
         self._early_messages.clear()
-        return [*messages, (message, self._stamp)]
+        messages.append((message, self._stamp))
+        return messages
 
     def _process_message(self, timed: TimedMessage) -> Iterator[AlignedRow]:
         """Passes a message of the followed vehicle to all objects that need it, and yields the rows that it completes.
@@ -547,15 +560,16 @@ class LiveStream:
         is_pose_recent = time - pose.time < MAX_POSE_AGE
         if not is_multirotor or not is_pose_recent:
             return
-        if all(map(isfinite, (*velocity, *pose.angles))):
+        is_finite = all(isfinite(value) for value in (*velocity, *pose.angles))
+        if is_finite:
             sample = drift_sample(time, pose.angles, velocity)
             self._review.watchdog.drift.add_sample(sample, self.parameters)
 
     def _process_attitude(self, message: Message, time: float) -> list[AlignedRow]:
-        """Takes an attitude: for the wind, for the latest pose, to watch the control, and as a sample of rows.
+        """Passes an attitude on: to the wind estimator, the latest pose, the watchdog, and the samples to learn from.
 
-        The wind takes only the message that rows are made of, and only in free flight: held by the ground, the vehicle
-        does not lean into the wind.
+        The wind is estimated from the message that the learner uses, and in free flight only: held by the ground, the
+        vehicle does not lean into the wind.
 
         Args:
             message: decoded ATTITUDE or ATTITUDE_QUATERNION.
@@ -568,7 +582,7 @@ class LiveStream:
         watchdog.add_message(message, time)
         sample = attitude_sample(message)
         if sample is None:
-            # The stream still learns of the message, so that its name is known as one that comes.
+            # The attitude is no number. The message is noted all the same, so that it is not reported as missing.
             return self._add_sample(message.name, 0, time, None)
         if message.name == self._rows.attitude_message and self._phase.is_free(time):
             self.wind.add_attitude(time, sample.roll, sample.pitch, sample.yaw)
@@ -618,21 +632,24 @@ class LiveStream:
         if outputs is None:
             return
         motors = inputs.motors
+        # Motor commands as fractions of their range.
         commands = motors.scale.fraction(np.array(outputs)).tolist()
+        lean = UNKNOWN_LEAN
         pose = self._pose.pose
-        lean = UNKNOWN_LEAN if pose is None else pose.angles[:2]
-        for fact in self.motor_alarms.add_sample(
+        if pose is not None:
+            roll, pitch, _ = pose.angles
+            lean = (roll, pitch)
+        found_facts = self.motor_alarms.add_sample(
             time, self.boot, motors, commands, self._pose.heading, lean
-        ):
+        )
+        for fact in found_facts:
             self._report(fact)
 
     def _restart(self, boot: int) -> None:
         """Forgets everything with times of the former boot's clock; the vehicle's identity and parameters stay.
 
-        The review comes before the rows, since it makes the phase of flight that the rows of the new boot ask.
-
         Args:
-            boot: number of the new boot.
+            boot: number of the new boot, that is how often the autopilot has restarted so far.
         """
         self.boot = boot
         self.wind.restart()
@@ -640,12 +657,19 @@ class LiveStream:
         self._takeoff_place.restart(was_flying=self.is_flying)
         self.motor_alarms.restart(was_flying=self.is_flying)
         self._review.restart(boot)
+        # The restarted review has another object for the phase of flight, which decides what rows of the new boot are.
         self._rows.restart(boot, self._review.phase)
 
     def _loss_with_weak_motor(self, loss: Fact) -> Fact:
-        """Returns the fact that a flight was lost, with the motor that was weak earlier in that flight, if any was.
+        """Names the motor that lost thrust earlier in a flight in the fact that the flight was lost.
 
         The judgement of a log does the same.
+
+        Args:
+            loss: the fact that the flight was lost.
+
+        Returns:
+            The fact with the weakest motor as its likely cause; unchanged if no motor was weak.
         """
         weak_motors = thrust_losses(self.motor_alarms.of_latest_flight)
         if not weak_motors:

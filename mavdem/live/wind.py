@@ -183,7 +183,7 @@ class WindEstimate:
 
     @property
     def light(self) -> Fact:
-        """The light of the wind, that is the judgement of a flight's wind, if this estimate is its mean wind.
+        """The status light of the wind, that is the judgement of a flight's wind, if this estimate is its mean wind.
 
         It is a fact with the speed and its 90 % interval, m/s, and the direction that the wind comes from, degrees;
         None if that is not known. As in the judgement of a log, the level is "unknown" if the speed is known only
@@ -194,25 +194,27 @@ class WindEstimate:
         speed_fact = facts[0]
         low, high = speed_fact.figures["speed_interval"]
         # The reason for a rough speed: an error of the drag, which is usually not measured, scales (biases) it.
-        doubt = Fact(WindDoubt.SPEED_UNSURE, status=Status.BIASED, low=low, high=high, by_drag=True)
+        reason_if_rough = Fact(
+            WindDoubt.SPEED_UNSURE, status=Status.BIASED, low=low, high=high, by_drag=True
+        )
         if speed_fact.figures["status"] is Status.NOT_IDENTIFIABLE:
-            return Fact(WindLight.WIND_NOT_KNOWN, reason=doubt)
+            return Fact(WindLight.WIND_NOT_KNOWN, reason=reason_if_rough)
         direction = None
         if len(facts) > 1:
             # The second fact is on the direction, if that is known.
             direction = facts[1].figures["direction"]
-        is_known = is_speed_known((low, high))
+        is_speed_accurate = is_speed_known((low, high))
         return Fact(
             WindLight.WIND_BLEW,
-            Level.GOOD if is_known else Level.UNKNOWN,
+            Level.GOOD if is_speed_accurate else Level.UNKNOWN,
             calm=not low,
             speed=self.compass.speed,
             low=low,
             high=high,
             direction=direction,
             share=0.0,
-            is_rough=not is_known,
-            reason=None if is_known else doubt,
+            is_rough=not is_speed_accurate,
+            reason=None if is_speed_accurate else reason_if_rough,
         )
 
 
@@ -323,8 +325,10 @@ class LiveWind:
             pitch: rad.
             yaw: rad.
         """
+        # Time stamps jitter, so that a step may be a little shorter.
         min_step = MIN_SAMPLE_STEP - STAMP_TOLERANCE
-        if not self._attitudes or time - self._attitudes[-1].time >= min_step:
+        follows_too_soon = bool(self._attitudes) and time - self._attitudes[-1].time < min_step
+        if not follows_too_soon:
             self._attitudes.append(_AttitudeSample(time, roll, pitch, yaw))
 
     def add_velocity(self, name: str, time: float, values: Sequence[float]) -> Fact | None:
@@ -344,10 +348,11 @@ class LiveWind:
         """
         if not self._selects_velocity(name, time):
             return None
-        down, north, east = (VELOCITY_MESSAGES[name] * value for value in values)
+        unit = VELOCITY_MESSAGES[name]
+        down, north, east = (unit * value for value in values)
         is_possible = abs(down) < MAX_SPEED and abs(north) < MAX_SPEED and abs(east) < MAX_SPEED
         is_valid = horizontal_velocity_valid(self.estimator_flags)
-        if not (is_possible and is_valid and self._attitudes):
+        if not is_possible or not is_valid or not self._attitudes:
             return None
         if self._velocities and time - self._velocities[-1].time > SILENCE_SECONDS:
             self._end_filter_after_silence(time)
@@ -417,19 +422,22 @@ class LiveWind:
         Returns:
             Times, attitudes and velocities of N samples.
         """
-        # Tables (N, 4) with a row for each sample: its time, and three angles or velocities. A list may be empty.
-        attitudes = np.array(
-            [sample for sample in self._attitudes if start_time <= sample.time < end_time]
-        ).reshape(-1, 4)
-        velocities = np.array(
-            [sample for sample in self._velocities if sample.time >= start_time - MAX_VELOCITY_GAP]
-        ).reshape(-1, 4)
+        attitude_samples = [
+            sample for sample in self._attitudes if start_time <= sample.time < end_time
+        ]
+        first_velocity_time = start_time - MAX_VELOCITY_GAP
+        velocity_samples = [
+            sample for sample in self._velocities if sample.time >= first_velocity_time
+        ]
+        # Tables (N, 4) with a row for each sample: its time, and three angles or velocities. They may have no rows.
+        attitudes = np.array(attitude_samples).reshape(-1, 4)
+        velocities = np.array(velocity_samples).reshape(-1, 4)
         velocity_times = velocities[:, 0]
         # For each attitude the row of the first velocity that is not earlier; the one before it is earlier.
         next_row = np.searchsorted(velocity_times, attitudes[:, 0])
-        is_between = (next_row > 0) & (next_row < len(velocities))
-        attitudes = attitudes[is_between]
-        next_row = next_row[is_between]
+        is_between_velocities = (next_row > 0) & (next_row < len(velocities))
+        attitudes = attitudes[is_between_velocities]
+        next_row = next_row[is_between_velocities]
         gaps = velocity_times[next_row] - velocity_times[next_row - 1]
         attitudes = attitudes[gaps <= MAX_VELOCITY_GAP]
         time = attitudes[:, 0]
@@ -524,8 +532,11 @@ class LiveWind:
         motion = self._motion(end_time - 2 * self._step, end_time)
         if len(motion.time) > 2:
             grid = motion_grid(motion.time, motion.attitude, motion.velocity, self._step)
-            if grid.complete[:1].any():
+            # The first point of the grid is the middle of the two steps; a gap may leave none.
+            is_first_point_complete = grid.complete[:1].any()
+            if is_first_point_complete:
                 filters.update(grid, 0)
+                # Exponential forgetting of the likelihood.
                 filters.log_likelihoods *= 1 - self._step / LIKELIHOOD_MEMORY_SECONDS
 
         weights = _filter_weights(filters.log_likelihoods)
