@@ -421,7 +421,7 @@ def _print_fleet(
         has_new_baseline: Whether this run has named the baseline; otherwise one of an earlier run is stated.
     """
     # Logs in the table without a flight.
-    unused_files = set()
+    unused_files: set[str] = set()
     for summary in pages.summaries:
         unused_files.update(row.file for row in summary.unused)
     print_to_stdout(

@@ -46,6 +46,9 @@ MAX_SERIAL_JOBS = 8
 JOBS_AHEAD = 256
 """Most jobs that are sent ahead of the result that is waited for; a given executor may have as many workers."""
 
+NORMAL_PRIORITY = 0
+"""Niceness of a process that competes with others on equal terms: the default of operating systems."""
+
 LOW_PRIORITY = 10
 """Niceness, 0 to 19, of a process that learns while samples arrive: the samples do not wait for a core."""
 

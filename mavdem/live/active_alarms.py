@@ -37,21 +37,25 @@ class ActiveAlarms:
         """
         return self._last_found[quantity]
 
-    def raise_alarm(self, quantity: WatchedQuantity, fact: Fact, found_time: float) -> bool:
-        """Makes a fact that warns the active alarm of its quantity.
+    def raise_alarm(self, quantity: WatchedQuantity, fact: Fact, fault_time: float) -> bool:
+        """Makes a fault the active alarm of the quantity that it is about.
 
         Args:
-            quantity: what the fact is about.
-            fact: the fact. It replaces the one of an alarm that is active already, with other figures.
-            found_time: when the fault was there last, s of the boot clock.
+            quantity: watched quantity, such as the vibration.
+            fact: the finding that states the fault. It replaces that of an alarm which is active already.
+            fault_time: when the fault was there last, s of the boot clock.
 
         Returns:
-            Whether the alarm is news for the user: it was not active, or has another level or reason than before.
+            Whether the alarm is new to the user: it was not active, or has another level or code than before. Other
+            figures are not new.
         """
-        former = self.facts.get(quantity)
+        former_fact = self.facts.get(quantity)
         self.facts[quantity] = fact
-        self._last_found[quantity] = max(found_time, self._last_found.get(quantity, -inf))
-        return former is None or (former.level, former.code) != (fact.level, fact.code)
+        former_time = self._last_found.get(quantity, -inf)
+        self._last_found[quantity] = max(fault_time, former_time)
+        if former_fact is None:
+            return True
+        return former_fact.level is not fact.level or former_fact.code is not fact.code
 
     def is_calm(self, quantity: WatchedQuantity, now: float) -> bool:
         """Returns whether the fault of an active alarm has not been found for long enough to end the alarm.

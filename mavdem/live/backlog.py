@@ -77,16 +77,19 @@ class Backlog:
         return self._batches[0].arrival_time if self._batches else clock.monotonic()
 
     def latest_arrival_from(self, vehicle: Component | None) -> float | None:
-        """Returns when the latest waiting batch with a frame of a vehicle arrived, s of the monotonic clock.
+        """Returns when the latest waiting batch with a frame of a vehicle arrived.
 
         Args:
             vehicle: the vehicle; None for any sender.
 
         Returns:
-            The time; None without such a batch.
+            The time, s of the monotonic clock; None if no such batch waits.
         """
         for batch in reversed(self._batches):
-            if vehicle is None or any(vehicle.has_sent(frame) for frame in batch.frames):
+            is_from_vehicle = vehicle is None or any(
+                vehicle.has_sent(frame) for frame in batch.frames
+            )
+            if is_from_vehicle:
                 return batch.arrival_time
         return None
 
@@ -138,6 +141,23 @@ class Backlog:
         elif delay < STEP_SECONDS:
             self.suspends_learning = False
 
+    def _report_of_delay(self, delay: float, now: float) -> Fact | None:
+        """Returns the report that the analysis is late, if that is new or the delay has doubled since the last report.
+
+        Args:
+            delay: present delay of the analysis, s, which is at least ``BEHIND_DELAY``.
+            now: present time, s of the monotonic clock.
+        """
+        is_new = self._behind_time is None
+        has_doubled = delay >= 2 * self._reported_delay
+        is_repetition_due = now - self._report_time >= REPEAT_SECONDS
+        self._behind_time = now
+        if not is_new and not (has_doubled and is_repetition_due):
+            return None
+        self._report_time = now
+        self._reported_delay = delay
+        return Fact(SessionFact.COMPUTER_BEHIND, delay=delay)
+
     def update(self, dropped_datagrams: int) -> Fact | None:
         """Decides by the present delay of the analysis which tasks are postponed (``POSTPONING_DELAYS``).
 
@@ -161,16 +181,7 @@ class Backlog:
         if now < self._catch_up_end:
             return None
         if delay >= BEHIND_DELAY:
-            is_new = self._behind_time is None
-            has_doubled = (
-                delay >= 2 * self._reported_delay and now - self._report_time >= REPEAT_SECONDS
-            )
-            self._behind_time = now
-            if not (is_new or has_doubled):
-                return None
-            self._report_time = now
-            self._reported_delay = delay
-            return Fact(SessionFact.COMPUTER_BEHIND, delay=delay)
+            return self._report_of_delay(delay, now)
         if self._behind_time is not None and now - self._behind_time >= REPEAT_SECONDS:
             self._behind_time = None
             return Fact(

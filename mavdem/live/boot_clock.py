@@ -80,7 +80,7 @@ class BootClock:
         self._mean_step = MIN_RESET_STEP
 
     def place(self, message: Message, reception: float) -> TimedMessage | None:
-        """Returns the message with its time on the boot clock.
+        """Gives a message its time on the boot clock, which counts from the start of the autopilot.
 
         Only attitude moves the clock. It is frequent and stamped by the autopilot itself, while other stamps may be of
         other clocks. A message without a stamp gets the time of the message before it.
@@ -148,11 +148,12 @@ class BootClock:
             Whether there is a new clock, which began with the first of these stamps.
         """
         stamps = self._stamps_of_new_clock
-        if stamps and _continues(stamp, stamps[-1]):
-            stamps.append(stamp)
-        else:
-            stamps[:] = [stamp]
+        continues_new_clock = bool(stamps) and _continues(stamp, stamps[-1])
+        if not continues_new_clock:
+            # This stamp is the first of another possible clock.
+            stamps.clear()
             self._new_clock_reception = self._reception_time
+        stamps.append(stamp)
         if not self._is_new_clock(stamps):
             return False
         self._restart(stamps[0])
@@ -266,8 +267,11 @@ class BootClock:
             return None
         time = message.stamp
         if isfinite(message.wrap_period):
-            time += message.wrap_period * round((self.now - time) / message.wrap_period)
-        return time if abs(time - self.now) <= MAX_STAMP_DEVIATION else None
+            missing_wraps = round((self.now - time) / message.wrap_period)
+            time += message.wrap_period * missing_wraps
+        if abs(time - self.now) > MAX_STAMP_DEVIATION:
+            return None
+        return time
 
 
 def _continues(time: float, earlier_time: float) -> bool:

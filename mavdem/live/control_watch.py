@@ -1,4 +1,4 @@
-"""Loss of control in a live flight, by the rules for logs: the attitude leaves its setpoint, or the vehicle falls.
+"""Loss of control of a live vehicle, judged as in logs: the attitude leaves its setpoint, the vehicle falls or crashes.
 
 The functions that judge a log judge the last seconds, so that an alarm in flight and the review of the recording agree.
 """
@@ -122,7 +122,9 @@ class ControlWatch:
         """
         if message.name in ATTITUDE_MESSAGES:
             self._attitude_time = time
-            if isfinite(sum(message.values[:3])):
+            # The sum is NaN if any of the angles, or of three components of the quaternion, is.
+            is_valid = isfinite(sum(message.values[:3]))
+            if is_valid:
                 self._valid_attitude_time = time
         samples = self._samples.setdefault(message.name, deque(maxlen=MAX_SAMPLES))
         samples.append(TimedValues(time, message.values))
@@ -140,12 +142,13 @@ class ControlWatch:
         Returns:
             The event; None while the latest attitudes are numbers.
         """
-        seconds_without_valid = self._attitude_time - self._valid_attitude_time
-        if seconds_without_valid < MIN_INVALID_SECONDS:
+        invalid_seconds = self._attitude_time - self._valid_attitude_time
+        if invalid_seconds < MIN_INVALID_SECONDS:
             self._invalid_attitude = None
         elif self._invalid_attitude is None:
-            events = invalid_attitudes(self.signals(vehicle, None), self._recent.boot, (-inf, inf))
-            for event in events:
+            signals = self.signals(vehicle, None)
+            any_time = (-inf, inf)
+            for event in invalid_attitudes(signals, self._recent.boot, any_time):
                 is_ongoing = event.end_time is None
                 if is_ongoing:
                     self._invalid_attitude = event
@@ -204,8 +207,11 @@ class ControlWatch:
         if losses:
             self._attitude_loss = losses[-1]
         ending = find_ending(signals, losses)
+        if ending is None:
+            return None
         height = sensors.height_at(moment.time)
-        if ending is not None and height is not None and height < MIN_PARACHUTE_HEIGHT:
+        is_too_low_for_parachute = height is not None and height < MIN_PARACHUTE_HEIGHT
+        if is_too_low_for_parachute:
             return ending.replace(is_low=True)
         return ending
 
@@ -263,28 +269,31 @@ class ControlWatch:
         """
         is_new = moment.time - loss.start_time < MAX_IMPACT_WAIT
         height = loss.figures.get("height")
-        return is_new and height is not None and height < MIN_PARACHUTE_HEIGHT
+        is_too_low_for_parachute = height is not None and height < MIN_PARACHUTE_HEIGHT
+        return is_new and is_too_low_for_parachute
 
     def held_climb_rate(self, moment: FlightMoment) -> TimeSeries | None:
-        """Returns the estimated speed upward in the last seconds, m/s, where the autopilot is to hold the height.
+        """Returns the climb rate of a vehicle whose autopilot is to hold its height, so that it should not sink.
 
         Args:
             moment: present time.
 
         Returns:
-            The speed; None in a mode that lands or leaves the throttle to the pilot, where the sensors contradict each
-            other, or where no speed comes.
+            The estimated climb rate of the last seconds, m/s; None in a mode that lands or leaves the throttle to the
+            pilot, where the sensors of the height contradict each other, or where no climb rate comes.
         """
-        start = moment.time - MEMORY_SECONDS
+        start_time = moment.time - MEMORY_SECONDS
         signals = self.signals(
-            moment.vehicle, moment.motion, (BAROMETERS[0],), start, has_accelerometer=False
+            moment.vehicle, moment.motion, (BAROMETERS[0],), start_time, has_accelerometer=False
         )
         boot = self._recent.boot
-        landing = signals.landing
-        is_landing = landing is not None and bool(landing.values[-1])
-        is_manual = signals.mode_at(boot, moment.time) in MANUAL_THROTTLE_MODES
+        landing_mode = signals.landing
+        is_landing = landing_mode is not None and bool(landing_mode.values[-1])
+        has_manual_throttle = signals.mode_at(boot, moment.time) in MANUAL_THROTTLE_MODES
+        if is_landing or has_manual_throttle:
+            return None
         sensors = BootSensors(signals, boot, moment.takeoff_time)
-        if is_landing or is_manual or sensors.height.contradictions:
+        if sensors.height.contradictions:
             return None
         return series_of_boot(signals.climb_rate, boot)
 
@@ -296,12 +305,14 @@ class ControlWatch:
         Args:
             moment: present time.
         """
-        start = moment.time - DECISION_SECONDS
-        signals = self.signals(moment.vehicle, None, start_time=start, has_accelerometer=False)
+        start_time = moment.time - DECISION_SECONDS
+        signals = self.signals(moment.vehicle, None, start_time=start_time, has_accelerometer=False)
         boot = self._recent.boot
         stick = series_of_boot(throttle_stick(signals), boot)
-        if stick is None or signals.mode_at(boot, moment.time) not in CLIMB_STICK_MODES:
+        commands_climb_rate = signals.mode_at(boot, moment.time) in CLIMB_STICK_MODES
+        if stick is None or not commands_climb_rate:
             return False
+        # The median, since the stick moves.
         return bool(np.median(stick.values) < SINK_STICK)
 
     def crash_after_loss(self, moment: FlightMoment) -> FlightEnd | None:
@@ -320,8 +331,10 @@ class ControlWatch:
         height = sensors.height_at(moment.time)
         if height is None or height > MAX_GROUND_HEIGHT:
             return None
-        end = self.flight_end(moment, moment.time, reports=())
-        return None if end.loss is None else end
+        flight_end = self.flight_end(moment, moment.time, reports=())
+        if flight_end.loss is None:
+            return None
+        return flight_end
 
     def flight_end(
         self, moment: FlightMoment, end_time: float, reports: Sequence[Fact]
@@ -342,8 +355,9 @@ class ControlWatch:
         """
         signals = self.signals(moment.vehicle, moment.motion, (BAROMETERS[0],))
         boot = self._recent.boot
-        take_off = moment.takeoff_time
-        sensors = BootSensors(signals, boot, take_off)
+        takeoff_time = moment.takeoff_time
+        flight_interval = (takeoff_time, end_time)
+        sensors = BootSensors(signals, boot, takeoff_time)
         height = sensors.height_above_take_off
         is_in_air = stopped_in_air(height, end_time)
         is_falling = height is not None and is_in_air and has_sunk_after(height, end_time)
@@ -351,13 +365,13 @@ class ControlWatch:
         if error is None:
             return FlightEnd(is_in_air, is_falling, loss=None)
         attitude_loss = self._attitude_loss
-        was_in_earlier_flight = attitude_loss is not None and attitude_loss.start_time < take_off
-        if was_in_earlier_flight:
+        if attitude_loss is not None and attitude_loss.start_time < takeoff_time:
+            # It was in an earlier flight.
             attitude_loss = None
         if attitude_loss is None and not is_in_air:
             # A vehicle that hits the ground upright, since it cannot hold its height, has none.
-            attitude_loss = self._toppling(sensors, error, (take_off, end_time))
-        contact = ground_contact(sensors, error, (take_off, end_time), attitude_loss, reports)
+            attitude_loss = self._toppling(sensors, error, flight_interval)
+        contact = ground_contact(sensors, error, flight_interval, attitude_loss, reports)
         losses = flight_losses(attitude_loss, contact)
         if losses.contact is None:
             # The vehicle has not met the ground yet.
@@ -413,8 +427,12 @@ class ControlWatch:
         fields = MESSAGE_FIELDS[SETPOINT_MESSAGE]
         columns = {SETPOINT_MESSAGE: columns_from(fields, samples, self._recent.boot)}
         signals = Signals(replace(vehicle, messages=columns))
-        setpoints = {axis: signals.for_axis(axis).angle_setpoint for axis in TILT_AXES}
-        return {axis: series for axis, series in setpoints.items() if series is not None}
+        setpoints = {}
+        for axis in TILT_AXES:
+            setpoint = signals.for_axis(axis).angle_setpoint
+            if setpoint is not None:
+                setpoints[axis] = setpoint
+        return setpoints
 
     def signals(
         self,
@@ -466,7 +484,7 @@ def carries_vehicle(motion: RecentMotion | None, parameters: Parameters) -> bool
 
 
 def _idle_start(motors: MotorOutputs, parameters: Parameters) -> float | None:
-    """Returns since when all motors together have carried nothing.
+    """Returns since when the motors have been at idle: their mean output is too low to carry the vehicle.
 
     Args:
         motors: their outputs of the last seconds.
@@ -475,9 +493,12 @@ def _idle_start(motors: MotorOutputs, parameters: Parameters) -> float | None:
     Returns:
         The time of the first output since then, s of the boot clock; None if the latest outputs carry the vehicle.
     """
+    # The mean output of all motors at each sample, as a fraction of the range.
     collective = motors.collective
-    powered_rows = np.flatnonzero(collective.values > min_airborne_collective(parameters))
-    first_idle_row = powered_rows[-1] + 1 if len(powered_rows) else 0
-    if first_idle_row == len(collective.time):
+    powered_indices = np.flatnonzero(collective.values > min_airborne_collective(parameters))
+    first_idle_index = 0
+    if len(powered_indices):
+        first_idle_index = powered_indices[-1] + 1
+    if first_idle_index == len(collective.time):
         return None
-    return float(collective.time[first_idle_row])
+    return float(collective.time[first_idle_index])

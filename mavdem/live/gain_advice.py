@@ -21,7 +21,7 @@ from mavdem.assessment.judgement import Judgement
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.flight_states import airborne_intervals
 from mavdem.dataset.signals import Signals
-from mavdem.dem.parallel import LOW_PRIORITY
+from mavdem.dem.parallel import LOW_PRIORITY, NORMAL_PRIORITY
 from mavdem.errors import Refusal
 from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import GainFact
@@ -95,8 +95,11 @@ class GainAdviser:
             self.judgement = None
             if is_busy and not is_at_end:
                 return (Fact(GainFact.ADVICE_WAITS),)
-            # At the end no sample waits for a core any more, and on a busy computer low priority would take too long.
-            self._start_computation(vehicle, niceness=0 if is_at_end else LOW_PRIORITY)
+            niceness = LOW_PRIORITY
+            if is_at_end:
+                # No sample waits for a core any more, and on a busy computer low priority would take too long.
+                niceness = NORMAL_PRIORITY
+            self._start_computation(vehicle, niceness)
         if self._pending is None:
             return ()
         # In flight nothing waits for the other process; only the end of a session does.
@@ -213,7 +216,8 @@ def last_flown_boot(log: Log) -> Log:
         The log, with one boot of each vehicle: the last in which it left the ground, or the last if it never did. A
         vehicle with a single boot is left as it is.
     """
-    return replace(log, vehicles=tuple(map(_last_flown_boot_of, log.vehicles)))
+    vehicles = [_last_flown_boot_of(telemetry) for telemetry in log.vehicles]
+    return replace(log, vehicles=tuple(vehicles))
 
 
 def _last_flown_boot_of(telemetry: Telemetry) -> Telemetry:
@@ -230,13 +234,18 @@ def _last_flown_boot_of(telemetry: Telemetry) -> Telemetry:
     boots = np.unique(signals.tilts[0].boot).tolist()
     if len(boots) < 2:
         return telemetry
-    flown_boots = [boot for boot in boots if airborne_intervals(signals, boot)]
-    last_boot = (flown_boots or boots)[-1]
+    last_boot = boots[-1]
+    for boot in reversed(boots):
+        if airborne_intervals(signals, boot):
+            last_boot = boot
+            break
     messages = {}
     for name, columns in telemetry.messages.items():
-        rows = np.flatnonzero(columns["boot"] == last_boot)
-        if len(rows):
-            messages[name] = selected_rows(columns, rows) | {"boot": np.zeros(len(rows), int)}
+        rows_of_boot = np.flatnonzero(columns["boot"] == last_boot)
+        if len(rows_of_boot):
+            columns_of_boot = selected_rows(columns, rows_of_boot)
+            columns_of_boot["boot"] = np.zeros(len(rows_of_boot), int)
+            messages[name] = columns_of_boot
     return replace(telemetry, messages=messages)
 
 
@@ -262,9 +271,13 @@ def facts_of_tuning(tuning: Tuning) -> Facts:
             decisions.append(decision.fact.replace(is_named=True))
     if facts or decisions:
         return (*facts, *decisions)
-    least_certain = min(tuning.advice, key=lambda advice: advice.sure)
-    axis = least_certain.before.axis
-    return (Fact(GainFact.GAINS_LEFT, subject=axis, reason=least_certain.conclusion),)
+    least_certain_advice = min(tuning.advice, key=lambda advice: advice.sure)
+    gains_unchanged = Fact(
+        GainFact.GAINS_LEFT,
+        subject=least_certain_advice.before.axis,
+        reason=least_certain_advice.conclusion,
+    )
+    return (gains_unchanged,)
 
 
 def _new_gains_fact(axis: str, advice: Advice) -> Fact:
@@ -274,11 +287,13 @@ def _new_gains_fact(axis: str, advice: Advice) -> Fact:
         axis: "roll", "pitch" or "yaw".
         advice: the advice on this axis, with new values of parameters.
     """
+    changes = []
+    for parameter_name, (present_value, new_value) in advice.gains.items():
+        changes.append((parameter_name, present_value, new_value))
     return Fact(
         GainFact.GAINS_ADVISED,
         subject=axis,
-        # Name of each parameter with its present and its new value.
-        changes=[(name, *gain) for name, gain in advice.gains.items()],
+        changes=changes,
         reason=advice.conclusion,
         expected_error=advice.after.lean_in_wind,
         present_error=advice.before.lean_in_wind,

@@ -81,25 +81,27 @@ class GradualLossWatch:
             self.restart()
             self._averager.restart(time, STEADY_HEADING)
         self._latest_time = time
-        block = self._averager.add(time, commands, STEADY_HEADING, lean)
-        if block is None:
+        completed_block = self._averager.add(time, commands, STEADY_HEADING, lean)
+        if completed_block is None:
             return
-        self._blocks.append(block)
+        self._blocks.append(completed_block)
         if time - self._search_time < SEARCH_PERIOD:
             return
         self._search_time = time
-        block_ends = np.array([each.end for each in self._blocks])
-        block_commands = np.array([each.commands for each in self._blocks])
-        leans = np.array([each.lean for each in self._blocks])
-        loss = gradual_loss(block_ends, block_commands, leans, self._geometry, self._boot)
-        if loss is not None:
-            self._update_loss(loss, block_ends, block_commands)
+        # Blocks are means over a short time: B of them, of k motors.
+        block_ends = np.array([block.end for block in self._blocks])
+        block_commands = np.array([block.commands for block in self._blocks])
+        leans = np.array([block.lean for block in self._blocks])
+        found_loss = gradual_loss(block_ends, block_commands, leans, self._geometry, self._boot)
+        if found_loss is not None:
+            self._update_loss(found_loss, block_ends, block_commands)
             self._found_time = time
         elif self.loss is not None and time - self._found_time > MAX_CONFIRMATION_SECONDS:
             is_recent = block_ends > time - MAX_CONFIRMATION_SECONDS
-            command = self._relative_command(self.loss, block_commands, is_recent)
-            rise = self._weak_command - self._sound_command
-            if command - self._sound_command < HALF_CHANGE * rise:
+            recent_command = self._relative_command(self.loss, block_commands, is_recent)
+            rise_by_loss = self._weak_command - self._sound_command
+            recent_rise = recent_command - self._sound_command
+            if recent_rise < HALF_CHANGE * rise_by_loss:
                 self.loss = None
 
     def _update_loss(self, loss: MotorChange, block_ends: Array, block_commands: Array) -> None:
@@ -135,6 +137,8 @@ class GradualLossWatch:
             block_commands: (B, k) mean commands of the blocks.
             is_selected: (B,) the blocks that count.
         """
-        motor = self._geometry.names.index(loss.name)
-        selected = block_commands[is_selected]
-        return float((selected[:, motor] / selected.mean(axis=1)).mean())
+        weak_motor = self._geometry.names.index(loss.name)
+        selected_commands = block_commands[is_selected]
+        mean_of_motors = selected_commands.mean(axis=1)
+        relative_commands = selected_commands[:, weak_motor] / mean_of_motors
+        return float(relative_commands.mean())

@@ -112,9 +112,10 @@ class LinkIntake:
         wall_time = clock.unix_time()
         batches = []
         for stamp, frames in stamped_frames:
-            arrival_time = now - (wall_time - stamp)
-            possible_arrival_time = min(max(arrival_time, self._emptied_time), now)
-            batches.append(FrameBatch(possible_arrival_time, stamp, frames))
+            seconds_since_arrival = wall_time - stamp
+            arrival_time = now - seconds_since_arrival
+            arrival_time = min(max(arrival_time, self._emptied_time), now)
+            batches.append(FrameBatch(arrival_time, stamp, frames))
         return batches
 
     def _frames_of_first_pieces(self) -> list[_StampedFrames]:

@@ -149,7 +149,10 @@ class ModelJudging:
             model is marked so.
         """
         self.is_of_recording = False
-        by_recording = Fact(Unjudged.JUDGED_LATER, path=self._recording_name, reason=None)
+        margins_awaited = None
+        if has_rate_setpoint:
+            # The recording shows the margins better than the model.
+            margins_awaited = Fact(Unjudged.JUDGED_LATER, path=self._recording_name, reason=None)
         try:
             if model is None or row_format is None or not _has_same_motors(row_format, model):
                 self.findings = model_findings(model, alarms=alarms)
@@ -160,12 +163,11 @@ class ModelJudging:
                 row_format,
                 alarms,
                 self._recording_name,
-                margins_awaited=by_recording if has_rate_setpoint else None,
+                margins_awaited=margins_awaited,
             )
-            vehicle_made_torque = any(
-                override.is_bad and override.code in OWN_TORQUE_OVERRIDES
-                for override in self.findings.overrides
-            )
+            # Faults that override the findings, such as a limit cycle.
+            faults = [fault for fault in self.findings.overrides if fault.is_bad]
+            vehicle_made_torque = any(fault.code in OWN_TORQUE_OVERRIDES for fault in faults)
             return with_vehicle_made_torque_marked(model, vehicle_made_torque=vehicle_made_torque)
         except ValueError:
             return model

@@ -477,12 +477,13 @@ class Link:
             address: host and port of the sender.
         """
         if address not in self._peers and len(self._peers) >= MAX_PEERS:
-            del self._peers[min(self._peers, key=self._peers.__getitem__)]
+            oldest_address = min(self._peers, key=lambda peer: self._peers[peer])
+            del self._peers[oldest_address]
         self._peers[address] = time.monotonic()
         self._piece_address = address
 
     def _is_admitted(self, datagram: bytes) -> bool:
-        """Whether the latest datagram may be used: from each autopilot only one network address is accepted.
+        """Returns whether the latest datagram may be used: each autopilot is accepted from one network address only.
 
         Two vehicles with the same MAVLink ids, a common mistake with new autopilots, would be read as one vehicle that
         jumps between two attitudes. The address that was heard first counts until it is silent for ``SILENCE_SECONDS``,
@@ -592,10 +593,12 @@ def _ids_of_autopilot(datagram: bytes) -> bytes | None:
     """
     if len(datagram) < HEADER_BYTES_V1:
         return None
-    sequence_offset = SEQUENCE_OFFSET_V1 if datagram[0] == MARKER_V1 else SEQUENCE_OFFSET_V2
-    # System and component id follow the sequence number.
+    is_version_1 = datagram[0] == MARKER_V1
+    sequence_offset = SEQUENCE_OFFSET_V1 if is_version_1 else SEQUENCE_OFFSET_V2
+    # System and component id, one byte each, follow the sequence number. A datagram of version 2 may be too short.
     ids = datagram[sequence_offset + 1 : sequence_offset + 3]
-    return ids if ids[1:] == bytes([AUTOPILOT_COMPONENT]) else None
+    is_from_autopilot = len(ids) == 2 and ids[1] == AUTOPILOT_COMPONENT
+    return ids if is_from_autopilot else None
 
 
 def _parse_name(name: str) -> _LinkAddress:

@@ -1,4 +1,4 @@
-"""The lights of a live flight (a judgement of each part of the vehicle, such as motors) before a model is judged."""
+"""Status lights of a live flight before a model is judged: for each part of the vehicle a fact with its judgement."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -46,12 +46,13 @@ def lights_before_model(
     """
     lights = dict(unjudged(reason).lights)
     for light, quantity in AWAITED_QUANTITIES.items():
-        # A quantity that is watched will be judged in settled flight, the tracking after some seconds of it.
-        awaited = Fact(SessionFact.NOT_SETTLED)
-        if quantity is WatchedQuantity.TRACKING:
-            awaited = Fact(WatchFact.TRACKING_AWAITED, duration=MIN_SETTLED_SECONDS)
-        why_not_watched = _reason_not_watched(quantity, watch_facts, reason)
-        lights[str(light)] = Fact(Unjudged.NOT_JUDGED, reason=why_not_watched or awaited)
+        why_not_judged = _reason_not_watched(quantity, watch_facts, reason)
+        if why_not_judged is None:
+            # A quantity that is watched will be judged in settled flight, the tracking after some seconds of it.
+            why_not_judged = Fact(SessionFact.NOT_SETTLED)
+            if quantity is WatchedQuantity.TRACKING:
+                why_not_judged = Fact(WatchFact.TRACKING_AWAITED, duration=MIN_SETTLED_SECONDS)
+        lights[str(light)] = Fact(Unjudged.NOT_JUDGED, reason=why_not_judged)
     lights[str(Light.MOTORS)] = _motors_light(watch_facts, reason)
     lights[str(Light.MARGINS)] = _margins_light(watch_facts, reason)
     if watch_facts and no_wind_reason is None:
@@ -77,11 +78,13 @@ def _reason_not_watched(
             after the first messages, while it is not known yet which messages come; before them all are missing.
         reason: why there is no model, which is the reason before the first messages.
     """
-    fact = watch_facts.get(quantity)
-    if fact is not None:
-        stated_reason: Fact | None = fact.figures["reason"]
+    watch_fact = watch_facts.get(quantity)
+    if watch_fact is not None:
+        stated_reason: Fact | None = watch_fact.figures["reason"]
         return stated_reason
-    return Fact(RowsFact.RATES_BEING_MEASURED) if watch_facts else reason
+    if not watch_facts:
+        return reason
+    return Fact(RowsFact.RATES_BEING_MEASURED)
 
 
 def _motors_light(watch_facts: Mapping[str, Fact], reason: Fact) -> Fact:
@@ -160,6 +163,11 @@ def fastest_rates(rates: Mapping[str, float]) -> FastestRates:
     Args:
         rates: rates of all messages of attitude and motor outputs, Hz, by name.
     """
-    attitude_rates = [rate for name, rate in rates.items() if name in ATTITUDE_MESSAGES]
-    motor_rates = [rate for name, rate in rates.items() if name not in ATTITUDE_MESSAGES]
-    return FastestRates(max(attitude_rates, default=0.0), max(motor_rates, default=0.0))
+    attitude_rate = 0.0
+    motor_rate = 0.0
+    for name, rate in rates.items():
+        if name in ATTITUDE_MESSAGES:
+            attitude_rate = max(attitude_rate, rate)
+        else:
+            motor_rate = max(motor_rate, rate)
+    return FastestRates(attitude_rate, motor_rate)

@@ -223,13 +223,13 @@ def tilt_setpoint(message: Message) -> TiltSetpoint:
     Args:
         message: a decoded ATTITUDE_TARGET, with the type mask and a quaternion (w, x, y, z) before its body rates.
     """
-    mask, quaternion, *_body_rates = message.values
-    if mask & IGNORED_SETPOINT_BITS["attitude"]:
+    type_mask, quaternion, *_body_rates = message.values
+    if type_mask & IGNORED_SETPOINT_BITS["attitude"]:
         return TiltSetpoint()
     # A quaternion of NaN means "no setpoint" too; its angles become NaN.
     with np.errstate(invalid="ignore"):
-        roll, pitch, _ = map(float, euler_angles(np.array(quaternion)))
-    return TiltSetpoint(roll, pitch)
+        roll, pitch, _ = euler_angles(np.array(quaternion))
+    return TiltSetpoint(float(roll), float(pitch))
 
 
 class PortOutputs(NamedTuple):

@@ -66,14 +66,22 @@ class Milestones:
                 seen.
         """
         learner = learning.learner
-        model = None if learner is None else learner.learned
-        if self._has_model or model is None:
+        has_model = learner is not None and learner.learned is not None
+        if self._has_model or not has_model:
             return
         self._has_model = True
-        seconds_since_takeoff = now - takeoff_time
-        duration = seconds_since_takeoff if isfinite(seconds_since_takeoff) else None
-        first_model = Fact(SessionFact.FIRST_MODEL, clock=now, axis=self._axis, duration=duration)
-        self._log(first_model)
+        seconds_since_takeoff: float | None = now - takeoff_time
+        if not isfinite(now - takeoff_time):
+            # The take-off was not seen.
+            seconds_since_takeoff = None
+        self._log(
+            Fact(
+                SessionFact.FIRST_MODEL,
+                clock=now,
+                axis=self._axis,
+                duration=seconds_since_takeoff,
+            )
+        )
 
     def update(
         self, learning: FlightLearning, status: SessionStatus, now: float, boot: int = 0

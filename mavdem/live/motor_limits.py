@@ -46,14 +46,16 @@ def motor_at_upper_limit(motors: MotorOutputs, is_at_upper: Flags, now: float) -
     recent_count = int(np.count_nonzero(motors.time >= now - DECISION_SECONDS))
     if not recent_count or len(is_at_upper) < MIN_LIMIT_SAMPLES:
         return None
-    recent = slice(-max(recent_count, MIN_LIMIT_SAMPLES), None)
-    mean_outputs = motors.scale.fraction(motors.outputs[recent]).mean(axis=0)
+    tested_count = max(recent_count, MIN_LIMIT_SAMPLES)
+    tested_times = motors.time[-tested_count:]
+    tested_outputs = motors.scale.fraction(motors.outputs[-tested_count:])
     # Where all thrust is in use, as in a climb at full throttle, it is by chance which motor is at its limit.
+    mean_outputs = tested_outputs.mean(axis=0)
     has_reserve = mean_outputs.min() < SPENT_THRUST_SHARE * motors.scale.upper_limit
-    fact = _limited_motor(motors.geometry.names, is_at_upper[recent])
-    if fact is None or not has_reserve:
+    limited_motor = _limited_motor(motors.geometry.names, is_at_upper[-tested_count:])
+    if limited_motor is None or not has_reserve:
         return None
-    return fact.replace(duration=now - motors.time[recent][0])
+    return limited_motor.replace(duration=now - tested_times[0])
 
 
 def sinks_at_limit(
@@ -72,23 +74,26 @@ def sinks_at_limit(
         ``DECISION_SECONDS``, or none where all were. None if no motor was, or if the vehicle has not sunk faster than
         ``MIN_TRUE_CLIMB`` all that time.
     """
-    start = now - DECISION_SECONDS
-    recent_rates = climb_rate.values[climb_rate.time >= start]
-    recent_flags = is_at_upper[motors.time >= start]
+    start_time = now - DECISION_SECONDS
+    recent_rates = climb_rate.values[climb_rate.time >= start_time]
+    recent_flags = is_at_upper[motors.time >= start_time]
     if len(recent_rates) < MIN_CLIMB_RATES or len(recent_flags) < MIN_LIMIT_SAMPLES:
         return None
-    shares = recent_flags.mean(axis=0)
+    # The fraction of these seconds in which each motor is at its limit.
+    limited_fractions = recent_flags.mean(axis=0)
     is_sinking = bool((recent_rates <= -MIN_TRUE_CLIMB).all())
-    if not is_sinking or shares.max() < ALARMING_SHARE:
+    if not is_sinking or limited_fractions.max() < ALARMING_SHARE:
         return None
-    has_reserve = shares.min() < ALARMING_SHARE
-    names = most_limited_motors(motors.geometry.names, shares) if has_reserve else ()
+    limited_names: Names = ()
+    has_reserve = limited_fractions.min() < ALARMING_SHARE
+    if has_reserve:
+        limited_names = most_limited_motors(motors.geometry.names, limited_fractions)
     return Fact(
         WatchFact.SINKS_AT_LIMIT,
         Level.BAD,
-        subject=names[0] if len(names) == 1 else "",
-        names=names,
-        share=shares.max(),
+        subject=limited_names[0] if len(limited_names) == 1 else "",
+        names=limited_names,
+        share=limited_fractions.max(),
         speed=-float(recent_rates[-1]),
     )
 
@@ -124,14 +129,16 @@ def _limited_motor(names: Names, is_at_upper: Flags) -> Fact | None:
     Returns:
         The fact; None if no motor is, or if all are, as in a climb at full throttle.
     """
-    shares = is_at_upper.mean(axis=0)
-    largest_share = shares.max()
-    if largest_share < ALARMING_SHARE or shares.min() >= ALARMING_SHARE:
+    # The fraction of the samples in which each motor is at its limit.
+    limited_fractions = is_at_upper.mean(axis=0)
+    is_any_limited = limited_fractions.max() >= ALARMING_SHARE
+    are_all_limited = limited_fractions.min() >= ALARMING_SHARE
+    if not is_any_limited or are_all_limited:
         return None
-    limited_names = most_limited_motors(names, shares)
+    limited_names = most_limited_motors(names, limited_fractions)
     return Fact(
         MotorsLight.MOTOR_LIMITED,
         subject=limited_names[0] if len(limited_names) == 1 else "",
         names=limited_names,
-        share=largest_share,
+        share=limited_fractions.max(),
     )

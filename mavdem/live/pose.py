@@ -70,13 +70,16 @@ class PoseTracker:
             position: north, east and down, m.
             is_flying: whether the vehicle is in the air.
         """
-        if all(map(isfinite, position)):
-            self._position_time = time
-            self._position = position
-            if not is_flying:
-                self._ground_position = position
-            elif self._ground_position is not None:
-                self.takeoff_position = self._ground_position
+        is_finite = all(isfinite(coordinate) for coordinate in position)
+        if not is_finite:
+            return
+        self._position_time = time
+        self._position = position
+        if not is_flying:
+            self._ground_position = position
+        elif self._ground_position is not None:
+            # Where the vehicle stood last is the place of its take-off.
+            self.takeoff_position = self._ground_position
 
     def add_setpoint(self, time: float, setpoint: TiltSetpoint) -> None:
         """Stores the latest setpoint of the attitude, which the next attitudes are compared with.
@@ -103,20 +106,19 @@ class PoseTracker:
             The pose.
         """
         has_setpoint = abs(time - self._setpoint_time) <= MAX_SETPOINT_AGE
+        has_position = time - self._position_time <= MAX_POSITION_AGE
         setpoint = self._setpoint if has_setpoint else TiltSetpoint()
         pose = LatestPose(
             time,
             angles=(sample.roll, sample.pitch, sample.yaw),
             rates=(sample.roll_rate, sample.pitch_rate, sample.yaw_rate),
             setpoint=setpoint,
-            position=self._position if time - self._position_time <= MAX_POSITION_AGE else None,
+            position=self._position if has_position else None,
         )
         self.pose = pose
-        self.heading = sample.yaw
-        if max(abs(sample.roll), abs(sample.pitch)) >= MAX_TILT:
-            self.heading = nan
-        elif has_setpoint:
+        is_steady = abs(sample.roll) < MAX_TILT and abs(sample.pitch) < MAX_TILT
+        if is_steady and has_setpoint:
             tilt = np.array([sample.roll, sample.pitch])
-            if is_far_from_setpoint(tilt, np.array(setpoint)):
-                self.heading = nan
+            is_steady = not is_far_from_setpoint(tilt, np.array(setpoint))
+        self.heading = sample.yaw if is_steady else nan
         return pose

@@ -91,7 +91,7 @@ class RateCheck:
         if motor_message is None:
             # Before inputs are chosen the fastest message of motor outputs counts.
             candidates = [name for name in rates if name not in ATTITUDE_MESSAGES]
-            motor_message = max(candidates, key=rates.__getitem__, default=None)
+            motor_message = max(candidates, key=lambda name: rates[name], default=None)
         if motor_message is None:
             return Fact(RowsFact.NO_LIVE_MOTORS)
         needed_rates = {name: rates[name] for name in (attitude_message, motor_message)}

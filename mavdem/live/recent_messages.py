@@ -130,6 +130,8 @@ def columns_from(fields: Sequence[str], rows: Iterable[TimedValues], boot: int) 
     """
     times, values = zip(*rows, strict=True)
     columns = {"time": np.array(times), "boot": np.full(len(times), boot)}
-    for field, column in zip(fields, zip(*values, strict=True), strict=False):
-        columns[field] = np.array(column)
+    # One tuple of N values for each field, in the order of the fields.
+    values_by_field = zip(*values, strict=True)
+    for field, field_values in zip(fields, values_by_field, strict=False):
+        columns[field] = np.array(field_values)
     return columns

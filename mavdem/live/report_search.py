@@ -53,12 +53,12 @@ class ReportSearch:
                 self.restart = report
                 continue
             is_known = _identity(report) in former_identities
-            is_late = report.start_time <= self._search_time - LATE_REPORT_SECONDS
+            is_long_past = report.start_time <= self._search_time - LATE_REPORT_SECONDS
             # These reports mean something in a log only: a stream begins anywhere, and ``BootClock`` reports restarts.
-            is_for_logs_only = report.code is ReportedEvent.RESTARTED or report.figures.get(
-                "is_begun"
-            )
-            if not (is_known or is_late or is_for_logs_only):
+            is_restart = report.code is ReportedEvent.RESTARTED
+            is_begin_of_log = bool(report.figures.get("is_begun"))
+            is_for_logs_only = is_restart or is_begin_of_log
+            if not is_known and not is_long_past and not is_for_logs_only:
                 new_reports.append(report.replace(height=None))
         self._search_time = now
         return new_reports

@@ -98,10 +98,12 @@ class RowBuilder:
         Args:
             now: end of the time over which rates are measured, s of the boot clock.
         """
-        fastest_rates = dict[str, float]()
-        for (name, _), stream in self._streams.items():
-            fastest_rates[name] = max(stream.recent_rate(now), fastest_rates.get(name, 0.0))
-        return dict(sorted(fastest_rates.items(), key=itemgetter(1)))
+        fastest_rates: dict[str, float] = {}
+        for (name, _port), stream in self._streams.items():
+            rate = stream.recent_rate(now)
+            fastest_rates[name] = max(rate, fastest_rates.get(name, 0.0))
+        rate_of_each = itemgetter(1)
+        return dict(sorted(fastest_rates.items(), key=rate_of_each))
 
     def add_sample(
         self, name: str, port: int, time: float, values: Numbers | None
@@ -286,7 +288,9 @@ class RowBuilder:
             attitude: roll and pitch, rad, and their body rates, rad/s.
         """
         roll, pitch, roll_rate, pitch_rate = attitude
-        return np.array((roll, roll_rate) if self.axis == "roll" else (pitch, pitch_rate))
+        if self.axis == "roll":
+            return np.array([roll, roll_rate])
+        return np.array([pitch, pitch_rate])
 
     def choose_attitude_message(self, now: float) -> None:
         """Chooses which message rows take attitude from; within a segment it stays.
@@ -370,11 +374,12 @@ class RowBuilder:
         if self.inputs is None or self.attitude_message is None:
             return None
         # The streams are attitude, then the ports of the motors.
-        attitude = self._row_streams[0]
-        if not attitude.time:
+        attitude_stream = self._row_streams[0]
+        if not attitude_stream.time:
             return None
-        roll, pitch, roll_rate, pitch_rate = attitude.table().T
-        time = np.array(attitude.time)
+        # Each has N samples.
+        roll, pitch, roll_rate, pitch_rate = attitude_stream.table().T
+        time = np.array(attitude_stream.time)
         message = self.attitude_message
         tilts = {
             "roll": attitude_from_samples(message, time, self._boot, roll, roll_rate),

@@ -50,7 +50,9 @@ class SilenceMonitor:
         Returns:
             The time without messages before them, s; 0 for the first ones.
         """
-        silence_before = first_arrival - self.message_time if self._has_received else 0.0
+        silence_before = 0.0
+        if self._has_received:
+            silence_before = first_arrival - self.message_time
         self._has_received = True
         self.message_time = last_arrival
         self.link_time = last_arrival

@@ -173,7 +173,9 @@ class StatusReport:
         if not self.learning.is_free_flight:
             return Fact(SessionFact.NOT_SETTLED)
         learner = self.learning.learner
-        return None if learner is None else learner.no_model_reason
+        if learner is None:
+            return None
+        return learner.no_model_reason
 
     def account_for(self, now: float) -> dict[TimeUse, float]:
         """Adds the session's time since the last call to the time account, by the session's present state.

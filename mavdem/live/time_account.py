@@ -75,13 +75,12 @@ class TimeAccount:
         return now - self.entry_time >= ENTRY_SECONDS
 
     def update(self, now: float, state: AccountedState) -> dict[TimeUse, float]:
-        """Adds an entry: the time since the last one is assigned to learning by its rows, and the rest by the state.
+        """Adds the time since the last entry to the account: to learning by its samples, and the rest by the state.
 
-        A row is the motion of the vehicle at one step of time, from which the model is learned.
-
-        The learned time is the number of new learned rows times the step between rows, s. Rows may be analysed some
-        time after their arrival, so they can span more than the time since the last entry. An entry cannot contain more
-        than its own time; up to ``ENTRY_SECONDS`` of the excess are carried over to the next entry.
+        The time of learning is the number of new samples (rows) that were learned from, times the step between them.
+        Samples may be analysed some time after their arrival, so they can span more than the time since the last entry.
+        An entry cannot contain more than its own time; up to ``ENTRY_SECONDS`` of the excess are carried over to the
+        next entry.
 
         Args:
             now: time up to which everything that arrived is analysed, s of the monotonic clock.
@@ -92,13 +91,16 @@ class TimeAccount:
         """
         # Arrivals are converted from the wall clock, which may be set back: time is never counted backwards.
         now = max(now, self.entry_time)
-        elapsed = now - self.entry_time
+        elapsed_seconds = now - self.entry_time
         new_rows = state.learned_rows - self._learned_rows
-        self._uncounted_learned += new_rows * state.dt
-        learned = min(self._uncounted_learned, elapsed)
-        self._uncounted_learned = min(self._uncounted_learned - learned, ENTRY_SECONDS)
         self._learned_rows = state.learned_rows
-        self._seconds[TimeUse.LEARNED] += learned
-        self._seconds[state.use_at(now)] += elapsed - learned
+        self._uncounted_learned += new_rows * state.dt
+        learned_seconds = min(self._uncounted_learned, elapsed_seconds)
+        excess_seconds = self._uncounted_learned - learned_seconds
+        self._uncounted_learned = min(excess_seconds, ENTRY_SECONDS)
+        self._seconds[TimeUse.LEARNED] += learned_seconds
+        self._seconds[state.use_at(now)] += elapsed_seconds - learned_seconds
         self.entry_time = now
-        return {**self._seconds, TimeUse.LEFT_OUT: max(clock.monotonic() - now, 0.0)}
+        seconds_by_use = dict(self._seconds)
+        seconds_by_use[TimeUse.LEFT_OUT] = max(clock.monotonic() - now, 0.0)
+        return seconds_by_use

@@ -116,11 +116,9 @@ class Component:
         Ground stations, cameras and other components that are no autopilots call themselves by the autopilot INVALID.
         """
         is_autopilot = self.autopilot not in (UNNAMED, "INVALID")
-        return (
-            is_autopilot
-            and self._heartbeat_count >= MIN_MESSAGES
-            and self.vehicle_type not in POSSIBLE_MULTIROTORS
-        )
+        is_certain = self._heartbeat_count >= MIN_MESSAGES
+        may_be_multirotor = self.vehicle_type in POSSIBLE_MULTIROTORS
+        return is_autopilot and is_certain and not may_be_multirotor
 
     @property
     def can_be_followed(self) -> bool:
@@ -131,11 +129,10 @@ class Component:
         """
         if self.is_identified and self.sends_attitude:
             return True
-        return (
-            self.vehicle_type in MULTIROTORS
-            and self._heartbeat_count >= MIN_HEARTBEATS_WITHOUT_ATTITUDE
-            and not self.attitude_count
-        )
+        has_waited_for_attitude = self._heartbeat_count >= MIN_HEARTBEATS_WITHOUT_ATTITUDE
+        is_without_attitude = self.attitude_count == 0
+        is_multirotor = self.vehicle_type in MULTIROTORS
+        return is_multirotor and has_waited_for_attitude and is_without_attitude
 
     @property
     def description(self) -> str:
@@ -309,22 +306,24 @@ class VehicleSelector:
             if self._wanted == sender.name or (has_wanted_system and sender.can_be_followed):
                 self._follow(sender)
         elif sender.can_be_followed:
-            # The candidates are the vehicles that send attitude or, if none does, all multirotors.
-            vehicles = [component for component in self if component.sends_attitude]
-            if not vehicles:
-                vehicles = [
-                    component for component in self if component.vehicle_type in MULTIROTORS
-                ]
-            if vehicles == [sender]:
+            candidates = self._candidates()
+            if candidates == [sender]:
                 self._follow(sender)
-            elif len(vehicles) > 1:
-                self._report_choice(vehicles)
+            elif len(candidates) > 1:
+                self._report_choice(candidates)
         elif sender.is_other_vehicle and not self.other_vehicles:
             self.not_followed_reason = Fact(
                 VehicleFact.NO_MULTIROTOR_YET,
                 subject=sender.name,
                 vehicle_type=sender.vehicle_type,
             )
+
+    def _candidates(self) -> list[Component]:
+        """Returns the vehicles that may be followed: those that send attitude or, if none does, all multirotors."""
+        with_attitude = [component for component in self if component.sends_attitude]
+        if with_attitude:
+            return with_attitude
+        return [component for component in self if component.vehicle_type in MULTIROTORS]
 
     def _refuse_duplicate_ids(self, sender: Component) -> None:
         """Reports once that two vehicles send under the same ids, and follows neither of them.
@@ -395,8 +394,11 @@ def _decoded_parameters(vehicle: Component, store: Component | None) -> Paramete
         store: component that sends parameters of the vehicle as it read them before; what the vehicle has sent itself
             replaces them. None without one.
     """
+    # The messages PARAM_VALUE by the name of the parameter.
     messages: dict[bytes, Message] = {}
     if store is not None:
         messages.update(store.parameters)
     messages.update(vehicle.parameters)
-    return parameters_by_name(messages.values(), vehicle.autopilot) if messages else {}
+    if not messages:
+        return {}
+    return parameters_by_name(messages.values(), vehicle.autopilot)

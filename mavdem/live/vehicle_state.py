@@ -64,24 +64,24 @@ def vehicle_state(recent: RecentMessages, vehicle: Telemetry, now: float) -> Veh
     armed = signals.armed
     landing_mode = signals.landing
     # The emptiest battery is shown, or the first one if no charge is known.
-    voltage = None
-    charge = None
+    lowest_charge = None
+    voltage_of_emptiest = None
     voltages = {}
     for battery in signals.batteries:
-        battery_voltage = float(battery.voltage.values[-1])
-        voltages[battery.number] = battery_voltage
-        battery_charge = _latest_charge(battery)
-        is_emptier = battery_charge is not None and (charge is None or battery_charge < charge)
-        if voltage is None or is_emptier:
-            voltage = battery_voltage
-            charge = battery_charge
+        voltage = float(battery.voltage.values[-1])
+        voltages[battery.number] = voltage
+        charge = _latest_charge(battery)
+        is_emptier = charge is not None and (lowest_charge is None or charge < lowest_charge)
+        if voltage_of_emptiest is None or is_emptier:
+            voltage_of_emptiest = voltage
+            lowest_charge = charge
     name, basis = vehicle_name(vehicle)
     return VehicleState(
         signals.mode_at(recent.boot, now),
         lands_by_itself=landing_mode is not None and bool(landing_mode.values[-1]),
         is_armed=None if armed is None else bool(armed.values[-1]),
-        voltage=voltage,
-        charge=charge,
+        voltage=voltage_of_emptiest,
+        charge=lowest_charge,
         voltages=voltages,
         system=vehicle.system,
         frame=vehicle.vehicle,
