@@ -86,26 +86,28 @@ class BlockAverager:
         Returns:
             The block that this sample completes; None if it completes none, or one with too few samples.
         """
-        number = floor(time / BLOCK_SECONDS)
-        completed = None
-        if number != self._number:
+        # Blocks are numbered from time 0 of the clock.
+        block_number = floor(time / BLOCK_SECONDS)
+        completed_block = None
+        if block_number != self._number:
             if len(self._samples) >= MIN_BLOCK_SAMPLES:
                 # A comparison with NaN is false, so a heading of NaN is not steady.
                 turn = heading_change(heading, self._start_heading)
-                is_steady = abs(turn) <= MAX_HEADING_CHANGE * BLOCK_SECONDS
-                completed = CommandBlock(
+                is_heading_steady = abs(turn) <= MAX_HEADING_CHANGE * BLOCK_SECONDS
+                completed_block = CommandBlock(
                     end=(self._number + 1) * BLOCK_SECONDS,
                     commands=np.mean(self._samples, axis=0),
-                    heading=heading if is_steady else nan,
+                    heading=heading if is_heading_steady else nan,
                     lean=np.mean(self._leans, axis=0),
                 )
-            self._number = number
+            # The sample is the first one of the next block.
+            self._number = block_number
             self._samples = []
             self._leans = []
             self._start_heading = heading
         self._samples.append(commands)
         self._leans.append(lean)
-        return completed
+        return completed_block
 
 
 class SampleRate:

@@ -196,20 +196,19 @@ def cause_probabilities(evidence: CauseEvidence, selection: Flags) -> CauseProba
     hypothesis_count = len(evidence.motor_log_factors)
     motor_log_factors = log_sum(evidence.motor_log_factors_by_window) - log(hypothesis_count)
     # (w,) each: the logarithm of prior odds times Bayes factor, by window.
-    log_odds_by_window = {
-        "load": evidence.load_log_factors + log(LOADS_PER_MOTOR),
-        "motor": motor_log_factors,
-        "all axes": evidence.all_axes_log_factors + log(OTHERS_PER_MOTOR),
-        "yaw": evidence.yaw_log_factors + log(OTHERS_PER_MOTOR),
-    }
+    load_by_window = evidence.load_log_factors + log(LOADS_PER_MOTOR)
+    motor_by_window = motor_log_factors
+    all_axes_by_window = evidence.all_axes_log_factors + log(OTHERS_PER_MOTOR)
+    yaw_by_window = evidence.yaw_log_factors + log(OTHERS_PER_MOTOR)
     # All windows are equally probable, so that their odds are added.
-    log_odds = {
-        cause: log_sum(by_window[selection]) for cause, by_window in log_odds_by_window.items()
-    }
-    log_sum_of_causes = log_sum(list(log_odds.values()))
+    load_log_odds = log_sum(load_by_window[selection])
+    motor_log_odds = log_sum(motor_by_window[selection])
+    all_axes_log_odds = log_sum(all_axes_by_window[selection])
+    yaw_log_odds = log_sum(yaw_by_window[selection])
+    log_sum_of_causes = log_sum([load_log_odds, motor_log_odds, all_axes_log_odds, yaw_log_odds])
     return CauseProbabilities(
-        load=float(np.exp(log_odds["load"] - log_sum_of_causes)),
-        motor=float(np.exp(log_odds["motor"] - log_sum_of_causes)),
+        load=float(np.exp(load_log_odds - log_sum_of_causes)),
+        motor=float(np.exp(motor_log_odds - log_sum_of_causes)),
     )
 
 

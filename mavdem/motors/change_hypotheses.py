@@ -205,6 +205,7 @@ class ChangeHypotheses:
         prior = self.prior
         if previous is not None:
             prior = PERSISTENCE * previous + (1 - PERSISTENCE) * prior
+        # Slices of the hypotheses with each cause.
         load_rows = self.groups["load"]
         motor_rows = self.groups["motor"]
         spread = self.spread.copy()
@@ -215,11 +216,12 @@ class ChangeHypotheses:
         standard_scores = (deviation.change - self.change) / scale
         log_densities = student_t_log_density(standard_scores, deviation.freedom) - np.log(scale)
         log_likelihood = log_densities.sum(axis=1)
-        is_misfit = (abs(standard_scores[motor_rows]) > MAX_MISFIT).any(axis=1)
-        # The rows of the motors are a slice, hence a view of the array: the assignment changes the array itself.
-        log_likelihood[motor_rows][is_misfit] = -np.inf
+        is_ruled_out = np.zeros(len(log_likelihood), dtype=bool)
+        is_ruled_out[motor_rows] = (abs(standard_scores[motor_rows]) > MAX_MISFIT).any(axis=1)
+        log_likelihood[is_ruled_out] = -np.inf
         # The largest is subtracted, so that the exponentials do not all vanish.
-        posterior = prior * np.exp(log_likelihood - log_likelihood.max())
+        likelihood_ratios = np.exp(log_likelihood - log_likelihood.max())
+        posterior = prior * likelihood_ratios
         posterior /= posterior.sum()
         return posterior
 

@@ -52,18 +52,20 @@ def is_independent_of_heading(
     """
     # Weighted least squares: axes on which the change is known precisely count more.
     weights = change / variance
-    mean_after = blocks[-changed_block_count:].mean(axis=0)
+    first_changed_block = len(blocks) - changed_block_count
+    mean_after = blocks[first_changed_block:].mean(axis=0)
     progress = (blocks - mean_after) @ weights / (change @ weights)
-    is_after = np.arange(len(blocks)) >= len(blocks) - changed_block_count
+    is_after = np.arange(len(blocks)) >= first_changed_block
     progress_before = mean_by_sector(progress, headings, ~is_after)
     progress_after = mean_by_sector(progress, headings, is_after)
     common_sectors = progress_before.keys() & progress_after.keys()
     if common_sectors:
-        # A full change is a step of 1, from -1 to 0.
-        return all(
-            progress_after[sector] - progress_before[sector] > MIN_SHOWN_FRACTION
-            for sector in common_sectors
-        )
+        for sector in common_sectors:
+            # A full change is a step of 1, from -1 to 0.
+            step = progress_after[sector] - progress_before[sector]
+            if not step > MIN_SHOWN_FRACTION:
+                return False
+        return True
     if len(progress_after) < 2 or not progress_before:
         return False
     # Without a common sector, each side is compared with the level halfway between "before" (-1) and "after" (0).

@@ -165,11 +165,14 @@ def distinct_flights(flights: HealthFlights) -> list[HealthFigures]:
     Returns:
         The flights that are kept, in the given order.
     """
-    flights_by_error = sorted(
-        flights, key=lambda flight: float(np.linalg.norm(flight.known_balance.error))
-    )
-    distinct: list[HealthFigures] = []
-    for flight in flights_by_error:
-        if not any(flight.overlaps(kept_flight) for kept_flight in distinct):
-            distinct.append(flight)
-    return [flight for flight in flights if flight in distinct]
+
+    def size_of_error(flight: HealthFigures) -> float:
+        """Returns the error of a flight's balance, over all axes."""
+        return float(np.linalg.norm(flight.known_balance.error))
+
+    kept_flights: list[HealthFigures] = []
+    for flight in sorted(flights, key=size_of_error):
+        is_second_record = any(flight.overlaps(kept_flight) for kept_flight in kept_flights)
+        if not is_second_record:
+            kept_flights.append(flight)
+    return [flight for flight in flights if flight in kept_flights]

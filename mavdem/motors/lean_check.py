@@ -76,7 +76,9 @@ class _FittedStep(NamedTuple):
 
 
 def _fitted_step(blocks: Array, is_after: Flags) -> _FittedStep | None:
-    """Fits the equation at the head of this file by least squares.
+    """Fits the balance of the motors by a constant, the lean of the vehicle, and a step at the time of a shift.
+
+    It is a linear regression by least squares. The error of the step allows for the correlation of neighbouring blocks.
 
     Args:
         blocks: (N, 5) balance about roll, pitch and yaw, and lean in roll and pitch, rad, of N blocks.
@@ -85,22 +87,25 @@ def _fitted_step(blocks: Array, is_after: Flags) -> _FittedStep | None:
     Returns:
         The step; None if the lean of a block is not known, or the blocks do not determine the step and its error.
     """
-    coefficients = 2 + len(TILT_AXES)
-    freedom = len(blocks) - coefficients
-    if freedom < MIN_FREEDOM or not np.isfinite(blocks).all():
+    # The coefficients of a constant, of the step, and of both angles of the lean.
+    coefficient_count = 2 + len(TILT_AXES)
+    degrees_of_freedom = len(blocks) - coefficient_count
+    if degrees_of_freedom < MIN_FREEDOM or not np.isfinite(blocks).all():
         return None
     balance, lean = np.split(blocks, [len(AXES)], axis=1)
-    design = np.column_stack([np.ones(len(blocks)), is_after, lean - lean.mean(axis=0)])
-    if np.linalg.matrix_rank(design) < coefficients:
+    centred_lean = lean - lean.mean(axis=0)
+    regressors = np.column_stack([np.ones(len(blocks)), is_after, centred_lean])
+    if np.linalg.matrix_rank(regressors) < coefficient_count:
         return None
-    inverse = np.linalg.inv(design.T @ design)
-    fit = inverse @ design.T @ balance
-    residuals = balance - design @ fit
-    block_variance = (residuals**2).sum(axis=0) / freedom
-    inflation = np.array([variance_inflation(column) for column in residuals.T])
-    # The step is the coefficient of the second column of the design.
+    inverse = np.linalg.inv(regressors.T @ regressors)
+    coefficients = inverse @ regressors.T @ balance
+    residuals = balance - regressors @ coefficients
+    block_variance = (residuals**2).sum(axis=0) / degrees_of_freedom
+    inflation = np.array([variance_inflation(axis_residuals) for axis_residuals in residuals.T])
+    # The step has the second regressor.
+    step = coefficients[1]
     step_error = np.sqrt(block_variance * inflation * inverse[1, 1])
-    return _FittedStep(fit[1], step_error, freedom)
+    return _FittedStep(step, step_error, degrees_of_freedom)
 
 
 def _selected(run: SteadyRun, selection: Flags) -> SteadyRun:

@@ -80,7 +80,7 @@ class LossConfirmation(NamedTuple):
     def log_odds_of_return(self, times: Sequence[float], balances: Sequence[Array]) -> float:
         """Returns the logarithm of the odds that the balance has returned to its value before the change.
 
-        The alternative is that it remains as after the change. The mean share m of the change that remains is normal
+        The alternative is that it remains as after the change. The mean fraction m of the change that remains is normal
         about 0 under the one hypothesis and about 1 under the other, with the variance σ² of a mean of correlated
         blocks. The logarithm of the ratio of these densities is (1 − 2 m) / (2 σ²).
 
@@ -91,30 +91,36 @@ class LossConfirmation(NamedTuple):
         Returns:
             The log odds; 0, even odds, while there is too little flight to decide.
         """
-        is_settled = np.array(times) > self.start + MIN_LOSS_SECONDS
-        remaining = self.remaining_fractions(np.array(balances)[is_settled])
+        # A gust or a correction of the attitude may take this long.
+        is_after_disturbance = np.array(times) > self.start + MIN_LOSS_SECONDS
+        remaining = self.remaining_fractions(np.array(balances)[is_after_disturbance])
         if len(remaining) * BLOCK_SECONDS < MIN_CONFIRMATION_SECONDS:
             return 0.0
         mean = remaining.mean()
-        block_variance = np.array([remaining.var()])
         # The function takes several signals and windows; here it is one signal, and one window with all blocks.
-        is_selected = np.ones((1, len(remaining)), dtype=bool)
-        long_run = long_run_variance(
-            remaining[:, None], is_selected, np.array([[mean]]), block_variance, PRIOR_FREEDOM
+        variances_of_windows = long_run_variance(
+            remaining[:, None],
+            selection=np.ones((1, len(remaining)), dtype=bool),
+            mean=np.array([[mean]]),
+            prior_variance=np.array([remaining.var()]),
+            prior_freedom=PRIOR_FREEDOM,
         )
-        mean_variance = float(long_run.max()) / len(remaining)
+        mean_variance = float(variances_of_windows.max()) / len(remaining)
         return float((1 - 2 * mean) / (2 * max(mean_variance, SMALLEST_VARIANCE)))
 
     def blocks_since_return(self, balances: Sequence[Array]) -> int:
-        """Returns the number of blocks, at least 1, since the change was over.
+        """Returns the number of blocks, at least 1, since the balance is back at its value before the change.
 
-        It was over after the last block at which the moving average of the remaining fraction was at least one half.
+        It is back after the last block at which the moving average of the remaining fraction of the change was at least
+        one half.
 
         Args:
             balances: (a,) balance in each of the N blocks since the detection.
         """
         remaining = self.remaining_fractions(np.array(balances))
-        means = np.convolve(remaining, np.full(SMOOTHING_BLOCKS, 1 / SMOOTHING_BLOCKS), "same")
-        changed_rows = np.flatnonzero(means >= HALF_CHANGE)
-        last_changed_row = int(changed_rows[-1]) if len(changed_rows) else 0
-        return max(len(remaining) - 1 - last_changed_row, 1)
+        averaging_weights = np.full(SMOOTHING_BLOCKS, 1 / SMOOTHING_BLOCKS)
+        mean_remaining = np.convolve(remaining, averaging_weights, "same")
+        changed_blocks = np.flatnonzero(mean_remaining >= HALF_CHANGE)
+        last_changed_block = int(changed_blocks[-1]) if len(changed_blocks) else 0
+        blocks_after = len(remaining) - 1 - last_changed_block
+        return max(blocks_after, 1)

@@ -161,14 +161,21 @@ def thrust_losses(changes: Sequence[MotorChange]) -> list[Fact]:
 def is_much_larger(slow_loss: MotorChange, sudden_changes: Sequence[MotorChange]) -> bool:
     """Returns whether a slow loss is so much larger than sudden losses of its motor that these were only parts of it.
 
+    A slow loss is found by comparing the end of a flight with its beginning, as if only one motor had changed. If
+    another motor changed suddenly, or the motor recovered, that is not so, and the slow loss is not relied on.
+
     Args:
-        slow_loss: the loss that was found in all of a flight.
-        sudden_changes: changes in this flight, each of which names a motor. If one is of another motor or is a
-            recovery, the slow loss is not relied on: it was found as if its motor alone had changed.
+        slow_loss: the loss of one motor that was found in all of a flight.
+        sudden_changes: sudden changes in this flight, each of which names a motor.
+
+    Returns:
+        Whether it is; true without any sudden change.
     """
     for change in sudden_changes:
-        is_of_same_motor = change.is_weak and change.name == slow_loss.name
-        if not is_of_same_motor or slow_loss.size < MIN_REPORTED_GROWTH * change.size:
+        is_loss_of_same_motor = change.is_weak and change.name == slow_loss.name
+        if not is_loss_of_same_motor:
+            return False
+        if slow_loss.size < MIN_REPORTED_GROWTH * change.size:
             return False
     return True
 
@@ -187,21 +194,27 @@ def _losses_by_outcome(changes: Sequence[MotorChange]) -> _LossesByOutcome:
 
     Args:
         changes: All changes of the flight, in the order of time.
+
+    Returns:
+        The losses that last, and those that ended, each with the time of the recovery, s since boot. Of several losses
+        of a motor before it recovered only the largest is contained, and none that ended within ``MIN_LOSS_SECONDS``.
     """
     # The largest loss of each motor since it last gave its full thrust, by boot and name of the motor.
-    lasting_losses: dict[tuple[int, str], MotorChange] = {}
+    open_losses: dict[tuple[int, str], MotorChange] = {}
     ended_losses: list[tuple[MotorChange, float]] = []
     for change in changes:
         motor = (change.boot, change.name)
         if change.is_weak:
-            previous = lasting_losses.get(motor)
-            if previous is None or change.size > previous.size:
-                lasting_losses[motor] = change
-        elif motor in lasting_losses:
-            loss = lasting_losses.pop(motor)
-            if change.onset_time - loss.onset_time >= MIN_LOSS_SECONDS:
-                ended_losses.append((loss, change.onset_time))
-    return _LossesByOutcome(list(lasting_losses.values()), ended_losses)
+            previous_loss = open_losses.get(motor)
+            if previous_loss is None or change.size > previous_loss.size:
+                open_losses[motor] = change
+        elif motor in open_losses:
+            # The change is the recovery of this motor.
+            loss = open_losses.pop(motor)
+            recovery_time = change.onset_time
+            if recovery_time - loss.onset_time >= MIN_LOSS_SECONDS:
+                ended_losses.append((loss, recovery_time))
+    return _LossesByOutcome(list(open_losses.values()), ended_losses)
 
 
 def lasting_changes(changes: Sequence[MotorChange]) -> list[MotorChange]:

@@ -27,9 +27,11 @@ def most_limited_motors(names: Names, times_at_limit: Sequence[float] | Array) -
         motor was at its limit.
     """
     times = np.asarray(times_at_limit, dtype=np.float64)
-    longest = times.max(initial=0.0)
-    if longest <= 0:
+    longest_time = times.max(initial=0.0)
+    if longest_time <= 0:
         return ()
-    return tuple(
-        name for name, time in zip(names, times, strict=True) if time >= ALIKE_RATIO * longest
-    )
+    limited_motors = []
+    for name, time in zip(names, times, strict=True):
+        if time >= ALIKE_RATIO * longest_time:
+            limited_motors.append(name)
+    return tuple(limited_motors)
