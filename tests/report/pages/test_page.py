@@ -20,6 +20,7 @@ from mavdem.assessment.inventory import inventory
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, MotionEvent
+from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.event import Event
 from mavdem.facts.hardware import HardwareFact
 from mavdem.facts.lights import Light, Unjudged
@@ -487,7 +488,9 @@ def test_a_live_page_on_a_telephone_has_lights_and_events_before_plots_and_map(t
         history.add_voltages({1: 12.6})
     history.events.append(Event(110.0, Fact(VehicleFact.NO_VEHICLE_YET, time=110.0), reception=0.0))
     account = dict.fromkeys(TimeUse, 0.0)
-    page = live_page("udpin:0", "roll", history, SessionStatus("1:1"), account, None)
+    doubted = Fact(EstimatorLight.FIX_MISSING, Level.BAD, satellites=3)
+    status = SessionStatus("1:1", worst_lights={Light.ESTIMATOR: doubted})
+    page = live_page("udpin:0", "roll", history, status, account, None, refresh_seconds=5.0)
     (tmp_path / "page.html").write_text(page)
     tops = """["#result", "#lights", ".events", "figure.chart", ".map"].map(
         name => document.querySelector(name).getBoundingClientRect().top)"""
@@ -504,7 +507,15 @@ def test_a_live_page_on_a_telephone_has_lights_and_events_before_plots_and_map(t
         # The lights are a compact grid: two columns of names and levels.
         lefts = tab.run("""new Set([...document.querySelectorAll("#lights div")].map(
             light => light.getBoundingClientRect().left)).size""")
+        # They keep their places, whatever their levels are.
+        places = tab.run("""[...document.querySelectorAll("#lights .figures > div")].map(light => {
+            const { top, left } = light.getBoundingClientRect();
+            return [Math.round(top / 20), left];
+        })""")
     assert heights_of_parts == sorted(heights_of_parts)
+    # Plots and map begin on the first two screens of a telephone.
+    assert heights_of_parts[-1] < 2 * 844
+    assert places == sorted(places)
     assert lefts == 2
     # What stays the same has a narrow axis, on which a sag is seen.
     assert 11.5 < ends[0] < 12.6 < ends[1] < 13.7
