@@ -21,10 +21,13 @@ JSON_ESCAPE = re.compile(
 
 def without_lone_surrogates(text: bytes) -> bytes:
     """Returns a JSON text with the replacement character instead of surrogates without a partner."""
-    return JSON_ESCAPE.sub(
-        lambda escape: rb"\ufffd" if escape["lone"] else escape[0],
-        text,
-    )
+
+    def replaced(escape: re.Match[bytes]) -> bytes:
+        """Returns an escape as it is, or the replacement character for a lone surrogate."""
+        is_lone_surrogate = escape["lone"] is not None
+        return rb"\ufffd" if is_lone_surrogate else escape[0]
+
+    return JSON_ESCAPE.sub(replaced, text)
 
 
 class _CharacterInput(io.RawIOBase):

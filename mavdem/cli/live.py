@@ -514,7 +514,10 @@ def _numbered_paths(paths: Sequence[Path | None], number: int) -> list[Path | No
     """
     numbered_paths: list[Path | None] = []
     for path in paths:
-        numbered_paths.append(None if path is None else path.with_stem(f"{path.stem}-{number}"))
+        if path is None:
+            numbered_paths.append(None)
+        else:
+            numbered_paths.append(path.with_stem(f"{path.stem}-{number}"))
     return numbered_paths
 
 

@@ -182,17 +182,18 @@ class Dashboard:
             session: The session, with the history of its flight.
             status: Its state now, or at its end.
         """
-        problems = set()
+        present_problems = set()
         if self._server is not None:
             try:
                 self._server.report(session, status)
             except Exception as error:
                 # A page that cannot be rendered must not end the session, which watches the vehicle.
-                problems.add(str(failure_fact(SessionFact.DISPLAY_FAILED, error)))
+                present_problems.add(str(failure_fact(SessionFact.DISPLAY_FAILED, error)))
         if self.view is not None:
             self.view.status(status)
-            problems.update(self.view.problems)
-        for problem in problems - self._reported_problems:
+            present_problems.update(self.view.problems)
+        new_problems = present_problems - self._reported_problems
+        for problem in new_problems:
             print_to_stderr(problem)
             self._reported_problems.add(problem)
 

@@ -1,4 +1,4 @@
-"""What a live session has written, with what opens each file, and why no gains are among it, by facts (findings)."""
+"""Lines at the end of a live session: which files it has written, what opens each, and why there are no gains."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -64,7 +64,7 @@ class FlightPhase:
         self.motors_are_idle = False
         self._recent = recent
         # Whether any message shows whether the vehicle flies.
-        self._is_known = False
+        self._is_flying_known = False
         # Times of the boot clock, s: of the take-off, of the latest review, and until when the latest report of the
         # landed state counts; minus infinity where none does.
         self._takeoff_time = -inf
@@ -85,8 +85,9 @@ class FlightPhase:
         """Why the vehicle is not flying; None if it is."""
         if self.is_flying:
             return None
-        is_known = self.motors_are_idle or self._is_known
-        return Fact(SessionFact.NOT_FLYING if is_known else SessionFact.FLIGHT_UNKNOWN)
+        if self.motors_are_idle or self._is_flying_known:
+            return Fact(SessionFact.NOT_FLYING)
+        return Fact(SessionFact.FLIGHT_UNKNOWN)
 
     def is_settled(self, time: float) -> bool:
         """Returns whether the flight is settled at ``time``, s; the tilt, which is judged for each row, is left out."""
@@ -95,7 +96,11 @@ class FlightPhase:
         return self._settled_start <= time < self._loss_onset
 
     def is_free(self, time: float) -> bool:
-        """Returns whether nothing holds the vehicle at ``time``, s: the flight is settled, or on its way up."""
+        """Returns whether the flight is free at a time: settled, or on its way up, so that the ground does not hold it.
+
+        Args:
+            time: time on the boot clock, s.
+        """
         is_climbing = self.is_flying and self._free_climb_start <= time < self._loss_onset
         return is_climbing or self.is_settled(time)
 
@@ -150,7 +155,9 @@ class FlightPhase:
         # If no message says whether the vehicle is armed, it counts as armed all the time.
         armed = flight_states.armed_intervals(signals, boot)
         is_arming_reported = armed != [(-inf, inf)]
-        self._is_known = landed_state is not None or collective is not None or is_arming_reported
+        has_landed_state = landed_state is not None
+        has_motors = collective is not None
+        self._is_flying_known = has_landed_state or has_motors or is_arming_reported
         self._update_airborne(now, flight_states.airborne_intervals(signals, boot))
 
         climb_rate = signals.climb_rate
@@ -158,7 +165,8 @@ class FlightPhase:
             climb_rate = time_series.averaged_series(climb_rate)
         # Take-off and landing are states of their own, so that these intervals are without them.
         in_air = flight_states.landed_state_intervals(signals, boot, (IN_AIR,))
-        self._update_flight(now, intersection(armed, in_air), climb_rate)
+        armed_in_air = intersection(armed, in_air)
+        self._update_flight(now, armed_in_air, climb_rate)
         self._review_time = now
 
     def _update_airborne(self, now: float, airborne: Intervals) -> None:
@@ -169,11 +177,13 @@ class FlightPhase:
             airborne: intervals of the last seconds from the begin of a take-off to the end of a landing, s.
         """
         present_flight = _interval_at(now, airborne)
-        is_takeoff_unknown = not self.is_flying or self._airborne_since == -inf
-        if present_flight is not None and is_takeoff_unknown:
-            # The first review of a flight sees its beginning, unless the motors were not known yet: then a later one
-            # does. In a flight that began before the first message all reviews find minus infinity.
-            self._airborne_since, _ = present_flight
+        is_new_flight = not self.is_flying
+        # The first review of a flight sees its beginning, unless the motors were not known yet: then a later one does.
+        # In a flight that began before the first message all reviews find minus infinity.
+        is_takeoff_unseen = self._airborne_since == -inf
+        if present_flight is not None and (is_new_flight or is_takeoff_unseen):
+            takeoff_time, _ = present_flight
+            self._airborne_since = takeoff_time
         self.is_flying = present_flight is not None
 
     def _update_flight(self, now: float, flights: Intervals, climb_rate: TimeSeries | None) -> None:
@@ -184,20 +194,23 @@ class FlightPhase:
             flights: intervals of the last seconds in which the vehicle was armed and reported in the air, s.
             climb_rate: averaged upward speed of the last seconds, m/s; None if none comes.
         """
-        flight = _interval_at(now, flights)
-        take_off_time = nan if flight is None else flight[0]
+        present_flight = _interval_at(now, flights)
+        takeoff_time = nan
+        if present_flight is not None:
+            takeoff_time, _ = present_flight
         # Another flight may have begun since the last review.
-        has_ended = flight is None or take_off_time > self._review_time
-        if self.is_in_air and has_ended:
-            earlier_ends = [end for _, end in flights if end < now]
-            self._end_flight(max(earlier_ends, default=now))
-        if flight is not None:
+        has_former_flight_ended = present_flight is None or takeoff_time > self._review_time
+        if self.is_in_air and has_former_flight_ended:
+            touchdown_times = [end for _, end in flights if end < now]
+            self._end_flight(max(touchdown_times, default=now))
+        if present_flight is not None:
             # The begin of a flight follows from the mean collective around it, a centred average, which is known for
             # certain only half of its window later. Until then each review corrects the time of the take-off; after
             # that, the last seconds no longer contain it.
-            may_correct = isfinite(take_off_time) and now < self._takeoff_time + AVERAGING_SECONDS
-            if not self.is_in_air or may_correct:
-                self._takeoff_time = take_off_time
+            is_just_begun = now < self._takeoff_time + AVERAGING_SECONDS
+            is_correction = isfinite(takeoff_time) and is_just_begun
+            if not self.is_in_air or is_correction:
+                self._takeoff_time = takeoff_time
             self.is_in_air = True
             self._update_settled_start(now, climb_rate)
         self._update_free_climb_start(now, climb_rate)
@@ -237,19 +250,34 @@ class FlightPhase:
             climb_rate: averaged upward speed of the last seconds, m/s; None if none comes.
         """
         if self._settled_start is None:
-            # The centred average is known only until half of its window ago.
-            known_end = now if climb_rate is None else now - AVERAGING_DELAY
-            level_flight = phases.without_transients((self._takeoff_time, inf), climb_rate)
-            if level_flight is not None and level_flight[0] <= known_end:
-                self._settled_start = level_flight[0]
+            self._note_end_of_climb_out(now, climb_rate)
         elif climb_rate is not None:
             # Earlier reviews have judged the climb rates before this time.
             unjudged_start = max(self._review_time - AVERAGING_DELAY, self._landed_state_end)
             unjudged_rates = _between(climb_rate, unjudged_start, now - AVERAGING_DELAY)
-            sinking_times = unjudged_rates.time[unjudged_rates.values <= -MAX_LEVEL_FLIGHT_SPEED]
+            is_sinking = unjudged_rates.values <= -MAX_LEVEL_FLIGHT_SPEED
+            sinking_times = unjudged_rates.time[is_sinking]
             if len(sinking_times):
                 end_of_possible_landing = float(sinking_times[-1]) + TRANSIENT_SECONDS
                 self._settled_start = max(self._settled_start, end_of_possible_landing)
+
+    def _note_end_of_climb_out(self, now: float, climb_rate: TimeSeries | None) -> None:
+        """Notes when the flight became settled, once its climb-out has ended.
+
+        Args:
+            now: present time, s.
+            climb_rate: averaged upward speed of the last seconds, m/s; None if none comes.
+        """
+        # The centred average is known only until half of its window ago.
+        known_end = now
+        if climb_rate is not None:
+            known_end = now - AVERAGING_DELAY
+        level_flight = phases.without_transients((self._takeoff_time, inf), climb_rate)
+        if level_flight is None:
+            return
+        level_start, _ = level_flight
+        if level_start <= known_end:
+            self._settled_start = level_start
 
     def _update_free_climb_start(self, now: float, climb_rate: TimeSeries | None) -> None:
         """Updates the time since which a vehicle in its climb-out is in free flight.
@@ -269,9 +297,10 @@ class FlightPhase:
         unjudged_start = max(self._review_time, now - MAX_REPORT_INTERVAL) - AVERAGING_DELAY
         unjudged_rates = _between(climb_rate, unjudged_start, now - AVERAGING_DELAY)
         climbing_times = unjudged_rates.time[unjudged_rates.values >= MAX_LEVEL_FLIGHT_SPEED]
+        has_descended = np.any(unjudged_rates.values <= -MAX_LEVEL_FLIGHT_SPEED)
         # The climb-out ends where settled flight begins.
         is_climbing_out = self._settled_start is None
-        if np.any(unjudged_rates.values <= -MAX_LEVEL_FLIGHT_SPEED):
+        if has_descended:
             self._free_climb_start = inf
         elif len(climbing_times) and is_climbing_out:
             free_time = float(climbing_times[0]) + FREE_CLIMB_DELAY

@@ -40,16 +40,21 @@ def link_loss_fact(
     Returns:
         The fact. It is bad after ``LONG_LOSS_SECONDS``, and at once where the cause is bad.
     """
-    is_long = age is not None and age >= LONG_LOSS_SECONDS
-    is_bad = is_long or (cause is not None and cause.is_bad)
+    is_long_loss = age is not None and age >= LONG_LOSS_SECONDS
+    has_bad_cause = cause is not None and cause.is_bad
+    distance = None
+    height = None
+    if displacement is not None:
+        distance = displacement.distance
+        height = displacement.height
     return Fact(
         LinkFact.LOST_IN_FLIGHT,
-        Level.BAD if is_bad else Level.WATCH,
+        Level.BAD if is_long_loss or has_bad_cause else Level.WATCH,
         subject=reason.subject or MissingMessages.MESSAGES,
         duration=age,
         reception=reception,
-        distance=None if displacement is None else displacement.distance,
-        height=None if displacement is None else displacement.height,
+        distance=distance,
+        height=height,
         voltage=voltage,
         cause=cause,
         reason=reason,
@@ -60,10 +65,10 @@ def link_loss_fact(
 def lights_before_silence(
     lights: NamedFacts, age: float | None, missing: MissingMessages
 ) -> dict[str, Fact]:
-    """Returns the lights of a vehicle that is silent: those that were good are not known now.
+    """Returns the status lights of a vehicle that is silent: those that were good are not known now.
 
     Args:
-        lights: the lights at the last message, by the name of the part.
+        lights: the lights at the last message: the judgement of each part of the vehicle, by the name of the part.
         age: time since then, s; None where that is not known.
         missing: which messages do not come. Without those of the motion, only ``LIGHTS_OF_MOTION`` are not known.
 
@@ -72,8 +77,8 @@ def lights_before_silence(
     """
     present_lights = {}
     for name, light in lights.items():
-        is_judged_by_missing = missing is MissingMessages.MESSAGES or name in LIGHTS_OF_MOTION
-        if light.is_good and is_judged_by_missing:
+        needs_missing_messages = missing is MissingMessages.MESSAGES or name in LIGHTS_OF_MOTION
+        if light.is_good and needs_missing_messages:
             present_lights[name] = Fact(Unjudged.KNOWN_BEFORE, duration=age, reason=light)
         else:
             present_lights[name] = light

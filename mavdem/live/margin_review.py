@@ -86,23 +86,37 @@ class FlightMessages:
             frames: frames of all senders, in the order of arrival.
             vehicle: the followed vehicle, whose frames are kept; None while it is not known, when all are.
         """
-        contents = []
+        microseconds = round(stamp * 1e6)
+        stamped_contents = []
         for frame in frames:
-            is_readable = frame.checksum == CHECKSUM_MATCHES
+            is_intact = frame.checksum == CHECKSUM_MATCHES
             is_of_vehicle = vehicle is None or vehicle.has_sent(frame)
-            if is_readable and is_of_vehicle and frame.message_id in message_readers():
-                contents.append((round(stamp * 1e6), frame.content))
-        if not contents:
+            is_read_live = frame.message_id in message_readers()
+            if is_intact and is_of_vehicle and is_read_live:
+                stamped_contents.append((microseconds, frame.content))
+        if not stamped_contents:
             return
-        # Stamps go back where the computer's clock is set.
-        if not self._pieces or not 0 <= stamp - self._pieces[-1].start < PIECE_SECONDS:
-            self._pieces.append(_Piece(stamp))
-        records = self._pieces[-1].records
+        records = self._records_at(stamp)
         size_before = records.tell()
-        write_stamped(records, contents)
+        write_stamped(records, stamped_contents)
         self._size += records.tell() - size_before
         while self._size > MAX_BYTES and len(self._pieces) > 1:
             self._forget_first_piece()
+
+    def _records_at(self, stamp: float) -> BytesIO:
+        """Returns the records of the piece to which messages of a time belong; another piece begins where that is due.
+
+        Args:
+            stamp: when the messages were received, UNIX s.
+        """
+        is_new_piece_due = True
+        if self._pieces:
+            piece_age = stamp - self._pieces[-1].start
+            # The age is negative where the computer's clock was set back.
+            is_new_piece_due = piece_age < 0 or piece_age >= PIECE_SECONDS
+        if is_new_piece_due:
+            self._pieces.append(_Piece(stamp))
+        return self._pieces[-1].records
 
     def forget_earlier_flights(self) -> None:
         """Forgets all but the last two pieces, which contain the take-off that has just been noticed."""
@@ -145,31 +159,39 @@ def review_margins(
         vehicle: "system:component" of the vehicle.
         parameters: the autopilot's parameters by name, which may have been received before the messages of the log.
         is_flying: whether the flight goes on.
+
+    Returns:
+        The margins as the fact of their status light, and the processor time that the review took.
     """
     start_time = process_time()
+    # The loops of all axes are judged; the axis is that of a model, and none is learned.
+    axis_of_model = AXES[0]
     try:
         log = _with_parameters(tlog_from_bytes(source, records), parameters)
-        assessment = assess(last_flown_boot(log), vehicle, AXES[0], Options(with_model=False))
-        light = assessment.lights[Light.MARGINS]
-        refusal = _refusal_of_judged_loop(assessment, light)
-        if is_flying and refusal is not None and refusal.code is LoopFact.LOOP_TOO_SHORT:
-            light = Fact(MarginsLight.MARGINS_UNKNOWN, reason=refusal, rate=None)
+        assessment = assess(last_flown_boot(log), vehicle, axis_of_model, Options(with_model=False))
+        margins = assessment.lights[Light.MARGINS]
+        refusal = _refusal_of_judged_loop(assessment, margins)
+        is_log_too_short = refusal is not None and refusal.code is LoopFact.LOOP_TOO_SHORT
+        if is_flying and is_log_too_short:
+            margins = Fact(MarginsLight.MARGINS_UNKNOWN, reason=refusal, rate=None)
     except Refusal as error:
-        light = Fact(MarginsLight.MARGINS_UNKNOWN, reason=error.fact, rate=None)
-    return ReviewedMargins(light, process_time() - start_time)
+        margins = Fact(MarginsLight.MARGINS_UNKNOWN, reason=error.fact, rate=None)
+    return ReviewedMargins(margins, process_time() - start_time)
 
 
-def _refusal_of_judged_loop(assessment: Assessment, light: Fact) -> Fact | None:
+def _refusal_of_judged_loop(assessment: Assessment, margins: Fact) -> Fact | None:
     """Returns the reason why setpoints did not identify the loop that decides the margins; None if they did.
 
     Args:
         assessment: the assessment of the log.
-        light: its light of the margins, whose figure ``axis`` names the loop.
+        margins: its fact on the margins, whose figure ``axis`` names the loop with the smallest ones.
     """
-    if assessment.evidence is None or light.code is not MarginsLight.LOOP_MARGINS:
+    if assessment.evidence is None or margins.code is not MarginsLight.LOOP_MARGINS:
         return None
-    loop = assessment.evidence.loops[light.figures["axis"]]
-    return loop.plant.refusal if isinstance(loop, Loop) else None
+    loop = assessment.evidence.loops[margins.figures["axis"]]
+    if not isinstance(loop, Loop):
+        return None
+    return loop.plant.refusal
 
 
 def _with_parameters(log: Log, parameters: Parameters) -> Log:
@@ -232,18 +254,20 @@ class MarginReview:
             stream: stream of the vehicle.
             is_busy: whether this computer has no time for a review.
         """
-        if stream.is_flying and not self._was_flying:
-            self._begin_flight(now)
-        if stream.is_flying or self._was_flying:
-            # Also of a flight that has just ended.
-            self._has_new_messages = True
+        has_taken_off = stream.is_flying and not self._was_flying
+        has_just_landed = self._was_flying and not stream.is_flying
         self._was_flying = stream.is_flying
-        if stream.is_flying:
-            self.has_rate_setpoint |= stream.has_rate_setpoint
+        if has_taken_off:
+            self._begin_flight(now)
+        if stream.is_flying or has_just_landed:
+            self._has_new_messages = True
+        if stream.is_flying and stream.has_rate_setpoint:
+            self.has_rate_setpoint = True
         if self._pending is not None:
             self._take_result(self._pending)
             return
         vehicle = stream.followed_vehicle
+        # Without setpoints of the body rate a review would show no more than the model does.
         is_needed = self.has_rate_setpoint and self._has_new_messages
         if self._executor is None or vehicle is None or not is_needed:
             return
@@ -287,8 +311,10 @@ class MarginReview:
         if not pending.done():
             return
         self._pending = None
-        pause = REVIEW_PERIOD
+        # Seconds from the beginning of this review to that of the next one.
+        period = REVIEW_PERIOD
         with suppress(Exception):
             self.light, processor_seconds = pending.result()
-            pause = max(pause, processor_seconds / MAX_PROCESSOR_SHARE)
-        self._next_time = self._start_time + pause
+            # After a long review the next one begins later, so that reviews take a small share of the processor.
+            period = max(period, processor_seconds / MAX_PROCESSOR_SHARE)
+        self._next_time = self._start_time + period

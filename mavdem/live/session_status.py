@@ -1,4 +1,8 @@
-"""The status of a live session at one moment, by facts (findings with code and level): link, alarms, model, wind."""
+"""The status of a live session at one moment: link, alarms, model, wind, and a headline, lights and advice on them.
+
+All of it is stated by facts: findings with a code, a level (good, watch, bad, unknown) and figures. A light is the fact
+on one part of the vehicle, such as its motors.
+"""
 
 from __future__ import annotations
 
@@ -254,10 +258,11 @@ class SessionStatus(ImmutableResult):
 
     @property
     def overall_judgement(self) -> Judgement:
-        """Headline, next step and lights of the flight, from the model and from the checks that need no model.
+        """Headline, next step and status lights of the flight, from the model and from the checks that need no model.
 
-        The lights are the judgements of the parts of the vehicle, such as its motors: each is a fact with a level. Of
-        the headlines below, a later one replaces those before it:
+        The headline is the fact that matters most, and the next step what the pilot should do. The lights are the
+        judgements of the parts of the vehicle, such as its motors: each is a fact with a level. Of the headlines below,
+        a later one replaces those before it:
 
         1. the headline of the model or, if that is no fault, of the worst lights;
         2. if nothing was checked so far, that there is no alarm of what is watched;
@@ -265,8 +270,8 @@ class SessionStatus(ImmutableResult):
         4. in flight, what cannot wait until the landing.
         """
         judgement = self._judgement_with_all_lights
-        is_checked = judgement.headline.code is not HeadlineCode.NOTHING_CHECKED
-        if not is_checked and self.is_flying and self._watched_names:
+        is_nothing_checked = judgement.headline.code is HeadlineCode.NOTHING_CHECKED
+        if is_nothing_checked and self.is_flying and self._watched_names:
             no_alarm = Fact(WatchFact.NO_ALARM, names=self._watched_names)
             judgement = replace(judgement, headline=no_alarm)
         # The judgement of the recording, where there is one, has a headline on the loss that says more than this one.
@@ -290,14 +295,18 @@ class SessionStatus(ImmutableResult):
         A vehicle whose loss is known is not missed: it has met the ground, or is about to.
         """
         reason = self.no_model_reason
-        if reason is None or reason.code not in SILENT_LINK or not self.is_flying or self.loss:
+        is_silent = reason is not None and reason.code in SILENT_LINK
+        if reason is None or not is_silent or not self.is_flying or self.loss is not None:
             return None
+        voltage = None
+        if self.state is not None:
+            voltage = self.state.voltage
         return link_loss_fact(
             reason,
             self._missing_age(reason),
             self.last_reception,
             self.displacement_from_takeoff,
-            None if self.state is None else self.state.voltage,
+            voltage,
             cause=self._warning_before_silence,
             is_over=self.is_over,
         )
@@ -321,39 +330,47 @@ class SessionStatus(ImmutableResult):
         if self._is_urgent(headline):
             return headline
         power = judgement.lights[Light.POWER]
-        return power if power.warns else None
+        if power.warns:
+            return power
+        return None
 
     @property
     def further_alarms(self) -> Facts:
         """The active alarms that the headline does not state, with these figures or with newer ones."""
-        headline = cause_of_alarm(self.overall_judgement.headline)
-        further = []
+        headline_fault = cause_of_alarm(self.overall_judgement.headline)
+        further_alarms = []
         for alarm in self.active_alarms:
-            cause = cause_of_alarm(alarm)
-            if (cause.code, cause.subject) != (headline.code, headline.subject):
-                further.append(alarm)
-        return tuple(further)
+            fault = cause_of_alarm(alarm)
+            is_same_fault = (
+                fault.code == headline_fault.code and fault.subject == headline_fault.subject
+            )
+            if not is_same_fault:
+                further_alarms.append(alarm)
+        return tuple(further_alarms)
 
     @property
     def _judgement_by_model(self) -> Judgement:
-        """The judgement of the latest model; before one is judged, lights that say why there is none.
+        """The judgement of the latest model; before one is judged, status lights that say why there is none.
 
-        Tracking and estimator need no model, so that its judgement leaves them for later. Their lights then get the
-        reason why they are not watched in flight.
+        A model shows nothing of tracking and estimator: its judgement says that they are judged later. Their lights
+        then get the reason why they are not judged in flight.
         """
         reason = self._reason_without_model
         watch_facts = self._followed_watch_facts
         if self._is_silent_after_flight:
             # Nothing is watched any more, and no light needs to be: the reason is the end of the flight, not the link.
             watch_facts = {}
-        lights_before = lights_before_model(reason, self.rates, watch_facts, self.no_wind_reason)
+        unjudged_lights = lights_before_model(reason, self.rates, watch_facts, self.no_wind_reason)
         if self.model_judgement is None:
-            headline = self._weak_motors[0] if self._weak_motors else reason
-            return replace(unjudged(headline), lights=lights_before)
+            headline = reason
+            if self._weak_motors:
+                headline = self._weak_motors[0]
+            return replace(unjudged(headline), lights=unjudged_lights)
         lights = dict(self.model_judgement.lights)
         for name in (Light.TRACKING, Light.ESTIMATOR):
             if lights[name].code is Unjudged.JUDGED_LATER:
-                lights[name] = lights[name].replace(reason=lights_before[name].figures["reason"])
+                reason_not_judged = unjudged_lights[name].figures["reason"]
+                lights[name] = lights[name].replace(reason=reason_not_judged)
         return replace(self.model_judgement, lights=lights)
 
     @property
@@ -373,16 +390,15 @@ class SessionStatus(ImmutableResult):
         lights_without_model = self._lights_without_model
         worst_lights = self._worst_lights_of_both(by_model.lights, lights_without_model)
         judgement = self._with_failed_request(replace(by_model, lights=worst_lights))
-        headline = judgement.headline
-        next_step = judgement.next_step
         lights = judgement.lights
-        # As in a log, an event comes before what lasts: a height that diverges before the vibration that causes it.
         bad_lights = [fact for fact in lights.values() if fact.is_bad]
-        bad_lights.sort(key=_is_event, reverse=True)
         if bad_lights:
-            if not headline.is_bad:
-                return _judgement_with_headline(bad_lights[0], lights)
-            return Judgement(headline, next_step, lights)
+            if judgement.headline.is_bad:
+                return Judgement(judgement.headline, judgement.next_step, lights)
+            # As in a log, an event comes before what lasts: a height that diverges before the vibration that causes it.
+            bad_events = [fact for fact in bad_lights if _is_event(fact)]
+            most_important = bad_events[0] if bad_events else bad_lights[0]
+            return _judgement_with_headline(most_important, lights)
         has_judged_light = any(name in lights_without_model for name in VEHICLE_LIGHTS)
         # Once the flight or the session is over, no message need come any more; the lights still judge what was seen.
         is_shown = self._is_received or self.is_over or self._is_silent_after_flight
@@ -391,14 +407,15 @@ class SessionStatus(ImmutableResult):
             if headline.warns or not self._is_received:
                 return _judgement_with_headline(headline, lights)
             # The next step stays, since it says what has to happen before a model can be learned.
-            return Judgement(headline, next_step, lights)
+            return Judgement(headline, judgement.next_step, lights)
         # Headlines with codes of this enumeration are not about a fault.
-        is_without_fault = isinstance(headline.code, HeadlineCode)
+        is_without_fault = isinstance(judgement.headline.code, HeadlineCode)
         if is_without_fault and lights != by_model.lights:
             headline = headline_by_lights(lights)
             if headline.warns:
                 return _judgement_with_headline(headline, lights)
-        return Judgement(headline, next_step, lights)
+            return Judgement(headline, judgement.next_step, lights)
+        return Judgement(judgement.headline, judgement.next_step, lights)
 
     def _with_failed_request(self, judgement: Judgement) -> Judgement:
         """Returns a judgement that does not advise to request the vibration again, if that was requested in vain.
@@ -430,14 +447,14 @@ class SessionStatus(ImmutableResult):
             lights_by_model: all lights, as the model or the recording shows them, by the name of the part.
             lights_without_model: the lights of some parts that need no model.
         """
-        lights = {}
+        worst_lights = dict(lights_by_model)
         for name, light_by_model in lights_by_model.items():
             light = lights_without_model.get(name)
-            if light is None or (self.is_recording_judged and not light.warns):
-                lights[name] = light_by_model
-            else:
-                lights[name] = worst_fact([light, light_by_model])
-        return lights
+            if light is None:
+                continue
+            if light.warns or not self.is_recording_judged:
+                worst_lights[name] = worst_fact([light, light_by_model])
+        return worst_lights
 
     def _judgement_in_flight(self, judgement: Judgement) -> Judgement:
         """Returns a judgement whose headline and next step are for a vehicle in flight, where alarms come first.
@@ -569,28 +586,30 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _lights_without_model(self) -> dict[str, Fact]:
-        """The lights (judgements of one part of the vehicle each) that need no model, by the name of the part.
+        """The status lights (judgements of one part of the vehicle each) that need no model, by the name of the part.
 
-        They are the facts of the watchdog, to which the alarms of weak motors, the mean wind and, unless the recording
-        is judged, the margins that were identified in flight are added.
+        They are the facts of the watchdog. Where they are worse, the alarms of weak motors, the mean wind and, unless
+        the recording is judged, the margins that were identified in flight replace them.
         """
         lights = dict(self.worst_lights)
         weak_motors = self._weak_motors
         if weak_motors:
-            motors = lights.get(Light.MOTORS, weak_motors[0])
-            lights[Light.MOTORS] = worst_fact([*weak_motors, motors])
+            watched_motors = lights.get(Light.MOTORS, weak_motors[0])
+            lights[Light.MOTORS] = worst_fact([*weak_motors, watched_motors])
         if self.margins is not None and not self.is_recording_judged:
-            margins = lights.get(Light.MARGINS, self.margins)
-            lights[Light.MARGINS] = worst_fact([margins, self.margins])
+            # The watchdog may have found an oscillation.
+            watched_margins = lights.get(Light.MARGINS, self.margins)
+            lights[Light.MARGINS] = worst_fact([watched_margins, self.margins])
         if self.mean_wind is not None:
             mean_wind = self.mean_wind.light
             if self.no_wind_reason is not None:
+                # The wind was known until something prevented another estimate.
                 mean_wind = mean_wind.replace(
                     known_until=self.mean_wind.time, obstacle=self.no_wind_reason
                 )
             # The watchdog may have found a drift in wind.
-            wind = lights.get(Light.WIND, mean_wind)
-            lights[Light.WIND] = worst_fact([wind, mean_wind])
+            watched_wind = lights.get(Light.WIND, mean_wind)
+            lights[Light.WIND] = worst_fact([watched_wind, mean_wind])
         return lights
 
     @property
@@ -622,11 +641,13 @@ class SessionStatus(ImmutableResult):
 
     @property
     def row_rate(self) -> float:
-        """Rate of the slower of attitude and motor outputs, by the fastest message of each that comes, Hz; 0 of none.
+        """Rate at which samples of attitude and motor outputs can be made, Hz: that of the slower of the two.
 
-        Slower messages of the same, which nothing is made of, do not count.
+        Each may come in several messages, of which the fastest counts. If only one of the two comes, its rate is
+        returned, and 0 if neither does.
         """
-        return min((rate for rate in fastest_rates(self.rates) if rate), default=0.0)
+        received_rates = [rate for rate in fastest_rates(self.rates) if rate]
+        return min(received_rates, default=0.0)
 
     @property
     def delay_fact(self) -> Fact | None:
@@ -642,18 +663,18 @@ class SessionStatus(ImmutableResult):
             estimate: the learner's latest estimate, with predictions at K horizons of m outputs, the first of which is
                 the angle; half widths of their bands (K, m), and squared errors over a baseline's (K, m).
         """
-        # Horizons are whole steps, so that the one nearest to ``REPORTED_HORIZON`` is reported.
         horizons = estimate.ahead_times - estimate.time
+        # Horizons are whole steps, so that the one nearest to ``REPORTED_HORIZON`` is reported.
         reported_index = np.abs(horizons - REPORTED_HORIZON).argmin()
-        angle_band = PredictionBand(
-            horizons[reported_index], estimate.ahead_band[reported_index, 0]
-        )
+        # Output 0 is the angle.
+        band_of_angle = estimate.ahead_band[reported_index, 0]
+        prediction_band = PredictionBand(horizons[reported_index], band_of_angle)
         useful_horizon = self.useful_horizon
         useful_index = estimate.longest_useful_horizon
         if useful_index is not None:
             mean_error_ratio = estimate.ahead_ratio[useful_index].mean()
             useful_horizon = UsefulHorizon(horizons[useful_index], mean_error_ratio)
-        return replace(self, prediction_band=angle_band, useful_horizon=useful_horizon)
+        return replace(self, prediction_band=prediction_band, useful_horizon=useful_horizon)
 
 
 def cause_of_alarm(fact: Fact) -> Fact:

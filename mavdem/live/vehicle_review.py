@@ -145,7 +145,9 @@ class VehicleReview:
         self._message_time = now
         self._rows = rows
         # A review begins when the clock enters another period of this length, independently of the last one's begin.
-        is_review_due = now // REVIEW_PERIOD != self._review_time // REVIEW_PERIOD
+        present_period = now // REVIEW_PERIOD
+        period_of_last_review = self._review_time // REVIEW_PERIOD
+        is_review_due = present_period != period_of_last_review
         if is_review_due:
             while self._pending_steps:
                 self._perform_next_step()
@@ -293,8 +295,10 @@ class VehicleReview:
             # them, the motors are idle, and the vehicle is on the ground.
             self.phase.motors_are_idle = self._rows.has_motor_messages
         self.telemetry = self._vehicle_telemetry()
-        # The mean of all motor outputs, as a share of their range.
-        collective = None if inputs is None else inputs.collective
+        # The mean of all motor outputs, as a fraction of their range.
+        collective = None
+        if inputs is not None:
+            collective = inputs.collective
         was_flying = self.phase.is_flying
         self.phase.review(now, self.telemetry, collective)
         has_taken_off = self.phase.is_flying and not was_flying
@@ -350,10 +354,15 @@ class VehicleReview:
         self.watchdog.set_motors_watched(reason, now)
 
     def _note_loss(self) -> None:
-        """Tells the phase of flight since when the vehicle is out of control, if it is: that ends settled flight."""
+        """Notes for the phase of flight since when the vehicle is out of control, if it is: that ends settled flight.
+
+        A loss of the former boot does not count: its time is of another clock.
+        """
         loss = self.watchdog.loss
         if loss is None or loss == self._loss_of_former_boot:
             self.phase.note_loss(None)
-        else:
-            onset = loss_onset(loss)
-            self.phase.note_loss(self._review_time if onset is None else onset)
+            return
+        onset = loss_onset(loss)
+        if onset is None:
+            onset = self._review_time
+        self.phase.note_loss(onset)
