@@ -1,9 +1,6 @@
 """Statistical confidence: the level of all intervals and bands, their half widths, and thresholds of significance."""
 
-from functools import cache
-from math import atan, cos, exp, lgamma, pi, sin, sqrt
 from numbers import Real
-from statistics import NormalDist
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,9 +36,6 @@ SIGNIFICANT_SIGMAS = 3.0
 STRONG_EVIDENCE_NATS = 3.0
 """Difference of log evidence, in nats, that is strong evidence by Kass and Raftery (1995): odds of 20 to 1."""
 
-MAX_CLOSED_FORM_FREEDOM = 100
-"""Most degrees of freedom of Student's t distribution whose quantile is computed by a sum, of half as many terms."""
-
 
 def require_probability(level: float) -> None:
     """Raises ``ValueError`` unless ``level``, the probability of an interval, lies between 0 and 1."""
@@ -69,44 +63,12 @@ def coverage_factor(level: float = CONFIDENCE_LEVEL, freedom: ArrayLike = np.inf
     require_probability(level)
     freedoms = np.asarray(freedom, np.float64)
     upper_quantile = 0.5 + level / 2
-    normal_quantile = NormalDist().inv_cdf(upper_quantile)
-    if freedoms.ndim:
-        student_quantiles = scipy.special.stdtrit(freedoms, upper_quantile)
-        return np.where(np.isinf(freedoms), normal_quantile, student_quantiles)
-    single_freedom = float(freedoms)
-    if np.isinf(single_freedom):
-        return normal_quantile
-    if single_freedom in range(1, MAX_CLOSED_FORM_FREEDOM + 1):
-        return _student_coverage_factor(level, int(single_freedom))
-    return float(scipy.special.stdtrit(single_freedom, upper_quantile))
-
-
-@cache
-def _student_coverage_factor(level: float, freedom: int) -> float:
-    """Returns the half width t of the interval that holds a share ``level`` of Student's t distribution.
-
-    With tan θ = t / √ν, the probability within ±t is a finite sum for whole degrees of freedom ν (Abramowitz and
-    Stegun, 26.7.3 and 26.7.4). ``scipy.special.stdtrit`` returns the same, but its import takes a fifth of the review
-    of a short log.
-    """
-    half_width = 0.0
-    # The probability is a concave function of t, so that Newton's method rises from 0 to the solution.
-    while True:
-        angle = atan(half_width / sqrt(freedom))
-        is_odd = freedom % 2
-        cosine_sum = 0.0
-        term = cos(angle) ** is_odd
-        for power in range(is_odd, freedom - 1, 2):
-            cosine_sum += term
-            term *= (power + 1) / (power + 2) * cos(angle) ** 2
-        probability = sin(angle) * cosine_sum
-        if is_odd:
-            probability = 2 / pi * (angle + probability)
-        density = exp(student_t_log_density(np.array(half_width), freedom))
-        step = (level - probability) / (2 * density)
-        half_width += step
-        if step <= 1e-15 * half_width:
-            return half_width
+    factors = np.where(
+        np.isinf(freedoms),
+        scipy.special.ndtri(upper_quantile),
+        scipy.special.stdtrit(freedoms, upper_quantile),
+    )
+    return factors if freedoms.ndim else float(factors)
 
 
 def half_width(
@@ -136,7 +98,9 @@ def student_t_log_density(values: NDArray[np.float64], freedom: float) -> NDArra
         freedom: degrees of freedom, finite.
     """
     log_normalization = (
-        lgamma((freedom + 1) / 2) - lgamma(freedom / 2) - np.log(freedom * np.pi) / 2
+        scipy.special.gammaln((freedom + 1) / 2)
+        - scipy.special.gammaln(freedom / 2)
+        - np.log(freedom * np.pi) / 2
     )
     log_density: NDArray[np.float64] = log_normalization - (freedom + 1) / 2 * np.log1p(
         values**2 / freedom

@@ -27,7 +27,6 @@ FLOORS = (
         "machine",
         "physical_constants",
         "processes",
-        "running_windows",
         "unit_errors",
         "units",
     },

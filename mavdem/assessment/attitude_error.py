@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from mavdem.arrays import Array, Flags
 from mavdem.dataset.axes import PITCH, ROLL
@@ -15,7 +16,6 @@ from mavdem.dataset.steady_flight import attitude_tracking
 from mavdem.ingest.telemetry import rate_without_gaps
 from mavdem.ingest.vocabulary import wrapped_angle
 from mavdem.loops.margins import Complex
-from mavdem.running_windows import running_maximum
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,9 +142,11 @@ def _angle_error(angle: Array, setpoint: Array, is_rate_controlled: Flags, windo
     """
     is_unknown = np.isnan(setpoint)
     known_setpoint = np.where(is_unknown, 0.0, setpoint)
-    # Lowest and highest setpoint in the window that ends with each sample.
-    lowest_setpoint = -running_maximum(-known_setpoint, window)
-    highest_setpoint = running_maximum(known_setpoint, window)
+    # Lowest and highest setpoint in the window that ends with each sample. SciPy centres its windows, so that they are
+    # shifted by half of their length.
+    shift = (window - 1) // 2
+    lowest_setpoint = scipy.ndimage.minimum_filter1d(known_setpoint, window, origin=shift)
+    highest_setpoint = scipy.ndimage.maximum_filter1d(known_setpoint, window, origin=shift)
     error_without_setpoint = np.where(is_rate_controlled, 0.0, WITHOUT_SETPOINT_SHARE * angle)
     error_with_setpoint = angle - np.clip(angle, lowest_setpoint, highest_setpoint)
     return wrapped_angle(np.where(is_unknown, error_without_setpoint, error_with_setpoint))

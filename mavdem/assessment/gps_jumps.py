@@ -8,6 +8,7 @@ poor (``NavEKF3_core::calcGpsGoodForFlight``). So the positions themselves are l
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from mavdem.arrays import Array
 from mavdem.dataset.intervals import TimeInterval
@@ -16,7 +17,6 @@ from mavdem.dataset.signals import EARTH_RADIUS, global_positions
 from mavdem.dataset.time_series import TimeSeries, clean_series
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import wrapped_angle
-from mavdem.running_windows import running_median
 
 MIN_JUMP = 2.5
 """Smallest distance, m, of a jump, from which the filters of PX4 and ArduPilot reject a position.
@@ -134,7 +134,9 @@ def _jumps_in_boot(positions: TimeSeries, boot: int) -> Array:
     if not len(intervals):
         return np.zeros((0, 3))
     velocities = np.diff(positions_in_boot.values, axis=0) / intervals[:, None]
-    usual_velocities = running_median(velocities, NEIGHBOURING_STEPS)
+    usual_velocities = scipy.ndimage.median_filter(
+        velocities, size=(NEIGHBOURING_STEPS, 1), mode="nearest"
+    )
     unusual_speeds = np.linalg.norm(velocities - usual_velocities, axis=1)
     distances = unusual_speeds * intervals
     # After a delayed fix the next one comes early, with the motion of a usual interval in a shorter one. So at least

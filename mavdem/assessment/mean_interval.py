@@ -13,6 +13,7 @@ References:
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from mavdem.arrays import Array
 from mavdem.confidence import half_width
@@ -64,14 +65,11 @@ def mean_interval(values: Array, duration: float) -> Array:
     )
     if sample_count <= 2 * cosine_count:
         return np.full(values.shape[1], np.inf)
-    # The Fourier transform of N samples and N zeros, turned back by half a sample, has Σ x cos(π k (n + ½) / N) as its
-    # real part in row k. This is half of the cosine transform (type II) that ``scipy.fft.dct`` returns, whose import
-    # takes an eighth of the review of a short log.
-    transforms = np.fft.rfft(values - values.mean(axis=0), 2 * sample_count, axis=0)
-    rows = np.arange(1, cosine_count + 1)
-    half_sample = np.exp(-0.5j * np.pi * rows / sample_count)
-    cosine_sums = (transforms[rows] * half_sample[:, None]).real
-    projections = np.sqrt(2.0) * cosine_sums / sample_count
+    # The type-II transform of SciPy is 2 Σ x cos; its first row belongs to the mean.
+    cosine_sums = scipy.fft.dct(values - values.mean(axis=0), axis=0, overwrite_x=True)[
+        1 : cosine_count + 1
+    ]
+    projections = cosine_sums / (np.sqrt(2.0) * sample_count)
     return half_width(np.square(projections).mean(axis=0), freedom=cosine_count)
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from math import inf
 
 import numpy as np
+import scipy
 
 from mavdem.arrays import Array, Flags
 from mavdem.dataset import phases
@@ -283,13 +284,9 @@ def slow_steps(steps: Array) -> Flags:
     Returns:
         Flags (N,): whether the running median of ``MEDIAN_STEPS`` steps is longer than the rate allows.
     """
-    if not len(steps):
-        return np.zeros(0, dtype=np.bool_)
+    usual_steps = scipy.ndimage.median_filter(steps, size=MEDIAN_STEPS, mode="mirror")
     max_usual_step = STEP_TOLERANCE / MIN_STREAM_RATE
-    # The median of an odd number of steps is longer than that where most of them are. The ends are mirrored.
-    is_long = np.pad(steps > max_usual_step, MEDIAN_STEPS // 2, mode="reflect")
-    long_steps = np.convolve(is_long, np.ones(MEDIAN_STEPS), mode="valid")
-    return long_steps > MEDIAN_STEPS / 2
+    return usual_steps > max_usual_step
 
 
 def _intervals_at_any_rate(time: Array) -> Intervals:

@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 
 from mavdem.arrays import Array, Flags
 from mavdem.dataset.attitude import TUNING_MESSAGE, Attitude, attitude_of_axis, tuning_rates
@@ -53,7 +54,6 @@ from mavdem.ingest.vocabulary import (
     Injection,
     wrapped_angle,
 )
-from mavdem.running_windows import running_median
 
 CLIMB_RATE_FIELDS = {
     "LOCAL_POSITION_NED": ("vz", -1.0),
@@ -194,7 +194,9 @@ class VehicleSignals:
         is_armed = mode_bits & ARMED > 0
         is_landing = np.isin(custom_modes, landing_modes) & (mode_bits & CUSTOM_MODE > 0)
         flags = np.column_stack([is_armed, is_landing]).astype(float)
-        majority = running_median(flags, HEARTBEAT_MEDIAN_SAMPLES)
+        majority = scipy.ndimage.median_filter(
+            flags, size=(HEARTBEAT_MEDIAN_SAMPLES, 1), mode="nearest"
+        )
         return TimeSeries(columns["time"], columns["boot"], majority)
 
     @property

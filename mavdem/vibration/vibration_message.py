@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from mavdem.arrays import Array, Flags
 from mavdem.containers import Names
@@ -10,7 +11,6 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, clean_series, float_columns
 from mavdem.ingest.telemetry import Telemetry, firmware_version
 from mavdem.physical_constants import GRAVITY
-from mavdem.running_windows import running_median
 
 LEVEL_FIELDS = ("vibration_x", "vibration_y", "vibration_z")
 """Fields with the vibration of the first IMU along each body axis, m/s²."""
@@ -131,7 +131,7 @@ def _levels_and_clips(signals: Signals) -> TimeSeries | None:
     if not levels.any():
         return None
     # A single count that differs from both its neighbours is damaged; a median of three removes it.
-    undamaged_counts = running_median(counts, 3, "reflect")
+    undamaged_counts = scipy.ndimage.median_filter(counts, size=(3, 1), mode="mirror")
     # The first sample has no clips. Counts begin at 0 in each boot; the negative difference there is set to 0.
     increases = np.diff(undamaged_counts, axis=0, prepend=undamaged_counts[:1])
     clips = np.maximum(increases, 0)

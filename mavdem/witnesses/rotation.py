@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from mavdem.arrays import Array, Flags
 from mavdem.dataset.axes import TILT_COLUMNS
@@ -12,7 +13,6 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import attitude_tracking
 from mavdem.dataset.time_series import moving_average, rows_of_boot, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
-from mavdem.running_windows import running_median
 
 RESPONSE_RATE = 10.0
 """Rate, Hz, at which setpoint and angle are compared; all loops of attitude are slower."""
@@ -150,7 +150,7 @@ def _fastest_rates(signals: Signals, boot: int, time: Array) -> Array:
         rate = series_of_boot(attitude.rate_series, boot)
         if rate is not None:
             rates.append(np.interp(time, rate.time, abs(rate.values)))
-    return running_median(np.max(rates, axis=0), 3, "symmetric")
+    return np.asarray(scipy.ndimage.median_filter(np.max(rates, axis=0), 3))
 
 
 class _SetpointResponse(NamedTuple):

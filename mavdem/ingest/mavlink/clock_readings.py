@@ -4,10 +4,10 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from mavdem.arrays import Flags
-from mavdem.running_windows import running_median
 
 Times = NDArray[np.float64]
 """Times or differences of times, s."""
@@ -88,7 +88,9 @@ def deviates_from_median(values: Times, window: int, limit: float | Times) -> Fl
     Returns:
         Flags (n,).
     """
-    return abs(values - running_median(values, window, "reflect")) > limit
+    if not len(values):
+        return np.zeros(0, dtype=np.bool_)
+    return abs(values - scipy.ndimage.median_filter(values, window, mode="mirror")) > limit
 
 
 def outlier_stamps(stamps: Times) -> Flags:

@@ -7,6 +7,7 @@ restarted.
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
@@ -20,7 +21,6 @@ from mavdem.ingest.mavlink.clock_readings import (
     stamped_messages,
 )
 from mavdem.ingest.telemetry import repair_facts
-from mavdem.running_windows import running_maximum
 
 MIN_RESET_STAMPS = 5
 """Number of successive stamps that are all lower than before after a reset of the clock; fewer are late arrivals."""
@@ -216,4 +216,5 @@ def _highest_ahead(values: Times, count: int) -> Times:
     Returns:
         Highest values (n,).
     """
-    return running_maximum(values[::-1], count)[::-1]
+    # SciPy's window is centred on each row. The negative origin moves it so that it begins at the row.
+    return scipy.ndimage.maximum_filter1d(values, count, origin=-(count // 2), mode="nearest")

@@ -9,6 +9,7 @@ Source: https://docs.px4.io/main/en/middleware/uxrce_dds.html (UXRCE_DDS_SYNCT).
 from collections.abc import Mapping
 
 import numpy as np
+import scipy
 
 from mavdem.arrays import Integers
 from mavdem.facts import Facts
@@ -17,7 +18,6 @@ from mavdem.ingest.mavlink.clock_readings import MAX_STAMP_DEVIATION
 from mavdem.ingest.mavlink.reference_clock import MAX_RESTART_TIME
 from mavdem.ingest.mcap.records import NANOSECONDS
 from mavdem.ingest.telemetry import repair_facts
-from mavdem.running_windows import running_median
 
 ReceiveTimes = Mapping[int, int]
 """When each message was recorded, UNIX ns, by its number in the recording."""
@@ -67,7 +67,7 @@ def with_joined_clocks(
     # Offsets are taken from the first one, so that floats resolve them to a microsecond.
     offsets = (ordered_stamps - receive_stamps) - (ordered_stamps[0] - receive_stamps[0])
     offset_seconds = offsets / NANOSECONDS
-    typical_offsets = running_median(offset_seconds, OFFSET_WINDOW, "reflect")
+    typical_offsets = scipy.ndimage.median_filter(offset_seconds, OFFSET_WINDOW, mode="mirror")
     shifts = np.zeros(len(stamped_rows), dtype=np.int64)
     settings_count = 0
     for row in (1 + np.flatnonzero(abs(np.diff(typical_offsets)) > MAX_STAMP_DEVIATION)).tolist():
