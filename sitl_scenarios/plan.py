@@ -231,18 +231,21 @@ class FlightPlan:
         Returns:
             The setpoints, with the phase of the flight.
         """
-        climb, descent, hover, landing = self._times
+        times = self._times
         if time < SPIN_UP_SECONDS:
             return Reference(ON_GROUND, 0.0, 0.0)
-        if time < hover:
-            fraction, rate = _smooth_transition((time - SPIN_UP_SECONDS) / climb)
-            return Reference(TAKING_OFF, self._height * fraction, self._height * rate / climb)
-        if time < landing:
-            reference = Reference(IN_AIR, self._height, 0.0)
-            if hover + SETTLE_SECONDS <= time < landing - SETTLE_SECONDS:
-                return self._with_excitation(reference, time - hover - SETTLE_SECONDS)
-            return reference
-        height, climb_rate = self._descent_at(time - landing)
+        if time < times.hover:
+            fraction, rate = _smooth_transition((time - SPIN_UP_SECONDS) / times.climb)
+            climb_rate = self._height * rate / times.climb
+            return Reference(TAKING_OFF, self._height * fraction, climb_rate)
+        if time < times.landing:
+            hover = Reference(IN_AIR, self._height, 0.0)
+            excitation_start = times.hover + SETTLE_SECONDS
+            excitation_end = times.landing - SETTLE_SECONDS
+            if excitation_start <= time < excitation_end:
+                return self._with_excitation(hover, time - times.hover - SETTLE_SECONDS)
+            return hover
+        height, climb_rate = self._descent_at(time - times.landing)
         return Reference(LANDING, height, climb_rate)
 
     def _descent_at(self, time: float) -> Pair:

@@ -303,24 +303,21 @@ def _messages_of_boot(stream: Attitude | TimeSeries, values: Array, boot: int) -
 
 
 def _window_starts(flights: Sequence[Flight], streams: Sequence[Messages]) -> Iterator[float]:
-    """Yields the times at which windows of ``SPECTRUM_SECONDS`` without a gap begin.
+    """Yields the times, s, at which windows without a gap begin, from which spectra are computed.
 
-    Windows overlap by half. A window is left out if any stream has a gap of ``MAX_MESSAGE_GAP`` or more in it, which
-    would distort its spectrum.
+    Windows are ``SPECTRUM_SECONDS`` long and overlap by half. A window is left out if any stream has a gap of
+    ``MAX_MESSAGE_GAP`` or more in it, which would distort its spectrum.
 
     Args:
         flights: flights of one boot; each window lies within one of them.
         streams: messages of each quantity of the loop: rate, output and setpoint.
-
-    Yields:
-        Times, s.
     """
-    first_common = max(stream.time[0] for stream in streams)
-    last_common = min(stream.time[-1] for stream in streams)
+    first_common_time = max(stream.time[0] for stream in streams)
+    last_common_time = min(stream.time[-1] for stream in streams)
     for flight in flights:
-        first = max(flight.time[0], first_common)
-        last = min(flight.time[-1], last_common) - SPECTRUM_SECONDS
-        for start in np.arange(first, last + STAMP_STEP, SPECTRUM_SECONDS / 2):
+        first_start = max(flight.time[0], first_common_time)
+        last_start = min(flight.time[-1], last_common_time) - SPECTRUM_SECONDS
+        for start in np.arange(first_start, last_start + STAMP_STEP, SPECTRUM_SECONDS / 2):
             if all(_longest_gap(stream, start) < MAX_MESSAGE_GAP for stream in streams):
                 yield start
 

@@ -91,9 +91,10 @@ def _result_text(comparison: Comparison, kind: ForecastKind) -> str:
 
 
 def _error_blocks(comparison: Comparison, kind: ForecastKind) -> Blocks:
-    """Returns a sentence, a caution if the reference's band is too narrow, and a table with the errors of all methods.
+    """Returns the table with the errors of all forecasting methods, after a sentence that says what it shows.
 
-    The reference is the first method, with which each other one is compared by a paired test.
+    The first method is the reference, with which each other one is compared by a paired test. A caution stands before
+    the table if its 90 % band holds too few of the samples.
 
     Args:
         comparison: errors and tests of all methods.
@@ -180,10 +181,10 @@ def _flight_sentences(comparison: Comparison, flight: str) -> Iterator[Block]:
 
 
 def order_report(choice: OrderChoice, names: Sequence[str], are_inputs_known: bool) -> Blocks:
-    """Returns the report of a choice of model order: its reason, a table of F̄ by order and flight, and what to do.
+    """Returns the report on how many states a model should have: the reason, a table, and what to do with the result.
 
-    F̄ is the free energy, a bound of the log evidence of a model with so many states. Only differences of it have a
-    meaning, so that it is shown relative to the chosen order.
+    The table has the free energy F̄ of each number of states (order) in each flight. F̄ is a bound of the log evidence of
+    such a model. Only differences of it have a meaning, so that it is shown relative to the chosen order.
 
     Args:
         choice: the chosen order, with the free energy of all orders.
@@ -197,23 +198,21 @@ def order_report(choice: OrderChoice, names: Sequence[str], are_inputs_known: bo
     relative_mean = choice.mean - choice.mean[chosen_column]
     rows = []
     for column, order in enumerate(choice.orders):
-        nats = [*relative_energy[:, column]]
+        nats = list(relative_energy[:, column])
         if has_several_flights:
             nats += [relative_mean[column], choice.spread[column]]
-        cells = [f"{value:,.1f}" if isfinite(value) else "-" for value in nats]
-        name = f"{order} (chosen)" if order == choice.chosen else f"{order}"
-        rows.append([name, *cells])
+        row = [f"{order} (chosen)" if order == choice.chosen else f"{order}"]
+        for value in nats:
+            row.append(f"{value:,.1f}" if isfinite(value) else "-")
+        rows.append(row)
     header = ["states", *names]
     if has_several_flights:
         header += ["mean", "spread"]
     legend = "F̄ in nats, minus that of the chosen order; spread: standard deviation over flights."
-    return [
-        headline_sentence(choice.reason),
-        Table(header, rows),
-        Sentence(legend),
-        *[caution(remark) for remark in choice.remarks],
-        Sentence(order_advice(choice, are_inputs_known), "Next:"),
-    ]
+    blocks: Blocks = [headline_sentence(choice.reason), Table(header, rows), Sentence(legend)]
+    blocks += [caution(remark) for remark in choice.remarks]
+    blocks.append(Sentence(order_advice(choice, are_inputs_known), lead="Next:"))
+    return blocks
 
 
 def order_advice(choice: OrderChoice, are_inputs_known: bool) -> str:

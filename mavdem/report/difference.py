@@ -370,64 +370,77 @@ NO_VERDICT = MotorVerdict()
 
 
 def _motor_verdict(reviews: Mapping[str, Review], difference: VehicleDifference) -> MotorVerdict:
-    """Returns what is known of the motors from the reviews of both logs.
+    """Collects what a comparison of two logs knows of the motors: which are weak, and how probable a fault is.
+
+    Weak motors are those of which one log's status light warns and the other's does not, or not of the same motor. If
+    both warn of the same motor, its measured quantities show whether it became worse. The probability is that of the
+    later log, from its comparison with other flights of the vehicle.
 
     Args:
         reviews: review documents of both logs, by side, "A" and "B"; of a fleet, empty.
-        difference: comparison of the two states.
+        difference: comparison of the two states, quantity by quantity.
     """
     weak_motors = {}
-    # Where both logs warn of the same motor, its figures show whether it became worse.
     if has_motor_difference(reviews):
         for side, light in _lights_of_both(reviews)[Light.MOTORS].items():
             if light["level"] in WARNING_LEVELS:
                 weak_motors[side] = motor_number(light.get("subject") or "")
-    judgement = value_at(reviews.get(_later_side(reviews)) or {}, "motor_health") or {}
+    evidence = tuple(_evidence_of_weak_motors(difference, weak_motors))
+    later_review = reviews.get(_later_side(reviews)) or {}
+    motor_health = value_at(later_review, "motor_health") or {}
     return MotorVerdict(
-        tuple(_evidence_of_weak_motors(difference, weak_motors)),
-        judgement.get("fault_probability"),
-        judgement.get("health") in ANOMALOUS_HEALTHS,
+        evidence,
+        motor_health.get("fault_probability"),
+        motor_health.get("health") in ANOMALOUS_HEALTHS,
     )
 
 
 def _evidence_of_weak_motors(
     difference: VehicleDifference, weak_motors: Mapping[str, int | None]
 ) -> Iterator[QuantityChange]:
-    """Yields the changes of a motor's figures that show what is known already: that the motor is weak.
+    """Yields the measured changes that agree with what is known already: that a motor is weak in one of two states.
 
     Args:
-        difference: comparison of the two states.
-        weak_motors: number of the motor that is known to be weak in a state, by the name of the state, "A" or "B".
+        difference: comparison of the two states, quantity by quantity.
+        weak_motors: number of the weak motor by the name of the state, "A" or "B"; None for an unknown one.
+
+    Yields:
+        Changes of a weak motor's quantities, such as its trim, in the direction of the weakness.
     """
     first_side, second_side = STATE_NAMES
     for change in difference.changes:
-        is_change = change.outcome is QuantityOutcome.CHANGED or _is_doubtful(change)
+        if not change.quantity.is_of_motor:
+            continue
+        is_significant = change.outcome is QuantityOutcome.CHANGED or _is_doubtful(change)
         weaker_side = second_side if _is_weaker(change) else first_side
-        is_of_motor = change.quantity.is_of_motor
-        if is_of_motor and is_change and weak_motors.get(weaker_side) == change.quantity.motor:
+        if is_significant and weak_motors.get(weaker_side) == change.quantity.motor:
             yield change
 
 
 def _with_evidence(
     sentences: Sequence[Sentence], motors: MotorVerdict, difference: VehicleDifference
 ) -> list[Sentence]:
-    """Returns sentences of the headline, with the evidence for a weak motor at the end of that on the motors.
+    """Adds the measured evidence for a weak motor to the sentence of the headline that names it.
 
     Args:
-        sentences: sentences on lights, one of which is that of the motors.
-        motors: what is known of the motors.
+        sentences: sentences on status lights, such as that of the motors.
+        motors: what is known of the motors, with the changes that are evidence.
         difference: comparison of the two states, with the names of the motors.
+
+    Returns:
+        The sentences; that of the motors ends with "This agrees with …" if there is evidence.
     """
     if not motors.evidence:
         return [*sentences]
-    texts = listed(change_text(change, difference) for change in motors.evidence)
-    lead = f"{Light.MOTORS.capitalize()}:"
-    return [
-        Sentence(f"{sentence.text} This agrees with {texts}.", lead=sentence.lead)
-        if sentence.lead == lead
-        else sentence
-        for sentence in sentences
-    ]
+    changes = listed(change_text(change, difference) for change in motors.evidence)
+    lead_of_motors = f"{Light.MOTORS.capitalize()}:"
+    extended_sentences = []
+    for sentence in sentences:
+        if sentence.lead == lead_of_motors:
+            text = f"{sentence.text} This agrees with {changes}."
+            sentence = Sentence(text, lead=lead_of_motors)
+        extended_sentences.append(sentence)
+    return extended_sentences
 
 
 def _lights_of_both(reviews: Mapping[str, Review]) -> dict[str, dict[str, JsonValues]]:
@@ -482,26 +495,25 @@ def _levels_and_reason(lights_by_side: Mapping[str, JsonValues]) -> tuple[str, s
 def vibrations_of_same_imu(
     lights_by_side: Mapping[str, JsonValues],
 ) -> dict[str, tuple[float, float]]:
-    """Returns the vibration of the IMUs that the lights on vibration of two logs state, each IMU compared with itself.
+    """Returns the vibration of the same IMU in two logs, for each IMU that the status light of one of them names.
 
-    A light states the IMU that vibrates most, which may be another one in each log. IMUs are mounted in different ways,
-    so that a difference between two of them does not mean that the vehicle changed.
+    The light on vibration names the IMU that vibrates most, which may be another one in each log. IMUs are mounted in
+    different ways, so that a difference between two of them does not mean that the vehicle changed.
 
     Args:
         lights_by_side: the light on vibration in the review document of each log, by side, "A" and "B".
 
     Returns:
         By the name of the IMU, such as "IMU 2", its mean vibration in A and in B, m/s², along the axis that vibrates
-        most. Only IMUs are there that were recorded in both logs.
+        most. IMUs that were not recorded in both logs are left out.
     """
-    levels_by_side = [_vibration_by_imu(light) for light in lights_by_side.values()]
-    levels = {}
+    first_levels, second_levels = (_vibration_by_imu(light) for light in lights_by_side.values())
+    levels_of_both = {}
     for light in lights_by_side.values():
         imu = light.get("subject") or ""
-        if all(imu in levels_of_log for levels_of_log in levels_by_side):
-            first, second = (levels_of_log[imu] for levels_of_log in levels_by_side)
-            levels[imu] = first, second
-    return levels
+        if imu in first_levels and imu in second_levels:
+            levels_of_both[imu] = (first_levels[imu], second_levels[imu])
+    return levels_of_both
 
 
 def _vibration_by_imu(light: JsonValues) -> dict[str, float]:
@@ -527,21 +539,22 @@ def _remark_on_imus(lights_by_side: Mapping[str, JsonValues]) -> str:
         lights_by_side: the same light in the review document of each log, by side, "A" and "B".
 
     Returns:
-        The remark with a space before it: the vibration of each of these IMUs in both logs, or that they are different
-        sensors, if the other IMU was not recorded. Empty if both lights are about the same IMU, or about something
-        else than an IMU.
+        The remark with a space before it: the vibration of each of these IMUs in both logs or, if neither was recorded
+        in both, that they are different sensors. Empty if both lights are about the same IMU, or about something else
+        than an IMU.
     """
-    subjects = [light.get("subject") or "" for light in lights_by_side.values()]
-    are_imus = all(subject.startswith("IMU ") for subject in subjects)
-    if not are_imus or subjects[0] == subjects[1]:
+    first_subject, second_subject = (
+        light.get("subject") or "" for light in lights_by_side.values()
+    )
+    are_imus = first_subject.startswith("IMU ") and second_subject.startswith("IMU ")
+    if not are_imus or first_subject == second_subject:
         return ""
-    levels_of_imus = vibrations_of_same_imu(lights_by_side)
-    if not levels_of_imus:
-        return f" {subjects[0]} and {subjects[1]} are different sensors: their difference is no change."
-    comparisons = [
-        f"{imu}: {rounded(first)} → {rounded(second)} m/s²"
-        for imu, (first, second) in levels_of_imus.items()
-    ]
+    comparisons = []
+    for imu, (first_level, second_level) in vibrations_of_same_imu(lights_by_side).items():
+        comparisons.append(f"{imu}: {rounded(first_level)} → {rounded(second_level)} m/s²")
+    if not comparisons:
+        sensors = f"{first_subject} and {second_subject}"
+        return f" {sensors} are different sensors: their difference is no change."
     return f" {'; '.join(comparisons)}."
 
 
@@ -608,16 +621,16 @@ def _later_side(reviews: Mapping[str, Review]) -> str:
 
 
 def light_blocks(reviews: Mapping[str, Review]) -> Blocks:
-    """Returns the lights of both logs: a table of those whose levels differ, and a sentence on the others.
+    """Returns the status lights of two logs side by side: a table of those that differ, and a sentence on the others.
 
-    A light is the judgement of one subject by a review, such as the motors, with a level.
+    A status light is the judgement of one subject by a review, such as the motors, with a level.
 
     Args:
-        reviews: review documents of both logs, by side ("A" and "B").
+        reviews: review documents of both logs, by side, "A" and "B".
 
     Returns:
-        The table with a row for each differing light and a column for each side, with level and sentence, in the first
-        log's order of lights, and the sentence; nothing if either log has no lights.
+        The table, with a row for each differing light and a column with level and sentence for each side, and then the
+        sentence. Empty if either log has no lights.
     """
     lights_by_side = {side: review.get("lights") or {} for side, review in reviews.items()}
     if not all(lights_by_side.values()):
@@ -625,15 +638,18 @@ def light_blocks(reviews: Mapping[str, Review]) -> Blocks:
     first_lights, second_lights = lights_by_side.values()
     rows = []
     # Lights that are equal on both sides are only named.
-    names_by_level = dict[str, list[str]]()
+    equal_names_by_level = dict[str, list[str]]()
     for name, first_light in first_lights.items():
         second_light = second_lights.get(name)
         if second_light is not None and _are_equal(first_light, second_light):
-            names_by_level.setdefault(first_light["level"], []).append(name)
+            equal_names_by_level.setdefault(first_light["level"], []).append(name)
         else:
             rows.append([name, _light_cell(first_light), _light_cell(second_light)])
-    table = [Table(["light", *reviews], rows, words=True)] if rows else []
-    return [*table, *render_section("difference_lights", names_by_level=names_by_level)]
+    blocks: Blocks = []
+    if rows:
+        blocks.append(Table(["light", *reviews], rows, words=True))
+    blocks += render_section("difference_lights", names_by_level=equal_names_by_level)
+    return blocks
 
 
 def motor_table(reviews: Mapping[str, Review], difference: VehicleDifference) -> Blocks:

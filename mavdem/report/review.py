@@ -126,23 +126,22 @@ def _title_lines(title: Sentence, columns: int) -> list[str]:
 def _lines_of_lights(
     lights: NamedFacts, columns: int, lights_before: NamedFacts = NO_LIGHTS
 ) -> list[str]:
-    """Returns the lines of some lights for the terminal, in their order.
+    """Returns the lines of the terminal for some status lights, each the judgement of one part of the vehicle.
 
-    A light is the judgement of one part of the vehicle. Where it warns of the same as an earlier one, its line names
-    that light instead of repeating the sentence.
+    A light that warns of the same as an earlier one refers to that ("See motors.") instead of repeating the sentence.
 
     Args:
-        lights: the lights by name, such as "motors", each a fact with a level and a sentence.
+        lights: the lights by name, such as "motors", each a finding with a level and a sentence.
         columns: number of characters that a line may have.
         lights_before: lights that are printed above these.
     """
     repeated_lights = earlier_lights({**lights_before, **lights})
     lines = []
-    for name, fact in lights.items():
+    for name, light in lights.items():
         if name in repeated_lights:
-            lines.append(f"{_label_and_level(name, fact)}See {repeated_lights[name]}.")
+            lines.append(f"{_label_and_level(name, light)}See {repeated_lights[name]}.")
         else:
-            lines += _lines_of_light(name, fact, columns)
+            lines += _lines_of_light(name, light, columns)
     return lines
 
 

@@ -199,21 +199,25 @@ class CommandHandler:
         self.transmitter.send_parameters(parameter.name)
 
     def _set_stream_rate(self, request: ReceivedMessage) -> None:
-        """Sets the rate of a group of messages, as the request REQUEST_DATA_STREAM asks.
+        """Sets the rate of a group of messages, or of all groups, as the request REQUEST_DATA_STREAM demands.
 
         An unknown group is ignored, as is every group of an autopilot that does not obey the request.
 
         Args:
             request: A REQUEST_DATA_STREAM.
         """
+        # The rate is in Hz. A request with start_stop 0, or with the rate 0, stops the messages.
+        rate = int(request.fields["req_message_rate"])
+        interval = inf
+        if request.fields["start_stop"] and rate:
+            interval = 1 / rate
         groups = self.transmitter.autopilot.groups
-        group = int(request.fields["req_stream_id"])
-        # The rate is in Hz; a request with start_stop 0 stops the messages.
-        rate = int(request.fields["req_message_rate"]) if request.fields["start_stop"] else 0
-        interval = 1 / rate if rate else inf
-        requested_groups = list(groups) if group == ALL_STREAMS else [group]
-        for requested_group in requested_groups:
-            self._set_intervals(groups.get(requested_group, ()), interval)
+        requested_group = int(request.fields["req_stream_id"])
+        requested_groups = [requested_group]
+        if requested_group == ALL_STREAMS:
+            requested_groups = list(groups)
+        for group in requested_groups:
+            self._set_intervals(groups.get(group, ()), interval)
 
     def _execute(self, command: int, first: float, second: float) -> int:
         """Executes a command.

@@ -27,7 +27,7 @@ class ThrustStep(NamedTuple):
 def remaining_thrust_history(
     mishap: MotorStop | MotorFade | LoosePropeller, end: float, random: Generator
 ) -> list[ThrustStep]:
-    """Lists the remaining share of a motor's thrust over time, as steps.
+    """Lists the remaining thrust of a failing motor over time, as a fraction of the thrust of a sound one, in steps.
 
     A motor that stops has one step to 0. One that fades has steps of ``FADE_STEP_SECONDS``. A loose propeller slips and
     grips by turns, for times that are exponentially distributed.
@@ -38,18 +38,18 @@ def remaining_thrust_history(
         random: Generator that decides when a loose propeller slips.
 
     Returns:
-        The steps in ascending order of time; a share holds until the next step.
+        The steps in ascending order of time; a fraction holds until the next step.
     """
     if isinstance(mishap, MotorStop):
         return [ThrustStep(mishap.start, 0.0)]
-    if isinstance(mishap, MotorFade):
-        history = []
-        steps = round(mishap.seconds / FADE_STEP_SECONDS)
-        for step in range(1, steps + 1):
-            share = 1.0 - (1.0 - mishap.thrust) * step / steps
-            history.append(ThrustStep(mishap.start + step * FADE_STEP_SECONDS, share))
-        return history
     history = []
+    if isinstance(mishap, MotorFade):
+        step_count = round(mishap.seconds / FADE_STEP_SECONDS)
+        for step in range(1, step_count + 1):
+            remaining_fraction = 1.0 - (1.0 - mishap.thrust) * step / step_count
+            time = mishap.start + step * FADE_STEP_SECONDS
+            history.append(ThrustStep(time, remaining_fraction))
+        return history
     time = mishap.start
     slips = True
     while time < end:

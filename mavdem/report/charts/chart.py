@@ -174,17 +174,16 @@ class Line(NamedTuple):
         return max(MAX_GAP_STEPS * self.step, self.bridged_gap)
 
     def until(self, end: float) -> Line:
-        """Returns the line up to an abscissa, with its band.
+        """Returns the part of the line, and of its band, up to an abscissa.
 
         Args:
-            end: last abscissa that is kept.
+            end: last abscissa that is kept, in the unit of the line's abscissae.
         """
         count = int(np.searchsorted(self.x, end, side="right"))
+        lower_edge = None if self.lower_edge is None else self.lower_edge[:count]
+        upper_edge = None if self.upper_edge is None else self.upper_edge[:count]
         return self._replace(
-            x=self.x[:count],
-            y=self.y[:count],
-            lower_edge=None if self.lower_edge is None else self.lower_edge[:count],
-            upper_edge=None if self.upper_edge is None else self.upper_edge[:count],
+            x=self.x[:count], y=self.y[:count], lower_edge=lower_edge, upper_edge=upper_edge
         )
 
     def clipped_to(self, lines: Iterable[Line]) -> Line:

@@ -76,7 +76,11 @@ class _DrawnCommands(NamedTuple):
 
     @classmethod
     def of_hover(cls, hover: HoverFigures) -> _DrawnCommands:
-        """Returns the mean commands in the hover, with the headroom of each motor."""
+        """Returns what the drawing of a vehicle shows of its hover: mean commands, and the headroom of each motor.
+
+        Args:
+            hover: commands and headroom of the motors in settled flight, as fractions of their range.
+        """
         return cls(
             title="From above, in settled flight",
             description="Mean command, of its range, and headroom",
@@ -87,13 +91,17 @@ class _DrawnCommands(NamedTuple):
 
     @classmethod
     def of_failure(cls, failure: FailureCommands) -> _DrawnCommands:
-        """Returns the commands when a motor failed, with the usual command of each motor."""
-        start, end = failure.interval
+        """Returns what the drawing of a vehicle shows of a motor failure: the commands at that time and the usual ones.
+
+        Args:
+            failure: commands of the motors while one failed and in the flight before, as fractions of their range.
+        """
+        start_time, end_time = failure.interval
         return cls(
-            title=f"From above, at the failure ({start:.1f} to {end:.1f} s)",
+            title=f"From above, at the failure ({start_time:.1f} to {end_time:.1f} s)",
             description="Median command at the failure, of its range, and in the flight before",
             commands=failure.at_failure,
-            remarks=[f"usual {100 * usual:.0f} %" for usual in failure.usual],
+            remarks=[f"usual {100 * usual_command:.0f} %" for usual_command in failure.usual],
             imbalance=(0.0,) * len(failure.at_failure),
         )
 

@@ -319,14 +319,23 @@ def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values
     Returns:
         The page as HTML.
     """
-    texts = vehicle_texts(flights) if flights else None
-    charts = vehicle_group(flights) if len(flights) > 1 else None
+    summary = ""
+    next_step = ""
+    if flights:
+        texts = vehicle_texts(flights)
+        summary = texts.all_flights
+        next_step = texts.next_step
+    groups = []
+    if len(flights) > 1:
+        charts = vehicle_group(flights)
+        if charts is not None:
+            groups.append(charts)
     return render_server_page(
         "vehicle",
-        words="" if texts is None else texts.all_flights,
-        next_step="" if texts is None else texts.next_step,
+        words=summary,
+        next_step=next_step,
         changes=[*changes],
-        groups=[] if charts is None else [charts],
+        groups=groups,
         **values,
     )
 

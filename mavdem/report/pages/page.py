@@ -294,22 +294,23 @@ class Head(NamedTuple):
         return brief_events
 
     def _rows_by_importance(self) -> list[int]:
-        """Returns the rows of ``events`` of a live session, which are the newest first, by their importance.
+        """Returns the indices of the events of a live session, the most important first, for a short list.
 
         The newest alarms come first, ``MAX_NEWEST_ALARMS`` at most; then the other events about the vehicle or its
-        link; then those about the session itself. Equally important ones keep their order.
+        link; then those about the session itself. Equally important ones stay in the order of ``events``, the newest
+        first.
         """
-        alarms: list[int] = []
-        others: list[int] = []
-        of_session: list[int] = []
+        alarm_rows: list[int] = []
+        vehicle_rows: list[int] = []
+        session_rows: list[int] = []
         for row, page_event in enumerate(self.events):
-            if page_event.event.is_alarm and len(alarms) < MAX_NEWEST_ALARMS:
-                alarms.append(row)
+            if page_event.event.is_alarm and len(alarm_rows) < MAX_NEWEST_ALARMS:
+                alarm_rows.append(row)
             elif page_event.event.is_about_session:
-                of_session.append(row)
+                session_rows.append(row)
             else:
-                others.append(row)
-        return [*alarms, *others, *of_session]
+                vehicle_rows.append(row)
+        return alarm_rows + vehicle_rows + session_rows
 
     @property
     def newest_alarm(self) -> PageEvent | None:
