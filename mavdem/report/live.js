@@ -2,12 +2,9 @@
 // that scroll, opened parts, the cursor, the zoom and the keyboard stay where they are. While the server does not answer,
 // the page keeps its last state, looks old, and says for how long.
 (() => {
-  const root = document.documentElement, charts = root.charts, main = document.querySelector("main");
-  // Seconds without an answer, and with answers that have nothing new, after which the page says so: the server answers
-  // within two seconds, and makes a new state every five.
-  const LONGEST_SILENCE = 5, LONGEST_PAUSE = 15;
-  // Milliseconds until an answer is given up, and from a failure to the next request.
-  const PATIENCE = 8000, RETRY = 1000;
+  const root = document.documentElement, { charts, updates } = root, main = document.querySelector("main");
+  // Seconds without an answer after which the page says so: the server answers within two seconds.
+  const LONGEST_SILENCE = 5;
 
   // Parts that scripts fill, or that a click changes.
   const OWN_PARTS = "#now, #all", KEPT_ATTRIBUTES = ["open"];
@@ -142,20 +139,23 @@
     root.dispatchEvent(new Event("renewed"));
   };
 
-  // When the server answered last, and when it made the state that is shown, ms; what it answers in the place of a state.
-  let answerTime = Date.now(), stateTime = Date.now(), tag = "", refusal = "", waiting = null;
-  const request = async () => {
-    const answer = await fetch(`${location.pathname}/update`, { cache: "no-store", signal: AbortSignal.timeout(PATIENCE), headers: tag ? { "If-None-Match": tag } : {} });
-    const text = await answer.text(), isState = answer.ok || answer.status === 304;
+  // When the server answered last, and when it made the state that is shown, ms; what it answers in the place of a state;
+  // the tag of the state that is shown, and a newer one that waits.
+  let answerTime = Date.now(), stateTime = Date.now(), refusal = "", tag = "", waiting = null;
+  const take = answer => {
     answerTime = Date.now();
-    refusal = isState ? "" : [...new DOMParser().parseFromString(text, "text/html").querySelectorAll("main > h1, main > p")].map(part => part.textContent).join(" ");
-    if (!isState) throw new Error(refusal);
-    stateTime = answerTime - 1000 * answer.headers.get("Age");
-    if (answer.ok) waiting = { text, tag: answer.headers.get("ETag") };
-    if (!waiting || isPressed) return;
-    show(waiting.text);
-    ({ tag } = waiting);
-    waiting = null;
+    refusal = answer.refusal ? [...new DOMParser().parseFromString(answer.refusal, "text/html").querySelectorAll("main > h1, main > p")].map(part => part.textContent).join(" ") || answer.refusal : "";
+    if (!refusal) {
+      stateTime = answerTime - 1000 * answer.age;
+      if (answer.text) waiting = answer;
+    }
+    if (waiting && !isPressed) {
+      show(waiting.text);
+      ({ tag } = waiting);
+      waiting = null;
+    }
+    tell();
+    return isLast() ? null : tag;
   };
 
   // The line that says how old the page is stands above everything, where it stays while the page is scrolled.
@@ -167,7 +167,7 @@
     const silence = Math.round((Date.now() - answerTime) / 1000), age = Math.round((Date.now() - stateTime) / 1000);
     const words = refusal ? `mavdem does not show the session: ${refusal}`
       : silence >= LONGEST_SILENCE ? `No answer from mavdem for ${silence}\u00a0s.`
-      : age >= LONGEST_PAUSE ? `mavdem answers, but has had nothing new for ${age}\u00a0s.` : "";
+      : age >= updates.LONGEST_PAUSE ? `mavdem answers, but has had nothing new for ${age}\u00a0s.` : "";
     if (words && line.hidden) {
       sound(440, 2);
       colourIcon("unknown");
@@ -181,11 +181,5 @@
   };
   setInterval(tell, 1000);
 
-  const followSession = async () => {
-    while (!isLast()) {
-      try { await request(); } catch { await new Promise(resolve => setTimeout(resolve, RETRY)); }
-      tell();
-    }
-  };
-  followSession();
+  if (!isLast()) updates.follow(location.pathname, take, tell);
 })();

@@ -34,7 +34,6 @@ from mavdem.serve.live_pages import (
     NEWS_SECONDS,
     PAGE_SECONDS,
     SessionPage,
-    longest_page_age,
     session_page,
 )
 
@@ -129,10 +128,6 @@ class LinkMonitor:
         """
         self.problem: Fact | None = None
         self._page = SessionPage("", clock.monotonic())
-        # Whether the session has reported something that its page does not show yet.
-        self._has_news = False
-        # Age at which that page is rendered again, s.
-        self._longest_page_age = PAGE_SECONDS
         # When ``_update_page`` was called last, s of the monotonic clock.
         self._update_time = -inf
         # The page of the session before, which is shown until another vehicle is received; empty for none.
@@ -381,7 +376,6 @@ class LinkMonitor:
             OSError: the event is the failure of the recording. This error ends the session.
         """
         fact = event.fact
-        self._has_news = True
         if fact.code is LinkFact.STREAM_RECORDING_ENDED:
             raise OSError(fact.figures["error"])
         if fact.code in (ReportedEvent.OFF_GROUND, ReportedEvent.ON_GROUND):
@@ -410,8 +404,7 @@ class LinkMonitor:
     def _watch_session(self, session: LiveSession) -> None:
         """Updates the page of the running session if it is due; called every ``NEWS_SECONDS``.
 
-        The page is due every ``PAGE_SECONDS``, and sooner if the session has reported an event that the page does not
-        show yet, or if the present status asks for a younger page.
+        The page is due every ``PAGE_SECONDS``, and sooner if it is outdated.
 
         Args:
             session: the running session.
@@ -421,7 +414,7 @@ class LinkMonitor:
         """
         if clock.monotonic() - self._update_time >= PAGE_SECONDS:
             self._update_page(session)
-        elif self._has_news or self._page.age >= self._longest_page_age:
+        elif self._page.is_outdated(session):
             self._render_page(session)
 
     def _update_page(self, session: LiveSession) -> None:
@@ -462,9 +455,7 @@ class LinkMonitor:
         Args:
             session: the running session.
         """
-        self._has_news = False
         status = session.status
-        self._longest_page_age = longest_page_age(status)
         if self._finished_page and not _awaits_vehicle(status):
             self._finished_page = ""
         if self._finished_page:
@@ -474,7 +465,7 @@ class LinkMonitor:
             html = session_page(
                 session, status, self._library.names, back=LIBRARY_LINK, links=links
             )
-        self._page = SessionPage(html, clock.monotonic())
+        self._page = SessionPage.made_now(html, session, status)
 
 
 def _recording_name(first_time: datetime) -> str:

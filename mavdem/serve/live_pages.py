@@ -1,5 +1,7 @@
 """The page of a live session, and the endpoints of a server that answer with it and with what is new in it."""
 
+from __future__ import annotations
+
 import asyncio
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -58,6 +60,29 @@ class SessionPage:
     made_time: float
     """When it was made, s of the monotonic clock."""
 
+    longest_age: float = PAGE_SECONDS
+    """Age at which it is rendered again, s, where nothing is reported before."""
+
+    event_count: int = 0
+    """Number of events that the session had reported when it was made."""
+
+    @classmethod
+    def made_now(cls, html: str, session: LiveSession, status: SessionStatus) -> SessionPage:
+        """Returns a page of a session that was just rendered.
+
+        Args:
+            html: the page.
+            session: the session, with all events that it has reported.
+            status: its state that the page shows.
+        """
+        longest_age = PAGE_SECONDS if status.link_loss is None else AGE_SECONDS
+        return cls(html, clock.monotonic(), longest_age, len(session.history.events))
+
+    def is_outdated(self, session: LiveSession) -> bool:
+        """Returns whether it is too old, or the session has reported an event since."""
+        has_news = len(session.history.events) != self.event_count
+        return not self.html or self.age >= self.longest_age or has_news
+
     @cached_property
     def tag(self) -> str:
         """A text that no other page has, as the header ETag needs it; empty before there is a page."""
@@ -74,15 +99,6 @@ class SessionPage:
     def age(self) -> float:
         """Time since it was made, s."""
         return clock.monotonic() - self.made_time
-
-
-def longest_page_age(status: SessionStatus) -> float:
-    """Returns the age at which the page of a session is rendered again, s, where nothing is reported before.
-
-    Args:
-        status: state of the session when the page was made.
-    """
-    return PAGE_SECONDS if status.link_loss is None else AGE_SECONDS
 
 
 class SessionPages(Protocol):

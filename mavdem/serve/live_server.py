@@ -24,10 +24,8 @@ from mavdem.report.pages.page_link import PageLink
 from mavdem.serve.guard import POLICY_HEADER, Guard
 from mavdem.serve.listening import MAX_SHUTDOWN_SECONDS, listening_socket, server_config, server_url
 from mavdem.serve.live_pages import (
-    PAGE_SECONDS,
     LivePages,
     SessionPage,
-    longest_page_age,
     session_page,
 )
 from mavdem.serve.rerun_viewer import ViewerFiles, viewer_policy
@@ -67,7 +65,6 @@ class LiveServer:
         self._link = link
         self._viewer = viewer
         self._status: SessionStatus | None = None
-        self._event_count = 0
         # The newest page of the session, as the endpoints read it.
         self.page = SessionPage("", clock.monotonic())
         listener = listening_socket(LOOPBACK, port)
@@ -82,26 +79,22 @@ class LiveServer:
     def report(self, session: LiveSession, status: SessionStatus) -> None:
         """Renders the HTML page of the session again if that is due; the session calls this about once a second.
 
-        It is due if the page has become too old, if an event was reported since, or if the session is over.
+        It is due if the page is outdated, or if the session is over.
 
         Args:
             session: the session, with the history of its flight.
             status: its state now.
         """
-        max_age = PAGE_SECONDS if self._status is None else longest_page_age(self._status)
         self._status = status
-        event_count = len(session.history.events)
-        is_old = self.page.age >= max_age or not self.page.html
-        if not is_old and event_count == self._event_count and not status.is_over:
+        if not (self.page.is_outdated(session) or status.is_over):
             return
-        self._event_count = event_count
         # A session that ends because another vehicle sends has a successor, which continues at the same address.
         is_last = status.is_over and session.successor is None
         # The dashboard ends with the last session.
         has_dashboard = self._viewer is not None and not is_last
         links = [DASHBOARD_LINK] if has_dashboard else []
         html = session_page(session, status, links=links, is_last=is_last)
-        self.page = SessionPage(html, clock.monotonic())
+        self.page = SessionPage.made_now(html, session, status)
 
     def close(self) -> None:
         """Ends the server; answers that are being sent get ``MAX_SHUTDOWN_SECONDS``."""

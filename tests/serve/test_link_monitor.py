@@ -105,6 +105,7 @@ def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_a_minute(
     live, _ = idle
     monkeypatch.setattr(live_pages, "live_page", Mock(return_value=""))
     session = Mock()
+    session.history.events = []
     session.stream.followed_vehicle.frame_count = 0
     seconds = -20 * link_monitor.PAGE_SECONDS
     for page, frames in enumerate([0] * 20 + [7] * 20):
@@ -122,6 +123,7 @@ def test_the_page_counts_the_seconds_since_a_vehicle_fell_silent_in_flight(idle,
     monkeypatch.setattr(live_pages, "live_page", lambda *args, **_: str(args[3].link_loss))
     silence = Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=3.0)
     session = Mock(status=SessionStatus("1:1", silence, is_flying=True, message_age=4.0))
+    session.history.events = []
     session.intake.recording.frame_count = session.stream.followed_vehicle.frame_count = 0
     live._watch_session(session)
     session.status = replace(session.status, message_age=5.0)
@@ -137,6 +139,7 @@ def test_the_page_of_a_flight_whose_end_nobody_saw_says_when_the_link_was_lost(i
         live_pages, "live_page", lambda *args, **_: str(args[3].overall_judgement.headline)
     )
     session = Mock()
+    session.history.events = []
     session.stream.status.return_value = SessionStatus("1:1", is_flying=True)
     silence = Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=3.0)
     session.status = SessionStatus("1:1", silence, is_flying=True, last_reception=1e9)
@@ -149,11 +152,14 @@ def test_the_page_has_an_alarm_at_once_and_other_changes_every_five_seconds(idle
     pages = (f"page {number}" for number in count())
     monkeypatch.setattr(live_pages, "live_page", lambda *_, **__: next(pages))
     session = Mock(status=SessionStatus("1:1"))
+    session.history.events = []
     session.intake.recording.frame_count = session.stream.followed_vehicle.frame_count = 0
     live._watch_session(session)
     live._watch_session(session)
     assert live.page.html == "page 0"
-    live._take_event(HappenedEvent(4.0, Fact(ReportedEvent.BATTERY_ALARMED, Level.BAD)))
+    session.history.events.append(
+        HappenedEvent(4.0, Fact(ReportedEvent.BATTERY_ALARMED, Level.BAD))
+    )
     live._watch_session(session)
     assert live.page.html == "page 1"
     live._update_time -= link_monitor.PAGE_SECONDS
@@ -166,6 +172,7 @@ def test_a_finished_flight_is_shown_until_the_next_vehicle_comes(idle, monkeypat
     monkeypatch.setattr(live_pages, "live_page", Mock(return_value="running"))
     live._finished_page = "finished"
     session = Mock()
+    session.history.events = []
     session.stream.followed_vehicle = None
     session.intake.recording.frame_count = 0
     shown = []
@@ -184,6 +191,7 @@ def test_a_finished_flight_is_shown_until_the_next_vehicle_comes(idle, monkeypat
 
 def test_the_page_of_a_finished_flight_leads_to_the_library_and_keeps_what_it_knew():
     session = Mock()
+    session.history.events = []
     session.link.name = "udpin:127.0.0.1:14550"
     session.stream.axis = "roll"
     session.history = LiveHistory()
@@ -224,6 +232,7 @@ def test_the_page_of_a_server_advises_an_option_that_the_server_has(idle, monkey
     assert slow.remedy == "Ask for more with `--request-rate 100`."
     monkeypatch.setattr(live_pages, "live_page", lambda *_, **__: slow.remedy)
     session = Mock()
+    session.history.events = []
     session.stream.followed_vehicle = None
     session.intake.recording.frame_count = 0
     live._update_page(session)

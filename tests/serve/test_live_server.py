@@ -260,7 +260,7 @@ def test_a_session_that_another_one_follows_goes_on_at_the_same_address():
         for successor, goes_on in (("2:1", True), (None, False)):
             session.successor = successor
             server.report(session, replace(STATUS, is_over=True))
-            assert ("data-level" in server.page.html) is goes_on
+            assert ("<main data-level" in server.page.html) is goes_on
 
 
 @mark.slow

@@ -66,6 +66,7 @@ CHART_SCRIPTS = (
     "charts.js",
     "page.js",
     "notch.js",
+    "updates.js",
     "live.js",
 )
 """The scripts within a page: those that draw its charts, and what else it does."""
@@ -85,8 +86,9 @@ def script() -> bytes:
 
 @cache
 def viewer_script() -> bytes:
-    """Returns the script of the page with Rerun's viewer, ``rerun.js``."""
-    return (files("mavdem.report") / "serve" / "rerun.js").read_bytes()
+    """Returns the script of the page with Rerun's viewer, ``rerun.js``, after that by which it follows a session."""
+    folder = files("mavdem.report")
+    return (folder / "updates.js").read_bytes() + (folder / "serve" / "rerun.js").read_bytes()
 
 
 @cache

@@ -1,12 +1,7 @@
-"use strict";
 // Runs Rerun's viewer in the page, from the files of the viewer that runs on this machine; nothing comes from elsewhere.
 (() => {
   // Pixels of width from which the panels of a dashboard stand beside each other and can be read.
   const MIN_WIDTH = 900, BYTES_PER_MEGABYTE = 1e6, CRASH_CHECK_MILLISECONDS = 1000;
-  // Milliseconds until an answer on the session is given up, and from a failure to the next request.
-  const PATIENCE = 8000, RETRY = 1000;
-  // Seconds with answers that have nothing new after which the page says so, as in live.js.
-  const LONGEST_PAUSE = 15;
   const canvas = document.getElementById("viewer"), status = document.getElementById("viewer_status"), narrow = document.getElementById("narrow");
   const tell = (text, isProblem = false) => {
     status.textContent = text;
@@ -70,29 +65,23 @@
   window.showInRerun = showInRerun;
 
   // The headline of a live session stands above its dashboard, which itself looks the same whether data come or not.
-  const followSession = async () => {
-    const headline = document.getElementById("session_headline"), silence = document.getElementById("silence");
+  const followSession = () => {
+    const headline = document.getElementById("session_headline"), silence = document.getElementById("silence"), { updates } = document.documentElement;
     let tag = "";
-    for (;;) {
-      try {
-        const answer = await fetch("/live/update", { cache: "no-store", signal: AbortSignal.timeout(PATIENCE), headers: tag ? { "If-None-Match": tag } : {} });
-        // The answer 304 has nothing new. Any other is none on the session, and must not be asked for at once again.
-        if (!answer.ok && answer.status !== 304) throw new Error(answer.statusText);
-        const page = answer.ok ? new DOMParser().parseFromString(await answer.text(), "text/html") : null;
-        silence.hidden = answer.headers.get("Age") < LONGEST_PAUSE;
-        if (page) {
-          tag = answer.headers.get("ETag");
-          document.title = page.title;
-          headline.textContent = page.querySelector("#result .headline").textContent;
-          headline.classList.toggle("bad", page.getElementById("result").classList.contains("doubted"));
-          // As in live.js: the last page of a session has no level of now, and nothing follows it.
-          if (page.querySelector("main").dataset.level === undefined) return tell("The session is over.");
-        }
-      } catch {
-        silence.hidden = false;
-        await new Promise(resolve => setTimeout(resolve, RETRY));
-      }
-    }
+    const take = answer => {
+      silence.hidden = answer.age < updates.LONGEST_PAUSE; // a refusal has no age
+      if (!answer.text) return tag;
+      ({ tag } = answer);
+      const page = new DOMParser().parseFromString(answer.text, "text/html");
+      document.title = page.title;
+      headline.textContent = page.querySelector("#result .headline").textContent;
+      headline.classList.toggle("bad", page.getElementById("result").classList.contains("doubted"));
+      // As in live.js: the last page of a session has no level of now, and nothing follows it.
+      if (page.querySelector("main").dataset.level !== undefined) return tag;
+      tell("The session is over.");
+      return null;
+    };
+    updates.follow("/live", take, () => { silence.hidden = false; });
   };
   if (canvas.dataset.address) {
     showInRerun(canvas.dataset.address);
