@@ -453,8 +453,9 @@ def _checked_labels(labels: Names | None, name: str, table: Array, prefix: str =
         if not prefix:
             return ("",) * columns
         return tuple(f"{prefix} {number}" for number in range(1, columns + 1))
-    are_strings = isinstance(labels, list | tuple) and {str}.issuperset(map(type, labels))
-    if not (are_strings and len(labels) == columns):
+    is_sequence = isinstance(labels, list | tuple)
+    are_strings = is_sequence and all(type(label) is str for label in labels)
+    if not are_strings or len(labels) != columns:
         raise ValueError(
             f"{name} must be strings in a tuple, one for each of the {columns} columns, not {labels!r}"
         )

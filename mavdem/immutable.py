@@ -60,13 +60,13 @@ def freeze(value: ValueType) -> ValueType:
     elif isinstance(value, np.generic):
         frozen = value.item()
     elif isinstance(value, dict) and not isinstance(value, ReadOnlyDict):
-        # An autopilot has a thousand parameters; a call for each number would take most of the time.
-        frozen = ReadOnlyDict(
-            {
-                key: item if type(item) in IMMUTABLE_TYPES else freeze(item)
-                for key, item in value.items()
-            }
-        )
+        frozen_items = {}
+        for key, item in value.items():
+            # An autopilot has a thousand parameters; a call for each number would take most of the time.
+            if type(item) not in IMMUTABLE_TYPES:
+                item = freeze(item)
+            frozen_items[key] = item
+        frozen = ReadOnlyDict(frozen_items)
     elif isinstance(value, tuple):
         items = [item if type(item) in IMMUTABLE_TYPES else freeze(item) for item in value]
         is_unchanged = all(map(is_, items, value))

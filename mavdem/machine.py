@@ -14,9 +14,11 @@ def has_screen() -> bool:
 
     On other systems a user nearly always has a screen.
     """
-    return not sys.platform.startswith("linux") or bool(
-        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    )
+    if not sys.platform.startswith("linux"):
+        return True
+    has_x11 = bool(os.environ.get("DISPLAY"))
+    has_wayland = bool(os.environ.get("WAYLAND_DISPLAY"))
+    return has_x11 or has_wayland
 
 
 def free_port() -> int:

@@ -88,9 +88,10 @@ def limit_memory(megabytes: int) -> None:
         megabytes: limit of the memory that is allocated, MiB.
     """
     if sys.platform != "win32":
-        hard_limit = resource.getrlimit(resource.RLIMIT_DATA)[1]
+        _, hard_limit = resource.getrlimit(resource.RLIMIT_DATA)
         soft_limit = megabytes * MEBIBYTE
         if hard_limit != resource.RLIM_INFINITY:
+            # The system refuses a soft limit above the hard one.
             soft_limit = min(soft_limit, hard_limit)
         with suppress(ValueError, OSError):
             resource.setrlimit(resource.RLIMIT_DATA, (soft_limit, hard_limit))
@@ -152,9 +153,10 @@ def kill_with_children(process_id: int) -> None:
 
     with suppress(psutil.NoSuchProcess):
         process = psutil.Process(process_id)
-        for each in (*process.children(recursive=True), process):
+        descendants = process.children(recursive=True)
+        for running_process in (*descendants, process):
             with suppress(psutil.NoSuchProcess):
-                each.kill()
+                running_process.kill()
 
 
 def signal_name(number: int) -> str:

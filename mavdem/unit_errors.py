@@ -58,15 +58,16 @@ def suspected_unit_error(outputs: NDArray[np.float64], dt: float) -> Fact | None
     change = angle[COMPARED_STEPS:] - angle[:-COMPARED_STEPS]
     expected_change = integrated_rate[COMPARED_STEPS:] - integrated_rate[:-COMPARED_STEPS]
 
+    product = change @ expected_change
     expected_power = expected_change @ expected_change
     # The product of both changes at which their correlation is just ``MIN_CORRELATION``.
     least_product = MIN_CORRELATION * (change @ change * expected_power) ** 0.5
     # Written with "not", so that NaN and overflowing products count as uncorrelated too.
-    if not change @ expected_change > least_product:
+    if not product > least_product:
         return None
 
     # Slope of the least-squares line through the origin.
-    ratio = change @ expected_change / expected_power
+    ratio = product / expected_power
     largest_angle = abs(angle).max()
     for unit_error, expected_ratio in RATIO_BY_UNIT_ERROR.items():
         if 1 / RATIO_TOLERANCE < ratio / expected_ratio < RATIO_TOLERANCE:

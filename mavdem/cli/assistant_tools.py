@@ -80,11 +80,17 @@ class AssistantServer(MCPServer):  # type: ignore[misc]
 
 
 def _argument_error(tool: str, error: ValidationError) -> str:
-    """Returns sentences on the arguments of a tool that are missing, and on those that do not fit."""
+    """Returns sentences on the arguments of a tool that are missing, and on those that do not fit.
+
+    Args:
+        tool: Name of the tool that the assistant has called.
+        error: Error of pydantic, which has checked the arguments.
+    """
     missing_arguments = []
     sentences = []
     for problem in error.errors():
-        argument = ".".join(map(str, problem["loc"]))
+        # The path to a value within the argument, such as "parts.0".
+        argument = ".".join(str(key) for key in problem["loc"])
         if problem["type"] == "missing":
             missing_arguments.append(argument)
         else:
@@ -124,11 +130,12 @@ def review(log: str, parts: list[str] | None = None) -> JsonValues:
     document = _command_document("review", [log])
     if parts is None:
         kept_parts = {key: values for key, values in document.items() if key not in LARGE_PARTS}
-        return kept_parts | {"left_out": list(LARGE_PARTS)}
-    unknown = sorted(set(parts) - set(document))
-    if unknown:
-        error = f"There is no {', '.join(unknown)[:MAX_ERROR_CHARACTERS]}: choose of {', '.join(document)}."
-        raise ToolError(error)
+        kept_parts["left_out"] = list(LARGE_PARTS)
+        return kept_parts
+    unknown_parts = sorted(set(parts) - set(document))
+    if unknown_parts:
+        names = ", ".join(unknown_parts)[:MAX_ERROR_CHARACTERS]
+        raise ToolError(f"There is no {names}: choose of {', '.join(document)}.")
     return {key: document[key] for key in parts}
 
 
@@ -146,7 +153,9 @@ def tune(log: str, axis: str = "all", more: bool = False) -> JsonValues:
     Raises:
         ToolError: The log cannot be read, or no loop of it can be judged.
     """
-    options = ["--axis", axis, *(["--more"] if more else [])]
+    options = ["--axis", axis]
+    if more:
+        options.append("--more")
     return _command_document("tune", [log], options, has_folder=False)
 
 

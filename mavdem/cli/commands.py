@@ -110,9 +110,12 @@ class LazyCommandGroup(click.Group):
             The name of the command, the command, and its arguments; the first two may be None while a shell requests
             completions.
         """
-        if args[0] not in self.commands and looks_like_log_name(args[0]):
-            # What begins with a hyphen stood behind "--", which the group has taken.
-            args = ["review", *(["--"] if args[0].startswith("-") else []), *args]
+        first_argument = args[0]
+        if first_argument not in self.commands and looks_like_log_name(first_argument):
+            if first_argument.startswith("-"):
+                # The name of the log stood behind "--", which the group has taken. Without it, it would be an option.
+                args = ["--", *args]
+            args = ["review", *args]
         name, command, command_args = super().resolve_command(ctx, args)
         if command is None:
             return name, command, command_args
@@ -174,8 +177,9 @@ def looks_like_log_name(argument: str) -> bool:
     """
     if os.path.exists(argument):
         return True
-    endings = (*UNCOMPRESSED_ENDINGS, *UNREAD_LOG_ENDINGS, ZIP_ENDING)
-    return argument.lower().removesuffix(COMPRESSED_ENDING).endswith(endings)
+    endings_of_logs = (*UNCOMPRESSED_ENDINGS, *UNREAD_LOG_ENDINGS, ZIP_ENDING)
+    uncompressed_name = argument.lower().removesuffix(COMPRESSED_ENDING)
+    return uncompressed_name.endswith(endings_of_logs)
 
 
 def _announce_activity(activity: str, args: Sequence[str]) -> None:
@@ -333,7 +337,7 @@ def _run_command(args: list[str]) -> None:
     # A folder with an empty name would be the current one, whose results would be replaced.
     if "" in args or "--out=" in args:
         raise click.UsageError("An argument is empty: name a file or folder, or leave it out.")
-    if args[:1] == ["--json"]:
+    if args and args[0] == "--json":
         # All commands but one have this option, which may stand before their name too.
         args = [*args[1:], "--json"]
     with mavdem.make_context(mavdem.name, list(args)) as context:

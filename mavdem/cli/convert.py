@@ -77,4 +77,6 @@ def _is_recording(source: str, out: str) -> bool:
         return True
     if ending != Path(CHANNELS_FILE).suffix:
         return False
-    return detect_format(source)[1] not in (Format.TLOG, Format.MCAP)
+    _, source_format = detect_format(source)
+    has_mavlink_frames = source_format in (Format.TLOG, Format.MCAP)
+    return not has_mavlink_frames

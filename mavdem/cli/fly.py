@@ -166,14 +166,15 @@ def _list_scenarios(*, as_json: bool) -> None:
     """
     descriptions = {name: load(name).description for name in names()}
     if as_json:
-        scenarios = [
-            {"name": name, "description": description} for name, description in descriptions.items()
-        ]
+        scenarios = []
+        for name, description in descriptions.items():
+            scenarios.append({"name": name, "description": description})
         print_json({"scenarios": scenarios})
         return
-    width = max(len(name) for name in descriptions)
+    # The descriptions begin in one column.
+    name_width = max(len(name) for name in descriptions)
     for name, description in descriptions.items():
-        print_to_stdout(f"{name:{width}}  {description}")
+        print_to_stdout(f"{name:{name_width}}  {description}")
 
 
 def _describe_scenario(name: str, scenario: Scenario, *, as_json: bool) -> None:
@@ -204,10 +205,11 @@ def _usage_errors(argument: str = "", prefix: str = "") -> Iterator[None]:
     try:
         yield
     except ValueError as error:
-        text = str(error)
+        message = str(error)
         if argument:
-            raise click.BadParameter(f"{prefix}{text}.", param_hint=argument) from error
-        raise click.UsageError(f"{text[:1].upper()}{text[1:]}.") from error
+            raise click.BadParameter(f"{prefix}{message}.", param_hint=argument) from error
+        capitalised_message = message[:1].upper() + message[1:]
+        raise click.UsageError(f"{capitalised_message}.") from error
 
 
 def _chosen_scenario(

@@ -108,14 +108,16 @@ def _print_analyses(
         f"`mavdem {quote(log.source)}` says what happened and what is wrong.", "Next:"
     )
     for values, signals, analysis in zip(document["vehicles"], all_signals, analyses, strict=True):
-        # A vehicle that was lost matters more than what the log holds.
+        footer = [next_step]
         loss = loss_of_flight(signals)
-        headlines = [] if loss is None else [headline_sentence(loss)]
+        if loss is not None:
+            # A vehicle that was lost matters more than what the log holds.
+            footer.insert(0, headline_sentence(loss))
         print_screen(
             vehicle_title(log, signals, analysis),
             summary=vehicle_contents(values),
             details=senders,
-            footer=[*headlines, next_step],
+            footer=footer,
             verbose=False,
         )
 
@@ -155,7 +157,10 @@ def _why_not_learnable(document: JsonValues, source: str, axis: str) -> Fact:
         The fact, whose sentence is printed on standard error. It has no reason if the log has no vehicle.
     """
     vehicles = document["vehicles"]
-    reason = vehicles[0]["verdict"].reason if vehicles else None
+    reason = None
+    if vehicles:
+        learnability = vehicles[0]["verdict"]
+        reason = learnability.reason
     return Fact(
         NotLearnableReason.LOG_NOT_LEARNABLE,
         axis=axis,

@@ -264,25 +264,26 @@ class StatusLines:
         Args:
             watch_facts: A fact for each of these quantities: since when it is watched, or why it is not.
         """
+        is_updated_in_place = self.terminal_text is not None
         changed_facts = []
         changes: dict[Hashable, Hashable] = {}
         for fact in watch_facts:
+            quantity = (fact.figures.get("vehicle"), fact.subject)
             reason = fact.figures.get("reason")
+            is_watched = reason is None
             if isinstance(reason, Fact) and reason.code in UNREPORTED_REASONS:
                 continue
-            if reason is None and self.terminal_text is not None:
+            if is_watched and is_updated_in_place:
                 # A status that is updated in place names all that is not watched: the rest needs no line.
-                self._printed_watch_facts.pop((fact.figures.get("vehicle"), fact.subject), None)
+                self._printed_watch_facts.pop(quantity, None)
                 continue
-            quantity = (fact.figures.get("vehicle"), fact.subject)
-            # Measured numbers in a fact change all the time, which is no news.
+            # Measured numbers in a fact change all the time, which is no change to report.
             content = fact.without_measurements
             if self._printed_watch_facts.get(quantity) != content:
                 changes[quantity] = content
                 changed_facts.append(fact)
         has_settled = self._watch_changes.update(changes, monotonic())
-        is_terminal = self.terminal_text is not None
-        if changed_facts and (has_settled or not is_terminal):
+        if changed_facts and (has_settled or not is_updated_in_place):
             self._printed_watch_facts.update(changes)
             print_to_stderr(line_with_time(watched_quantities_text(changed_facts)))
 
@@ -321,8 +322,8 @@ class StatusLines:
             if reason is not None:
                 reported_texts.add(escape_unprintable(reason.sentence))
                 reported_texts.add(escape_unprintable(reason.sentence_and_remedy))
-            problems = [text for text in texts.problems if text not in reported_texts]
-            sentences = [texts.vehicle, texts.learning, *problems, texts.judgement]
+            unreported_problems = [text for text in texts.problems if text not in reported_texts]
+            sentences = [texts.vehicle, texts.learning, *unreported_problems, texts.judgement]
         print_to_stderr(line_with_time(" ".join(sentences)))
 
 
@@ -353,7 +354,9 @@ def _table_of_lights(rows: Sequence[LightRow], width: int) -> Table:
         rows: Name, level and figure of each light, in their order.
         width: Width of a line of the terminal, characters.
     """
-    lights_per_line = min(max(width // MIN_LIGHT_WIDTH, 1), MAX_LIGHTS_PER_LINE)
+    # At least one, even on a very narrow terminal.
+    lights_per_line = max(width // MIN_LIGHT_WIDTH, 1)
+    lights_per_line = min(lights_per_line, MAX_LIGHTS_PER_LINE)
     # Each light has the same width, whatever its figure, so that nothing moves from second to second.
     light_width = width // lights_per_line
     figure_width = light_width - NAME_WIDTH - LEVEL_WIDTH - GAPS_WIDTH
@@ -364,10 +367,12 @@ def _table_of_lights(rows: Sequence[LightRow], width: int) -> Table:
         table.add_column(width=figure_width)
     for first in range(0, len(rows), lights_per_line):
         cells: list[RenderableType] = []
-        for row in rows[first : first + lights_per_line]:
-            level_text = row.level.upper() if row.level is Level.BAD else row.level
-            level = Text(level_text, LEVEL_STYLES[row.level])
-            cells += [row.name, level, escape_unprintable(row.figure)]
+        for light in rows[first : first + lights_per_line]:
+            level_text = str(light.level)
+            if light.level is Level.BAD:
+                level_text = level_text.upper()
+            level = Text(level_text, LEVEL_STYLES[light.level])
+            cells += [light.name, level, escape_unprintable(light.figure)]
         table.add_row(*cells)
     return table
 
@@ -459,7 +464,8 @@ def line_with_time(text: str, moment: str = "") -> str:
 
 def _style(*facts: Fact) -> str:
     """Returns the style for Rich of a text about facts: that of the worst level that warns; empty if none warns."""
+    levels = {fact.level for fact in facts}
     for level in (Level.BAD, Level.WATCH):
-        if any(fact.level is level for fact in facts):
+        if level in levels:
             return LEVEL_STYLES[level]
     return ""

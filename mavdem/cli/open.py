@@ -81,7 +81,9 @@ def load(arguments: list[str]) -> int:
         The exit code: ``EXIT_INCOMPATIBLE`` for a file that is no log of a vehicle, which the viewer then offers to
         other loaders.
     """
-    path = Path(arguments[0]) if arguments else Path()
+    if not arguments:
+        return EXIT_INCOMPATIBLE
+    path = Path(arguments[0])
     if not path.is_file() or not looks_like_log(path):
         return EXIT_INCOMPATIBLE
     missing_extra = missing_extra_fact("view", "The dashboard")

@@ -298,12 +298,16 @@ def _length_from_text(
 
     if text is None:
         return None
+    # Up to six digits of seconds with up to nine decimals, or up to nine digits of samples.
     is_valid = re.fullmatch(r"(\d{1,6}(?:\.\d{1,9})?s|\d{1,9})", text, re.ASCII) is not None
-    number = float(text.removesuffix("s")) if is_valid else 0.0
+    number = 0.0
+    if is_valid:
+        number = float(text.removesuffix("s"))
     if number == 0.0:
         raise click.BadParameter(
             f"{text!r} is no length: give seconds, as in 7s, or samples, as in 700.",
             context,
             parameter,
         )
-    return Length(number, text.endswith("s"))
+    is_in_seconds = text.endswith("s")
+    return Length(number, is_in_seconds)

@@ -99,7 +99,9 @@ def replaced_files(
     """
     with reporting_write_errors(folder, code=Unwritable.OUT_FAILED):
         folder.mkdir(parents=True, exist_ok=True)
-        with atomic_writes(*(folder / name for name in names)) as temporary_paths:
+        paths = [folder / name for name in names]
+        with atomic_writes(*paths) as temporary_paths:
             yield temporary_paths
-        for name in set(stale_names) - set(names):
+        names_to_remove = set(stale_names) - set(names)
+        for name in names_to_remove:
             (folder / name).unlink(missing_ok=True)

@@ -120,7 +120,8 @@ def sources_by_flight_name(sources: Sequence[str]) -> dict[str, str]:
     stems = [escape_unprintable(Path(source).stem) for source in sources]
     sources_by_name = {}
     for stem, source in zip(stems, sources, strict=True):
-        name = stem if stems.count(stem) == 1 else escape_unprintable(source)
+        is_unique = stems.count(stem) == 1
+        name = stem if is_unique else escape_unprintable(source)
         sources_by_name[name] = source
     return sources_by_name
 

@@ -104,7 +104,9 @@ def escape_unprintable(text: object) -> str:
     Args:
         text: object to print; it is converted to a string.
     """
-    return "".join(
-        character if character.isprintable() else character.encode("unicode_escape").decode()
-        for character in str(text)
-    )
+    printable_characters = []
+    for character in str(text):
+        if not character.isprintable():
+            character = character.encode("unicode_escape").decode()
+        printable_characters.append(character)
+    return "".join(printable_characters)

@@ -52,17 +52,21 @@ def terminal_tables(table: Table, width: int, lines_per_row: int | None) -> Iter
     columns = _columns(table)
     if lines_per_row is not None:
         columns[-1] = _shortened_last_column(columns, width, lines_per_row)
-    row_names, *other_columns = columns
-    total_width = sum(column.full_width for column in columns) + COLUMN_GAP * (len(columns) - 1)
+    width_of_gaps = COLUMN_GAP * (len(columns) - 1)
+    total_width = sum(column.full_width for column in columns) + width_of_gaps
     if table.words or total_width <= width:
         yield _table_without_borders(columns, is_text=table.words)
         return
-    while other_columns:
-        count = _fitting_columns(row_names, other_columns, width)
-        columns_of_part = [row_names, *other_columns[:count]]
-        widths = [row_names.full_width, *(column.wrapped_width for column in columns_of_part[1:])]
-        yield _table_without_borders(columns_of_part, is_text=False, widths=widths)
-        other_columns = other_columns[count:]
+    row_names = columns[0]
+    remaining_columns = columns[1:]
+    while remaining_columns:
+        count = _fitting_columns(row_names, remaining_columns, width)
+        fitting_columns = remaining_columns[:count]
+        remaining_columns = remaining_columns[count:]
+        widths = [row_names.full_width]
+        for column in fitting_columns:
+            widths.append(column.wrapped_width)
+        yield _table_without_borders([row_names, *fitting_columns], is_text=False, widths=widths)
 
 
 def _columns(table: Table) -> list[Column]:

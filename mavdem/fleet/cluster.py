@@ -81,9 +81,11 @@ class Cluster:
         Raises:
             Unreadable: there is no such cluster, it has no worker, or a worker has another version of mavdem or Python.
         """
-        threads = sum(self._connected_client().nthreads().values())
+        # The number of threads of each worker, by the worker's address.
+        threads_by_worker = self._connected_client().nthreads()
+        parallel_jobs = JOBS_PER_THREAD * sum(threads_by_worker.values())
         read = partial(self.read, limits=self.limits, read=self._read)
-        yield from read_in_parallel([read] * (JOBS_PER_THREAD * threads), jobs, self.stop)
+        yield from read_in_parallel([read] * parallel_jobs, jobs, self.stop)
 
     def read(self, job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome:
         """Has a log read on a worker of the cluster, and returns the outcome.

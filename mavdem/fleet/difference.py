@@ -89,12 +89,10 @@ class VehicleDifference(NamedTuple):
         if self.flights.before != self.flights.after:
             return False
         conditions_before, conditions_after = self.conditions
+        are_conditions_known = conditions_before.collective is not None
+        has_same_conditions = are_conditions_known and conditions_before == conditions_after
         has_differences = any(change.difference != 0 for change in self.changes)
-        return (
-            conditions_before.collective is not None
-            and conditions_before == conditions_after
-            and not has_differences
-        )
+        return has_same_conditions and not has_differences
 
     def changes_with(self, outcome: QuantityOutcome) -> list[QuantityChange]:
         """Returns the changes with this outcome."""
@@ -229,7 +227,9 @@ def baseline_differences(rows: FlightRows, baseline: FlightRows) -> BaselineDiff
     baseline_vehicles = group_by_vehicle(baseline)
     differences: BaselineDifferences = {}
     for name, latest_flight in latest_flights(rows, baseline).items():
-        healthy_rows = [row for flight in baseline_vehicles.get(name, ()) for row in flight]
+        healthy_rows = []
+        for healthy_flight in baseline_vehicles.get(name, ()):
+            healthy_rows += healthy_flight
         difference = None
         if healthy_rows:
             difference = vehicle_difference(healthy_rows, latest_flight)
@@ -247,8 +247,9 @@ def latest_flights(rows: FlightRows, baseline: FlightRows) -> dict[str, FlightRo
     # The key of a row is a digest of its log, so that a flight of the baseline is known under any file name.
     baseline_keys = {row.key for row in baseline if row.key}
     later_rows = [row for row in rows if row.key not in baseline_keys]
-    return {
-        name: flights[-1]
-        for name, flights in group_by_vehicle(later_rows).items()
-        if name != UNKNOWN
-    }
+    latest_flight_by_vehicle = {}
+    for name, flights in group_by_vehicle(later_rows).items():
+        if name != UNKNOWN:
+            # Flights are in the order of their dates.
+            latest_flight_by_vehicle[name] = flights[-1]
+    return latest_flight_by_vehicle

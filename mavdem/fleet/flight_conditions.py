@@ -92,10 +92,14 @@ def mean_conditions(flights: Flights) -> Conditions:
     """
     # The conditions are the same in the rows of all axes, but for the wind torque.
     first_rows = [log_row(flight) for flight in flights]
+    all_rows = []
+    for flight in flights:
+        all_rows += flight
     wind_torques = {}
+    # How the step responses of the rate loop were found, by axis.
     step_sources = dict[str, Names]()
     for axis in AXES:
-        rows_of_axis = [row for flight in flights for row in flight if row.axis == axis]
+        rows_of_axis = [row for row in all_rows if row.axis == axis]
         sources = {row.rate_step_source for row in rows_of_axis if row.rate_step_source}
         if sources:
             step_sources[axis] = tuple(sorted(sources))
@@ -108,12 +112,17 @@ def mean_conditions(flights: Flights) -> Conditions:
         lean_roll=_mean_of_known(row.lean_roll for row in first_rows),
         lean_pitch=_mean_of_known(row.lean_pitch for row in first_rows),
         tilt_sd=_mean_of_known(row.tilt_sd for row in first_rows),
-        vibration=_mean_of_known(
-            max(row.vibration, default=None) if row.vibration else None for row in first_rows
-        ),
+        vibration=_mean_of_known(_largest_vibration(row) for row in first_rows),
         wind_torque=ReadOnlyDict(wind_torques),
         step_sources=ReadOnlyDict(step_sources),
     )
+
+
+def _largest_vibration(row: FlightRow) -> float | None:
+    """Returns the vibration of a flight on the axis that vibrates most, in the unit of the column; None if unknown."""
+    if not row.vibration:
+        return None
+    return max(row.vibration)
 
 
 def _measured_voltage(row: FlightRow) -> float | None:
@@ -124,12 +133,15 @@ def _measured_voltage(row: FlightRow) -> float | None:
     Args:
         row: any row of the flight.
     """
-    mean = row.voltage_mean
-    if mean is None or row.voltage_end is None or row.voltage_start != row.voltage_end:
-        return mean
+    mean_voltage = row.voltage_mean
+    if mean_voltage is None or row.voltage_end is None:
+        return mean_voltage
+    has_changed = row.voltage_start != row.voltage_end
     # The mean of equal samples is that value but for its rounding.
-    is_constant = isclose(mean, row.voltage_end)
-    return None if is_constant else mean
+    is_mean_equal = isclose(mean_voltage, row.voltage_end)
+    if has_changed or not is_mean_equal:
+        return mean_voltage
+    return None
 
 
 def condition_allowance(kind: str, before: Conditions, after: Conditions) -> float:

@@ -105,12 +105,15 @@ def distinct_flights(flights: Sequence[FlightRows]) -> list[FlightRows]:
     """
     distinct: list[FlightRows] = []
     for flight in flights:
-        is_duplicate = bool(distinct) and _begins_before_end(log_row(flight), log_row(distinct[-1]))
-        if not is_duplicate:
+        if not distinct:
             distinct.append(flight)
             continue
-        # The earlier log stays if the tiers are equal.
-        if _tier_rank(flight) < _tier_rank(distinct[-1]):
+        latest = distinct[-1]
+        is_duplicate = _begins_before_end(log_row(flight), log_row(latest))
+        if not is_duplicate:
+            distinct.append(flight)
+        elif _tier_rank(flight) < _tier_rank(latest):
+            # The earlier log stays if the tiers are equal.
             distinct[-1] = flight
     return distinct
 

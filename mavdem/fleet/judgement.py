@@ -72,9 +72,10 @@ def _judge_vehicle(
     unjudged_query = f"{selection} and judged is not ? {order}"
     stored_rows = store.db.execute(unjudged_query, [vehicle, baseline_hash]).fetchall()
     _, first_text, first_file = stored_rows[0]
+    has_own_name = row_of_json(first_text, first_file).has_own_name
     # If the name may be that of several vehicles, and there is no baseline, flights are not compared with each other,
     # so that only the new ones are judged.
-    if healthy_rows or row_of_json(first_text, first_file).has_own_name:
+    if healthy_rows or has_own_name:
         stored_rows = store.db.execute(f"{selection} {order}", [vehicle]).fetchall()
     row_ids = [row_id for row_id, _, _ in stored_rows]
     rows = [row_of_json(text, file) for _, text, file in stored_rows]

@@ -38,20 +38,24 @@ class GivenNames:
         """
         # The number of vehicles that may be shown by each text: what the logs call the vehicle, its given name,
         # or the given name with the other one in parentheses. A text of more than one vehicle is ambiguous.
-        possible_labels = Counter({*self.logged_vehicles, *self.vehicles})
+        vehicle_counts = Counter({*self.logged_vehicles, *self.vehicles})
         for vehicle, name in self.vehicles.items():
-            possible_labels.update({name, f"{name} ({vehicle})"} - {vehicle})
+            # A name that equals the one in the logs was counted for this vehicle already.
+            further_texts = {name, f"{name} ({vehicle})"} - {vehicle}
+            vehicle_counts.update(further_texts)
         labels: dict[str, str] = {}
-        used_labels = self.logged_vehicles - self.vehicles.keys()
+        # Vehicles without a given name are shown by the one in their logs.
+        used_labels = set(self.logged_vehicles - self.vehicles.keys())
         for vehicle, name in sorted(self.vehicles.items()):
             label = name
-            if possible_labels[name] > 1:
+            is_ambiguous = vehicle_counts[name] > 1
+            if is_ambiguous:
                 label = f"{name} ({vehicle})"
             # Parentheses in names can make two such labels the same.
             while label in used_labels:
                 label = f"{label} ({vehicle})"
             labels[vehicle] = label
-            used_labels |= {label}
+            used_labels.add(label)
         return labels
 
     def vehicle(self, vehicle: str) -> str:
@@ -117,9 +121,11 @@ def plain_name(text: str) -> str:
     Returns:
         At most ``MAX_NAME_LETTERS`` characters; empty if no character of the text can be printed.
     """
-    line = re.sub(r"\s+", " ", text).strip()
-    printable = "".join(letter for letter in line if letter.isprintable())
-    return printable[:MAX_NAME_LETTERS].rstrip()
+    single_line = re.sub(r"\s+", " ", text).strip()
+    printable_letters = [letter for letter in single_line if letter.isprintable()]
+    name = "".join(printable_letters[:MAX_NAME_LETTERS])
+    # The cut may leave a space at the end.
+    return name.rstrip()
 
 
 def read_names(db: sqlite3.Connection) -> GivenNames:

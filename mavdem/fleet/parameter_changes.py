@@ -60,9 +60,13 @@ def changed_parameters(before: Parameters, after: Parameters) -> list[ParameterC
         is_equal = isclose(before[name], after[name], rel_tol=RELATIVE_ROUNDING)
         if not is_set_by_autopilot and not is_equal:
             changes.append(ParameterChange(name, before[name], after[name]))
-    return sorted(
-        changes, key=lambda change: (not CONTROL_PARAMETERS.match(change.name), change.name)
-    )
+
+    def control_first(change: ParameterChange) -> tuple[bool, str]:
+        """Returns the key by which changes are sorted: parameters of control first, then by name."""
+        is_of_control = CONTROL_PARAMETERS.match(change.name) is not None
+        return not is_of_control, change.name
+
+    return sorted(changes, key=control_first)
 
 
 def axes_of_parameter(name: str) -> list[str]:

@@ -40,7 +40,9 @@ def earlier_flight(path: Path, axis: str) -> Learned:
         learned = Learned.from_json(file_text(file))
     except (OSError, ValueError) as error:
         raise Unreadable(NoPrior.MODEL_UNREADABLE, path=path, reason=error) from None
-    if learned.record.output_names[:1] != (axis,):
+    # The first output is the angle, which has the name of the axis.
+    name_of_angle = learned.record.output_names[:1]
+    if name_of_angle != (axis,):
         raise Unreadable(NoPrior.MODEL_OF_OTHER_AXIS, path=path, name=axis)
     if learned.physical is None or not learned.physical.identifiable:
         raise Unreadable(NoPrior.MODEL_WITHOUT_EFFECT, path=path, name=axis)

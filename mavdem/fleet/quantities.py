@@ -186,10 +186,12 @@ def log_estimate(value: float | None, half_width: float | None) -> Estimate | No
     """
     if value is None or half_width is None:
         return None
-    size = abs(value)
-    if not half_width < MAX_RELATIVE_HALF_WIDTH * size:
+    magnitude = abs(value)
+    # Written with "not", so that NaN counts as too uncertain.
+    if not half_width < MAX_RELATIVE_HALF_WIDTH * magnitude:
         return None
-    return Estimate(log(size), half_width / size / HALF_WIDTH_PER_SD)
+    relative_half_width = half_width / magnitude
+    return Estimate(log(magnitude), relative_half_width / HALF_WIDTH_PER_SD)
 
 
 def mean_estimate(estimates: Iterable[Estimate]) -> Estimate:
@@ -204,11 +206,12 @@ def mean_estimate(estimates: Iterable[Estimate]) -> Estimate:
     Returns:
         The mean with its standard deviation, in the unit of the estimates.
     """
-    estimates = list(estimates)
-    return Estimate(
-        value=fmean(estimate.value for estimate in estimates),
-        sd=max(estimate.sd for estimate in estimates),
-    )
+    values = []
+    standard_deviations = []
+    for estimate in estimates:
+        values.append(estimate.value)
+        standard_deviations.append(estimate.sd)
+    return Estimate(value=fmean(values), sd=max(standard_deviations))
 
 
 def motor_log_estimates(values: Numbers | None, half_widths: Numbers | None) -> dict[int, Estimate]:

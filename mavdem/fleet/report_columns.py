@@ -56,9 +56,9 @@ def columns_of_report(
     is_effect_unknown = columns.get("effect_status") in (None, NOT_IDENTIFIABLE)
     reason_for_no_torque = value_at(report, "wind.reason")
     if is_effect_unknown or reason_for_no_torque:
-        columns = {
-            name: value for name, value in columns.items() if not name.startswith("wind_torque")
-        }
+        for name in list(columns):
+            if name.startswith("wind_torque"):
+                del columns[name]
     return columns | _input_columns(report, columns) | _warning_columns(report)
 
 
@@ -149,5 +149,9 @@ def value_at(report: Mapping[str, Any], path: str) -> Any:
     """
     value: Any = report
     for key in path.split("."):
-        value = value.get(key) if isinstance(value, Mapping) else getattr(value, key, None)
-    return value.tolist() if hasattr(value, "tolist") else value
+        if isinstance(value, Mapping):
+            value = value.get(key)
+        else:
+            value = getattr(value, key, None)
+    is_array = hasattr(value, "tolist")
+    return value.tolist() if is_array else value

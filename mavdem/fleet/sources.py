@@ -117,8 +117,10 @@ def local_logs(name: str, excluded_path: str) -> Iterator[LogSource]:
         # The pattern ``**`` matches folders, too.
         paths = [path for path in glob.iglob(name, recursive=True) if not os.path.isdir(path)]
     for path in paths:
-        is_excluded = os.path.realpath(path).startswith(excluded_path + os.sep)
-        if not excluded_path or not is_excluded:
+        is_excluded = False
+        if excluded_path:
+            is_excluded = os.path.realpath(path).startswith(excluded_path + os.sep)
+        if not is_excluded:
             yield local_source(path)
 
 
@@ -167,11 +169,10 @@ def remote_logs(url: str) -> Iterator[LogSource]:
         elif not url.endswith("/") and (is_http or system.isfile(path)):
             files = {path: system.info(path)}
         else:
-            files = {
-                name: details
-                for name, details in system.find(path, detail=True).items()
-                if name.lower().endswith(LOG_ENDINGS)
-            }
+            files = {}
+            for name, details in system.find(path, detail=True).items():
+                if name.lower().endswith(LOG_ENDINGS):
+                    files[name] = details
     # Each file system raises the errors of the library that it uses.
     except Exception as error:
         raise _url_error(url, error, is_fetched=False) from None

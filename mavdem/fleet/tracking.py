@@ -148,17 +148,24 @@ def residual_mean(row: FlightRow, healthy_models: Iterable[FlightRow]) -> float 
         return None
     residuals = []
     for model in healthy_models:
-        if not model.effect or not model.mean_inputs or model.key == row.key:
+        is_same_flight = model.key == row.key
+        if not model.effect or not model.mean_inputs or is_same_flight:
             continue
         if _model_inputs(model) != _model_inputs(row):
             continue
         model_inputs = column_array(model.mean_inputs, len(row.mean_inputs))
         input_change = np.subtract(row.mean_inputs, model_inputs)
-        # The rate is the last output.
-        rate_change = row.mean_outputs[-1] - (model.mean_outputs or (0.0,))[-1]
+        # The body rate is the last output. A row without means counts as one at rest.
+        mean_rate_of_model = 0.0
+        if model.mean_outputs:
+            mean_rate_of_model = model.mean_outputs[-1]
+        rate_change = row.mean_outputs[-1] - mean_rate_of_model
         effect = column_array(model.effect, len(input_change))
-        residuals.append(float((model.damping or 0.0) * rate_change - effect @ input_change))
-    return float(np.mean(residuals)) if residuals else None
+        damping = model.damping or 0.0
+        residuals.append(float(damping * rate_change - effect @ input_change))
+    if not residuals:
+        return None
+    return float(np.mean(residuals))
 
 
 def track(
@@ -223,10 +230,13 @@ def _checked_baseline(rows: FlightRows) -> FlightRows:
     Raises:
         Unreadable: there is no flight with figures among them.
     """
-    if any(row.is_read for row in rows):
+    has_flight_with_figures = any(row.is_read for row in rows)
+    if has_flight_with_figures:
         return rows
-    path = reason = None
+    path = None
+    reason = None
     if rows:
+        # The first log stands for all that were named.
         path = rows[0].file
         reason = rows[0].status
     raise Unreadable(FleetFolderFact.BASELINE_WITHOUT_FLIGHT, path=path, reason=reason)
@@ -268,6 +278,7 @@ def _read_new_logs(
     new_logs.sort(key=lambda log: -log.size)
     # Outcomes come in any order, and name their log by its path.
     sources = {log.path: log for log in new_logs}
+    # A fact for each log that could not be read now, and keeps its rows.
     unread_logs = []
     jobs = (Job(log.path, store.keys_of_size(log, reader.limits), page) for log in new_logs)
     progress(0, len(new_logs), None)
