@@ -23,7 +23,7 @@ from mavdem.cli.streams import print_to_stderr
 from mavdem.dataset.axes import AXES
 from mavdem.documents.loops import tune_document
 from mavdem.loops.axis_loops import MARGIN_TARGETS
-from mavdem.report.blocks import Blocks, Sentence, headline_sentence
+from mavdem.report.blocks import Sentence, headline_sentence
 from mavdem.report.loops import is_about_loops, tune_blocks
 from mavdem.report.pages.tune_page import tune_page
 from mavdem.report.screen import judgement_sentences
@@ -151,7 +151,7 @@ def _print_tuning(tuning: Tuning, folder: Path | None, *, verbose: bool) -> None
         verbose: Whether to print all margins, and the lights (judgements by subject) that warn.
     """
     judgement = tuning.judgement
-    lights: Blocks = []
+    lights: list[Sentence] = []
     if verbose:
         lights = judgement_sentences(judgement).lights
     report = tune_blocks(tuning, is_full=verbose)

@@ -53,8 +53,10 @@ def incomparability_reason(states: Sequence[Flights]) -> Fact | None:
     for code, property_of in properties.items():
         values_before = _known_properties(state_before, property_of)
         values_after = _known_properties(state_after, property_of)
+        are_both_known = bool(values_before) and bool(values_after)
         # Flights of one state may differ among themselves, so one value in common is enough.
-        if values_before and values_after and not values_before & values_after:
+        has_common_value = bool(values_before & values_after)
+        if are_both_known and not has_common_value:
             return Fact(
                 code, before=_sorted_texts(values_before), after=_sorted_texts(values_after)
             )

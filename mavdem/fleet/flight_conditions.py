@@ -92,7 +92,7 @@ def mean_conditions(flights: Flights) -> Conditions:
     """
     # The conditions are the same in the rows of all axes, but for the wind torque.
     first_rows = [log_row(flight) for flight in flights]
-    all_rows = []
+    all_rows: list[FlightRow] = []
     for flight in flights:
         all_rows += flight
     wind_torques = {}

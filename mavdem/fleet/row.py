@@ -432,7 +432,7 @@ class FlightRow:
 
     @staticmethod
     def from_report(report: Mapping[str, Any], **columns: Any) -> FlightRow:
-        """Returns the row of a flight, with the columns that follow from its report and further ones.
+        """Makes the row of a flight, with the columns that follow from its report and further ones.
 
         Args:
             report: the document ``report.json``; a column that it lacks is not known.
@@ -441,7 +441,9 @@ class FlightRow:
         Returns:
             The row. Columns that neither ``report`` nor ``columns`` has are not known.
         """
-        return FlightRow(**(columns_of_report(report, fields(FlightRow)) | columns))
+        all_columns = columns_of_report(report, fields(FlightRow))
+        all_columns.update(columns)
+        return FlightRow(**all_columns)
 
 
 FlightRows = list[FlightRow]

@@ -180,11 +180,14 @@ def brief_json(row: FlightRow) -> str:
 
 
 def row_of_json(text: str, file: str | None = None) -> FlightRow:
-    """Returns a row of the store. Columns of other versions are left out.
+    """Parses a row of a fleet's table, as its store keeps it. Columns of other versions of mavdem are left out.
 
     Args:
         text: the row as JSON.
         file: the name of its log in the table; that of the JSON unless given.
+
+    Returns:
+        The row: the figures of one flight, vehicle and axis.
 
     Raises:
         sqlite3.DatabaseError: the text is no row.
@@ -192,7 +195,8 @@ def row_of_json(text: str, file: str | None = None) -> FlightRow:
     try:
         values = json.loads(text)
         # Most rows are of this version, and need no search for columns of others.
-        if not values.keys() <= COLUMNS:
+        has_other_columns = not values.keys() <= COLUMNS
+        if has_other_columns:
             values = {name: value for name, value in values.items() if name in COLUMNS}
         if file is not None:
             values["file"] = file

@@ -74,7 +74,8 @@ def update_table(store: Store) -> None:
     with FileLock(folder / TABLE_LOCK):
         with store.transaction():
             changes = store.db.execute("select vehicle from unpublished").fetchall()
-            writes_all_files = _needs_whole_table(store, {vehicle for (vehicle,) in changes})
+            changed_vehicles = {vehicle for (vehicle,) in changes}
+            writes_all_files = _needs_whole_table(store, changed_vehicles)
             if writes_all_files:
                 # The files change their vehicles. A run that ends before it has written them all leaves the whole table
                 # to the next one; otherwise some vehicles would be in two files.
@@ -82,11 +83,11 @@ def update_table(store: Store) -> None:
                 store.db.execute("delete from table_files")
             (last_change,) = store.db.execute("select max(change) from unpublished").fetchone()
             _assign_vehicles(store.db)
-            numbers = _outdated_files(store, writes_all_files=writes_all_files)
-        for number in sorted(numbers):
+            outdated_numbers = _outdated_files(store, writes_all_files=writes_all_files)
+        for number in sorted(outdated_numbers):
             write_file(table_path(folder, number), _rows_of_file(store.db, number), folder)
         if writes_all_files:
-            _remove_other_files(folder, numbers)
+            _remove_other_files(folder, outdated_numbers)
         store.db.execute("delete from unpublished where change <= ?", [last_change])
 
 

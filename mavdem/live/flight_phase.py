@@ -370,8 +370,10 @@ def _repeated_until(now: float, landed_state: TimeSeries | None) -> TimeSeries |
     """
     if landed_state is None or not _is_recent(landed_state, now):
         return landed_state
+    latest_boot = landed_state.boot[-1]
+    latest_value = landed_state.values[-1]
     return TimeSeries(
         np.append(landed_state.time, now),
-        np.append(landed_state.boot, landed_state.boot[-1]),
-        np.append(landed_state.values, landed_state.values[-1]),
+        np.append(landed_state.boot, latest_boot),
+        np.append(landed_state.values, latest_value),
     )

@@ -1,4 +1,4 @@
-"""The wind torque of a live flight that may be shown, and the gusts in it, each reported once, soon after its end."""
+"""Wind torque of a live flight: it is shown where it exceeds its error, and gusts in it are reported once each."""
 
 from collections import deque
 
@@ -51,9 +51,11 @@ class ResolvedTorque:
             return estimate
         squared_band = estimate.wind_torque_band**2
         if np.isnan(self._mean_square_band):
+            # The first band is its own mean.
             self._mean_square_band = squared_band
         self._mean_square_band += self._weight * (squared_band - self._mean_square_band)
-        if is_torque_resolved(estimate.physical, float(np.sqrt(self._mean_square_band))):
+        rms_band = float(np.sqrt(self._mean_square_band))
+        if is_torque_resolved(estimate.physical, rms_band):
             return estimate
         return estimate._replace(wind_torque=np.nan)
 

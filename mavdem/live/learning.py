@@ -39,7 +39,7 @@ class _KeptModel(NamedTuple):
 
 
 class FlightLearning:
-    """Learns a model from rows of free flight, and keeps the latest models so that the last seconds can be withdrawn.
+    """Learns a model in free flight, and keeps the latest ones, so that those learned from a landing can be withdrawn.
 
     In free flight the vehicle is in the air and nothing holds it; settled flight is without take-off and landing, too.
     A landing is recognised only after it, so that models were learned from its rows as if they were settled flight.
@@ -286,7 +286,9 @@ class FlightLearning:
         former_model = self.learner.learned
         self.learner.adopt_finished_fit(timeout)
         model = self.learner.learned
-        if model is not None and model is not former_model and self.has_settled:
+        is_new_model = model is not None and model is not former_model
+        # A model of the climb alone is not kept.
+        if model is not None and is_new_model and self.has_settled:
             self.newest_model = model
             self._models.append(_KeptModel(self._landing_time, model))
 

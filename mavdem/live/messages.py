@@ -243,7 +243,7 @@ class PortOutputs(NamedTuple):
 
 
 def port_outputs(message: Message) -> PortOutputs:
-    """Returns the motor outputs of a message, with the port that has them.
+    """Returns the motor outputs of a message, and the port (group of outputs) that they belong to.
 
     Autopilots with more outputs than a message has channels send it once for each port (SERVO_OUTPUT_RAW). Messages
     without ports have all outputs in one array, and count as port 0. Outputs that the autopilot marks as unused become
@@ -251,16 +251,23 @@ def port_outputs(message: Message) -> PortOutputs:
 
     Args:
         message: a decoded message with motor outputs.
+
+    Returns:
+        The number of the port, and its outputs in the unit of the message.
     """
     if not MOTOR_MESSAGES[message.name].is_ported:
-        return PortOutputs(0, tuple(message.values[-1].tolist()))
+        all_outputs = message.values[-1]
+        return PortOutputs(0, tuple(all_outputs.tolist()))
     port, *channels = message.values
-    outputs = tuple(0.0 if value == UINT16_UNKNOWN else float(value) for value in channels)
-    return PortOutputs(port, outputs)
+    outputs = []
+    for value in channels:
+        is_unused = value == UINT16_UNKNOWN
+        outputs.append(0.0 if is_unused else float(value))
+    return PortOutputs(port, tuple(outputs))
 
 
 def parameters_by_name(messages: Iterable[Message], autopilot: str) -> Parameters:
-    """Returns the finite values of an autopilot's parameters by name, by the rules for logs.
+    """Returns the finite values of an autopilot's parameters by name, decoded as those of a log are.
 
     Args:
         messages: Messages PARAM_VALUE of one vehicle, at least one.

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mavdem.dem import Learned
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Facts
 from mavdem.facts.lights import Light
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.session import SessionFact
@@ -170,10 +170,18 @@ class Milestones:
         self._has_flown = False
         self._reported_rows = learning.learned_rows
         margins = status.overall_judgement.lights.get(Light.MARGINS)
+        no_parameters_reason = None
+        if physical is None:
+            no_parameters_reason = status.shortfall
         mean_wind = status.mean_wind or self._mean_wind
+        # Facts on the speed and the direction of the wind, which the sentence of the report states.
+        wind_facts: Facts = ()
+        no_wind_reason = None
+        if mean_wind is not None:
+            wind_facts = mean_wind.facts
+        else:
+            no_wind_reason = self._no_wind_reason
         longest_delay = status.latency.longest
-        no_parameters_reason = status.shortfall if physical is None else None
-        no_wind_reason = self._no_wind_reason if mean_wind is None else None
         self._log(
             Fact(
                 SessionFact.FLIGHT_LEARNED,
@@ -184,8 +192,7 @@ class Milestones:
                 is_fitted=physical is not None,
                 margins_follow=self.margins_follow,
                 **_margin_figures(margins),
-                # The sentence of the fact reads the speed and direction of the wind from here.
-                reason=() if mean_wind is None else mean_wind.facts,
+                reason=wind_facts,
                 shortfall=no_parameters_reason,
                 wind_obstacle=no_wind_reason,
                 delay=longest_delay if isfinite(longest_delay) else None,

@@ -109,8 +109,10 @@ class MotorAlarms:
     def weak_since(self) -> float | None:
         """Time of the latest change of a motor, s of the boot clock, while one is weak; None while all are sound."""
         has_gradual_loss = self._gradual_watch is not None and self._gradual_watch.loss is not None
-        has_weak_motor = self._detector is not None and bool(self._detector.weak_motors)
-        return self.change_time if has_weak_motor or has_gradual_loss else None
+        has_sudden_loss = self._detector is not None and bool(self._detector.weak_motors)
+        if has_sudden_loss or has_gradual_loss:
+            return self.change_time
+        return None
 
     def add_sample(
         self,
@@ -149,13 +151,16 @@ class MotorAlarms:
         facts = []
         for change in self._detector.update(time, commands, heading, lean):
             if self._is_part_of_gradual_loss(change):
+                # The user knows it already.
                 continue
             self.latest.append(change)
-            if change.motor is not None:
+            is_explained_by_motor = change.motor is not None
+            if is_explained_by_motor:
                 self._activate(change)
             facts.append(change.event)
         self._undetectable_reason = self._detector.undetectable_reason
-        if isfinite(heading):
+        follows_setpoint = isfinite(heading)
+        if follows_setpoint:
             facts += self._search_gradual_loss(time, commands, lean)
         return tuple(facts)
 

@@ -317,7 +317,8 @@ class RateRequest:
         for interval in self._intervals:
             if now - interval.request_time < RETRY_SECONDS:
                 continue
-            if interval.former_interval is None and interval.query_count < MAX_TRIES:
+            is_former_unknown = interval.former_interval is None
+            if is_former_unknown and interval.query_count < MAX_TRIES:
                 interval.query_count += 1
                 interval.request_time = now
                 frames.append(self._interval_command(GET_INTERVAL, interval.message_id))
@@ -483,8 +484,9 @@ class RateRequest:
         command, result, target_system, target_component = message.values
         is_to_our_system = target_system in (BROADCAST, GROUND_STATION.system)
         is_to_our_component = target_component in (BROADCAST, GROUND_STATION.component)
+        is_to_us = is_to_our_system and is_to_our_component
         is_final = result != mavlink_constant("MAV_RESULT_IN_PROGRESS")
-        if command == SET_INTERVAL and is_to_our_system and is_to_our_component and is_final:
+        if command == SET_INTERVAL and is_to_us and is_final:
             self._take_confirmation(result)
 
     def _note_former_interval(self, message_id: int, microseconds: int) -> None:
@@ -539,7 +541,8 @@ class RateRequest:
         The vehicle's own intervals, which are to be restored at the end, stay as they were noted first. If any rate was
         set before, it is reported that rates are requested again.
         """
-        if any(interval.may_have_changed for interval in self._intervals):
+        was_any_set = any(interval.may_have_changed for interval in self._intervals)
+        if was_any_set:
             self.events.append(Fact(RateFact.RATES_ASKED_AGAIN))
         for interval in self._intervals:
             interval.allow_new_settings()
@@ -551,13 +554,12 @@ class RateRequest:
         returned, or gives up.
         """
         self._is_restoring = True
-        self.unconfirmed = deque(
-            interval
-            for interval in self._intervals
-            if interval.may_have_changed and not interval.is_restored
-        )
+        self.unconfirmed = deque()
         frames = []
-        for interval in self.unconfirmed:
+        for interval in self._intervals:
+            if not interval.may_have_changed or interval.is_restored:
+                continue
+            self.unconfirmed.append(interval)
             # Neither an unknown interval nor 0, the "default", is ever set.
             microseconds = interval.former_interval or STOPPED
             frames.append(self._interval_command(SET_INTERVAL, interval.message_id, microseconds))

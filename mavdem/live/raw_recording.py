@@ -153,8 +153,11 @@ class RawRecording:
         Raises:
             OSError: one of the files cannot be read, written or cut.
         """
-        end = self._sizes_by_sender.get((system, component))
-        return [] if end is None else self._move_from(end, other)
+        end_of_last_frame = self._sizes_by_sender.get((system, component))
+        if end_of_last_frame is None:
+            # The recording has no frame of the vehicle.
+            return []
+        return self._move_from(end_of_last_frame, other)
 
     def move_since_restart(
         self, restart: TimeInterval, system: int, component: int, other: RawRecording
@@ -178,12 +181,16 @@ class RawRecording:
         if self._mcap is not None:
             return []
         # What came well before the restart, which may be hours of flight, is not read.
-        start = self._offset_before(restart[0])
+        earliest_restart_time, _ = restart
+        first_byte = self._offset_before(earliest_restart_time)
         with open(self._path, "rb") as file:
-            file.seek(start)
-            records = _stamped_records(file.read(self._size - start))
+            file.seek(first_byte)
+            records = _stamped_records(file.read(self._size - first_byte))
         silence_end = _end_of_longest_silence(records, (system, component), restart)
-        restart_offset = self._size if silence_end is None else start + silence_end
+        # Without a silence nothing is moved.
+        restart_offset = self._size
+        if silence_end is not None:
+            restart_offset = first_byte + silence_end
         return self._move_from(restart_offset, other)
 
     def _offset_before(self, time: float) -> int:
@@ -278,20 +285,22 @@ def _end_of_longest_silence(
     Returns:
         Offset of the byte after the frame before the vehicle's first frame after the silence; None without a silence.
     """
-    first_stamp, last_stamp = interval
+    start_time, end_time = interval
     longest_silence = 0.0
-    silence_end = None
-    latest_stamp = first_stamp
-    end_of_record_before = 0
+    end_of_longest = None
+    # When the vehicle was heard last, and where the record before the present one ends, bytes.
+    heard_time = start_time
+    end_of_former_record = 0
     for record in records:
-        if record.sender == sender and first_stamp < record.stamp <= last_stamp:
-            silence = record.stamp - latest_stamp
+        is_in_interval = start_time < record.stamp <= end_time
+        if record.sender == sender and is_in_interval:
+            silence = record.stamp - heard_time
             if silence > longest_silence:
                 longest_silence = silence
-                silence_end = end_of_record_before
-            latest_stamp = record.stamp
-        end_of_record_before = record.end
-    return silence_end
+                end_of_longest = end_of_former_record
+            heard_time = record.stamp
+        end_of_former_record = record.end
+    return end_of_longest
 
 
 def _stamped_records(records: bytes) -> list[_StampedRecord]:
@@ -301,10 +310,13 @@ def _stamped_records(records: bytes) -> list[_StampedRecord]:
         records: complete records: a time stamp, UNIX µs in ``STAMP_BYTES`` bytes, and a MAVLink frame each.
     """
     frames = find_frames(np.frombuffer(records, dtype=np.uint8), crc_extra_table(), STAMP_BYTES)
-    senders = zip(frames.system.tolist(), frames.component.tolist(), strict=True)
+    senders = list(zip(frames.system.tolist(), frames.component.tolist(), strict=True))
+    starts = frames.start.tolist()
     ends = frames.end.tolist()
     stamped_records = []
-    for sender, start, end in zip(senders, frames.start.tolist(), ends, strict=True):
-        microseconds = int.from_bytes(records[start - STAMP_BYTES : start], "big")
-        stamped_records.append(_StampedRecord(microseconds / 1e6, start, end, sender))
+    for sender, start, end in zip(senders, starts, ends, strict=True):
+        # The stamp precedes the frame.
+        stamp_bytes = records[start - STAMP_BYTES : start]
+        seconds = int.from_bytes(stamp_bytes, "big") / 1e6
+        stamped_records.append(_StampedRecord(seconds, start, end, sender))
     return stamped_records

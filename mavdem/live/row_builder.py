@@ -1,4 +1,4 @@
-"""From a live vehicle's samples of attitude and motor outputs to rows: both at the same times, at equal steps."""
+"""Rows of a live vehicle, from which a model is learned: its attitude and motor outputs at the same, equal steps."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -27,7 +27,7 @@ RATE_CHECK_SAMPLES = 8
 
 
 class RowBuilder:
-    """Builds the rows of one vehicle: it keeps the streams of samples and chooses which of them rows are made of.
+    """Builds rows (attitude and motor outputs at one time) from the streams of samples that one vehicle sends.
 
     Attributes:
         axis: "roll" or "pitch": the outputs are its angle and body rate.

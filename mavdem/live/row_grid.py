@@ -1,4 +1,4 @@
-"""The uniform grid of a live flight: samples of attitude and motors at equal steps, point by point.
+"""The uniform time grid of a live flight, at whose points attitude and motor outputs are resampled, one by one.
 
 The grid starts where ``mavdem.dataset.alignment`` would start one, given the first seconds of both streams, and each
 stream is sampled in the way that is chosen from those seconds: its samples are kept, interpolated or low-passed. Only
@@ -63,7 +63,7 @@ class GridPoint(NamedTuple):
 
 
 class RowGrid:
-    """The uniform time grid of one vehicle's rows; a gap or another rate ends a segment, and a new grid begins.
+    """The time grid of the samples (rows) that a live model is learned from; a gap or another rate ends its segment.
 
     Attributes:
         segment: number of the latest segment, from 0 on; −1 before the first.
@@ -138,14 +138,14 @@ class RowGrid:
         if end_time < self._next_attempt_time or end_time - start_time < needed_seconds:
             return False
         # Stamps of each stream in these seconds, s; those at either end may be rounded.
+        first_stamp = start_time - resampling.STAMP_RESOLUTION
+        last_stamp = end_time + resampling.STAMP_RESOLUTION
         times = []
         for stream in streams:
             time = np.array(stream.time)
-            is_within = (time >= start_time - resampling.STAMP_RESOLUTION) & (
-                time <= end_time + resampling.STAMP_RESOLUTION
-            )
+            is_within = (time >= first_stamp) & (time <= last_stamp)
             times.append(time[is_within])
-        if min(map(len, times)) < MIN_SAMPLES:
+        if min(len(time) for time in times) < MIN_SAMPLES:
             return False
         if self.dt is None:
             self.dt = self._decided_step(times, start_time, end_time)
@@ -185,12 +185,13 @@ class RowGrid:
         if min(rates) < MIN_STREAM_RATE:
             self._next_attempt_time = end_time + RETRY_SECONDS
             return None
-        limits = (start_time, end_time)
-        counts = np.array([np.histogram(time, bins=RATE_BINS, range=limits)[0] for time in times])
-        if np.any(counts.max(axis=1) >= MAX_STEP_RATIO * counts.min(axis=1)):
-            # A rate changes here: a step decided from stamps of both rates would be neither's, and would stay.
-            self._rate_change_time = end_time
-            return None
+        for time in times:
+            counts, _edges = np.histogram(time, bins=RATE_BINS, range=(start_time, end_time))
+            has_rate_changed = counts.max() >= MAX_STEP_RATIO * counts.min()
+            if has_rate_changed:
+                # A step decided from stamps of both rates would be neither's, and would stay.
+                self._rate_change_time = end_time
+                return None
         self.rates = rates
         return self._reused_step(resampling.common_step(times))
 
@@ -207,7 +208,9 @@ class RowGrid:
             The earlier step, s, or else the measured one.
         """
         for former_step in self._former_steps:
-            if 1 / MAX_STEP_RATIO < step / former_step < MAX_STEP_RATIO:
+            ratio = step / former_step
+            is_nearly_the_same = 1 / MAX_STEP_RATIO < ratio < MAX_STEP_RATIO
+            if is_nearly_the_same:
                 return former_step
         self._former_steps.append(step)
         return step
@@ -255,17 +258,18 @@ class RowGrid:
         if not self.is_running or stream not in self._streams:
             return None
         decided_rate = self.rates[self._streams.index(stream)]
-        rate = stream.rate_since_gap()
-        if rate is None or 1 / MAX_STEP_RATIO < rate / decided_rate < MAX_STEP_RATIO:
+        present_rate = stream.rate_since_gap()
+        if present_rate is None:
             return None
-        return decided_rate
+        is_nearly_the_same = 1 / MAX_STEP_RATIO < present_rate / decided_rate < MAX_STEP_RATIO
+        return None if is_nearly_the_same else decided_rate
 
 
 def _sampling(time: Array, grid: Array, dt: float) -> StreamSampling:
     """Decides how one stream is resampled to the grid, from its stamps in the first seconds.
 
-    A stream that is faster than the grid is low-passed, since what is quicker than the grid would else be aliased. One
-    with a sample at every grid point keeps its samples. Others are interpolated.
+    A stream that is faster than the grid is low-passed, so that frequencies above the grid's Nyquist frequency are not
+    aliased. One with a sample at every grid point keeps its samples. Others are interpolated.
 
     Args:
         time: stamps of the stream, (N,), s.

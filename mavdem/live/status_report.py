@@ -65,7 +65,7 @@ class StatusReport:
         replaced by 0, and nothing counts as watched.
         """
         status = self.stream.status()
-        # The first reason counts: the link is silent, no rows can be made of the messages, or nothing is learned of
+        # The first reason counts: the link is silent, no samples can be made of the messages, or nothing is learned of
         # them.
         silence = self._silence_as_reason(status)
         no_learning_reason = self._no_learning_reason(is_flying=status.is_flying)
@@ -186,14 +186,17 @@ class StatusReport:
         Returns:
             Seconds of the session by activity.
         """
-        row_format = self.learning.row_format
+        # The time between two samples (rows) of the learner; 0 before any.
+        sample_step = 0.0
+        if self.learning.row_format is not None:
+            # The account is of this computer's time, and samples are steps of the vehicle's.
+            sample_step = self.clock_speed.real_seconds(self.learning.row_format.dt)
         state = AccountedState(
             link_is_lost=self.intake.is_lost,
             message_time=self.silence.message_time,
             motion_time=self.silence.motion_time,
             learned_rows=self.learning.learned_rows,
-            # The account is of this computer's time, and rows are steps of the vehicle's.
-            dt=0.0 if row_format is None else self.clock_speed.real_seconds(row_format.dt),
+            dt=sample_step,
             status=self.stream.status(),
         )
         return self.time_account.update(now, state)

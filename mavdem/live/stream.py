@@ -89,7 +89,9 @@ class _EarlyMessage(NamedTuple):
 
 
 class LiveStream:
-    """Turns the bytes of a MAVLink link into rows of the followed vehicle; it has no threads, sockets or clock.
+    """Turns the bytes of a link into rows (motor outputs and motion at one time) and events of the followed vehicle.
+
+    It has no threads, sockets or clock.
 
     The rows depend on the bytes alone, not on how they are cut into pieces nor on when they come.
 

@@ -47,7 +47,8 @@ class TrackingWatch:
             time: time on the boot clock, s.
         """
         samples = self._samples[message.name]
-        if not samples or time - samples[-1].time >= SAMPLE_PERIOD:
+        follows_too_soon = bool(samples) and time - samples[-1].time < SAMPLE_PERIOD
+        if not follows_too_soon:
             samples.append(TimedValues(time, message.values))
 
     def has_setpoints(self, now: float) -> bool:
@@ -92,8 +93,10 @@ class TrackingWatch:
             The fact that they follow well or badly; None before ``MIN_SETTLED_SECONDS`` of settled flight, where no
             setpoint comes, or if the setpoints show too little.
         """
-        start = max(settled_start, now - MEMORY_SECONDS)
-        if now - start < MIN_SETTLED_SECONDS or not self._samples[SETPOINT_MESSAGE]:
+        start_time = max(settled_start, now - MEMORY_SECONDS)
+        duration = now - start_time
+        has_setpoints = bool(self._samples[SETPOINT_MESSAGE])
+        if duration < MIN_SETTLED_SECONDS or not has_setpoints:
             return None
         boot = self._recent.boot
         columns = self._recent.columns(MODE_MESSAGES)
@@ -103,8 +106,12 @@ class TrackingWatch:
         telemetry = replace(vehicle, messages=columns)
         recorded = Signals(telemetry)
         signals = LiveSignals(
-            telemetry, tilts=recorded.tilts, preset_settled_intervals=[(start, now)]
+            telemetry, tilts=recorded.tilts, preset_settled_intervals=[(start_time, now)]
         )
-        tracking = tracking_light(live_evidence(signals, Condition(duration=now - start)))
+        evidence = live_evidence(signals, Condition(duration=duration))
+        tracking = tracking_light(evidence)
         is_judged = tracking.is_good or tracking.warns
-        return tracking if is_judged else None
+        if not is_judged:
+            # Its level is "unknown".
+            return None
+        return tracking

@@ -196,9 +196,11 @@ class Component:
             gap: time since the frame before, s; infinite for the first frame.
             sequence: sequence number of the frame.
         """
-        is_long_gap = SEQUENCE_NUMBERS / 2 * self._mean_interval < gap < inf
-        is_next = (sequence - self._last_sequence) % SEQUENCE_NUMBERS == 1
-        return is_long_gap and not is_next
+        # In so long a time half of all numbers would usually be sent.
+        wrap_seconds = SEQUENCE_NUMBERS / 2 * self._mean_interval
+        is_long_gap = wrap_seconds < gap < inf
+        is_next_number = (sequence - self._last_sequence) % SEQUENCE_NUMBERS == 1
+        return is_long_gap and not is_next_number
 
     def add_message(self, message: Message) -> None:
         """Stores what a message states about its component: a parameter, or from a HEARTBEAT type and autopilot.
@@ -302,8 +304,9 @@ class VehicleSelector:
             self._report_other_vehicle(sender, self.followed)
         elif self._wanted is not None:
             # The user has named a component ("1:1") or a system ("1").
-            has_wanted_system = self._wanted == str(sender.system)
-            if self._wanted == sender.name or (has_wanted_system and sender.can_be_followed):
+            is_wanted_component = self._wanted == sender.name
+            is_of_wanted_system = self._wanted == str(sender.system)
+            if is_wanted_component or (is_of_wanted_system and sender.can_be_followed):
                 self._follow(sender)
         elif sender.can_be_followed:
             candidates = self._candidates()

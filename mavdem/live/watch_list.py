@@ -46,10 +46,12 @@ class WatchList:
             reason: why it is not watched; None if it is.
             now: present time on the boot clock, s.
         """
-        code = WatchFact.NOT_WATCHED if reason else WatchFact.WATCHED
-        former = self.facts.get(quantity)
+        code = WatchFact.WATCHED if reason is None else WatchFact.NOT_WATCHED
+        former_fact = self.facts.get(quantity)
         is_unchanged = (
-            former is not None and former.code is code and former.figures.get("reason") == reason
+            former_fact is not None
+            and former_fact.code is code
+            and former_fact.figures.get("reason") == reason
         )
         if not is_unchanged:
             self.facts[quantity] = Fact(code, time=now, subject=quantity, reason=reason)
@@ -73,11 +75,12 @@ class WatchList:
             if quantity is WatchedQuantity.MOTORS:
                 continue
             reason = reasons.get(quantity)
-            is_missing = reason is not None and reason.code is WatchFact.MESSAGE_MISSING
-            if is_missing and is_listening:
+            is_message_missing = reason is not None and reason.code is WatchFact.MESSAGE_MISSING
+            if is_message_missing and is_listening:
                 # Messages that are sent once a second may just not have come yet.
                 continue
-            if reason is None and not is_flying and quantity is not WatchedQuantity.WARNINGS:
+            is_watched_on_ground = quantity is WatchedQuantity.WARNINGS
+            if reason is None and not is_flying and not is_watched_on_ground:
                 reason = Fact(WatchFact.ON_GROUND_NOW)
             self.set(quantity, reason, now)
 
@@ -168,5 +171,7 @@ def reason_battery_not_judged(power: Fact) -> Fact | None:
     """
     if power.code not in UNWATCHED_BATTERIES:
         return None
-    is_constant = bool(power.figures.get("is_constant") and power.figures.get("voltage"))
+    # A voltage comes, but never changes, as from a power supply.
+    has_voltage = bool(power.figures.get("voltage"))
+    is_constant = has_voltage and bool(power.figures.get("is_constant"))
     return Fact(WatchFact.BATTERY_NOT_JUDGED, cause=power.code, is_constant=is_constant)
