@@ -486,10 +486,10 @@ class _RunOscillation(NamedTuple):
 def _oscillation_in_run(
     lines: _Lines, run: Indices, window_seconds: float, min_duration: float
 ) -> _RunOscillation | None:
-    """Describes the oscillation in a run of windows by its figures.
+    """Computes frequency, amplitude, duration and growth of an oscillation that lasts for several windows of a flight.
 
     Args:
-        lines: the line of each window.
+        lines: the spectral line of each window.
         run: indices (n,) of successive half-overlapping windows with one line.
         window_seconds: length of a window, s.
         min_duration: shortest duration of an oscillation, s.
@@ -497,22 +497,23 @@ def _oscillation_in_run(
     Returns:
         The oscillation; None if it is too short, may be chance, or drifts in frequency like a sweep.
     """
+    window_count = len(run)
     # Windows overlap by half, so that n of them last n + 1 half windows.
-    duration = (len(run) + 1) / 2 * window_seconds
+    duration = (window_count + 1) / 2 * window_seconds
     frequency = np.median(lines.frequency[run])
-    drift = abs(lines.frequency[run] - frequency).max()
+    frequency_drift = abs(lines.frequency[run] - frequency).max()
     # Two windows may have the same line by chance: then it must have a larger share of the variance.
-    is_sure = len(run) > 2 or lines.share[run].min() >= SURE_LINE_SHARE
-    if duration < min_duration or not is_sure or drift > MAX_DRIFT * frequency:
+    is_sure = window_count > 2 or lines.share[run].min() >= SURE_LINE_SHARE
+    if duration < min_duration or not is_sure or frequency_drift > MAX_DRIFT * frequency:
         return None
     rate = lines.rate[run]
-    # The first and the last third of the windows; a single window is both.
-    third = ceil(len(run) / 3)
+    # The growth compares the first third of the windows with the last; a single window is both.
+    third = ceil(window_count / 3)
     growth = rate[-third:].mean() / rate[:third].mean()
     return _RunOscillation(
         frequency=frequency,
         rate=np.sqrt(np.mean(rate**2)),
         at_limit=lines.at_limit[run].mean(),
-        grows=len(run) > 2 and growth >= MIN_GROWTH,
+        grows=window_count > 2 and growth >= MIN_GROWTH,
         duration=duration,
     )

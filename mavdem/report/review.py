@@ -173,11 +173,14 @@ def _last_lines(assessment: Assessment, light_line_count: int, columns: int) -> 
 
 
 def _evidence_lines(event: Fact, columns: int) -> Iterator[str]:
-    """Yields the lines with the evidence for the cause of the headline, such as a failed motor; none without any.
+    """Yields the lines below the headline of a review that say which measurements confirm its cause.
 
     Args:
-        event: the headline of the review.
-        columns: characters of a line.
+        event: the headline, a coded finding that may have a cause, such as a failed motor.
+        columns: number of characters in a line.
+
+    Yields:
+        Wrapped lines; none if no measurement confirms the cause.
     """
     for sentence in cause_sentences(event):
         yield from wrap(f"{sentence.lead} {sentence.text}", columns)

@@ -191,13 +191,20 @@ class VehicleSummary:
 
 
 def vehicle_summaries(rows: Iterable[FlightRow]) -> list[VehicleSummary]:
-    """Returns the summary of each vehicle, by name in alphabetical order.
+    """Summarises the flights of each vehicle of a fleet, for the fleet's page.
 
     Args:
-        rows: rows of all flights and axes, and of logs without a flight; ``BRIEF_COLUMNS`` are enough.
+        rows: rows of the fleet's table, of all flights and axes, and of logs without a flight. The columns
+            ``BRIEF_COLUMNS`` are enough.
+
+    Returns:
+        Summaries in the alphabetical order of the vehicles' names.
     """
     rows_by_vehicle = group_by(rows, lambda row: row.vehicle)
-    return [summary_of_vehicle(name, rows_by_vehicle[name]) for name in sorted(rows_by_vehicle)]
+    summaries = []
+    for name in sorted(rows_by_vehicle):
+        summaries.append(summary_of_vehicle(name, rows_by_vehicle[name]))
+    return summaries
 
 
 def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
@@ -268,22 +275,33 @@ def _flown_flights(name: str, flights: Flights) -> FlownFlights:
 
 
 def _vehicle_flights(name: str, flights: Flights) -> VehicleFlights:
-    """Returns the summary of a vehicle by its flights, for a fleet's page.
+    """Summarises the flights of one vehicle for a fleet's page.
 
     Args:
         name: name of the vehicle.
         flights: the rows of each of its flights, one row per axis, in the order of date; at least one flight.
 
     Returns:
-        How urgently it needs a look, the health of its motors, texts, the levels of its latest ``MAX_BARS`` flights,
+        How urgently it needs attention, the health of its motors, texts, the levels of its latest ``MAX_BARS`` flights,
         and what its last flight shows.
     """
     # The rows of the axes of a flight have the same date, frame, firmware and headline.
-    last_flight = log_row(flights[-1])
+    last_row = log_row(flights[-1])
     # One word on the last flight, such as "fault" or "good".
     badge_word = badge(flights)
     is_judged = badge_word != NOT_USED
-    has_warning = last_flight.headline_level in WARNING_LEVELS
+    headline = ""
+    if last_row.headline_level in WARNING_LEVELS:
+        headline = last_row.headline or ""
+    last_flight = LastFlight(
+        date=last_row.past_date,
+        frame=last_row.frame or "",
+        firmware=last_row.firmware or "",
+        badge=str(badge_word),
+        badge_level=badge_level(flights) if is_judged else Level.UNKNOWN,
+        headline=headline,
+        lights={light: light_level(flights[-1], light) for light in Light},
+    )
     return VehicleFlights(
         has_section=has_section(name, flights),
         urgency=urgency(flights),
@@ -292,15 +310,7 @@ def _vehicle_flights(name: str, flights: Flights) -> VehicleFlights:
         texts=vehicle_texts(flights),
         levels=[badge_level([flight]) for flight in flights[-MAX_BARS:]],
         flight_count=len(flights),
-        last=LastFlight(
-            date=last_flight.past_date,
-            frame=last_flight.frame or "",
-            firmware=last_flight.firmware or "",
-            badge=str(badge_word),
-            badge_level=badge_level(flights) if is_judged else Level.UNKNOWN,
-            headline=(last_flight.headline or "") if has_warning else "",
-            lights={light: light_level(flights[-1], light) for light in Light},
-        ),
+        last=last_flight,
     )
 
 

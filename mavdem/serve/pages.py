@@ -134,45 +134,43 @@ class Pages:
         self._scripts = frozenset(scripts)
 
     def list_flights(self, request: HttpRequest) -> Response:
-        """Answers with the list of flights, newest first, or with those that a search finds.
+        """Answers with the page that lists the flights of the library, newest first, or those that a search finds.
 
-        A visitor without the right to read sees only public flights, and neither names of vehicles nor problems of
+        A visitor without the right to read sees only public flights, and neither names of vehicles nor anomalies of
         motors.
 
         Args:
             request: the request, whose query may contain a search.
-
-        Returns:
-            The page "library".
         """
         result = self._visible_library.search(request, FLIGHTS_PER_PAGE)
         visitor = self._visible_library.visitor_values(request)
-        may_read = visitor["may_read"]
-        anomalous_rows = (
-            self._visible_library.rows_with_motor_anomaly(result.entries) if may_read else {}
-        )
+        anomalous_rows: dict[str, FlightRow] = {}
+        vehicle_names: list[str] = []
+        if visitor["may_read"]:
+            anomalous_rows = self._visible_library.rows_with_motor_anomaly(result.entries)
+            vehicle_names = self._library.vehicle_names()
         problems = search_problems(result.query)
         if not result.entries:
             problems += unknown_terms(result.query)
-        return HTMLResponse(
-            render_server_page(
-                "library",
-                entries=result.entries,
-                total=result.total,
-                query=result.query,
-                problems=problems,
-                order=result.order,
-                offset=result.offset,
-                page=FLIGHTS_PER_PAGE,
-                is_empty=not result.entries and not result.query and not result.offset,
-                sample=self._sample_log,
-                is_live=self._is_live,
-                vehicles=self._library.vehicle_names() if may_read else [],
-                anomalous_rows=anomalous_rows,
-                flights_to_compare=self._flights_to_compare(result.entries, anomalous_rows),
-                **visitor,
-            )
+        is_library_empty = not result.entries and not result.query and not result.offset
+        html = render_server_page(
+            "library",
+            entries=result.entries,
+            total=result.total,
+            query=result.query,
+            problems=problems,
+            order=result.order,
+            offset=result.offset,
+            page=FLIGHTS_PER_PAGE,
+            is_empty=is_library_empty,
+            sample=self._sample_log,
+            is_live=self._is_live,
+            vehicles=vehicle_names,
+            anomalous_rows=anomalous_rows,
+            flights_to_compare=self._flights_to_compare(result.entries, anomalous_rows),
+            **visitor,
         )
+        return HTMLResponse(html)
 
     def _flights_to_compare(
         self, entries: Sequence[LibraryEntry], anomalous_rows: Mapping[str, FlightRow]

@@ -242,15 +242,15 @@ def _motor_names(flights: Sequence[AxisRows]) -> list[str]:
 def _estimates_by_axis(
     flights: Sequence[AxisRows], quantity: AxisQuantity, input_unit: str = ""
 ) -> Estimates:
-    """Returns a quantity of roll and pitch over the flights, in the shown unit.
+    """Returns a quantity of roll and pitch, such as the rate damping, over the flights of a vehicle, in the shown unit.
 
     Args:
-        flights: the rows of each flight.
+        flights: rows of each flight in the fleet's table, one for each axis.
         quantity: quantity to read from the rows.
-        input_unit: ``per_input`` of the rows to use, for a quantity that depends on the input; empty for all.
+        input_unit: only rows of models with inputs of this unit are used, for a quantity that depends on it; empty for all.
 
     Returns:
-        Estimate and half width of its interval (flights, 2) by axis; NaN where not known.
+        Estimate and half width of its 90 % interval (flights, 2) by axis; NaN where not known.
     """
     estimates = {}
     for axis in TILT_AXES:

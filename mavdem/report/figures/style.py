@@ -124,22 +124,22 @@ def legend_above(axes: Axes) -> None:
 
 
 def limit_to_values(axes: Axes, values: ArrayLike, margin: float = 0.6) -> None:
-    """Limits the vertical axis to a margin around values, however wide a band around them is.
+    """Limits the vertical axis of a plot to the range of a line and some space, even if its band reaches much further.
 
-    A band may be much wider than its line, which would then look flat.
+    Otherwise a line with a wide band would look flat.
 
     Args:
-        axes: axes whose limits are set; they are only narrowed.
-        values: values of any shape that must be visible; NaN is ignored.
-        margin: space above and below them, in spans of the values.
+        axes: Matplotlib's axes, whose limits are only narrowed.
+        values: values of the line, of any shape; NaN is ignored.
+        margin: space above and below them, as a multiple of their range.
     """
     array = np.asarray(values, np.float64)
     low = np.nanmin(array)
     high = np.nanmax(array)
-    # Values that are all the same have no span, and get a margin in proportion to their size.
-    span = high - low or max(abs(high), 1.0)
+    # Values that are all the same have no range, and get a margin in proportion to their size.
+    value_range = high - low or max(abs(high), 1.0)
     bottom, top = axes.get_ylim()
-    axes.set_ylim(max(bottom, low - margin * span), min(top, high + margin * span))
+    axes.set_ylim(max(bottom, low - margin * value_range), min(top, high + margin * value_range))
 
 
 def draw_charts(charts: Sequence[Chart]) -> BareFigure:

@@ -143,20 +143,20 @@ def _rated(cells: Sequence[str]) -> list[str]:
 
 
 def vehicle_charts(rows: FlightRows) -> str:
-    """Renders the charts of a vehicle over its flights.
+    """Renders the charts that show how one vehicle changed from flight to flight, as a part of the fleet's page.
 
     Args:
-        rows: the rows of the vehicle, with all columns.
+        rows: the rows of the vehicle in the fleet's table, with all columns.
 
     Returns:
         HTML; empty if there is nothing to draw.
     """
     flights = group_into_flights(row for row in rows if row.has_flight)
-    group = vehicle_group(flights)
-    if group is None:
+    charts = vehicle_group(flights)
+    if charts is None:
         return ""
     macros = environment().get_template("pictures.html").module
-    return str(macros.shown([group], MAX_POINTS_OF_VEHICLE))  # type: ignore[attr-defined]
+    return str(macros.shown([charts], MAX_POINTS_OF_VEHICLE))  # type: ignore[attr-defined]
 
 
 def _newest_first(summaries: Sequence[VehicleSummary]) -> list[FlightLine]:
