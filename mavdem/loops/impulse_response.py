@@ -106,20 +106,21 @@ class ImpulseResponse(NamedTuple):
         return np.asarray(values @ hat_integrals.T)
 
     def frequency_responses(self, values: Array, frequency: Array) -> Complex:
-        """Returns the frequency responses of impulse responses.
+        """Computes the frequency responses of impulse responses, which are linear between knots, by Fourier transform.
 
         Args:
-            values: N sets of values at the inner knots (N, K), such as draws.
+            values: N sets of values of the response at the inner knots (N, K), such as draws from its posterior.
             frequency: frequencies (F,), Hz, above 0.
 
         Returns:
             Complex responses (N, F).
         """
-        radians_per_sample = 2 * np.pi * frequency[:, None] / self.sampling_rate
+        # The angular frequency ω in radians per sample, since knots count in samples.
+        angular_frequency = 2 * np.pi * frequency[:, None] / self.sampling_rate
         # The response is a weighted sum of ramps (:func:`second_differences`). The Fourier transform of the ramp that
         # begins at knot k is e^(−iωk) / (iω)².
-        transforms = -np.exp(-1j * radians_per_sample * self.knots) / radians_per_sample**2
-        hat_transforms = transforms @ second_differences(self.knots)
+        ramp_transforms = -np.exp(-1j * angular_frequency * self.knots) / angular_frequency**2
+        hat_transforms = ramp_transforms @ second_differences(self.knots)
         return np.asarray(values @ hat_transforms.T)
 
 

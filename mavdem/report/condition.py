@@ -205,25 +205,27 @@ def wind_blocks(evidence: WindEvidence, tables: Sequence[Table] = ()) -> Blocks:
 
 
 def _autopilot_wind(evidence: WindEvidence, wind: WindVelocity) -> dict[str, float] | None:
-    """Averages the autopilot's estimate of the wind over the time in which the wind was estimated.
+    """Returns the mean of the autopilot's own wind estimate, for comparison with the estimate of mavdem.
+
+    The mean is taken over the time for which mavdem has an estimate.
 
     Args:
-        evidence: evidence of the wind, with the autopilot's own estimate.
-        wind: the estimate of mavdem, for its time.
+        evidence: all that is known of the wind of a log, with the autopilot's estimate (north and east, m/s).
+        wind: the estimate of mavdem, with its times.
 
     Returns:
-        "size", m/s, and "origin", degrees from north; None if the autopilot has no estimate of that time.
+        "size", m/s, and "origin", the direction that the wind comes from, degrees from north; None if the autopilot has
+        no estimate of that time.
     """
-    series = evidence.autopilot_estimate
-    if series is None:
+    estimate = evidence.autopilot_estimate
+    if estimate is None:
         return None
     start_time, end_time = wind.time[[0, -1]]
-    is_selected = (
-        (series.boot == wind.boot) & (series.time >= start_time) & (series.time <= end_time)
-    )
+    is_in_time = (estimate.time >= start_time) & (estimate.time <= end_time)
+    is_selected = (estimate.boot == wind.boot) & is_in_time
     if not is_selected.any():
         return None
-    north, east = series.values[is_selected].mean(axis=0)
+    north, east = estimate.values[is_selected].mean(axis=0)
     return {"size": np.hypot(north, east), "origin": meteorological_direction(north, east)}
 
 

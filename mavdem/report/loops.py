@@ -161,13 +161,15 @@ def tune_details(tuning: Tuning) -> Blocks:
 
 
 def _unchecked_effects(tuning: Tuning) -> list[Sentence]:
-    """Returns the sentence on what can spoil advised gains and was not checked, such as bending of the frame.
+    """Returns the sentence that warns the pilot of what can make advised gains unstable and was not checked.
+
+    Such an effect is the bending of the frame, which the model of the vehicle does not have.
 
     Args:
-        tuning: advice on the gains of each axis, or the fact why there is none.
+        tuning: advice on the gains of each axis, or the fact (coded finding) that says why there is none.
 
     Returns:
-        The sentence; none if no axis has advice on gains.
+        A list with the sentence; empty if no gains are advised.
     """
     for advice in tuning.axes.values():
         if isinstance(advice, Advice) and advice.gains:

@@ -208,17 +208,21 @@ def vehicle_summaries(rows: Iterable[FlightRow]) -> list[VehicleSummary]:
 
 
 def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
-    """Returns the summary of the flights under one name.
+    """Summarises all logs under one vehicle's name, so that a fleet's page need not read their rows.
+
+    It has counts of the flights, the state of the vehicle, its status lights (judgements of its parts by a level), the
+    mean wind of each flight, a line for each log in the table of all flights, and why logs were not used.
 
     Args:
-        name: name of the vehicle in its logs.
+        name: name of the vehicle in its logs; ``UNKNOWN`` for logs without one.
         rows: all rows of the fleet's table under this name, also of logs that have no flight that can be analysed.
     """
+    # In the first group each log counts, in the second only those with a flight.
     logs = group_into_flights(rows)
     flights = group_into_flights(row for row in rows if row.has_flight)
     winds = []
-    for flight in logs:
-        row = log_row(flight)
+    for log in logs:
+        row = log_row(log)
         if row.wind_direction is not None and row.wind_speed is not None:
             winds.append(Wind(row.wind_direction, row.wind_speed))
     return VehicleSummary(
@@ -229,7 +233,7 @@ def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
         bad_flights=sum(badge_level([flight]) is Level.BAD for flight in flights),
         light_counts=_light_counts(logs),
         winds=winds,
-        lines=[flight_line(flight) for flight in logs],
+        lines=[flight_line(log) for log in logs],
         unused=_unused_rows(rows),
     )
 

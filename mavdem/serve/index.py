@@ -216,16 +216,18 @@ def create_or_update_table(db: sqlite3.Connection) -> None:
 
 
 def _fill_vehicle_columns(db: sqlite3.Connection) -> None:
-    """Fills the columns on the vehicle, which an earlier version did not have, by the fleet's rows of the logs.
+    """Fills three columns of the index that an earlier version did not have: what is known of the vehicle of each log.
+
+    They are the basis of its name, the type of its frame, and the autopilot. The values are taken from the rows of the
+    fleet's table for the same log, which are stored in the same file as JSON.
 
     Args:
-        db: connection to the SQLite file of the library, which has the fleet's rows as JSON in the table "flights".
+        db: connection to the SQLite file of the library, which has the fleet's rows in the table "flights".
     """
-    values = ", ".join(
-        f"json_extract(row, '$.{name}')" for name in ("vehicle_basis", "frame", "autopilot")
-    )
+    columns = ("vehicle_basis", "frame", "autopilot")
+    values = ", ".join(f"json_extract(row, '$.{column}')" for column in columns)
     db.execute(
-        f"""update entries set (vehicle_basis, frame, autopilot) =
+        f"""update entries set ({", ".join(columns)}) =
         (select {values} from flights where flights.vehicle = entries.vehicle and json_valid(row)
         and {same_content_sql(CONTENT_HASH_SQL)} limit 1)
         where vehicle <> ''"""

@@ -251,7 +251,10 @@ class Pilot:
         return self._level(estimate, CATCH_THRUST)
 
     def _flip(self, flip_time: float, estimate: State) -> ControlOutput | None:
-        """Climbs for a moment, and then rolls to the right until the whole turn is complete.
+        """Flies a flip, ArduPilot's mode: climbs for a moment, and then rolls to the right by a whole turn.
+
+        The vehicle rolls at ``FLIP_RATE``. In the second half of the turn it brakes, so that the rotation ends with the
+        turn.
 
         Args:
             flip_time: Time since the beginning of the flip, s.
@@ -263,17 +266,20 @@ class Pilot:
         self.mode = "flip"
         if flip_time < FLIP_CLIMB_SECONDS:
             return self._level(estimate, FLIP_CLIMB_THRUST)
-        self.rolled += estimate.rates[0] * self.cycle
+        roll_rate, _, _ = estimate.rates
+        self.rolled += roll_rate * self.cycle
         if self.rolled >= FLIP_END:
             self.has_ended_manoeuvre = True
             return None
         is_braking = self.rolled > pi
-        thrust = FLIP_BRAKING_THRUST if is_braking else FLIP_THRUST
+        relative_thrust = FLIP_BRAKING_THRUST if is_braking else FLIP_THRUST
         # The largest rate from which the braking ends the rotation after a whole turn.
-        rate = min(FLIP_RATE, sqrt(2 * FLIP_BRAKING * (2 * pi - self.rolled)))
+        remaining_angle = 2 * pi - self.rolled
+        rate_setpoint = min(FLIP_RATE, sqrt(2 * FLIP_BRAKING * remaining_angle))
+        thrust = relative_thrust * self.body.mass * GRAVITY
         angles = euler_angles(estimate.attitude)
         return self.controller.rate_control(
-            estimate, angles, (rate, 0.0, 0.0), thrust * self.body.mass * GRAVITY, is_flying=True
+            estimate, angles, (rate_setpoint, 0.0, 0.0), thrust, is_flying=True
         )
 
     def _run_on_bench(self, bench: BenchRun, time: float, estimate: State) -> ControlOutput:

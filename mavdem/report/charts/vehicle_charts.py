@@ -247,7 +247,7 @@ def _estimates_by_axis(
     Args:
         flights: rows of each flight in the fleet's table, one for each axis.
         quantity: quantity to read from the rows.
-        input_unit: only rows of models with inputs of this unit are used, for a quantity that depends on it; empty for all.
+        input_unit: only rows of models with inputs of this unit are used, if the quantity depends on it; empty: all.
 
     Returns:
         Estimate and half width of its 90 % interval (flights, 2) by axis; NaN where not known.

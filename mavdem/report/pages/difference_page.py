@@ -181,6 +181,9 @@ def comparison_page(
 def _change_chapter(difference: VehicleDifference) -> Chapter:
     """Returns the chapter on what changed between the flights: a drawing of the changes, and sentences on the others.
 
+    The drawing has each change with its interval. The sentences name the quantities that it leaves out, since they
+    stayed the same, or say how large a change may have been missed.
+
     Args:
         difference: comparison of the two flights, quantity by quantity.
     """
