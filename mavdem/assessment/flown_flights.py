@@ -76,7 +76,16 @@ def flown_flights(signals: Signals) -> list[FlownFlight]:
 
 
 def flights_and_hops(signals: Signals) -> list[FlownFlight]:
-    """Returns the flights of a multirotor's log as :func:`flown_flights` does, and the hops between them."""
+    """Returns the flights of a multirotor's log as :func:`flown_flights` does, and the hops between them.
+
+    Each is a part of a recorded span (a piece of the log without a gap) in which the vehicle was in the air.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+
+    Returns:
+        Flights and hops in the order of time; empty for a vehicle that is not a multirotor.
+    """
     if signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS or not signals.tilts:
         return []
     boots_with_attitude = {int(boot) for boot in np.unique(signals.tilts[0].boot)}

@@ -52,12 +52,15 @@ def height_offsets(sensors: BootSensors, flight_interval: TimeInterval) -> Itera
     intervals = true_intervals(offset.time, abs(offset.values) >= MIN_OFFSET)
     if not intervals:
         return
-    (start, _), (_, end) = intervals[0], intervals[-1]
+    first_start, _ = intervals[0]
+    _, last_end = intervals[-1]
+    row_of_largest = abs(offset.values).argmax()
     yield Fact(
         MotionEvent.HEIGHT_OFFSET,
-        time=start,
-        end_time=min(end, float(offset.time[-1])),
-        height=float(offset.values[abs(offset.values).argmax()]),
+        time=first_start,
+        # An interval that lasts to the end of the record is infinite.
+        end_time=min(last_end, float(offset.time[-1])),
+        height=float(offset.values[row_of_largest]),
         boot=sensors.boot,
     )
 

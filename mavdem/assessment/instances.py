@@ -293,9 +293,11 @@ def _receiver_instances(evidence: Evidence) -> Iterator[Instance]:
         state = Fact(InstanceState.MEASURED)
         if not has_fix.all():
             state = Fact(InstanceState.WITHOUT_FIX, share=1 - has_fix.mean())
-        quantity, values = "satellites", counts[counts != UNKNOWN_SATELLITES]
+        quantity = "satellites"
+        values = counts[counts != UNKNOWN_SATELLITES]
         if not len(values):
-            quantity, values = "fix type", fix_types
+            quantity = "fix type"
+            values = fix_types
         yield Instance(
             kind="receiver",
             name=f"GPS {number}",
@@ -505,9 +507,11 @@ def _vibrations_by_imu(evidence: Evidence) -> dict[int, Array]:
     levels = _values_in_flight(evidence, vibration.levels)
     axis_count = len(vibration.axes)
     vibrations = {}
-    for index in range(levels.shape[1] // axis_count):
-        first_column = axis_count * index
-        vibrations[1 + index] = levels[:, first_column : first_column + axis_count].max(axis=1)
+    imu_count = levels.shape[1] // axis_count
+    for imu in range(1, imu_count + 1):
+        last_column = axis_count * imu
+        levels_of_imu = levels[:, last_column - axis_count : last_column]
+        vibrations[imu] = levels_of_imu.max(axis=1)
     return vibrations
 
 

@@ -196,9 +196,9 @@ def _vehicle_values(vehicle: VehicleContents) -> JsonValues:
 def _message_rate(columns: Columns) -> float | None:
     """Returns the rate at which a message was recorded.
 
-    It is the rate between gaps, since an outage of the link does not change how often a message is sent. The mean rate
-    of a message that comes in bursts is less than ``MIN_MEAN_RATE_FRACTION`` of that; then it is returned instead. If
-    several instances send the message, each on its port or in its group, the rate of the most frequent one is returned.
+    It is the rate between gaps, since an outage of the link does not change how often a message is sent. For a message
+    that comes in bursts, whose mean rate is less than ``MIN_MEAN_RATE_FRACTION`` of that, it is the mean rate. If
+    several instances send the message, each on its port or in its group, only the most frequent one counts.
 
     Args:
         columns: the message, with (N,) times in s, boots and other fields.
@@ -216,9 +216,10 @@ def _message_rate(columns: Columns) -> float | None:
     steps = steps[steps > 0]
     if not len(steps):
         return None
-    rate = rate_without_gaps(steps)
+    rate_between_gaps = rate_without_gaps(steps)
     mean_rate = 1 / steps.mean()
-    return rate if mean_rate > MIN_MEAN_RATE_FRACTION * rate else mean_rate
+    comes_in_bursts = mean_rate <= MIN_MEAN_RATE_FRACTION * rate_between_gaps
+    return mean_rate if comes_in_bursts else rate_between_gaps
 
 
 def _missing_fraction(telemetry: Telemetry) -> float | None:

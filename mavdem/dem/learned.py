@@ -376,10 +376,12 @@ class Learned(ImmutableResult, ForecasterBase):
         variance, the squared error of always predicting the mean.
         """
         max_steps = max(1, round(FORECAST_HORIZON_SECONDS / self.dt))
+        squared_errors = self.predict_with_variance(max_steps).variance
         # The error of a longer horizon is taken to be at least as large as of each shorter one. If a horizon is useful,
         # all shorter ones then are as well.
-        errors = np.maximum.accumulate(self.predict_with_variance(max_steps).variance)
-        is_useful = errors < USEFUL_VARIANCE_FRACTION * self.record.outputs.var(axis=0)
+        rising_errors = np.maximum.accumulate(squared_errors)
+        useful_error = USEFUL_VARIANCE_FRACTION * self.record.outputs.var(axis=0)
+        is_useful = rising_errors < useful_error
         # The useful horizons are 1, 2, …, so that their number is the longest one.
         return is_useful.sum(axis=0)
 
@@ -471,11 +473,13 @@ class Learned(ImmutableResult, ForecasterBase):
 
         The generalized data and ``free_energy_of_samples`` are values at these samples.
         """
-        window = self.settings.window
+        window_length = self.settings.window
         centers = []
         for start, length in zip(self.record.segment_starts, self.record.lengths, strict=True):
-            window_count = max(0, length - window + 1)
-            centers.append(start + window // 2 + np.arange(window_count))
+            # A window begins at each sample of the segment after which enough samples follow.
+            window_count = max(0, length - window_length + 1)
+            first_center = start + window_length // 2
+            centers.append(first_center + np.arange(window_count))
         return np.concatenate(centers)
 
     def free_energy_terms_of_samples(self) -> dict[str, Array]:

@@ -211,7 +211,8 @@ def _odd_window(samples: float, min_window: int) -> int:
         Length in samples.
     """
     window = max(round(samples), min_window)
-    return window + 1 - window % 2
+    is_even = window % 2 == 0
+    return window + 1 if is_even else window
 
 
 def _refined_by_simulation(dem_fit: Fit, record: Record) -> Fit:
@@ -329,14 +330,15 @@ def _cautions_on_fit(fit: Fit, record: Record) -> Iterator[Fact]:
     if abscissa > 0:
         yield Fact(ModelCaution.MODEL_GROWS, growth_time=1 / abscissa)
     if fit.simulation_fit is None:
-        # The horizon is None if the settings have none, and 0 if the segments are too short for such a fit. If it is
+        # The horizon is None if there was to be no such fit, and 0 if the segments are too short for it. If it is
         # positive, the fit has failed.
         horizon = simulation_horizon(fit.model, fit.settings, fit.scaling, record)
         if horizon is not None:
+            is_too_short = horizon == 0
             yield Fact(
                 ModelCaution.NO_SIMULATION_FIT,
                 duration=len(record) * record.dt,
-                least_horizon=None if horizon else MIN_HORIZON_SECONDS,
+                least_horizon=MIN_HORIZON_SECONDS if is_too_short else None,
             )
 
 

@@ -20,7 +20,7 @@ class DescribedSchema(GenerateJsonSchema):
     def model_schema(self, schema: ModelSchema) -> JsonSchemaValue:
         """Returns the JSON schema of one model, with the docstrings of its attributes as descriptions.
 
-        A field that its class describes otherwise, such as that of a fact beside its sentence, keeps that description.
+        A field that has a description of its own already, because its definition gives one, keeps it.
 
         Args:
             schema: Pydantic's own schema of the model.

@@ -159,6 +159,7 @@ class Document(BaseModel):
         Raises:
             pydantic.ValidationError: a value has a wrong type, or one that is needed is missing.
         """
+        # A field is filled from the attribute that its alias names, or from the one of its own name.
         attributes = {
             str(field.validation_alias or name) for name, field in cls.model_fields.items()
         }
@@ -167,6 +168,7 @@ class Document(BaseModel):
             for result in results:
                 if hasattr(result, attribute):
                     field_values[attribute] = getattr(result, attribute)
+                    # The first result that has the attribute counts.
                     break
         return cls.model_validate(field_values)
 

@@ -335,12 +335,12 @@ def _response_values(response: LoopResponse) -> JsonValues:
         response: the response; its measured part is a fact with the reason if there is none.
     """
     measured_response = response.measured
-    if isinstance(measured_response, Fact):
-        return {"measured": None, "facts": response.facts}
-    document = Response.from_results(
-        measured_response, response, highest=measured_response.max_frequency
-    )
-    return {"measured": document, "facts": response.facts}
+    measured_document = None
+    if not isinstance(measured_response, Fact):
+        measured_document = Response.from_results(
+            measured_response, response, highest=measured_response.max_frequency
+        )
+    return {"measured": measured_document, "facts": response.facts}
 
 
 def _spectrum_document(spectrum: spectra.Spectrum, lines: tuple[SpectralLine, ...]) -> Spectrum:

@@ -175,7 +175,8 @@ class Comparison:
             A summary for each method, as JSON values.
         """
         methods = self.methods_of(kind)
-        summaries = [self._summary(method, kind, methods[0]) for method in methods]
+        # All methods are compared with the first one. No method may make forecasts of this kind.
+        summaries = [self._summary(method, kind, reference=methods[0]) for method in methods]
         return tuple(sorted(summaries, key=itemgetter("relative")))
 
     def _summary(self, method: str, kind: ForecastKind, reference: str) -> JsonValues:
@@ -232,11 +233,11 @@ class Comparison:
         }
 
     def tests(self, kind: ForecastKind = KNOWN_INPUTS) -> dict[str, Paired]:
-        """Tests whether the first method's errors over the whole test part differ from each other method's errors.
+        """Tests, for each other method, whether its errors over the whole test part differ from the first method's.
 
-        Windows of a flight resemble each other, so a result for flights in general needs flights as pairs. With fewer
-        than ``MIN_PAIRS`` flights no test could find a difference, and the windows of all flights are the pairs
-        instead.
+        The test compares pairs of errors. A pair is a flight, with one error of each method, because the windows of one
+        flight resemble each other. With fewer than ``MIN_PAIRS`` flights no test could find a difference, so that each
+        window is a pair instead.
 
         Args:
             kind: kind of forecast, by the data that it may use.
@@ -245,18 +246,18 @@ class Comparison:
             The result by name of the other method, with the first method's error over the other's.
         """
         first_method, *other_methods = self.methods_of(kind)
-        if len(self.flights) >= MIN_PAIRS:
-            summaries = self.over_flights(kind)
-            return {
-                summary["method"]: summary["reference"]
-                for summary in summaries
-                if summary["method"] != first_method
-            }
-        first_ratios = self._whole_test_ratios(first_method, kind)
         tests = {}
-        for name in other_methods:
-            ratios = self._whole_test_ratios(name, kind)
-            tests[name] = paired(first_ratios, ratios, self.windows)
+        if len(self.flights) >= MIN_PAIRS:
+            for summary in self.over_flights(kind):
+                method = summary["method"]
+                if method != first_method:
+                    # The summary over flights has the result of the test already.
+                    tests[method] = summary["reference"]
+            return tests
+        first_ratios = self._whole_test_ratios(first_method, kind)
+        for method in other_methods:
+            ratios = self._whole_test_ratios(method, kind)
+            tests[method] = paired(first_ratios, ratios, self.windows)
         return tests
 
     def _whole_test_ratios(self, method: str, kind: ForecastKind) -> list[float]:

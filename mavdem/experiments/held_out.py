@@ -176,25 +176,28 @@ class HeldOut(ImmutableResult):
 
     @property
     def coverage(self) -> float:
-        """Share of the samples inside the 90 % band of the forecast: 0.9 if the widths of the bands are right.
+        """Fraction of the samples inside the 90 % band of the forecast: 0.9 if the widths of the bands are right.
 
         All windows and outputs count. Samples without a forecast are left out; samples of a forecast that overflowed
-        are outside. The share is 0 if nothing was forecast.
+        are outside. The fraction is 0 if nothing was forecast.
         """
         forecast = self.forecasts[FORECAST]
-        # Windows of a block whose model failed have NaN in both.
-        is_forecast = ~(np.isnan(forecast) & np.isnan(self.band))
-        if not is_forecast.any():
+        # Without a forecast, because no model was learned, both the forecast and its band are NaN. A forecast that
+        # overflowed to NaN still has a band.
+        has_no_forecast = np.isnan(forecast) & np.isnan(self.band)
+        has_forecast = ~has_no_forecast
+        if not has_forecast.any():
             return 0.0
         with np.errstate(invalid="ignore"):
-            is_inside = abs(self.measured - forecast) <= self.band
-        return float(is_inside[is_forecast].mean())
+            is_inside_band = abs(self.measured - forecast) <= self.band
+        return float(is_inside_band[has_forecast].mean())
 
     @property
     def ratio_to_expected_error(self) -> float:
-        """Mean squared error of the forecast, relative to the one that the model expects.
+        """Mean squared error of the forecast over the error that the model expects: 1 if its variances are right.
 
-        The errors of the outputs are added up in units of their training variances.
+        Outputs have different units, so the squared errors of each one are divided by its variance in the training data
+        before they are added up.
         """
         expected_error = (self.expected / self.variance).sum(axis=-1).mean()
         return float(error_over(self._total_errors(FORECAST).mean(), expected_error))
@@ -262,9 +265,10 @@ def held_out_windows(
 
 
 def held_out_test(train: Flight, test: Flight, learned: Learned) -> HeldOut:
-    """Forecasts one held-out window right after the training data, which is the paper's protocol.
+    """Forecasts one window that directly follows the training data, as the paper's experiments do.
 
-    The window is not cut, and the model needs no samples before it to find the state: the training data end there.
+    The forecast starts from the state at the end of the training data, which the model knows. So no sample of the
+    window is used up to find a state, and all of them are forecast.
 
     Args:
         train: the training data of the model.
@@ -294,13 +298,13 @@ def training_pieces(flights: Sequence[Flight], fold: Sequence[FoldPiece]) -> Ite
     Yields:
         Pieces in the order of the flights, each of at least ``MIN_PIECE_SECONDS``.
     """
-    pieces = {piece.segment: piece for piece in fold}
+    held_out_pieces = {piece.segment: piece for piece in fold}
     min_samples = max(MIN_PIECE_SECONDS / flights[0].dt, 1)
     for flight_index, flight in enumerate(flights):
         end = len(flight)
         # An empty piece at the end leaves the whole flight for training.
         no_piece = FoldPiece(flight_index, first=end, stop=end)
-        held_out = pieces.get(flight_index, no_piece)
+        held_out = held_out_pieces.get(flight_index, no_piece)
         if held_out.first >= min_samples:
             yield flight[: held_out.first]
         if end - held_out.stop >= min_samples:
@@ -359,7 +363,11 @@ def forecast_block(
     inputs = block.samples.inputs
     outputs = block.samples.outputs
     measured_outputs = block.windows(outputs)
-    forecast = prediction = expected_squared_errors = band = np.full_like(measured_outputs, np.nan)
+    # Without a model these stay NaN.
+    forecast = np.full_like(measured_outputs, np.nan)
+    prediction = forecast
+    expected_squared_errors = forecast
+    band = forecast
     if model is not None:
         # The forecast of an unstable model may overflow, which is a result too.
         with np.errstate(over="ignore", invalid="ignore"):

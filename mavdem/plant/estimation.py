@@ -477,13 +477,18 @@ class _TorquePowers(NamedTuple):
 
     @property
     def slow_wind_share(self) -> float:
-        """The wind's share, if its power is nowhere in the band less than the mean below it; it may exceed 1."""
+        """The share :attr:`wind_share`, if the wind is at each frequency of the band at least as strong as below it.
+
+        Where the power of the wind in the band is less than its mean power below the band, the numerator has that mean
+        instead. The sum of all powers, in the denominator, stays as it was fitted, so that the value may exceed 1.
+        """
         is_in_band = self._is_in_band
         wind_power = self.wind[is_in_band]
         total_power = wind_power.sum() + self.motors[is_in_band].sum()
         is_below_band = self.frequency < MOTION_BAND_HZ[0]
         if is_below_band.any():
-            wind_power = np.maximum(wind_power, self.wind[is_below_band].mean())
+            mean_below_band = self.wind[is_below_band].mean()
+            wind_power = np.maximum(wind_power, mean_below_band)
         return float(wind_power.sum() / total_power)
 
     @property
@@ -530,16 +535,16 @@ def _torque_powers(fit: GrayBoxFit, windows: FlightWindows) -> _TorquePowers:
 
 
 def _alias_share(fit: GrayBoxFit, windows: FlightWindows) -> float:
-    """Computes the share of the commanded torque's variance that lies above half of the Nyquist frequency.
+    """Computes which fraction of the commanded torque's variance lies above half of the Nyquist frequency.
 
-    If that share is large, the command also varies above the Nyquist frequency, which the samples miss.
+    If it is large, the command probably also varies above the Nyquist frequency, which the samples cannot show.
 
     Args:
         fit: the fit, whose effects convert the r inputs to torque.
         windows: W windows of the flight, with F frequencies up to the Nyquist frequency.
 
     Returns:
-        The share, 0 to 1.
+        The fraction, 0 to 1.
     """
     # The transform of each input is the sum of its first two channels: the signal that is interpolated between samples,
     # and the signal that is held from a sample on. The other channels are additions by refinements of the model.

@@ -306,8 +306,9 @@ def best_start(model: GrayBoxModel, start: Array, windows: FlightWindows) -> Arr
         point[model.lag_index] += np.log(lag_factor)
         points.append(point)
         values.append(objective.value(point))
-    values_or_least = np.nan_to_num(values, nan=-np.inf)
-    return points[int(np.argmax(values_or_least))]
+    # A point whose posterior is not a number must not be chosen.
+    comparable_values = np.nan_to_num(values, nan=-np.inf)
+    return points[int(np.argmax(comparable_values))]
 
 
 def initial_model(

@@ -137,9 +137,11 @@ def _false_gusts_per_minute(slopes: Array, sd: float) -> float:
     Returns:
         Number of crossings a minute.
     """
-    # Robust standard deviation: the median absolute value of a normal variable is 0.67 of it.
+    # A robust standard deviation: the median absolute value of a normal variable is 0.67 times its standard deviation.
     slope_sd = float(np.median(abs(slopes))) / coverage_factor(0.5)
-    crossings_per_second = 2 * slope_sd / sd / (2 * np.pi) * float(np.exp(-(GUST_THRESHOLD**2) / 2))
+    # The probability density of the torque at a threshold, relative to that at 0.
+    relative_density = float(np.exp(-(GUST_THRESHOLD**2) / 2))
+    crossings_per_second = 2 * slope_sd / sd / (2 * np.pi) * relative_density
     return 60 * crossings_per_second
 
 

@@ -202,15 +202,15 @@ class Physical(NamedTuple):
             The half widths, in the units of the parameters; NaN for a parameter that is not identifiable.
         """
         half_widths = half_width(self.covariance.diagonal(), level)
-        # NaN where a parameter is not identifiable, otherwise 1.
-        factors = {}
+        # A product with NaN is NaN, which hides the half width of a parameter that is not identifiable.
+        one_or_nan = {}
         for name in PARAMETERS:
-            factors[name] = np.nan if self.status[name] == Status.NOT_IDENTIFIABLE else 1.0
+            one_or_nan[name] = np.nan if self.status[name] == Status.NOT_IDENTIFIABLE else 1.0
         return PhysicalInterval(
-            effect=factors["effect"] * half_widths[EFFECTS],
-            damping=float(factors["damping"] * half_widths[DAMPING]),
-            lag=float(factors["lag"] * half_widths[LAG]),
-            delay=float(factors["lag"] * half_widths[DELAY]),
+            effect=one_or_nan["effect"] * half_widths[EFFECTS],
+            damping=float(one_or_nan["damping"] * half_widths[DAMPING]),
+            lag=float(one_or_nan["lag"] * half_widths[LAG]),
+            delay=float(one_or_nan["lag"] * half_widths[DELAY]),
         )
 
     @property

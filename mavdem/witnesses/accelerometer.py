@@ -107,11 +107,11 @@ class AccelerometerRecord:
             Its time, s since boot, and size, m/s²; None if the interval has no samples.
         """
         start, end = interval
-        rows = np.flatnonzero((self.time >= start) & (self.time <= end))
-        if not len(rows):
+        rows_in_interval = np.flatnonzero((self.time >= start) & (self.time <= end))
+        if not len(rows_in_interval):
             return None
-        row = rows[np.argmax(self.magnitude[rows])]
-        return ForcePeak(float(self.time[row]), float(self.magnitude[row]))
+        row_of_peak = rows_in_interval[np.argmax(self.magnitude[rows_in_interval])]
+        return ForcePeak(float(self.time[row_of_peak]), float(self.magnitude[row_of_peak]))
 
     def window_peaks(self, interval: TimeInterval, window_seconds: float) -> Array:
         """Returns the largest specific force in each of the successive windows of an interval.
@@ -125,11 +125,15 @@ class AccelerometerRecord:
         """
         start, end = interval
         whole_windows = max(int((end - start) // window_seconds), 0)
-        windows = np.floor((self.time - start) / window_seconds)
-        is_selected = (windows >= 0) & (windows < whole_windows)
-        numbers, rows = np.unique(windows[is_selected], return_inverse=True)
-        peaks = np.full(len(numbers), -np.inf)
-        np.maximum.at(peaks, rows, self.magnitude[is_selected])
+        # The number of the window to which each sample belongs, from 0; outside the interval there is no such window.
+        window_numbers = np.floor((self.time - start) / window_seconds)
+        is_in_window = (window_numbers >= 0) & (window_numbers < whole_windows)
+        sampled_windows, peak_of_sample = np.unique(
+            window_numbers[is_in_window], return_inverse=True
+        )
+        peaks = np.full(len(sampled_windows), -np.inf)
+        # Each sample raises the peak of its own window, if it is larger.
+        np.maximum.at(peaks, peak_of_sample, self.magnitude[is_in_window])
         return peaks
 
     @property
@@ -235,8 +239,8 @@ def _measured_accelerometer(
 def accelerometer_in_use(signals: Signals, boot: int) -> AccelerometerRecord | None:
     """Returns the accelerometer that is used for a boot.
 
-    It is the one of the estimator's primary core, if the log names it; otherwise the first one that the parameters do
-    not exclude, or the first of all if they exclude each.
+    It is the one whose estimate the controllers use, if the log states that. Otherwise it is the first one that the
+    parameters do not exclude from use, or the first of all if they exclude every one.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -246,12 +250,14 @@ def accelerometer_in_use(signals: Signals, boot: int) -> AccelerometerRecord | N
         The accelerometer; None if none was recorded.
     """
     records = accelerometer_records(signals, boot)
-    primary = _imu_of_primary_core(signals, boot)
+    primary_imu = _imu_of_primary_core(signals, boot)
     for record in records:
-        if record.number == primary:
+        if record.number == primary_imu:
             return record
-    used = [record for record in records if record.is_used is not False]
-    return next(iter(used or records), None)
+    # Where the parameters do not state the use (None), the accelerometer may be in use.
+    not_excluded = [record for record in records if record.is_used is not False]
+    candidates = not_excluded or records
+    return candidates[0] if candidates else None
 
 
 def _imu_of_primary_core(signals: Signals, boot: int) -> int | None:
@@ -305,16 +311,20 @@ def rest_intervals(signals: Signals, boot: int) -> Intervals:
     windows = still_windows(signals, boot)
     if windows is None:
         return []
-    has_power = is_powered(signals, boot, windows.start + REST_SECONDS / 2)
+    middles = windows.start + REST_SECONDS / 2
+    has_power = is_powered(signals, boot, middles)
     is_rest = windows.is_still if has_power is None else windows.is_still & ~has_power
-    rest_spans: Intervals = []
-    for start in windows.start[is_rest].tolist():
-        end = start + REST_SECONDS
-        if rest_spans and start <= rest_spans[-1][1]:
-            rest_spans[-1] = (rest_spans[-1][0], end)
-        else:
-            rest_spans.append((start, end))
-    return rest_spans
+    joined_intervals: Intervals = []
+    for window_start in windows.start[is_rest].tolist():
+        window_end = window_start + REST_SECONDS
+        if joined_intervals:
+            last_start, last_end = joined_intervals[-1]
+            if window_start <= last_end:
+                # This window touches the last interval, and makes it longer.
+                joined_intervals[-1] = (last_start, window_end)
+                continue
+        joined_intervals.append((window_start, window_end))
+    return joined_intervals
 
 
 @dataclass(frozen=True, eq=False)

@@ -179,14 +179,17 @@ def _climb_by_barometer(barometer: TimeSeries) -> TimeSeries | None:
     Returns:
         (M,) central differences; None if the record is not longer than ``SLOPE_SECONDS``.
     """
-    start, end = barometer.time[0] + SLOPE_SECONDS / 2, barometer.time[-1] - SLOPE_SECONDS / 2
-    if end <= start:
+    # Each slope reaches from half of the seconds before a time to half of them after it, within the record.
+    reach = SLOPE_SECONDS / 2
+    first_time = barometer.time[0] + reach
+    last_time = barometer.time[-1] - reach
+    if last_time <= first_time:
         return None
-    time = np.arange(start, end, 1 / GRID_RATE)
-    later = np.interp(time + SLOPE_SECONDS / 2, barometer.time, barometer.values)
-    earlier = np.interp(time - SLOPE_SECONDS / 2, barometer.time, barometer.values)
+    time = np.arange(first_time, last_time, 1 / GRID_RATE)
+    altitude_after = np.interp(time + reach, barometer.time, barometer.values)
+    altitude_before = np.interp(time - reach, barometer.time, barometer.values)
     boot = np.full(len(time), barometer.boot[0])
-    return TimeSeries(time, boot, (later - earlier) / SLOPE_SECONDS)
+    return TimeSeries(time, boot, (altitude_after - altitude_before) / SLOPE_SECONDS)
 
 
 def _contradicted_intervals(
@@ -206,8 +209,10 @@ def _contradicted_intervals(
         return []
     time = barometer_climb.time
     estimate = np.interp(time, estimated_climb.time, estimated_climb.values)
-    is_covered = (time >= estimated_climb.time[0]) & (time <= estimated_climb.time[-1])
-    is_contradicted = is_covered & (abs(estimate - barometer_climb.values) > MAX_CLIMB_DIFFERENCE)
+    # Before its first and after its last sample the estimate is not known.
+    is_estimate_known = (time >= estimated_climb.time[0]) & (time <= estimated_climb.time[-1])
+    differs = abs(estimate - barometer_climb.values) > MAX_CLIMB_DIFFERENCE
+    is_contradicted = is_estimate_known & differs
     long_intervals = []
     for start, end in true_intervals(time, is_contradicted):
         # An interval at the end of the record is infinite there, and is cut to its recorded part.
@@ -232,11 +237,13 @@ def _median_difference(
     if barometer_climb is None or estimated_climb is None:
         return None
     time = barometer_climb.time
-    is_covered = (time >= estimated_climb.time[0]) & (time <= estimated_climb.time[-1])
-    if not is_covered.any():
+    # Before its first and after its last sample the estimate is not known.
+    is_estimate_known = (time >= estimated_climb.time[0]) & (time <= estimated_climb.time[-1])
+    if not is_estimate_known.any():
         return None
     estimate = np.interp(time, estimated_climb.time, estimated_climb.values)
-    return float(np.median(abs(estimate - barometer_climb.values)[is_covered]))
+    differences = abs(estimate - barometer_climb.values)
+    return float(np.median(differences[is_estimate_known]))
 
 
 class TrustedHeight(NamedTuple):

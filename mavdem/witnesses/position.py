@@ -153,10 +153,14 @@ def _fraction_under_power(signals: Signals, boot: int, state: TimeSeries) -> flo
         state: samples (N,) of that boot, 0 or 1.
 
     Returns:
-        Share, 0 to 1; None without samples under power.
+        The fraction, 0 to 1; None without samples under power.
     """
-    powered_spans = powered_intervals(signals, boot)
-    values: Array = np.asarray(state.values, dtype=float)
-    if powered_spans:
-        values = values[in_intervals(state.time, powered_spans)]
-    return float(values.mean()) if len(values) else None
+    intervals_under_power = powered_intervals(signals, boot)
+    counted_states: Array = np.asarray(state.values, dtype=float)
+    if intervals_under_power:
+        is_under_power = in_intervals(state.time, intervals_under_power)
+        counted_states = counted_states[is_under_power]
+    if not len(counted_states):
+        return None
+    # The mean of zeros and ones is the fraction of ones.
+    return float(counted_states.mean())

@@ -250,7 +250,9 @@ def _best_fit(angle: Array, setpoint: Array, is_known: Flags) -> _Fit:
         Correlation and slope, rad/rad, of the best fit; −1 and 0 if all delays were skipped.
     """
     best = _Fit(-1.0, 0.0)
-    for delay in range(round(DELAY_SECONDS * RESPONSE_RATE) + 1):
+    longest_delay = round(DELAY_SECONDS * RESPONSE_RATE)
+    # The delay is a number of samples: an angle is compared with the setpoint so many samples before it.
+    for delay in range(longest_delay + 1):
         rows = np.flatnonzero(is_known[delay:])
         later_angle = angle[delay:][rows]
         earlier_setpoint = setpoint[: len(setpoint) - delay][rows]
@@ -285,10 +287,10 @@ def _gyro_agrees(signals: Signals, boot: int, times: Array) -> bool | None:
         rates.
     """
     grid = np.arange(times[0], times[-1], TURN_SECONDS)
-    # Only steps of the grid with both ends under power count.
-    nearest = np.searchsorted(times, grid)
-    has_power = abs(times[np.minimum(nearest, len(times) - 1)] - grid) < TURN_SECONDS
-    is_used = has_power[1:] & has_power[:-1]
+    # Only steps of the grid with both ends under power count: near a time under power.
+    next_rows = np.minimum(np.searchsorted(times, grid), len(times) - 1)
+    is_end_powered = abs(times[next_rows] - grid) < TURN_SECONDS
+    is_step_used = is_end_powered[1:] & is_end_powered[:-1]
     changes = []
     differences = []
     for tilt in signals.tilts:
@@ -300,15 +302,16 @@ def _gyro_agrees(signals: Signals, boot: int, times: Array) -> bool | None:
         integrated_rate = _trapezoidal_integral(time, euler_rate)
         change = np.diff(np.interp(grid, time, angle))
         expected_change = np.diff(np.interp(grid, time, integrated_rate))
-        changes.append(change[is_used])
-        differences.append((change - expected_change)[is_used])
-    change = abs(np.concatenate(changes))
-    difference = abs(np.concatenate(differences))
-    is_turn = change > MIN_TURN
+        changes.append(change[is_step_used])
+        differences.append((change - expected_change)[is_step_used])
+    change_sizes = abs(np.concatenate(changes))
+    difference_sizes = abs(np.concatenate(differences))
+    is_turn = change_sizes > MIN_TURN
     if np.count_nonzero(is_turn) < MIN_TURNS:
         return None
+    relative_differences = difference_sizes[is_turn] / change_sizes[is_turn]
     # The median leaves out the tumble of a crash, in which Euler angles jump.
-    return bool(np.median(difference[is_turn] / change[is_turn]) <= MAX_AGREEING_RATIO)
+    return bool(np.median(relative_differences) <= MAX_AGREEING_RATIO)
 
 
 def _trapezoidal_integral(time: Array, values: Array) -> Array:

@@ -231,7 +231,7 @@ class SensorTrust:
         )
 
     def _gyro_check(self) -> Fact:
-        """Returns whether the changes of the attitude are the integrals of the gyro."""
+        """Returns the check of the gyro as a fact: whether the integral of its rates is the change of the attitude."""
         return Fact(TrustCheck.GYRO, _level_of_check(self.gyro_agrees), boot=self.boot)
 
     def _stick_check(self) -> Fact:

@@ -222,8 +222,12 @@ def _rate_in_flight(evidence: Evidence, stream: Attitude | MotorOutputs) -> floa
     """
     # Only the times are used, so that they are the values of the series too.
     stamps = TimeSeries(stream.time, stream.boot, values=stream.time)
-    steps = [np.diff(flight.time) for flight in evidence.in_flight(stamps)]
-    rate_in_flight = rate_without_gaps(np.concatenate([np.zeros(0), *steps]))
+    # The empty array is for a log without flight, in which there are no steps.
+    steps = [np.zeros(0)]
+    for flight in evidence.in_flight(stamps):
+        steps.append(np.diff(flight.time))
+    rate_in_flight = rate_without_gaps(np.concatenate(steps))
+    # Without steps, the rate is 0.
     return rate_in_flight or rate_between_outages(stream)
 
 

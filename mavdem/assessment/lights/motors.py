@@ -214,10 +214,11 @@ def _reason_outputs_are_unusable(evidence: Evidence) -> Fact | None:
     Returns:
         The reason; None if the outputs belong to motors, or none were recorded.
     """
-    reason = motor_outputs_or_reason(evidence.signals.telemetry)
-    if isinstance(reason, Fact) and reason.code is not UnusableOutputs.NO_MOTOR_MESSAGE:
-        return reason
-    return None
+    outputs_or_reason = motor_outputs_or_reason(evidence.signals.telemetry)
+    if not isinstance(outputs_or_reason, Fact):
+        return None
+    reason = outputs_or_reason
+    return None if reason.code is UnusableOutputs.NO_MOTOR_MESSAGE else reason
 
 
 def _events_of_motors(evidence: Evidence) -> list[Fact]:
@@ -338,7 +339,10 @@ def _only_one_lacks(headrooms: Numbers) -> bool:
         headrooms: fraction of each motor's range above the 99th percentile of its output.
     """
     lowest, *others = sorted(headrooms)
-    return bool(others) and others[0] >= max(MIN_HEADROOM, MIN_HEADROOM_RATIO * lowest)
+    if not others:
+        return False
+    lowest_of_others = others[0]
+    return lowest_of_others >= max(MIN_HEADROOM, MIN_HEADROOM_RATIO * lowest)
 
 
 def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:

@@ -286,9 +286,10 @@ def _first_time_below(evidence: Evidence, voltage: TimeSeries, limit: float) -> 
         The time, s since boot; None if it was never below.
     """
     for flight in evidence.in_flight(voltage):
-        rows = np.flatnonzero(time_series.moving_average(flight) < limit)
-        if len(rows):
-            return float(flight.time[rows[0]])
+        is_below = time_series.moving_average(flight) < limit
+        if is_below.any():
+            times_below = flight.time[is_below]
+            return float(times_below[0])
     return None
 
 

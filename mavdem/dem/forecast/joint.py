@@ -158,7 +158,7 @@ def _mixer_row_of_regression(
     Returns:
         (r,) effects of unit length; zeros if all effects are zero.
     """
-    # The last row is the constant; the rows before it belong to each lag, channel by channel.
+    # The coefficients of a channel are a column of the mean: those of each lag, channel by channel, and the constant.
     channel_count = regression.mean.shape[1]
     output_count = channel_count - motor_count
     last_output = output_count - 1
@@ -235,16 +235,22 @@ def select_hyperparameters(
     Returns:
         The selected hyperparameters and the regression with them; of equal ones the first.
     """
-    possible = [candidate for candidate in candidates if candidate.lags <= lags]
-    if not possible:
-        possible = [VarHyperparameters(lags, ridge) for ridge in RIDGE_CANDIDATES]
-    fits = []
-    for candidate in possible:
+    possible_candidates = [candidate for candidate in candidates if candidate.lags <= lags]
+    if not possible_candidates:
+        possible_candidates = [VarHyperparameters(lags, ridge) for ridge in RIDGE_CANDIDATES]
+    candidates_with_regressions = []
+    for candidate in possible_candidates:
         # All candidates are fitted to the same samples, so that their free energies can be compared.
         gram = statistics.gram_of_fewer_lags(lags, candidate.lags)
         regression = lag_regression.regress(gram, statistics.row_count, candidate.prior_precision)
-        fits.append((candidate, regression))
-    return max(fits, key=lambda fit: fit[1].free_energy)
+        candidates_with_regressions.append((candidate, regression))
+
+    def free_energy(fit: tuple[VarHyperparameters, lag_regression.Regression]) -> float:
+        """Returns the free energy of a candidate's regression, nats."""
+        _, regression = fit
+        return regression.free_energy
+
+    return max(candidates_with_regressions, key=free_energy)
 
 
 @dataclass(frozen=True, eq=False)
@@ -387,9 +393,10 @@ def _largest_lags(record: Record) -> int:
     Returns:
         The number of lags, at least 1.
     """
-    possible = [
-        lags for lags in LAG_CANDIDATES if lags <= record.longest_segment // MIN_SAMPLES_PER_LAG
-    ]
-    if possible:
-        return max(possible)
-    return max(1, min(LAG_CANDIDATES[0], record.longest_segment - 1))
+    supported_lags = record.longest_segment // MIN_SAMPLES_PER_LAG
+    possible_lags = [lags for lags in LAG_CANDIDATES if lags <= supported_lags]
+    if possible_lags:
+        return max(possible_lags)
+    # An autoregression of L lags needs at least L + 1 samples in a row.
+    smallest_candidate = LAG_CANDIDATES[0]
+    return max(1, min(smallest_candidate, record.longest_segment - 1))

@@ -79,9 +79,12 @@ def lagged_rows(samples: Array, lags: int) -> Array:
         (…, T − L, L · k) rows [z_{t−1}, …, z_{t−L}], one for each sample z_t that has L samples before it; none if T <
         L.
     """
-    rows = max(0, samples.shape[-2] - lags)
-    # Each block has the samples that are ``lag`` steps before the samples of the rows.
-    blocks = [samples[..., lags - lag : lags - lag + rows, :] for lag in range(1, lags + 1)]
+    row_count = max(0, samples.shape[-2] - lags)
+    blocks = []
+    for lag in range(1, lags + 1):
+        # The first row is for sample number ``lags``, from 0. Its sample ``lag`` steps before is the first of a block.
+        first = lags - lag
+        blocks.append(samples[..., first : first + row_count, :])
     return np.concatenate(blocks, axis=-1)
 
 
@@ -95,6 +98,7 @@ def latest_samples(channels: Array, count: int) -> Array:
     Returns:
         (count, k) samples.
     """
+    # Rows before the first sample would be negative; the first sample, row 0, takes their place.
     rows = np.arange(len(channels) - count, len(channels))
     return channels[np.maximum(rows, 0)]
 
@@ -182,15 +186,17 @@ class LagStatistics(NamedTuple):
             kept_lags: number of lags to keep, the latest ones, at most L.
 
         Returns:
-            Gram matrix (fewer · k + 1 + k, fewer · k + 1 + k): the k channels of each lag, the constant, and the k
-            channels of the sample.
+            Gram matrix, square, of kept_lags · k + 1 + k columns: the k channels of each kept lag, the constant, and
+            the k channels of the sample.
         """
-        # A row has the k channels of each lag, the constant, and the k channels of the sample.
-        k = (len(self.gram) - 1) // (lags + 1)
+        # The columns are the k channels of each lag, the latest lag first, the constant, and the k channels of the
+        # sample: (lags + 1) k + 1 in all.
+        column_count = len(self.gram)
+        k = (column_count - 1) // (lags + 1)
+        columns_of_kept_lags = np.arange(kept_lags * k)
         constant_column = lags * k
-        columns = np.concatenate(
-            [np.arange(kept_lags * k), np.arange(constant_column, len(self.gram))]
-        )
+        constant_and_sample = np.arange(constant_column, column_count)
+        columns = np.concatenate([columns_of_kept_lags, constant_and_sample])
         return self.gram[np.ix_(columns, columns)]
 
 

@@ -201,9 +201,11 @@ def effective_piece_count(lengths: Sequence[int], horizon: int) -> float:
     Returns:
         The effective number, not necessarily an integer.
     """
+    # Shorter segments have no piece.
     usable_samples = sum(length for length in lengths if length > 2 * horizon)
+    simulations_without_overlap = usable_samples / horizon
     pieces = sum(len(_piece_starts(length, horizon)) for length in lengths)
-    return min(usable_samples / horizon, float(MAX_PIECES), float(pieces))
+    return min(simulations_without_overlap, float(MAX_PIECES), float(pieces))
 
 
 def simulation_horizon(
@@ -373,10 +375,10 @@ class SimulationObjective:
         mean_square = _mean_square(residuals)
         # As the pieces overlap, each error counts only as a fraction of an independent sample.
         samples_per_error = self.effective_samples / residuals.size
-        # The derivatives of −N/2 ln(mean square), and of the log prior.
-        gradient = -samples_per_error * jacobian @ residuals.ravel() / mean_square - (
-            self.prior_precision @ (point - self.prior_mean)
-        )
+        # The derivatives of the log likelihood, −N/2 ln(mean square), and of the log prior.
+        likelihood_gradient = -samples_per_error * jacobian @ residuals.ravel() / mean_square
+        prior_gradient = self.prior_precision @ (point - self.prior_mean)
+        gradient = likelihood_gradient - prior_gradient
         curvature = samples_per_error * jacobian @ jacobian.T / mean_square + self.prior_precision
         return QuadraticExpansion(
             point, self._value_of_errors(point, residuals), gradient, curvature

@@ -156,10 +156,13 @@ class VectorAutoregression(NamedTuple):
         Returns:
             Samples before each forecast (S, L, k), the latest last, in physical units.
         """
-        channels = np.concatenate([past[len(past) - self.lags :], np.hstack([outputs, inputs])])
-        # With L samples of the past before the first one, the past of sample i is in the rows i to i + L − 1.
-        start_rows = np.arange(0, len(inputs), steps)
-        return channels[start_rows[:, None] + np.arange(self.lags)]
+        latest_past = past[len(past) - self.lags :]
+        channels = np.concatenate([latest_past, np.hstack([outputs, inputs])])
+        # The L samples of the past come first, so that sample i is in row L + i, and the samples before it are in the
+        # rows i to i + L − 1.
+        first_samples = np.arange(0, len(inputs), steps)
+        rows = first_samples[:, None] + np.arange(self.lags)
+        return channels[rows]
 
     @may_overflow
     def forecast_unknown_inputs(self, past: Array, steps: int) -> Forecast:
@@ -417,20 +420,22 @@ class VectorAutoregression(NamedTuple):
             The forecast. A mean that is not finite is replaced by the mean of the training data, with infinite
             variance.
         """
-        columns = mean.shape[-1]
+        channel_count = mean.shape[-1]
+        center = self.scaling.center[:channel_count]
+        scale = self.scaling.scale[:channel_count]
+        is_mean_finite = np.isfinite(mean)
+        is_determined = is_mean_finite & np.isfinite(variance)
         # In scaled channels, the mean of the training data is 0.
-        center = self.scaling.center[:columns]
-        scale = self.scaling.scale[:columns]
-        is_finite = np.isfinite(mean)
-        is_determined = is_finite & np.isfinite(variance)
-        finite_variance = np.where(is_determined, np.broadcast_to(variance, mean.shape), np.inf)
-        return Forecast(center + scale * np.where(is_finite, mean, 0.0), scale**2 * finite_variance)
+        scaled_mean = np.where(is_mean_finite, mean, 0.0)
+        scaled_variance = np.where(is_determined, np.broadcast_to(variance, mean.shape), np.inf)
+        return Forecast(center + scale * scaled_mean, scale**2 * scaled_variance)
 
 
 def _rows_by_forecast(forecasts: int, steps: int, length: int) -> Indices:
-    """Returns the rows of the samples that each rolling forecast covers.
+    """Returns the indices of the samples that each rolling forecast covers.
 
-    Forecasts follow one another without overlap. If the last one extends beyond the last row, it repeats that row.
+    Forecasts follow one another without overlap. The last one may extend beyond the last sample; then it has that
+    sample again in place of those that are missing.
 
     Args:
         forecasts: number S of forecasts.
@@ -440,7 +445,9 @@ def _rows_by_forecast(forecasts: int, steps: int, length: int) -> Indices:
     Returns:
         Indices of rows (S, steps).
     """
-    return np.minimum(np.arange(forecasts * steps), length - 1).reshape(-1, steps)
+    last_row = length - 1
+    rows = np.minimum(np.arange(forecasts * steps), last_row)
+    return rows.reshape(-1, steps)
 
 
 def _latest_first(past: Array) -> Array:

@@ -70,11 +70,12 @@ class ErrorBands:
         # shape (1 + H, m, capacity), counts and quantiles (1 + H, m, 1).
         sizes = np.sort(abs(self._errors))
         count = np.isfinite(sizes).sum(axis=-1, keepdims=True)
-        # The next error is below the k-th smallest of n with probability k / (n + 1).
-        rank = np.ceil(CONFIDENCE_LEVEL * (count + 1)).astype(int)
-        quantile_index = np.clip(rank, 1, np.maximum(count, 1)) - 1
-        quantile = np.take_along_axis(sizes, quantile_index, axis=-1)
+        # The next error is below the k-th smallest of n with probability k / (n + 1). So k is CONFIDENCE_LEVEL times
+        # n + 1, rounded up, and at most n.
+        k = np.ceil(CONFIDENCE_LEVEL * (count + 1)).astype(int)
+        index_of_quantile = np.clip(k, 1, np.maximum(count, 1)) - 1
+        quantile = np.take_along_axis(sizes, index_of_quantile, axis=-1)
         median = np.take_along_axis(sizes, count // 2, axis=-1)
         half_widths = np.minimum(quantile, MAX_MEDIANS * median)
-        has_enough = count >= MIN_SAMPLES_FOR_STATISTICS
-        self.half_widths = np.where(has_enough, half_widths, np.nan)[:, :, 0]
+        has_enough_errors = count >= MIN_SAMPLES_FOR_STATISTICS
+        self.half_widths = np.where(has_enough_errors, half_widths, np.nan)[:, :, 0]

@@ -62,10 +62,14 @@ def cause_of_surprise(
     Returns:
         The cause; None if there are too few samples, or nothing varies.
     """
-    share = explained_share(command, outputs, dt, settings)
-    if share is None:
+    share_by_command = explained_share(command, outputs, dt, settings)
+    if share_by_command is None:
         return None
-    if share < MIN_EXPLAINED_SHARE or sustained_fraction(command, dt) > MAX_SUSTAINED_FRACTION:
+    # If the command does not explain the acceleration, something else moved the vehicle.
+    if share_by_command < MIN_EXPLAINED_SHARE:
+        return SurpriseCause.DISTURBANCE
+    # A command that is sustained counters something that pushes the vehicle.
+    if sustained_fraction(command, dt) > MAX_SUSTAINED_FRACTION:
         return SurpriseCause.DISTURBANCE
     return SurpriseCause.MODEL_MISFIT
 

@@ -142,7 +142,8 @@ class Identified(Baseline):
 
         Args:
             steps: samples of each forecast.
-            inputs: (H, r) after the training data. Without feedthrough row h of the forecast depends on those before h.
+            inputs: (H, r) inputs after the training data. In a model without feedthrough (D = 0), the forecast of a
+                sample depends only on the inputs before it.
             outputs: (H, m) of the same samples, from which the state at the start of each forecast is filtered.
             smooth: has no effect here, since these models take inputs for causes and not for measurements; it is part
                 of the interface that all forecasters share.

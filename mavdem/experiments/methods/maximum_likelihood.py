@@ -81,10 +81,11 @@ def pem_fit(segments: Segments, order: int) -> NormalizedFit:
     expansion = likelihood.expand(likelihood.parameters)
     trace, last_gain = gauss_newton(likelihood, expansion, DAMPING, MAX_ITERATIONS)
     best_likelihood = likelihood.with_parameters(trace[-1].point)
-    has_converged = last_gain <= CONVERGED_STEP_NATS
-    return NormalizedFit(
-        best_likelihood.model, best_likelihood.starts, None if has_converged else len(trace) - 1
-    )
+    iterations = None
+    if last_gain > CONVERGED_STEP_NATS:
+        # It has not converged. The trace begins with the start, which is no iteration.
+        iterations = len(trace) - 1
+    return NormalizedFit(best_likelihood.model, best_likelihood.starts, iterations)
 
 
 class PredictionErrorLikelihood(NamedTuple):
@@ -314,8 +315,9 @@ def iterate_em(segments: Segments, order: int, iterations: int = MAX_ITERATIONS)
 def model_with_noise(fit: NormalizedFit, segments: Segments) -> LinearGaussianModel:
     """Makes the model that EM starts from: the subspace model with independent noises of states and outputs.
 
-    Innovations e of covariance R that enter the states by the gain K make state noise of covariance K R Kᵀ. More is
-    added, since EM can hardly enlarge a noise that is nearly 0.
+    In the subspace model the innovations e, of covariance R, also enter the states, by the gain K: this is a noise of
+    the states with the covariance K R Kᵀ. It may be nearly 0, and EM could hardly enlarge it then, so that a small
+    variance is added.
 
     Args:
         fit: model and first states by the subspace method.

@@ -113,8 +113,8 @@ def closed_loop(train: TrainingData, uses_recorded_gains: bool = True) -> Closed
 def sign_of_effect(record: Record, mixer: Array) -> float:
     """Returns the sign of the effect that a combination of the motors has on the rate of the axis.
 
-    A vector autoregression of the outputs and the combination is fitted. The sign is the sign of the sum, over all
-    lags, of the coefficients with which the rate follows the combination.
+    A vector autoregression is fitted, which predicts outputs and combination from their earlier values. It has a
+    coefficient for the effect of the combination on the rate at each lag; the sign is that of the sum of these.
 
     Args:
         record: the training data: T samples of r inputs and m outputs, in one or several segments.
@@ -280,8 +280,8 @@ class ClosedLoop(ForecasterBase):
     def one_step(self) -> Array:
         """Predicts each training sample from the samples before it in its segment, and from its own motors.
 
-        The filter predicts all channels from the samples before. The innovation of the motors, by which their measured
-        command differs, is correlated with the innovations of angle and rate, and corrects their predictions.
+        The filter first predicts angle, rate and motors from the samples before. The measured motors differ from that
+        prediction. This error is correlated with the errors of angle and rate, whose predictions it corrects.
 
         Returns:
             Outputs (T, 2), in the order of the record.
@@ -294,10 +294,10 @@ class ClosedLoop(ForecasterBase):
             rows = self._filter.gain_rows(len(samples))
             # Covariances (T, 3, 3) of the innovations of each sample.
             covariances = np.linalg.inv(self._filter.innovation_precisions[rows])
-            # Regression of each channel's innovation on the motors' innovation (T, 3).
+            # The slope of the regression of each channel's innovation on the motors' innovation (T, 3).
             motors_variances = covariances[:, [MOTORS_CHANNEL], MOTORS_CHANNEL]
-            gains = covariances[:, :, MOTORS_CHANNEL] / motors_variances
-            predictions.append(predicted_outputs + gains * innovations[:, [MOTORS_CHANNEL]])
+            slopes = covariances[:, :, MOTORS_CHANNEL] / motors_variances
+            predictions.append(predicted_outputs + slopes * innovations[:, [MOTORS_CHANNEL]])
         return self._output_forecast(np.concatenate(predictions), np.zeros(CHANNELS)).mean
 
     def rolling_forecast_unknown_inputs(

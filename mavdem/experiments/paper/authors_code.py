@@ -149,14 +149,14 @@ def agreement_check(method: str, start: str, ours: Array, theirs: Array) -> Chec
             bool(theirs.min() <= our_median <= theirs.max()),
             f"{method} from {start}: our MSPE is {_range_text(ours)}, theirs {_range_text(theirs)}",
         )
-    # The authors' DEM has a single result.
+    # The authors' DEM has a single result. Its quantile among ours is the fraction of our errors below it.
     their_error = theirs[0]
-    share_below = float((ours < their_error).mean())
-    lower_share, upper_share = INTERVAL_QUANTILES
+    quantile = float((ours < their_error).mean())
+    lowest_quantile, highest_quantile = INTERVAL_QUANTILES
     return Check(
         f"{method}, from {start}: theirs lies in the central {percent(CONFIDENCE_LEVEL)} of ours over random priors",
-        lower_share <= share_below <= upper_share,
-        f"{method} from {start}: their MSPE is {rounded(their_error, 3)}, above {percent(share_below)} of ours (median "
+        lowest_quantile <= quantile <= highest_quantile,
+        f"{method} from {start}: their MSPE is {rounded(their_error, 3)}, above {percent(quantile)} of ours (median "
         f"{rounded(float(our_median), 3)})",
     )
 

@@ -200,8 +200,8 @@ def recorded_table(ratios: ErrorsByMethod) -> tuple[Block, ...]:
 def lowest_error_check(errors: ErrorsByMethod, conditions: str) -> Check:
     """Checks that DEM has a lower error than each of the paper's other methods on every flight.
 
-    On each flight DEM is compared with the best of the others. The finding states the geometric mean of the ratios of
-    the two errors.
+    On each flight DEM is compared with the one of the others that has the lowest error there. The finding states the
+    ratio of DEM's error to this lowest error, as the geometric mean over the flights.
 
     Args:
         errors: mean squared prediction errors (MSPE) on the same flights, by name of the method.
@@ -213,12 +213,13 @@ def lowest_error_check(errors: ErrorsByMethod, conditions: str) -> Check:
     lowest_peer_errors = np.min([errors[name] for name in PEER_METHODS], axis=0)
     flight_count = len(lowest_peer_errors)
     lower_count = int((errors[DEM_P2] < lowest_peer_errors).sum())
-    mean_ratio = float(np.exp(np.mean(np.log(errors[DEM_P2] / lowest_peer_errors))))
+    log_ratios = np.log(errors[DEM_P2] / lowest_peer_errors)
+    geometric_mean_ratio = float(np.exp(np.mean(log_ratios)))
     return Check(
         f"{DEM_P2}, {conditions}: its error is lower than that of {listed(PEER_METHODS)} on every flight",
         lower_count == flight_count,
         f"{DEM_P2}, {conditions}, has a lower error than the paper’s peers on {lower_count} of {flight_count}; its "
-        f"error is {rounded(mean_ratio, 3)} times that of the best of them",
+        f"error is {rounded(geometric_mean_ratio, 3)} times that of the best of them",
     )
 
 
@@ -231,18 +232,19 @@ def _steps_check(squared_errors: Mapping[str, Array], flight: str) -> Check:
         flight: name of the flight, for the text.
 
     Returns:
-        The check, with the share of steps.
+        The check, whose finding states the fraction of the steps at which DEM is best.
     """
     no_forecast = np.full_like(squared_errors[CONSTANT_MEAN], np.inf)
     dem_errors = squared_errors.get(DEM_P2, no_forecast)
     peer_errors = [squared_errors.get(name, no_forecast) for name in PEER_METHODS]
-    # Argmin takes the first of equal errors, which is DEM's.
-    lowest_method = np.array([dem_errors, *peer_errors]).argmin(axis=0)
-    share = float((lowest_method == 0).mean())
+    # At each step, the row of the method with the lowest error. DEM has row 0, and argmin takes the first of equal
+    # errors, so that DEM also counts as best where another method is as good.
+    best_row = np.array([dem_errors, *peer_errors]).argmin(axis=0)
+    fraction_best = float((best_row == 0).mean())
     return Check(
         f"{DEM_P2}, {flight}: of the paper’s four methods it has the least squared error at over half of the steps",
-        share > 0.5,
-        f"{DEM_P2} has the least squared error of the four at {percent(share)} of the steps of {flight}",
+        fraction_best > 0.5,
+        f"{DEM_P2} has the least squared error of the four at {percent(fraction_best)} of the steps of {flight}",
     )
 
 
@@ -260,10 +262,11 @@ def _error_tables(
     """
     blocks: list[Block] = []
     for start, errors in experiment_errors.items():
-        # The table takes (experiments, priors), and here each method has one prior.
-        columns = {name: values[:, None] for name, values in errors.items()}
+        # The function for the table takes errors of several random priors, (experiments, priors). Here each method has
+        # one error for each experiment.
+        errors_of_one_prior = {name: values[:, None] for name, values in errors.items()}
         blocks.append(headline_sentence(f"MSPE of the five experiments, from {start}."))
-        blocks.append(errors_by_experiment("method", columns, numbers))
+        blocks.append(errors_by_experiment("method", errors_of_one_prior, numbers))
     return tuple(blocks)
 
 

@@ -57,13 +57,13 @@ class ExperimentResult:
 
 
 def claim_status(checks: Sequence[Check]) -> ClaimStatus:
-    """Returns how much of a claim is reproduced.
+    """Returns how much of a claim of the paper is reproduced, by the number of its checks that hold.
 
     Args:
-        checks: checks of the claim.
+        checks: checks of the claim, each of which holds or not.
 
     Returns:
-        Reproduced, partly or not, if all, some or none of the checks hold; not tried without checks.
+        REPRODUCED if all checks hold, PARTLY if some do, NOT_REPRODUCED if none does, and NOT_TRIED without checks.
     """
     if not checks:
         return ClaimStatus.NOT_TRIED

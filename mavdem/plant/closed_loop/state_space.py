@@ -649,9 +649,9 @@ def _step_of_loop(loop: ContinuousLoop, dt: float) -> _StepOfLoop:
     """
     if not np.isfinite(loop.A).all() or np.linalg.eigvals(loop.A).real.max() >= 0:
         raise np.linalg.LinAlgError("the closed loop is unstable")
-    # The first step is so short that no state changes by much more than itself.
-    fastest = abs(loop.A).sum(axis=-1).max() * dt
-    doublings = max(0, int(np.ceil(np.log2(fastest))))
+    # The step is halved until it is so short that no state changes by much more than itself.
+    largest_change = abs(loop.A).sum(axis=-1).max() * dt
+    doublings = max(0, int(np.ceil(np.log2(largest_change))))
     first_step = dt / 2**doublings
     transition = scipy.linalg.expm(loop.A * first_step)
     intensity = loop.noise_gains @ loop.noise_gains.mT
@@ -660,17 +660,18 @@ def _step_of_loop(loop: ContinuousLoop, dt: float) -> _StepOfLoop:
         covariance = _two_step_noise_covariance(transition, covariance)
         transition = transition @ transition
 
-    stationary = covariance
-    power = transition
+    # The time is doubled on from a whole step, until the covariance is the stationary one.
+    long_covariance = covariance
+    long_transition = transition
     for _ in range(MAX_DOUBLINGS):
-        two_step_covariance = _two_step_noise_covariance(power, stationary)
-        variances = np.diagonal(stationary, axis1=-2, axis2=-1)
-        increases = np.diagonal(two_step_covariance, axis1=-2, axis2=-1) - variances
-        stationary = two_step_covariance
-        power = power @ power
+        doubled_covariance = _two_step_noise_covariance(long_transition, long_covariance)
+        variances = np.diagonal(long_covariance, axis1=-2, axis2=-1)
+        increases = np.diagonal(doubled_covariance, axis1=-2, axis2=-1) - variances
+        long_covariance = doubled_covariance
+        long_transition = long_transition @ long_transition
         if (increases <= STEADY_CHANGE * variances).all():
             break
-    return _StepOfLoop(transition, covariance, stationary)
+    return _StepOfLoop(transition, covariance, stationary_covariance=long_covariance)
 
 
 def _two_step_noise_covariance(transition: Array, covariance: Array) -> Array:

@@ -166,20 +166,20 @@ def _least_squares_variances(
 
     Args:
         measured_autocovariances: (lags, n, n) autocovariances.
-        scales: (n,) standard deviations of the series, in units of which the squares are summed up.
-        effects: (lags, n, n) autocovariances that each variance causes if it is 1.
+        scales: (n,) standard deviations of the series. Each difference of autocovariances is divided by those of its
+            two series, so that series of different units count alike.
+        effects: for each of the n variances the autocovariances (lags, n, n) that it causes if it is 1.
 
     Returns:
         The variances (n,).
     """
     weights = 1 / np.outer(scales, scales)
     columns = np.stack([(weights * effect).ravel() for effect in effects], axis=1)
-    # The columns are scaled as well: variances of several units differ by orders of magnitude.
+    # The columns are scaled to length 1, since variances of several units differ by orders of magnitude.
     lengths = np.linalg.norm(columns, axis=0)
-    solution = np.linalg.lstsq(
-        columns / lengths, (weights * measured_autocovariances).ravel(), rcond=None
-    )[0]
-    variances = solution / lengths
+    targets = (weights * measured_autocovariances).ravel()
+    scaled_variances = np.linalg.lstsq(columns / lengths, targets, rcond=None)[0]
+    variances = scaled_variances / lengths
     return np.maximum(variances, SMALLEST_VARIANCE)
 
 
@@ -239,10 +239,12 @@ def corrected_step(prediction: FilterStep, output: Array, variances: Array) -> F
     Returns:
         State and covariance after the sample.
     """
+    # The measurement is the state itself plus noise, so that the output matrix of the usual formulas is the identity.
     P = prediction.covariance
-    gain = P @ np.linalg.inv(P + np.diag(variances))
-    state = prediction.state + gain @ (output - prediction.state)
-    return FilterStep(state, P - gain @ P)
+    innovation_covariance = P + np.diag(variances)
+    gain = P @ np.linalg.inv(innovation_covariance)
+    innovation = output - prediction.state
+    return FilterStep(prediction.state + gain @ innovation, P - gain @ P)
 
 
 def predicted_step(record: NoisyRecord, filter_step: FilterStep, t: int) -> FilterStep:

@@ -170,9 +170,10 @@ def dem_variances(record: NoisyRecord) -> RecursiveEstimates:
     # The first n rows of the D step's map give the states, the others their derivatives and the inputs.
     state_map = d_step(posterior)[:n]
     states = np.full_like(record.outputs, np.nan)
-    # Row i of the data belongs to sample i + center.
+    # Row i of the data is of the window whose central sample is i + center.
     center = ORDER // 2
-    states[center : center + len(data)] = data @ state_map.T
+    has_window = slice(center, center + len(data))
+    states[has_window] = data @ state_map.T
     # λ begins with the log precisions of the measurement noises.
     noise_variances = np.exp(-posterior.lambda_[:n])
     variances = np.tile(noise_variances, (len(record.outputs), 1))

@@ -157,11 +157,13 @@ def split_model(window: RollWindow) -> SplitModel:
         Transition Φ (2, 2), the effect of the known commands on the next state (T, 2), and the effect g (2,) of the
         hidden command.
     """
+    # The discrete model is x⁺ = Φ x + Γ u, with the states x and all commands u.
     Phi, Gamma = window.transition
     known_columns = np.delete(np.arange(Gamma.shape[1]), UNKNOWN_INPUT)
-    return SplitModel(
-        Phi, window.inputs[:, known_columns] @ Gamma[:, known_columns].T, Gamma[:, UNKNOWN_INPUT]
-    )
+    known_commands = window.inputs[:, known_columns]
+    effect_of_known = known_commands @ Gamma[:, known_columns].T
+    effect_of_hidden = Gamma[:, UNKNOWN_INPUT]
+    return SplitModel(Phi, effect_of_known, effect_of_hidden)
 
 
 def proportional_integral_input(window: RollWindow) -> Array:
