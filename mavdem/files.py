@@ -123,12 +123,17 @@ def reporting_write_errors(
 
 
 def is_disk_full(error: BaseException | None) -> bool:
-    """Returns whether an error, or one that it replaced, is that the disk or the user's quota on it is full."""
+    """Returns whether an error, or one that it replaced, is that the disk or the user's quota on it is full.
+
+    Args:
+        error: an error of any class; None for none.
+    """
     while error is not None:
-        error_number = getattr(error, "errno", None)
-        sqlite_name = getattr(error, "sqlite_errorname", "")
-        if error_number in (errno.ENOSPC, errno.EDQUOT) or sqlite_name == "SQLITE_FULL":
+        is_of_system = getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
+        is_of_sqlite = getattr(error, "sqlite_errorname", "") == "SQLITE_FULL"
+        if is_of_system or is_of_sqlite:
             return True
+        # The error that was handled when this one was raised.
         error = error.__cause__ or error.__context__
     return False
 

@@ -30,8 +30,11 @@ def free_port() -> int:
 def require_free_port(port: int) -> None:
     """Checks that no program listens at a TCP port of the loopback address; one may begin to before it is used.
 
+    Args:
+        port: number of the port.
+
     Raises:
-        OSError: a program does, or the port may not be used.
+        OSError: a program listens there, or the port may not be used.
     """
     try:
         socket.create_server((LOOPBACK, port)).close()

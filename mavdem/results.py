@@ -74,12 +74,12 @@ def write_result_files(paths: Mapping[str, Path], document: str, assessment: Ass
     # Imported here, so that the output on the terminal does not wait for the import.
     from mavdem.report.pages.flight_page import review_page
 
-    analysis = assessment.analysis
     paths[REPORT_FILE].write_text(document + "\n", "utf-8")
     # The page may contain the name of a file, which need not be valid Unicode.
     paths[PAGE_FILE].write_text(review_page(assessment), "utf-8", "replace")
-    # Without a model there is nothing else to write.
+    analysis = assessment.analysis
     if analysis is None or analysis.learned is None or analysis.held_out is None:
+        # Without a model there is nothing else to write.
         return
     paths[MODEL_FILE].write_text(analysis.learned.to_json() + "\n", "utf-8")
     write_recordings(paths, assessment)

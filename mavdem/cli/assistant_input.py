@@ -40,8 +40,8 @@ class _CharacterInput(io.RawIOBase):
             source: The input, at the beginning of a line.
         """
         self._source = source
-        # The part of the last line that was not read yet.
-        self._rest = memoryview(b"")
+        # The part of the latest line that was not read yet.
+        self._unread = memoryview(b"")
 
     def readable(self) -> bool:
         """Returns that this is an input."""
@@ -56,11 +56,12 @@ class _CharacterInput(io.RawIOBase):
         Returns:
             Number of bytes that were read; 0 at the end of the input.
         """
-        if not self._rest:
-            self._rest = memoryview(without_lone_surrogates(self._source.readline()))
-        count = min(len(buffer), len(self._rest))
-        buffer[:count] = self._rest[:count]
-        self._rest = self._rest[count:]
+        if not self._unread:
+            line = self._source.readline()
+            self._unread = memoryview(without_lone_surrogates(line))
+        count = min(len(buffer), len(self._unread))
+        buffer[:count] = self._unread[:count]
+        self._unread = self._unread[count:]
         return count
 
 

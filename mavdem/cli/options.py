@@ -45,9 +45,11 @@ def model_orders() -> dict[str, ModelOrders]:
 
     output_count = 2
     max_hidden_count = Settings().p
+    max_real_order = output_count + max_hidden_count
+    max_paper_order = 10
     return {
-        "real": ModelOrders(range(output_count, output_count + max_hidden_count + 1)),
-        "paper": ModelOrders(range(1, 11)),
+        "real": ModelOrders(range(output_count, max_real_order + 1)),
+        "paper": ModelOrders(range(1, max_paper_order + 1)),
     }
 
 

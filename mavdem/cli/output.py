@@ -175,6 +175,7 @@ def progress_bar(title: str, *, measured: bool = True) -> Iterator[Callable[[flo
         A function to call with the fraction that is done, from 0 to 1, and the title.
     """
     if not STDERR.is_terminal:
+        # Nothing is shown in a file or a pipe.
         yield lambda fraction, title: None
         return
     with Progress(

@@ -19,6 +19,9 @@ def name_in_log(row: FlightRow) -> str:
     """Returns the name of the vehicle in the log of a row, also if a user has assigned another vehicle to the flight.
 
     Only flights whose logs have nothing but a system id can be assigned, so that their name is made of that.
+
+    Args:
+        row: a row of the flight: its figures on one axis.
     """
     is_assigned = row.vehicle_basis == GIVEN_BASIS
     if not is_assigned:
@@ -38,7 +41,9 @@ def rows_with_assigned_vehicles(db: sqlite3.Connection, rows: Iterable[FlightRow
     """
     assigned_rows = []
     for row in rows:
-        if row.vehicle_basis in (SYSTEM_ID_BASIS, GIVEN_BASIS):
+        # The log has no name of the vehicle but the one made of its system id; it may have been assigned before.
+        can_be_assigned = row.vehicle_basis in (SYSTEM_ID_BASIS, GIVEN_BASIS)
+        if can_be_assigned:
             logged_name = name_in_log(row)
             query = "select vehicle from flight_vehicles where content = ? and logged_name = ?"
             assignment = db.execute(query, [content_hash(row.key), logged_name]).fetchone()
@@ -61,11 +66,15 @@ def assign_vehicle(db: sqlite3.Connection, row: FlightRow, vehicle: str) -> None
         vehicle: name of the vehicle; empty to take the assignment away.
     """
     content = content_hash(row.key)
-    key = [content, name_in_log(row)]
-    db.execute("delete from flight_vehicles where content = ? and logged_name = ?", key)
+    logged_name = name_in_log(row)
+    db.execute(
+        "delete from flight_vehicles where content = ? and logged_name = ?", [content, logged_name]
+    )
     if vehicle:
-        db.execute("insert into flight_vehicles values (?, ?, ?)", [*key, vehicle])
-    for changed_vehicle in sorted(_update_flight_rows(db, content)):
+        db.execute("insert into flight_vehicles values (?, ?, ?)", [content, logged_name, vehicle])
+    changed_vehicles = _update_flight_rows(db, content)
+    for changed_vehicle in sorted(changed_vehicles):
+        # Its table file for other programs is to be written again, too.
         db.execute("insert into unpublished (vehicle) values (?)", [changed_vehicle])
         db.execute("update flights set judged = null where vehicle = ?", [changed_vehicle])
 

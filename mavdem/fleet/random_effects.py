@@ -152,10 +152,14 @@ class QuantityChange(NamedTuple):
         Args:
             significance: significance of the two-sided test of this quantity, such as a fraction of that of all.
         """
-        ratio = 1 + self.difference if self.quantity.kind in LOGARITHMIC_KINDS else 1.0
-        sd = self.half_width / ratio / coverage_factor(freedom=self.freedom)
-        quantiles = scipy.special.stdtrit(self.freedom, (1 - significance / 2, CONFIDENCE_LEVEL))
-        return float(sd * np.sum(quantiles))
+        half_width = self.half_width
+        if self.quantity.kind in LOGARITHMIC_KINDS:
+            # Half width and difference are relative to the state before; the test is of logarithms.
+            half_width = self.half_width / (1 + self.difference)
+        sd = half_width / coverage_factor(freedom=self.freedom)
+        quantile_of_test = scipy.special.stdtrit(self.freedom, 1 - significance / 2)
+        quantile_of_error = scipy.special.stdtrit(self.freedom, CONFIDENCE_LEVEL)
+        return float(sd * (quantile_of_test + quantile_of_error))
 
 
 class StateEstimates(NamedTuple):
@@ -182,8 +186,10 @@ class StateEstimates(NamedTuple):
         errors. What exceeds this comes from real differences between the flights; without such differences it can be
         negative by chance. The unit is the squared unit of the estimates.
         """
-        squares = ((self.values - self.values.mean()) ** 2).sum()
-        return float(squares - self.variances.sum() * (1 - 1 / self.values.size))
+        flight_count = self.values.size
+        squared_deviations = (self.values - self.values.mean()) ** 2
+        expected_squares = self.variances.sum() * (1 - 1 / flight_count)
+        return float(squared_deviations.sum() - expected_squares)
 
 
 def quantity_change(
@@ -389,15 +395,17 @@ def _changed_quantities(changes: Sequence[QuantityChange]) -> set[Quantity]:
     if not changes:
         return set()
     changes_by_family = group_by(changes, lambda change: family_of(change.quantity.kind))
-    # Adjusted p-values of each family; the smallest is the p-value of Simes.
-    adjusted_by_family = {
-        family: scipy.stats.false_discovery_control([change.p for change in changes_of_family])
-        for family, changes_of_family in changes_by_family.items()
-    }
-    p_of_families = [p_values.min() for p_values in adjusted_by_family.values()]
-    is_selected = scipy.stats.false_discovery_control(p_of_families) <= SIGNIFICANCE
-    # The mean of the flags is R / m.
-    false_discovery_rate = SIGNIFICANCE * is_selected.mean()
+    adjusted_by_family = {}
+    simes_p_values = []
+    for family, changes_of_family in changes_by_family.items():
+        p_values = [change.p for change in changes_of_family]
+        adjusted_p_values = scipy.stats.false_discovery_control(p_values)
+        adjusted_by_family[family] = adjusted_p_values
+        # The smallest adjusted p-value is the p-value of Simes.
+        simes_p_values.append(adjusted_p_values.min())
+    is_selected = scipy.stats.false_discovery_control(simes_p_values) <= SIGNIFICANCE
+    selected_fraction = is_selected.mean()
+    false_discovery_rate = SIGNIFICANCE * selected_fraction
     changed_quantities = set()
     for family, is_family_selected in zip(changes_by_family, is_selected, strict=True):
         if not is_family_selected:

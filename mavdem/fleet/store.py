@@ -135,7 +135,10 @@ class Store:
             yield
 
     def _add_brief_rows(self) -> None:
-        """Adds columns to the store of an earlier version: brief rows, for quick reading, and pages of flights."""
+        """Upgrades the store of an earlier version, whose table has no columns with brief rows and pages of flights.
+
+        A brief row has only the columns that a page of the fleet shows, and is read faster.
+        """
         if has_brief_rows(self.db):
             return
         with self.transaction():

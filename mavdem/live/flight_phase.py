@@ -307,17 +307,19 @@ class FlightPhase:
             self._free_climb_start = min(self._free_climb_start, free_time)
 
     def _withdraw_since(self, start_time: float) -> None:
-        """Marks samples that counted as settled for withdrawal.
+        """Notes that samples which counted as settled flight were of a landing or a loss of control.
 
-        The caller gets the time by ``pop_withdrawal_time``, and withdraws what was learned since then. If it did not do
-        so after an earlier landing or loss of control, the earlier time is kept, so that both are withdrawn.
+        The caller gets the time by ``pop_withdrawal_time``, and withdraws what a model has learned since then. If it
+        did not do so after an earlier landing or loss, the earlier time is kept, so that both are withdrawn.
 
         Args:
-            start_time: time of the first sample to be withdrawn, s of the boot clock.
+            start_time: time of the first such sample, s of the boot clock.
         """
-        if self._withdrawal_time is not None:
-            start_time = min(start_time, self._withdrawal_time)
-        self._withdrawal_time = start_time
+        pending_time = self._withdrawal_time
+        if pending_time is None:
+            self._withdrawal_time = start_time
+        else:
+            self._withdrawal_time = min(start_time, pending_time)
 
 
 def _interval_at(time: float, intervals: Intervals) -> TimeInterval | None:

@@ -252,8 +252,12 @@ class LiveHistory:
         if not isfinite(self.now):
             return
         for number, voltage in voltages.items():
+            # Times, s of the timeline, and voltages, V.
             samples = self._voltages.setdefault(number, deque(maxlen=MAX_ROWS))
-            if not samples or samples[-1][0] != self.now:
+            latest_time = None
+            if samples:
+                latest_time, _ = samples[-1]
+            if latest_time != self.now:
                 samples.append((self.now, voltage))
 
     @property
@@ -332,13 +336,15 @@ class LiveHistory:
             time: time of the sample, s of the timeline.
             is_new_segment: whether the sample is the first of its segment.
         """
-        start = time
+        start_time = time
         if self.learned_intervals and not is_new_segment:
             last_start, last_end = self.learned_intervals[-1]
-            if time - last_end < GAP_SECONDS:
-                start = last_start
+            continues_last_interval = time - last_end < GAP_SECONDS
+            if continues_last_interval:
+                # The last interval is replaced by a longer one.
                 self.learned_intervals.pop()
-        self.learned_intervals.append((start, time))
+                start_time = last_start
+        self.learned_intervals.append((start_time, time))
 
     def forget_learned_since(self, start_time: float) -> None:
         """Removes from the learned intervals, and from the errors of predictions, what was withdrawn from the model.
@@ -406,10 +412,12 @@ class LiveHistory:
                 self._comparisons.append(_Comparison(horizon, prediction, outputs))
                 if horizon == reported_horizon:
                     reported_angle = _PredictedAngle(prediction.outputs[0], prediction.band[0])
-        # Earlier ones are no longer withdrawn.
+        # The latest comparisons may still be withdrawn, where a landing or a loss of control is recognised later. Only
+        # earlier ones are added to the sums.
         confirmed_time = time - MAX_WITHDRAWN_SECONDS
         while self._comparisons and self._comparisons[0].time < confirmed_time:
-            _add_to_sums(self._error_sums, self._comparisons.popleft())
+            confirmed_comparison = self._comparisons.popleft()
+            _add_to_sums(self._error_sums, confirmed_comparison)
         return reported_angle
 
     def clear_wind_torque(self, start_time: float) -> None:

@@ -177,6 +177,9 @@ class ModelJudging:
 
         There is one judgement of a flight: its margins are those that the recording shows, or unknown for the reason
         that the recording shows, but never margins by the model alone.
+
+        Args:
+            judgement: headline, next step and status lights that the recording shows.
         """
         self.judgement = judgement
         self.is_of_recording = True

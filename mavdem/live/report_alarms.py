@@ -69,13 +69,15 @@ class ReportAlarms:
             now: present time on the boot clock, s.
         """
         for report in reports:
-            if report.code in self._reports:
+            has_alarm = report.code in self._reports
+            if has_alarm:
                 former_time = self._report_times[report.code]
                 self._report_times[report.code] = max(former_time, _latest_time(report, now))
-        for code, report in list(self._reports.items()):
+        for code, alarming_report in list(self._reports.items()):
             seconds_without_report = now - self._report_times[code]
             # A bad fault stays an alarm until the flight ends.
-            if not report.is_bad and seconds_without_report > REPEAT_SECONDS:
+            ends_by_itself = not alarming_report.is_bad
+            if ends_by_itself and seconds_without_report > REPEAT_SECONDS:
                 del self._reports[code]
 
     def end_flight(self) -> None:
@@ -119,6 +121,7 @@ def is_alarming(report: Fact) -> bool:
     if not report.warns:
         return False
     severity = report.figures.get("severity")
-    is_critical = severity in CRITICAL_SEVERITIES
-    is_state = "text" not in report.figures and report.code in ALARMING_STATES
-    return report.is_bad or is_critical or is_state
+    is_critical_text = severity in CRITICAL_SEVERITIES
+    is_state = "text" not in report.figures
+    is_alarming_state = is_state and report.code in ALARMING_STATES
+    return report.is_bad or is_critical_text or is_alarming_state

@@ -129,7 +129,9 @@ class RowBuilder:
         if values is None or not stream.add(time, values):
             return None
         self.sample_count += 1
-        return stream if stream in self._row_streams else None
+        if stream not in self._row_streams:
+            return None
+        return stream
 
     def is_main_motor_stream(self, stream: SampleStream) -> bool:
         """Returns whether a stream has the outputs of the port with most motors."""
@@ -170,8 +172,10 @@ class RowBuilder:
         if self._grid.is_running:
             self._end_at_interruption(name, stream)
         may_begin = not self._grid.is_running and self._phase.may_have_free_rows
-        if may_begin and self._grid.begin(self._row_streams):
-            self._begin_segment(inputs)
+        if may_begin:
+            has_begun = self._grid.begin(self._row_streams)
+            if has_begun:
+                self._begin_segment(inputs)
         if not self._grid.is_running:
             return []
         return [self._row(point, inputs) for point in self._grid.completed_points()]
@@ -234,15 +238,14 @@ class RowBuilder:
             rates=self._grid.rates,
             grid_start=self._grid.start_time,
         )
-        # The rates and the beginning of the grid differ in each segment; the user need not know.
-        is_same = (
-            former_format is not None
-            and former_format.dt == dt
-            and former_format.motor_message == motor_message
-            and former_format.geometry == geometry
-        )
-        if is_same:
-            return
+        if former_format is not None:
+            has_same_step = former_format.dt == dt
+            has_same_motors = (
+                former_format.motor_message == motor_message and former_format.geometry == geometry
+            )
+            if has_same_step and has_same_motors:
+                # Only the rates and the beginning of the grid differ, which the user need not know.
+                return
         names = (self.attitude_message, motor_message)
         self._report(Fact(RowsFact.ROWS_BEGIN, names=names, step=dt, inputs=len(geometry.names)))
         if geometry.assumed:
@@ -266,15 +269,17 @@ class RowBuilder:
         attitude, *port_values = point.values
         roll, pitch, _, _ = attitude
         values_by_port = dict(zip(inputs.ports, port_values, strict=True))
-        motors = []
+        motor_outputs = []
         for channel in inputs.channels:
-            motors.append(values_by_port[channel.port][channel.offset])
-        if max(abs(roll), abs(pitch)) >= MAX_TILT:
+            outputs_of_port = values_by_port[channel.port]
+            motor_outputs.append(outputs_of_port[channel.offset])
+        is_tilted_extremely = max(abs(roll), abs(pitch)) >= MAX_TILT
+        if is_tilted_extremely:
             self._extreme_tilt_time = point.time
         is_upright = point.time > self._extreme_tilt_time + AVERAGING_SECONDS / 2
         return AlignedRow(
             point.time,
-            np.array(motors),
+            np.array(motor_outputs),
             self._angle_and_rate(attitude),
             self._grid.segment,
             is_settled=is_upright and self._phase.is_settled(point.time),

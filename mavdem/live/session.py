@@ -201,13 +201,15 @@ class LiveSession:
             self._learning, self.stream.now, self.stream.takeoff_time
         )
         events = self.stream.drain_events()
-        if any(event.fact.is_bad for event in events):
+        has_alarm = any(event.fact.is_bad for event in events)
+        if has_alarm:
             # An alarm must not stand beside a status of up to a second before, which calls the vehicle sound.
             self._report_alarmed_status()
         for event in events:
             # A vehicle that is to be followed after a silent one has been reported as its successor.
-            is_successor = event.fact.code is VehicleFact.OTHER_VEHICLE and self.successor
-            if not is_successor:
+            is_other_vehicle = event.fact.code is VehicleFact.OTHER_VEHICLE
+            is_reported_successor = is_other_vehicle and self.successor is not None
+            if not is_reported_successor:
                 self._presentation.log(event.fact)
         for fact in self.link.drain_events():
             self._presentation.log(fact)
@@ -261,22 +263,22 @@ class LiveSession:
         By the delay of the analysis, ``Backlog.update`` decides which tasks wait: first the drawing of plots, then new
         fits, and in the end estimates. Before any of them, the process that learns is suspended for a moment.
         """
-        delay_fact = self.backlog.update(self.link.dropped_datagrams)
+        # The report that this computer begins to be too slow, or keeps up again; None where neither has changed.
+        delay_report = self.backlog.update(self.link.dropped_datagrams)
         if isinstance(self._executor, LearningProcess):
             self._executor.suspend(self.backlog.suspends_learning)
-        postponed = self.backlog.postponed
-        self._presentation.pause(DelayedWork.PLOTS in postponed)
+        postponed_tasks = self.backlog.postponed
+        self._presentation.pause(DelayedWork.PLOTS in postponed_tasks)
         self._learning.allow_fits(
-            of_parameters=DelayedWork.PHYSICAL_FITS not in postponed,
-            of_model=DelayedWork.REFITS not in postponed,
+            of_parameters=DelayedWork.PHYSICAL_FITS not in postponed_tasks,
+            of_model=DelayedWork.REFITS not in postponed_tasks,
         )
-        if delay_fact is None:
+        if delay_report is None:
             return
-        # It is reported when this computer begins to be too slow, and when it keeps up again.
-        if delay_fact.code is SessionFact.COMPUTER_KEEPS_UP:
+        if delay_report.code is SessionFact.COMPUTER_KEEPS_UP:
             # The latencies so far are of the slow time.
             self._latencies.clear()
-        self._presentation.log(delay_fact)
+        self._presentation.log(delay_report)
 
     def _analyse(self) -> None:
         """Analyses the oldest waiting messages: learns from their rows, and notes landings, silences and reboots.
@@ -293,17 +295,20 @@ class LiveSession:
         """
         batches = self.backlog.pop_simultaneous()
         first_arrival = batches[0].arrival_time
+        last_arrival = batches[-1].arrival_time
         if self._report.time_account.is_due(first_arrival):
             self._report.account_for(first_arrival)
         # The boot is compared below: frames of a rebooted vehicle increase it.
         former_boot = self.stream.boot
-        frames = [frame for batch in batches for frame in batch.frames]
+        frames: list[Frame] = []
+        for batch in batches:
+            frames += batch.frames
         for row in self.stream.process_frames(batches[0].stamp, frames):
             self._process_row(row, first_arrival)
         for batch in batches:
             vehicle = self.stream.followed_vehicle
             self._margin_review.add_messages(batch.stamp, batch.frames, vehicle)
-        silence = self._note_messages(first_arrival, batches[-1].arrival_time, frames)
+        silence = self._note_messages(first_arrival, last_arrival, frames)
         self.history.advance(self.stream.now, self.stream.boot)
         self._add_sample_to_history()
         self._withdraw_landing_or_loss()
@@ -616,7 +621,14 @@ class LiveSession:
         return Fact(SessionFact.FIT_UNFINISHED)
 
     def judge_final_model(self, model: Learned | None) -> Learned | None:
-        """Judges the model at the end, if there is one, and returns the model to show."""
+        """Judges the model at the end of the session, by the alarms of the motors too.
+
+        Args:
+            model: the final model; None without one.
+
+        Returns:
+            The model to show, with its wind torque marked as the vehicle's own where a fault of the vehicle caused it.
+        """
         alarms = tuple(self.stream.motor_alarms.latest)
         return self.judging.judge_final_model(
             model,
@@ -659,6 +671,7 @@ class LiveSession:
         if is_at_end:
             has_flown = self._learning.has_settled or self.stream.is_flying
             if has_flown and not self._learning.has_landed:
+                # After a landing the advice is due anyway.
                 adviser.is_due = True
             if adviser.is_awaited:
                 self._presentation.log(Fact(GainFact.ADVICE_AWAITED, duration=MAX_WAIT_SECONDS))

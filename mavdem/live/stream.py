@@ -420,16 +420,19 @@ class LiveStream:
         Args:
             frame: the next frame, intact or not.
         """
-        for message, stamp in self._messages_of_followed_vehicle(frame):
+        for message, reception_time in self._messages_of_followed_vehicle(frame):
             if message.name in REPLY_MESSAGES:
+                # Replies to requests for message rates, which the session takes.
                 self._replies.append(message)
                 continue
-            timed = self._clock.place(message, stamp)
-            if timed is None:
+            timed_message = self._clock.place(message, reception_time)
+            if timed_message is None:
+                # Its time is not known.
                 continue
-            if timed.boot != self.boot:
-                self._restart(timed.boot)
-            yield from self._process_message(timed)
+            has_rebooted = timed_message.boot != self.boot
+            if has_rebooted:
+                self._restart(timed_message.boot)
+            yield from self._process_message(timed_message)
 
     def _messages_of_followed_vehicle(self, frame: Frame) -> list[tuple[Message, float]]:
         """Counts a frame for its sender, and returns its message if the sender is the followed vehicle.

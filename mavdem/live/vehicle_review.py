@@ -124,9 +124,10 @@ class VehicleReview:
         self._motion: RecentMotion | None = None
 
     def _texts_since_last_attitude(self) -> list[TimedValues]:
-        """Returns the texts that came after the last attitude of a boot.
+        """Returns the texts of the autopilot that came after the last message of a boot.
 
-        If the clock begins again, they are of the new boot, which only attitudes prove; they may have its reason.
+        If the clock begins again, they are of the new boot, which only attitudes prove. They may say why the autopilot
+        has restarted.
         """
         texts = self.recent_messages.rows.get("STATUSTEXT", [])
         return [text for text in texts if text.time >= self._message_time]
@@ -165,10 +166,12 @@ class VehicleReview:
             now: present time on the boot clock, s.
         """
         watchdog = self.watchdog
-        is_lost = watchdog.loss is not None
-        if is_lost or not self.phase.is_flying or not watchdog.control.may_be_lost:
+        is_already_lost = watchdog.loss is not None
+        may_be_losing = self.phase.is_flying and watchdog.control.may_be_lost
+        if is_already_lost or not may_be_losing:
             return
-        if self.telemetry is None or abs(now - self._control_time) < CONTROL_PERIOD:
+        is_due = abs(now - self._control_time) >= CONTROL_PERIOD
+        if self.telemetry is None or not is_due:
             return
         self._control_time = now
         motion = self._rows.recent_motion()
@@ -320,10 +323,11 @@ class VehicleReview:
         now = self._review_time
         is_flying = self.phase.is_flying
         settled_start = self.phase.settled_start(now)
-        for fact in self.watchdog.begin_review(
+        new_reports = self.watchdog.begin_review(
             now, self.telemetry, is_flying=is_flying, settled_start=settled_start
-        ):
-            self._report(fact)
+        )
+        for report in new_reports:
+            self._report(report)
         if is_flying and self.watchdog.is_thorough:
             self._pending_steps.append(self._review_lights)
             if self.watchdog.is_tracking_due:
