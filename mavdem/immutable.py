@@ -7,6 +7,8 @@ from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
+from mavdem.facts import Fact
+
 ValueType = TypeVar("ValueType")
 Key = TypeVar("Key")
 Value = TypeVar("Value")
@@ -52,8 +54,9 @@ def freeze(value: ValueType) -> ValueType:
     if type(value) in IMMUTABLE_TYPES:
         return value
     frozen: Any = value
-    if isinstance(value, (ImmutableResult, Enum)):
-        # The values of an immutable result were frozen when it was created. A member of an enumeration has none.
+    if isinstance(value, (ImmutableResult, Fact, Enum)):
+        # The values of an immutable result were frozen when it was created, those of a fact were made plain, and a
+        # member of an enumeration has none.
         pass
     elif isinstance(value, np.ndarray):
         value.setflags(write=False)
