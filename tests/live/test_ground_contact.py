@@ -70,7 +70,7 @@ class Replay(NamedTuple):
     stream: LiveStream
     """The stream at the end."""
     wind_before_loss: object
-    """The mean wind at the last message before the loss."""
+    """The mean wind at the last message before the alarm of the loss."""
     losses: list
     """The alarms of losses and impacts."""
     down_texts: list
@@ -79,7 +79,7 @@ class Replay(NamedTuple):
 
 @fixture(scope="module")
 def replayed(flown):
-    """The flight, replayed once with its status after each message."""
+    """The flight, replayed once, with its status after each message in flight since its loss."""
     stream = LiveStream()
     wind_before_loss = None
     losses = []
@@ -91,11 +91,12 @@ def replayed(flown):
             is_alarm = event.fact.code is SessionFact.ALARM
             if is_alarm and reason.code in (Ending.CONTROL_LOST, Ending.CRASHED, MotionEvent.HIT):
                 losses.append(event.fact)
-        status = replace(stream.status(), state=stream.vehicle_state())
-        if status.loss is None:
+        if not losses:
             wind_before_loss = stream.wind.mean
-        if status.ground_contact is not None and status.is_flying:
-            down_texts.append(vehicle_text(status))
+        elif stream.is_flying:
+            status = replace(stream.status(), state=stream.vehicle_state())
+            if status.ground_contact is not None:
+                down_texts.append(vehicle_text(status))
     return Replay(flown, stream, wind_before_loss, losses, down_texts)
 
 
