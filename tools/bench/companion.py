@@ -3,7 +3,7 @@
 
 Usage: tools/bench/companion.py [--rate HZ ...] [--share SHARE] [--python PYTHON] [--checkout FOLDER]
 
-A simulated flight of half a minute is sent over UDP by another process on another core. The session and all processes
+A simulated flight of a minute is sent over UDP by another process on another core. The session and all processes
 that it starts share one core. Their share of it is limited by a control group of Linux; where there is none, busy
 processes beside them take the rest, and the table says so.
 """
@@ -17,6 +17,7 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from statistics import median
 from tempfile import TemporaryDirectory
 from threading import Thread
 from typing import NamedTuple
@@ -37,8 +38,8 @@ LINK = "127.0.0.1:14596"
 """Where the flight is sent to."""
 
 SCENARIO = """
-description = "An Iris on a small computer's link: roll excited over its whole band, in a light wind."
-duration = 30
+description = "An Iris on a small computer's link: all axes excited over their whole band, in a light wind."
+duration = 60
 seed = 35
 [vehicle]
 model = "iris"
@@ -48,15 +49,16 @@ sd = 0.5
 s = 0.2
 [excitation]
 kind = "multisine"
+axis = "all"
 sd = 2
 lowest = 0.2
 highest = 6
 period = 10
 [stream]
 autopilot = "ardupilot"
-rates = {{ ATTITUDE = {rate}, SERVO_OUTPUT_RAW = {rate} }}
+rates = {{ ATTITUDE = {rate}, ATTITUDE_TARGET = {rate}, SERVO_OUTPUT_RAW = {rate} }}
 """
-"""Flight whose physical parameters are identifiable, so that all of the learning runs."""
+"""Flight whose physical parameters and loops are identifiable, so that learning and the margins in flight run."""
 
 STARTING_SECONDS = 180.0
 """Longest time for the session to start on its share of a core, s."""
@@ -285,7 +287,9 @@ def live_run(rate: float, python: str, checkout: Path, core: int, group: Path | 
 def table_row(run: LiveRun, rate: float) -> dict[str, object]:
     """Returns the row of a run, by the headers of the table.
 
-    The processor time is summed over all processes of the session, from the first message to the last.
+    Processor time and memory are summed over all processes of the session. Share of the core and usual memory are those
+    from the first message to the last; the largest memory is that of the whole session, which judges the recording at
+    its end.
 
     Args:
         run: the live session, with its document, the lines that it printed, and its use of the machine over time.
@@ -310,7 +314,8 @@ def table_row(run: LiveRun, rate: float) -> dict[str, object]:
         "p99, ms": 1e3 * latency["p99"],
         "core, %": 100 * core_share,
         "processor in all, s": max(use.processor for use in run.usages),
-        "memory, MB": max(use.memory for use in run.usages),
+        "memory, MB": median(use.memory for use in usages),
+        "memory at most, MB": max(use.memory for use in run.usages),
         "frames lost": document["lost"],
         "recorded": run.document["recorded"],
         "first model": first_models[0] if first_models else "none",
