@@ -51,13 +51,11 @@ _FOLDER = files("sitl_scenarios") / "scenarios"
 
 def names() -> tuple[str, ...]:
     """Returns the names of the scenarios that come with the package, in alphabetical order."""
-    return tuple(
-        sorted(
-            file.name.removesuffix(".toml")
-            for file in _FOLDER.iterdir()
-            if file.name.endswith(".toml")
-        )
-    )
+    scenario_names = []
+    for file in _FOLDER.iterdir():
+        if file.name.endswith(".toml"):
+            scenario_names.append(file.name.removesuffix(".toml"))
+    return tuple(sorted(scenario_names))
 
 
 class ScenarioSource(NamedTuple):

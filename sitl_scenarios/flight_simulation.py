@@ -225,14 +225,15 @@ class Simulation:
         self._controller.reset()
 
     def _update_arming(self) -> None:
-        """Arms or disarms the vehicle, or prepares the scenario's next flight, if the current cycle is the time for it.
+        """Arms or disarms the vehicle if the current cycle is the time for it, and begins the scenario's next flight.
 
-        Cycles are counted from the arming of the current flight (``flight_cycle``): the number is negative while the
+        Time is counted in cycles from the arming of the current flight (``flight_cycle``). It is negative while the
         vehicle waits to be armed, ``_flight_cycles`` at the planned disarming, and ``_end_cycles`` when the time on the
         ground after the flight has passed.
         """
         flight_cycle = self._current_cycle - self._arming_cycle
-        if self._remaining_flights and not self.armed and flight_cycle >= self._end_cycles:
+        is_flight_over = not self.armed and flight_cycle >= self._end_cycles
+        if self._remaining_flights and is_flight_over:
             self._remaining_flights -= 1
             # The vehicle waits on the ground as long as after boot before it is armed again.
             self._begin_flight(self._current_cycle + self._boot_cycles)

@@ -191,7 +191,7 @@ def _loop_cautions(loop: Loop) -> list[Fact]:
 
 
 def _crossover_too_fast(loop: Loop, highest_frequency: float) -> NotLearnable:
-    """Returns the error that a loop's crossover is above the highest frequency that its record shows.
+    """Returns the error that a record is too slow for its rate loop: it does not show the crossover frequency.
 
     Args:
         loop: rate and attitude loop of the axis, with the interval of its crossover.
@@ -202,11 +202,12 @@ def _crossover_too_fast(loop: Loop, highest_frequency: float) -> NotLearnable:
     """
     crossover = loop.rate.crossover
     _, highest_crossover = loop.rate.crossover_interval
+    is_estimate_shown = crossover < highest_frequency
     return NotLearnable(
         LoopFact.CROSSOVER_UNSEEN,
         crossover=crossover,
-        # If the estimated crossover is below that frequency, the upper end of its interval is the reason.
-        high=highest_crossover if crossover < highest_frequency else None,
+        # If the record shows the estimated crossover, the upper end of its interval is the reason.
+        high=highest_crossover if is_estimate_shown else None,
         rate=1 / loop.record.dt,
         frequency=highest_frequency,
     )

@@ -144,11 +144,11 @@ def setpoint_resonance(signals: Signals, segments: Segments) -> Resonance | None
 def _steered_rows(spectra: WelchSpectra, frequency: Array, angle_gain: float) -> Indices:
     """Returns the widest band of frequencies in which pilot or navigation, and not the wind, cause the rate setpoint.
 
-    The attitude controller computes the rate setpoint r = x − K p / s from the command x of pilot or navigation, and
-    from the angle p / s. So r also changes with the wind, which rotates the vehicle. The power of x = r + K p / s
-    relative to the power of r is the share of r that was commanded. With the response T from r to the rate p, what of
-    p follows r contributes |1 + K T / s|² to this ratio. The rest of p contributes |K / s|² times the ratio of
-    its power to the power of r.
+    Only there a response of the rate to its setpoint shows the rate loop. The attitude controller computes the rate
+    setpoint r = x − K p / s from the command x of pilot or navigation, and from the angle p / s. So r also changes with
+    the wind, which rotates the vehicle. The commanded fraction is the power of x = r + K p / s relative to that of r.
+    With the response T from r to the rate p, what of p follows r contributes |1 + K T / s|² to this fraction. The rest
+    of p contributes |K / s|² times the ratio of its power to the power of r.
 
     Args:
         spectra: cross-spectra of the setpoint r (index 0) and the rate p (index 1).
@@ -159,18 +159,18 @@ def _steered_rows(spectra: WelchSpectra, frequency: Array, angle_gain: float) ->
         Indices (band,) of the consecutive frequencies of the band that spans most octaves; empty if there is no band.
     """
     angle_feedback = angle_gain / (2j * np.pi * frequency)
-    steered_share = abs(1 + angle_feedback * spectra.response) ** 2
+    commanded_by_response = abs(1 + angle_feedback * spectra.response) ** 2
     # In the ratio S_pp / S_rr, |T|² follows the setpoint; the rest is incoherent with it.
     rate_per_setpoint_power = spectra.power[1, 1].real / spectra.driver_power
     incoherent_power = rate_per_setpoint_power - abs(spectra.response) ** 2
-    steered_share += abs(angle_feedback) ** 2 * incoherent_power
-    is_steered = (spectra.coherence >= MIN_COHERENCE) & (steered_share >= MIN_SETPOINT_SHARE)
+    commanded_fraction = commanded_by_response + abs(angle_feedback) ** 2 * incoherent_power
+    is_steered = (spectra.coherence >= MIN_COHERENCE) & (commanded_fraction >= MIN_SETPOINT_SHARE)
     is_steered &= frequency >= MIN_RESPONSE_FREQUENCY
     is_steered &= frequency <= MAX_FREQUENCY_RATIO * frequency[-1]
     rows = np.flatnonzero(is_steered)
-    ends_of_runs = np.flatnonzero(np.diff(rows) > 1) + 1
-    runs = [run for run in np.split(rows, ends_of_runs) if len(run)]
-    return max(runs, key=lambda run: frequency[run[-1]] / frequency[run[0]], default=rows)
+    band_starts = np.flatnonzero(np.diff(rows) > 1) + 1
+    bands = [band for band in np.split(rows, band_starts) if len(band)]
+    return max(bands, key=lambda band: frequency[band[-1]] / frequency[band[0]], default=rows)
 
 
 def _max_sensitivity_interval(

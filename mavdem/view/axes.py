@@ -36,15 +36,18 @@ WIDTH_PER_SPAN = 1 / (1 - LEGEND_SHARE)
 
 
 def tick_intervals(height_share: float) -> float:
-    """Returns the number of intervals between numbered ticks that a plot has room for in a window of usual size.
+    """Returns for how many intervals between numbered ticks the vertical axis of a plot has room.
+
+    The plot is one of a tab of the Rerun viewer, in a window of usual size.
 
     Args:
-        height_share: height of the plot, as a share of the height of its tab.
+        height_share: height of the plot, as a fraction of the height of its tab.
 
     Returns:
         The number, which need not be whole.
     """
-    height_of_values = (height_share * TAB_HEIGHT - PLOT_FRAME_HEIGHT) / (1 + 2 * AXIS_MARGIN)
+    plot_height = height_share * TAB_HEIGHT - PLOT_FRAME_HEIGHT
+    height_of_values = plot_height / (1 + 2 * AXIS_MARGIN)
     return height_of_values / MIN_TICK_DISTANCE
 
 

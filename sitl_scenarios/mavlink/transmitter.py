@@ -582,10 +582,12 @@ def recorded_stream(scenario: Scenario, motion: Motion) -> FrameStream:
     transmitter = Transmitter(scenario)
     link = LossyLink(scenario)
     received_frames: list[TimedFrame] = []
-    for begin in range(0, len(motion), BLOCK_CYCLES):
-        received_frames += link.pass_on(transmitter.send(motion[begin : begin + BLOCK_CYCLES]))
+    for first_row in range(0, len(motion), BLOCK_CYCLES):
+        sent_frames = transmitter.send(motion[first_row : first_row + BLOCK_CYCLES])
+        received_frames += link.pass_on(sent_frames)
     received_frames += link.held_frames()
     received_frames = with_second_sender(scenario, received_frames)
+    # All frames are stored as one array of bytes, with the index at which each frame begins.
     data = np.frombuffer(b"".join(frame for _, frame in received_frames), dtype=np.uint8)
     sizes = np.array([len(frame) for _, frame in received_frames], np.int64)
     frame_starts = np.cumsum(sizes) - sizes

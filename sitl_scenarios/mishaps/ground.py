@@ -76,7 +76,7 @@ class GroundContact:
         return abs(self.rest_lean - self.lean) < radians(1)
 
     def advance(self, seconds: float) -> None:
-        """Moves the vehicle on the ground by one time step.
+        """Moves the vehicle on the ground by one time step: its lean, the rate of that, and the shock of the impact.
 
         A vehicle that hit the ground comes to rest with the time constant ``SETTLING_SECONDS``. One that tips over is
         an inverted pendulum: its lean λ follows λ̈ = f² sin λ, with f = ``TOPPLE_FREQUENCY``, until rotors and hull hit
@@ -87,11 +87,13 @@ class GroundContact:
         """
         self.impact *= exp(-seconds / IMPACT_SECONDS)
         if not self.is_toppling:
-            change = (self.rest_lean - self.lean) * (1.0 - exp(-seconds / SETTLING_SECONDS))
-            self.lean += change
-            self.rate = change / seconds
+            settled_fraction = 1.0 - exp(-seconds / SETTLING_SECONDS)
+            lean_change = (self.rest_lean - self.lean) * settled_fraction
+            self.lean += lean_change
+            self.rate = lean_change / seconds
             return
-        self.rate += TOPPLE_FREQUENCY**2 * sin(min(self.lean, radians(90))) * seconds
+        acceleration = TOPPLE_FREQUENCY**2 * sin(min(self.lean, radians(90)))
+        self.rate += acceleration * seconds
         self.lean += self.rate * seconds
         if self.lean >= self.rest_lean:
             self.lean = self.rest_lean
