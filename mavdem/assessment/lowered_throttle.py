@@ -49,11 +49,11 @@ def lowered_throttle(signals: Signals, boot: int, onset: float) -> Fact | None:
         return None
     usual_travel = float(np.median(stick.values[is_usual]))
     lowered_intervals = true_intervals(stick.time, stick.values < usual_travel - LOWERED_TRAVEL)
-    manual = mode_intervals(signals, boot, MANUAL_THROTTLE_MODES)
+    manual_intervals = mode_intervals(signals, boot, MANUAL_THROTTLE_MODES)
+    manual_before_impact = intersection(manual_intervals, [(-inf, onset)])
+    lowered_before_impact = intersection(lowered_intervals, manual_before_impact)
     # The latest movement is the cause, since a pilot who descends in steps lowers the throttle several times.
-    for start, end in reversed(
-        intersection(lowered_intervals, intersection(manual, [(-inf, onset)]))
-    ):
+    for start, end in reversed(lowered_before_impact):
         if start < descent_start:
             return None
         if end - start >= LOWERED_SECONDS:

@@ -173,10 +173,13 @@ class _LoggedCommands(NamedTuple):
     """(L, k) those of ``interval``, at least one."""
 
     def medians(self, motor: str) -> FailureCommands | None:
-        """Returns the medians before and at the failure of a motor; None of another subject, such as the vehicle.
+        """Returns the median command of every motor before and at the failure of one of them.
 
         Args:
-            motor: name of the motor that failed.
+            motor: subject of the failure: the name of the motor that failed, or another one, such as the vehicle.
+
+        Returns:
+            The medians; None if the subject is none of the motors.
         """
         if motor not in self.motor_names:
             return None

@@ -79,11 +79,11 @@ class MeasuredNoise(NamedTuple):
         """
         for line in self.lines:
             if line.cause is LineCause.MOTOR and line.frequency < filtered_gyro.nyquist_frequency:
-                # Lower and upper end of the band about the line, Hz.
-                band = np.multiply(LINE_BAND, line.frequency)
-                remaining_fraction = filtered_gyro.mean_power(*band) / unfiltered_gyro.mean_power(
-                    *band
-                )
+                # The ends of the band about the line, Hz.
+                lower, upper = np.multiply(LINE_BAND, line.frequency)
+                power_after = filtered_gyro.mean_power(lower, upper)
+                power_before = unfiltered_gyro.mean_power(lower, upper)
+                remaining_fraction = power_after / power_before
                 yield Fact(
                     NoiseFact.FILTERS_REMOVE, frequency=line.frequency, share=1 - remaining_fraction
                 )

@@ -165,8 +165,9 @@ def _ends_in_air(signals: Signals, boot: int) -> bool:
 def _begins_in_flight(signals: Signals, recorded_span: Segment) -> bool:
     """Returns whether the motors are armed and the vehicle flies from the beginning of a boot on.
 
-    Both must begin within ``MAX_LATE_TAKE_OFF``: nobody arms and takes off so soon after a start on the ground. A
-    recording may begin shortly before a take-off: a vehicle that lay still without power before is on the ground.
+    Both must begin within ``MAX_LATE_TAKE_OFF``: nobody arms and takes off so soon after a start on the ground. But a
+    recording may also begin on the ground, shortly before a take-off. So a boot in which the vehicle rested before the
+    take-off, still and without power, did not begin in flight.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -178,9 +179,14 @@ def _begins_in_flight(signals: Signals, recorded_span: Segment) -> bool:
         return False
     first_arming, _ = armed_spans[0]
     first_take_off, _ = flights[0]
-    if intersection(rest_intervals(signals, recorded_span.boot), [(-np.inf, first_take_off)]):
+    before_take_off = [(-np.inf, first_take_off)]
+    rests_before_take_off = intersection(
+        rest_intervals(signals, recorded_span.boot), before_take_off
+    )
+    if rests_before_take_off:
         return False
-    return max(first_arming, first_take_off) <= recorded_span.start + MAX_LATE_TAKE_OFF
+    latest_time = recorded_span.start + MAX_LATE_TAKE_OFF
+    return first_arming <= latest_time and first_take_off <= latest_time
 
 
 class FallAtStart(NamedTuple):

@@ -80,12 +80,16 @@ class ShownTime:
         return TimeSeries(np.concatenate(times), boot, all_values)
 
     def event(self, fact: Fact) -> Event | None:
-        """Returns a fact as an event on the clock of the history; None without a time.
+        """Returns a fact as an event on the clock of the shown time.
 
-        An event of a boot without a part, or between two parts, has no place either: there, another boot is shown.
+        With several parts, the time outside a part may be taken by a part of another boot. So an event outside of all
+        parts of its boot is not shown. With a single part there is no such risk.
 
         Args:
-            fact: the fact, of the history's boot unless it has a figure ``boot``.
+            fact: the fact; without a figure ``boot`` it is of the boot on whose clock the parts are shown.
+
+        Returns:
+            The event; None if the fact has no time, or a time that is not shown.
         """
         boot = fact.figures.get("boot", self.boot)
         for part in self.parts:
@@ -125,17 +129,19 @@ def successive_parts(segments: Sequence[Segment], boot: int) -> ShownTime:
         segments: a part of each boot, in the order of the boots.
         boot: the boot on whose clock all are put; one of theirs.
     """
-    # The parts are put on the clock of the first boot, then all on that of the chosen one.
+    # First the parts are put one after the other on a clock that is 0 at the start of the first. The shift of a part is
+    # what has to be added to its times for that.
     shifts: list[float] = []
-    chosen_shift = 0.0
+    shift_of_chosen_boot = 0.0
     next_start = 0.0
     for segment in segments:
-        shifts.append(next_start - segment.start)
+        shift = next_start - segment.start
+        shifts.append(shift)
         next_start += segment.duration + SECONDS_BETWEEN_BOOTS
         if segment.boot == boot:
-            chosen_shift = shifts[-1]
-    parts = [
-        ShownPart(segment, shift - chosen_shift)
-        for segment, shift in zip(segments, shifts, strict=True)
-    ]
+            shift_of_chosen_boot = shift
+    # Then all are moved to the clock of the chosen boot, whose own part is not shifted.
+    parts = []
+    for segment, shift in zip(segments, shifts, strict=True):
+        parts.append(ShownPart(segment, shift - shift_of_chosen_boot))
     return ShownTime(boot, tuple(parts))

@@ -111,8 +111,10 @@ def _is_reported_in(event: Fact, interval: TimeInterval) -> bool:
     """
     earliest_time, latest_time = interval
     start = event.start_time
+    # Of any other report than a lost radio only the start counts.
     end = event.latest_time if event.code is ReportedEvent.RADIO_LOST else start
-    return start <= latest_time and end >= earliest_time
+    overlaps_interval = start <= latest_time and end >= earliest_time
+    return overlaps_interval
 
 
 def _battery_was_low(signals: Signals, boot: int, time: float) -> bool:
@@ -134,9 +136,10 @@ def _battery_was_low(signals: Signals, boot: int, time: float) -> bool:
         voltage = series_of_boot(battery.voltage, boot)
         if voltage is None:
             continue
-        volts = voltage.values[in_intervals(voltage.time, [(time - RECOVERY_SECONDS, time)])]
+        is_just_before = in_intervals(voltage.time, [(time - RECOVERY_SECONDS, time)])
+        volts_before = voltage.values[is_just_before]
         cells = cell_count(parameters, battery) or 0
-        low = voltage_levels(parameters, battery.number, cells).watch
-        if len(volts) and np.median(volts) < low:
+        low_voltage = voltage_levels(parameters, battery.number, cells).watch
+        if len(volts_before) and np.median(volts_before) < low_voltage:
             return True
     return False

@@ -390,10 +390,11 @@ def _mode_intervals(signals: Signals, shown_time: ShownTime) -> tuple[ModeInterv
     for part in shown_time.parts:
         segment = part.segment
         changes = signals.mode_changes(segment.boot)
-        end_times = [time for time, _ in changes[1:]] + [segment.end]
-        for (time, name), end_time in zip(changes, end_times, strict=False):
-            start = max(time, segment.start)
+        # A mode ends at the next change, and the last one at the end of the part.
+        end_times = [next_change.time for next_change in changes[1:]] + [segment.end]
+        for change, end_time in zip(changes, end_times, strict=False):
+            start = max(change.time, segment.start)
             end = min(end_time, segment.end)
             if start < end:
-                modes.append(ModeInterval(name, start + part.shift, end + part.shift))
+                modes.append(ModeInterval(change.mode, start + part.shift, end + part.shift))
     return tuple(modes)

@@ -79,14 +79,17 @@ def drift_sample(time: float, angles: Numbers, velocity: Numbers) -> DriftSample
     """
     roll, pitch, yaw = angles
     north, east = velocity
-    lean = acos(min(max(cos(roll) * cos(pitch), -1.0), 1.0))
-    # The horizontal part of the thrust, which points against the body's downward axis.
+    # Rounding may take the cosine of the lean beyond 1, for which it has no angle.
+    cosine_of_lean = min(max(cos(roll) * cos(pitch), -1.0), 1.0)
+    lean = acos(cosine_of_lean)
+    # The horizontal part of a thrust of size 1, which points against the body's downward axis.
     thrust_north = -(cos(yaw) * sin(pitch) * cos(roll) + sin(yaw) * sin(roll))
     thrust_east = -(sin(yaw) * sin(pitch) * cos(roll) - cos(yaw) * sin(roll))
-    thrust = hypot(thrust_north, thrust_east)
+    horizontal_thrust = hypot(thrust_north, thrust_east)
     opposing_speed = 0.0
-    if thrust > 0:
-        opposing_speed = -(north * thrust_north + east * thrust_east) / thrust
+    if horizontal_thrust > 0:
+        # The component of the velocity in the direction of the thrust is negative if the vehicle moves against it.
+        opposing_speed = -(north * thrust_north + east * thrust_east) / horizontal_thrust
     return DriftSample(time, lean, opposing_speed)
 
 
@@ -188,13 +191,15 @@ class WindDriftDetector:
             parameters: parameters of the vehicle that are known.
         """
         samples = self._samples
-        if samples[-1].time - samples[0].time < DRIFT_SECONDS - 2 * MAX_SAMPLE_GAP:
+        covered_seconds = samples[-1].time - samples[0].time
+        # The samples do not lie exactly at both ends of the time.
+        if covered_seconds < DRIFT_SECONDS - 2 * MAX_SAMPLE_GAP:
             return False
-        lean_fraction = fmean(sample.lean for sample in samples) / _largest_lean(parameters)
+        mean_lean = fmean(sample.lean for sample in samples)
+        lean_fraction = mean_lean / _largest_lean(parameters)
         mean_speed = fmean(sample.opposing_speed for sample in samples)
-        return (
-            LIMIT_FRACTION <= lean_fraction <= MAX_LIMIT_FRACTION and mean_speed >= MIN_DRIFT_SPEED
-        )
+        leans_to_limit = LIMIT_FRACTION <= lean_fraction <= MAX_LIMIT_FRACTION
+        return leans_to_limit and mean_speed >= MIN_DRIFT_SPEED
 
     def _begin_drift(self) -> None:
         """Begins a drift with the latest samples, or continues one that ended within ``RECOVERY_SECONDS`` before."""

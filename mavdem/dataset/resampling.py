@@ -258,13 +258,13 @@ def _low_passed(time: Array, values: Array, cutoff: float) -> tuple[Array, Array
     Returns:
         (N,) uniform stamps, s, and (N, k) filtered samples.
     """
-    even_time = np.linspace(time[0], time[-1], len(time))
-    table = interpolated(even_time, time, values)
+    uniform_time = np.linspace(time[0], time[-1], len(time))
+    uniform_values = interpolated(uniform_time, time, values)
     rate = mean_rate(time)
     cutoff = max(cutoff, MIN_CUTOFF * rate)
     # Padding of three periods of the cut-off frequency lets the filter settle before the first sample.
-    padding = min(round(3 * rate / cutoff), len(table) - 1)
-    return even_time, _butterworth_filtered(table, rate, cutoff, padding)
+    padding = min(round(3 * rate / cutoff), len(uniform_values) - 1)
+    return uniform_time, _butterworth_filtered(uniform_values, rate, cutoff, padding)
 
 
 def _butterworth_filtered(values: Array, rate: float, cutoff: float, padding: int) -> Array:

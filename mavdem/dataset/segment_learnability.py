@@ -419,18 +419,18 @@ class SegmentJudge:
         Returns:
             The reason to refuse the segment; None if they agree or that was not measured.
         """
+        if figures.consistency is None or figures.consistency >= MIN_CONSISTENCY:
+            return None
         axis = self.signals.axis
-        if figures.consistency is not None and figures.consistency < MIN_CONSISTENCY:
-            is_still = figures.rate_sd is not None and figures.rate_sd < MAX_STILL_RATE
-            return Fact(
-                NotLearnableReason.RATE_CONTRADICTS_ANGLE,
-                axis=axis,
-                consistency=figures.consistency,
-                span=RATE_INTEGRATION_SPAN,
-                still=axis in TILT_AXES and is_still,
-                remedy=rate_advice(self.signals.telemetry, rate=ADVISED_RATE),
-            )
-        return None
+        is_still = figures.rate_sd is not None and figures.rate_sd < MAX_STILL_RATE
+        return Fact(
+            NotLearnableReason.RATE_CONTRADICTS_ANGLE,
+            axis=axis,
+            consistency=figures.consistency,
+            span=RATE_INTEGRATION_SPAN,
+            still=axis in TILT_AXES and is_still,
+            remedy=rate_advice(self.signals.telemetry, rate=ADVISED_RATE),
+        )
 
     def _rounded_command(self, figures: QualityFigures) -> Fact | None:
         """Checks that the torque command in the model inputs changes by more than it was rounded.
@@ -463,13 +463,16 @@ def first_learnable(judge: SegmentJudge, segments: Sequence[Segment]) -> Learnab
     Returns:
         The learnability of that segment or, if a model can be learned from none, of the first segment.
     """
-    not_learnable = []
+    learnability_of_first: Learnability | None = None
     for segment in segments:
         learnability = judge.learnability(segment)
         if learnability.learnable:
             return learnability
-        not_learnable.append(learnability)
-    return not_learnable[0]
+        if learnability_of_first is None:
+            learnability_of_first = learnability
+    # There is at least one segment, so that there is a first.
+    assert learnability_of_first is not None
+    return learnability_of_first
 
 
 def impossible_attitude(signals: Signals, code: NotLearnableReason | Caution) -> Fact:

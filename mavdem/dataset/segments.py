@@ -114,9 +114,9 @@ def settled_segments(signals: Signals) -> Segments:
         for boot in _boots_with_both_streams(signals):
             settled_intervals = phases.settled_intervals(signals, boot)
             segments += _sampled_segments(signals, boot, settled_intervals, intervals_without_gaps)
-        segments = [segment for segment in segments if segment.duration >= MIN_SEGMENT_SECONDS]
-        if segments:
-            return tuple(sorted(segments, key=lambda segment: -segment.duration))
+        long_segments = [segment for segment in segments if segment.duration >= MIN_SEGMENT_SECONDS]
+        if long_segments:
+            return tuple(sorted(long_segments, key=lambda segment: -segment.duration))
     return ()
 
 
@@ -150,8 +150,10 @@ def segments_without_modes(signals: Signals, segments: Segments, modes: Containe
     """
     remaining_segments = []
     for segment in segments:
-        in_modes = mode_intervals(signals, segment.boot, modes)
-        for start, end in intersection([(segment.start, segment.end)], complement(in_modes)):
+        intervals_in_modes = mode_intervals(signals, segment.boot, modes)
+        intervals_in_other_modes = complement(intervals_in_modes)
+        whole_segment = (segment.start, segment.end)
+        for start, end in intersection([whole_segment], intervals_in_other_modes):
             remaining_segments.append(Segment(segment.boot, start, end))
     return tuple(remaining_segments)
 

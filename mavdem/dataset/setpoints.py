@@ -147,6 +147,8 @@ def held_setpoint(setpoint: Setpoint, boot: int, time: Array) -> Array:
     # A setpoint of NaN at time −∞ is put before the first one, and is the last value of earlier times.
     stamps = np.append(-np.inf, signal.time)
     values = np.append(np.nan, signal.values)
+    # The row of the last setpoint at or before each time. Stamps are rounded, and may be that much too late.
     last_row = np.searchsorted(stamps, time + STAMP_ROUNDING, side="right") - 1
     age = time - stamps[last_row]
-    return np.where(age <= MAX_SETPOINT_AGE + STAMP_ROUNDING, values[last_row], np.nan)
+    still_holds = age <= MAX_SETPOINT_AGE + STAMP_ROUNDING
+    return np.where(still_holds, values[last_row], np.nan)

@@ -240,16 +240,18 @@ class VehicleSignals:
         if columns is None or "custom_mode" not in columns:
             return []
         rows = np.flatnonzero((columns["boot"] == boot) & np.isfinite(columns["custom_mode"]))
-        numbers = columns["custom_mode"][rows].astype(int)
+        mode_numbers = columns["custom_mode"][rows].astype(int)
         # No mode has the number −1, so that the first row counts as a change.
-        changes = np.flatnonzero(np.diff(numbers, prepend=-1))
-        times = columns["time"][rows[changes]].tolist()
+        changed = np.flatnonzero(np.diff(mode_numbers, prepend=-1))
+        times = columns["time"][rows[changed]].tolist()
         names_by_mode = announced_names(self.telemetry.messages.get("AVAILABLE_MODES", {}))
-        names = [
-            mode_name(self.telemetry.autopilot, self.telemetry.vehicle, int(number), names_by_mode)
-            for number in numbers[changes]
-        ]
-        return [ModeChange(time, name) for time, name in zip(times, names, strict=True)]
+        changes = []
+        for time, number in zip(times, mode_numbers[changed].tolist(), strict=True):
+            name = mode_name(
+                self.telemetry.autopilot, self.telemetry.vehicle, number, names_by_mode
+            )
+            changes.append(ModeChange(time, name))
+        return changes
 
     def mode_at(self, boot: int, time: float) -> str:
         """Returns the flight mode of the vehicle at one time.
@@ -302,7 +304,9 @@ class VehicleSignals:
         origin = radians[np.argmax(positions.is_fix)]
         # Wrapping keeps the distance small across the date line too.
         angles = wrapped_angle(radians - origin)
-        horizontal = EARTH_RADIUS * angles * [1.0, np.cos(origin[0])]
+        # A degree of longitude is shorter than one of latitude, by the cosine of the latitude.
+        origin_latitude, _ = origin
+        horizontal = EARTH_RADIUS * angles * [1.0, np.cos(origin_latitude)]
         down = -float_column(columns, "relative_alt") / MILLIMETRES_PER_METRE
         return clean_series(columns, np.column_stack([horizontal, down]), positions.is_fix)
 

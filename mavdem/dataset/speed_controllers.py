@@ -151,9 +151,11 @@ def _speed_series(columns: Columns, speed: Array, rows: Flags | None = None) -> 
     Returns:
         Magnitudes up to ``MAX_SPEED``, 1/min, in the order of time; None if there are none.
     """
-    size = abs(speed)
-    is_possible = size <= MAX_SPEED
-    return _field_series(columns, size, is_possible if rows is None else is_possible & rows)
+    magnitude = abs(speed)
+    is_used = magnitude <= MAX_SPEED
+    if rows is not None:
+        is_used = is_used & rows
+    return _field_series(columns, magnitude, is_used)
 
 
 def _controllers_of_esc(telemetry: Telemetry) -> Iterator[SpeedController]:

@@ -1,6 +1,7 @@
 """Status light of power, judged by facts (coded findings): voltage and charge of batteries, supply of the board."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -498,20 +499,17 @@ def _battery_load(flights: Sequence[TimeSeries]) -> _BatteryLoad:
     max_voltage = 0.0
     for flight in flights:
         # A current of 0 or less was not measured.
-        is_selected = flight.values[:, 1] > 0
-        volts_and_amperes = flight.values[is_selected]
-        mean_volts, mean_amperes = (
-            time_series.moving_average(
-                TimeSeries(flight.time[is_selected], flight.boot[is_selected], column)
-            )
-            for column in volts_and_amperes.T
-        )
-        deviations.append(volts_and_amperes.T - [mean_volts, mean_amperes])
+        measured_flight = flight.select(flight.values[:, 1] > 0)
+        volts, amperes = measured_flight.values.T
+        mean_volts = time_series.moving_average(replace(measured_flight, values=volts))
+        mean_amperes = time_series.moving_average(replace(measured_flight, values=amperes))
+        deviations.append(measured_flight.values.T - [mean_volts, mean_amperes])
         max_current = max(max_current, mean_amperes.max(initial=0.0))
         max_voltage = max(max_voltage, mean_volts.max(initial=0.0))
     if not max_current:
         return _BatteryLoad()
-    resistance = _resistance(*np.hstack(deviations))
+    volt_deviations, ampere_deviations = np.hstack(deviations)
+    resistance = _resistance(volt_deviations, ampere_deviations)
     # A drop of the voltage above ``MAX_SAG`` by the resistance alone is not plausible: the voltage fell for another
     # reason while the current rose.
     if resistance is None or resistance * max_current > MAX_SAG * max_voltage:

@@ -425,10 +425,9 @@ def online_table(factors: Mapping[str, float]) -> list[Block]:
     Returns:
         A sentence and the table.
     """
-    rows = [
-        [name, rounded(factors[name], 3)]
-        for name in sorted(factors, key=lambda name: factors[name])
-    ]
+    rows = []
+    for name in sorted(factors, key=lambda name: factors[name]):
+        rows.append([name, rounded(factors[name], 3)])
     return [
         Sentence(
             f"factor by which the variances are wrong some time after they rose by a factor of "

@@ -200,13 +200,13 @@ def _learn_simulated(job: tuple[int, int]) -> SimulatedResult:
     log_ratio = float(np.log(learned.smoothness / record.smoothness))
     # Intervals are symmetric: their upper end is this quantile. The sandwich's variance is estimated from few blocks,
     # so that Student's t takes the place of the normal distribution.
-    tail = (1 + COVERAGE) / 2
+    upper_quantile = (1 + COVERAGE) / 2
+    laplace_half_width = norm.ppf(upper_quantile) * uncertainty.laplace
+    sandwich_half_width = t.ppf(upper_quantile, uncertainty.blocks - 1) * uncertainty.sandwich
     return SimulatedResult(
         log_ratio,
-        laplace_covers=bool(abs(log_ratio) < norm.ppf(tail) * uncertainty.laplace),
-        sandwich_covers=bool(
-            abs(log_ratio) < t.ppf(tail, uncertainty.blocks - 1) * uncertainty.sandwich
-        ),
+        laplace_covers=bool(abs(log_ratio) < laplace_half_width),
+        sandwich_covers=bool(abs(log_ratio) < sandwich_half_width),
     )
 
 

@@ -155,10 +155,11 @@ def _random_system(rng: Generator) -> Array:
     """
     decay = rng.uniform(*DECAY_RATES)
     frequency = rng.uniform(0, MAX_FREQUENCY)
-    modal = np.array([[-decay, frequency], [-frequency, -decay]])
-    # The coordinates are far from singular: the shear is at most 1.
-    coordinates = np.array([[1.0, rng.uniform(-1, 1)], [0.0, 1.0]])
-    return coordinates @ modal @ np.linalg.inv(coordinates)
+    # The eigenvalues of this matrix are −decay ± j frequency: an oscillation that decays.
+    oscillation = np.array([[-decay, frequency], [-frequency, -decay]])
+    # A shear of at most 1 changes the coordinates; its matrix is far from singular.
+    shear = np.array([[1.0, rng.uniform(-1, 1)], [0.0, 1.0]])
+    return shear @ oscillation @ np.linalg.inv(shear)
 
 
 def flight_records(flights: Mapping[str, Flight], smoothness: float) -> list[NoisyRecord]:

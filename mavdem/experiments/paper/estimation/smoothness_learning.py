@@ -197,10 +197,12 @@ def smoothness_uncertainty(
     block_samples = int(np.ceil(BLOCK_WIDTHS * s / dt)) + learned.fit.posterior.model.p
     blocks = max(2, len(data) // block_samples)
     gradients = _sample_gradients(learned.fit.posterior, data)
-    sums = [block.sum() for block in np.array_split(gradients, blocks)]
+    block_sums = [block.sum() for block in np.array_split(gradients, blocks)]
+    # The gradient is the sum over all blocks, which are nearly independent.
+    gradient_variance = blocks * np.var(block_sums, ddof=1)
     return SmoothnessUncertainty(
         laplace=float(1 / np.sqrt(curvature)),
-        sandwich=float(np.sqrt(blocks * np.var(sums, ddof=1)) / curvature),
+        sandwich=float(np.sqrt(gradient_variance) / curvature),
         blocks=blocks,
     )
 
