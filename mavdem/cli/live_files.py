@@ -40,12 +40,12 @@ def written_file_lines(
     return lines
 
 
-def gains_line(advice: Facts | None, account: Mapping[TimeUse, float]) -> str:
-    """Returns a line on the gains that a session advises: their file, or why there are none.
+def gains_line(advice: Facts | None, seconds_by_use: Mapping[TimeUse, float]) -> str:
+    """Returns a line on the controller gains that a session advises: their file, or why there are none.
 
     Args:
-        advice: the facts of the latest advice; None where nothing was recorded to compute gains from.
-        account: seconds of the session by their use, such as in the air.
+        advice: the facts (findings) of the latest advice; None where nothing was recorded to compute gains from.
+        seconds_by_use: seconds of the session by what they were spent on, such as learning.
     """
     if advice is None:
         return "No gains: they are computed from a recording, --record FILE.tlog."
@@ -54,7 +54,8 @@ def gains_line(advice: Facts | None, account: Mapping[TimeUse, float]) -> str:
             return f"Gains: {fact.figures['path']}. Load one file in a ground station."
     if advice:
         return f"No gains: {as_clause(_reason_without_gains(advice))}."
-    if account[TimeUse.LEARNED] or account[TimeUse.UNSETTLED]:
+    has_flown = seconds_by_use[TimeUse.LEARNED] > 0 or seconds_by_use[TimeUse.UNSETTLED] > 0
+    if has_flown:
         return "No gains: too little settled flight to compute them from."
     return "No gains: nothing flew."
 

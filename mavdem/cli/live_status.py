@@ -447,6 +447,9 @@ def print_event(event: Event) -> None:
 
     An event of ``LEARNING_STATES`` is not printed: the status shows these, and a pilot would have to look for an alarm
     among such lines.
+
+    Args:
+        event: What was found, and when.
     """
     if event.fact.code not in LEARNING_STATES:
         print_fact(event.fact, moment_text(event))

@@ -63,7 +63,9 @@ def open_command(
     # Rerun takes a second to import, and is not needed where nothing can be learned.
     from mavdem.view import show
 
-    problem = show(default_result_folder(source) / RECORDING_FILE)
+    recording = default_result_folder(source) / RECORDING_FILE
+    # The reason why no viewer was opened; empty if one was.
+    problem = show(recording)
     if problem:
         print_to_stderr(problem)
 

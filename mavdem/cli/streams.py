@@ -86,8 +86,12 @@ def print_to_stderr(text: object) -> None:
 
     It wraps at the width of standard error. In files and pipes, which have none, it is one line, which programs can
     search for.
+
+    Args:
+        text: object to print; it is converted to a string, and line breaks in it to spaces.
     """
-    line = escape_unprintable(" ".join(str(text).splitlines()))
+    single_line = " ".join(str(text).splitlines())
+    line = escape_unprintable(single_line)
     if has_known_width(sys.stderr):
         # Paths and commands stay whole, so that they can be copied.
         line = textwrap.fill(line, _known_width(), break_long_words=False, break_on_hyphens=False)

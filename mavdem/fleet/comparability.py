@@ -113,16 +113,18 @@ def missing_quantities(
         One entry for all quantities together if nothing can be compared. Otherwise one entry for each quantity and, if
         nothing that needs a model can be compared, one for all quantities of models together.
     """
-    if incomparability is not None and incomparability.code is not Incomparable.OTHER_INPUTS:
-        yield MissingQuantity(Fact(ComparedSubject.EVERYTHING), incomparability)
-        return
+    # The trim share is the mean output of a motor relative to the others, which needs no model.
     expected_quantities = [Quantity(SHARE)]
     if incomparability is None:
         expected_quantities.append(Quantity(EFFECT))
         for kind in (DAMPING, LAG):
-            expected_quantities += [Quantity(kind, axis=axis) for axis in TILT_AXES]
-    else:
+            for axis in TILT_AXES:
+                expected_quantities.append(Quantity(kind, axis=axis))
+    elif incomparability.code is Incomparable.OTHER_INPUTS:
         yield MissingQuantity(Fact(ComparedSubject.OF_MODELS), incomparability)
+    else:
+        yield MissingQuantity(Fact(ComparedSubject.EVERYTHING), incomparability)
+        return
     for quantity in expected_quantities:
         reasons = []
         for state_name, flights, state_estimates in zip(
@@ -165,14 +167,16 @@ def missing_reason(quantity: Quantity, state_name: str, flights: Flights) -> Fac
     statuses = set()
     for flight in flights:
         for row in flight:
-            if quantity.axis in ("", row.axis):
+            is_about_axis = quantity.axis in ("", row.axis)
+            if is_about_axis:
                 # Shares have no status: they need no model.
                 statuses.add(getattr(row, f"{quantity.kind}_status", None))
-    unreliable = statuses & UNRELIABLE_STATUSES
-    if unreliable:
-        status_names = _sorted_texts(unreliable)
-        return Fact(Incomparable.NOT_REPORTED, subject=state_name, names=status_names)
-    return Fact(Incomparable.NOT_ESTIMATED, subject=state_name)
+    unreliable_statuses = statuses & UNRELIABLE_STATUSES
+    if not unreliable_statuses:
+        return Fact(Incomparable.NOT_ESTIMATED, subject=state_name)
+    return Fact(
+        Incomparable.NOT_REPORTED, subject=state_name, names=_sorted_texts(unreliable_statuses)
+    )
 
 
 def _sorted_texts(values: Iterable[object]) -> list[str]:

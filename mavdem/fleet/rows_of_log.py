@@ -105,7 +105,8 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
     """
     assert assessment.analysis is not None and assessment.evidence is not None
     # Columns on the motors do not depend on the axis, so that the signals of any one will do.
-    signals = assessment.evidence.signals.for_axis(AXES[0], inputs="motors")
+    any_axis = AXES[0]
+    signals = assessment.evidence.signals.for_axis(any_axis, inputs="motors")
     judgement = assessment.judgement_values | {"headline_fact": assessment.headline}
     columns = {
         "file": file,
@@ -113,14 +114,17 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
         "failed_motor": failed_motor(assessment),
     }
     # A tier is the kind of model that the settled flight allows; without settled flight there is none.
-    if all(analysis.tier.tier is None for analysis in assessment.analyses.values()):
+    tiers = [analysis.tier.tier for analysis in assessment.analyses.values()]
+    has_settled_flight = any(tier is not None for tier in tiers)
+    if not has_settled_flight:
         return [_row_without_flight(assessment, judgement, columns)]
     columns |= _balance_columns(signals)
     if assessment.wind is not None:
         columns |= wind_columns(assessment.wind)
     if signals.motors is not None:
         geometry = signals.motors.geometry
-        columns |= {"positions": geometry.positions or None, "spins": geometry.spins or None}
+        columns["positions"] = geometry.positions or None
+        columns["spins"] = geometry.spins or None
     rows = []
     for axis, analysis in assessment.analyses.items():
         report = analysis.report_values | judgement

@@ -174,17 +174,16 @@ class Store:
         return entry_of_unchanged_log is not None
 
     def keys_of_size(self, source: LogSource, limits: JobLimits) -> Names:
-        """Returns the hashes of the stored logs that have the size of a log, so that it may be a copy of one of them.
+        """Returns the content hashes of the stored logs of which a log may be a copy: those that have its size.
 
-        A key is the hash of a log's content. The process that opens the log compares its key with these: a copy of a
-        stored log need not be read again.
+        The process that opens the log compares its hash with these: a copy of a stored log need not be read again.
 
         Args:
             source: the log, with its size in bytes.
             limits: time and memory that its reading may take.
 
         Returns:
-            The keys in alphabetical order, without those of logs whose reading failed and may succeed now.
+            The hashes in alphabetical order, without those of logs whose reading failed and may succeed now.
         """
         query = f"""select distinct key from logs where size = :size and key <> '' and {WOULD_END_ALIKE_SQL}
             order by key"""

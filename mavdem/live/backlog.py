@@ -123,18 +123,22 @@ class Backlog:
         return batches
 
     def _postpone_tasks(self, delay: float) -> None:
-        """Sets which tasks are postponed, and whether learning is suspended, by the delay of the analysis, s.
+        """Decides which tasks are postponed, and whether learning is suspended, by the delay of the analysis.
 
         A postponed task waits until the delay is half of its limit: with one limit for both, tasks would be stopped and
         resumed all the time.
+
+        Args:
+            delay: how long the oldest frame that is not analysed has waited, s.
         """
-        postponed = set()
+        postponed_tasks = set()
         for task, limit in POSTPONING_DELAYS.items():
-            is_postponed = task in self.postponed
-            threshold = limit / 2 if is_postponed else limit
+            threshold = limit
+            if task in self.postponed:
+                threshold = limit / 2
             if delay >= threshold:
-                postponed.add(task)
-        self.postponed = postponed
+                postponed_tasks.add(task)
+        self.postponed = postponed_tasks
         # Between both limits it stays as it is.
         if delay >= SUSPENSION_DELAY:
             self.suspends_learning = True

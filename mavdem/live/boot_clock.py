@@ -127,6 +127,7 @@ class BootClock:
         if isfinite(message.wrap_period):
             self._wraps = round((time - message.stamp) / message.wrap_period)
         if time > self.now:
+            # An exponential moving average, in which a single long gap does not count as such.
             step = min(time - self.now, MIN_RESET_STEP)
             self._mean_step += (step - self._mean_step) / STEP_MEMORY
             self.now = time
@@ -236,18 +237,20 @@ class BootClock:
         """
         former_now = self.now
         self.now = first_stamp
+        is_first_clock = isnan(former_now)
         if first_stamp < former_now:
             self.boot += 1
-            self.latest_restart = (self._boot_time + former_now, self._new_clock_reception)
-            # Times on this computer's clock, UNIX s: when the new clock read 0, and the last message of the former one.
-            new_clock_start = self._reception_time - self._stamps_of_new_clock[-1]
+            # Times on this computer's clock, UNIX s: of the last message of the former clock, and of 0 on the new one.
             last_former_reception = self._boot_time + former_now
+            new_clock_start = self._reception_time - self._stamps_of_new_clock[-1]
+            self.latest_restart = (last_former_reception, self._new_clock_reception)
+            begins_near_zero = first_stamp <= MAX_RESTART_TIME
             has_begun_since = new_clock_start >= last_former_reception - MAX_UTC_DIFFERENCE
-            if first_stamp <= MAX_RESTART_TIME or has_begun_since:
+            if begins_near_zero or has_begun_since:
                 self._report(Fact(VehicleFact.VEHICLE_REBOOTED, clock=former_now))
             else:
                 self._report(Fact(VehicleFact.CLOCK_WENT_BACK, clock=former_now, time=first_stamp))
-        elif not isnan(former_now):
+        elif not is_first_clock:
             offset = first_stamp - former_now
             self._report(Fact(VehicleFact.CLOCK_JUMPED, offset=offset, clock=former_now))
 

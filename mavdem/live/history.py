@@ -116,7 +116,11 @@ class _ErrorSums:
 
     @classmethod
     def zero(cls, output_count: int) -> Self:
-        """Returns the sums before any prediction was compared, for predictions of ``output_count`` outputs."""
+        """Returns the sums before any prediction was compared: all zero.
+
+        Args:
+            output_count: number of predicted outputs, m.
+        """
         return cls(
             squares=[0.0] * output_count,
             baseline_squares=[0.0] * output_count,

@@ -82,12 +82,15 @@ class LandedStates:
         Returns:
             MAV_LANDED_STATE (N,) of this boot and, if the vehicle was flying in the former one, a sample of that.
         """
-        latest = self._samples[-1]
-        samples = [*self._samples, latest._replace(time=now)]
+        # The latest state is repeated at the present time.
+        latest_sample = self._samples[-1]
+        samples = [*self._samples, latest_sample._replace(time=now)]
         boots = [boot] * len(samples)
         if was_flying:
+            # The state of the former boot, at any time of its clock.
+            former_boot = boot - 1
             samples.insert(0, _StateSample(0.0, IN_AIR))
-            boots.insert(0, boot - 1)
+            boots.insert(0, former_boot)
         return TimeSeries(
             np.array([sample.time for sample in samples]),
             boot=np.array(boots),

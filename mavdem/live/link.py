@@ -281,7 +281,9 @@ class Link:
             # An old kernel does not know the option.
             with contextlib.suppress(OSError, struct.error):
                 info = self._socket.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, MEMORY_INFO.size)
-                self.dropped_datagrams = max(self.dropped_datagrams, MEMORY_INFO.unpack(info)[-1])
+                # The last number is the count of dropped datagrams.
+                dropped_count = MEMORY_INFO.unpack(info)[-1]
+                self.dropped_datagrams = max(self.dropped_datagrams, dropped_count)
         return received
 
     def drain_events(self) -> list[Fact]:
@@ -500,13 +502,15 @@ class Link:
             return True
         now = time.monotonic()
         first_sender = self._sender_addresses.get(ids, _SenderAddress(address, now))
-        is_first = first_sender.address == address
-        if not is_first and now - first_sender.heard_time <= SILENCE_SECONDS:
+        is_first_address = first_sender.address == address
+        is_first_silent = now - first_sender.heard_time > SILENCE_SECONDS
+        if not is_first_address and not is_first_silent:
             self._refused_addresses.setdefault(ids, address)
             return False
         self._sender_addresses[ids] = _SenderAddress(address, now)
         # The first address sends after another was refused. So both send, and it is no restart from another port.
-        if is_first and ids in self._refused_addresses and ids not in self._reported_ids:
+        do_both_send = is_first_address and ids in self._refused_addresses
+        if do_both_send and ids not in self._reported_ids:
             self._reported_ids.add(ids)
             self._report_two_addresses(ids, [address, self._refused_addresses[ids]])
         return True

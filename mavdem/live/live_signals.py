@@ -140,8 +140,9 @@ def live_evidence(
             vehicle.
         findings: events and control loops; None for none.
     """
-    findings = findings or LiveFindings()
-    # Whether a model can be learned is judged elsewhere in a live session.
+    if findings is None:
+        findings = LiveFindings()
+    # Whether a model can be learned is judged elsewhere in a live session: here it counts as possible.
     learnability = Learnability(
         signals.axis,
         learnable=True,

@@ -242,11 +242,12 @@ class MotorAlarms:
         self._is_suddenly_weak = bool(sudden_losses)
         watch.add_sample(time, commands, lean)
         gradual_loss = watch.loss
+        if sudden_losses:
+            # The sudden loss was reported. Only a much larger slow one, of which it was a part, says more.
+            if gradual_loss is None or not is_much_larger(gradual_loss, sudden_losses):
+                return ()
         if gradual_loss is None:
-            # While a sudden loss lasts, no slow one was reported that could end.
-            return () if sudden_losses else self._report_end_of_gradual_loss(time)
-        if sudden_losses and not is_much_larger(gradual_loss, sudden_losses):
-            return ()
+            return self._report_end_of_gradual_loss(time)
         return self._report_gradual_loss(gradual_loss)
 
     def _report_gradual_loss(self, loss: MotorChange) -> Facts:

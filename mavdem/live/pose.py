@@ -92,7 +92,7 @@ class PoseTracker:
         self._setpoint = setpoint
 
     def add_attitude(self, time: float, sample: AttitudeSample) -> LatestPose:
-        """Takes an attitude as the latest pose, and decides whether its yaw counts as heading.
+        """Joins an attitude with the latest setpoint and position to the latest pose, and decides on the heading.
 
         The heading serves the test for weak motors, which compares steady flight only. So it is NaN in manoeuvres:
         where the vehicle is not upright, or roll or pitch stray from their setpoint. A setpoint older than

@@ -113,7 +113,11 @@ class RawRecording:
             self._write_frame(stamp, end_mark())
 
     def _write_frame(self, stamp: float, content: bytes) -> None:
-        """Writes one frame with its stamp, UNIX s.
+        """Writes one frame with its stamp, in the format of the file.
+
+        Args:
+            stamp: when the link received it, UNIX s.
+            content: all bytes of the frame.
 
         Raises:
             OSError: it cannot be written.

@@ -30,9 +30,9 @@ class ReportSearch:
     def new_reports(self, signals: Signals, now: float) -> list[Fact]:
         """Searches the messages of the last minute for reports that are new since the last search.
 
-        Most reports of the last minute were found by earlier searches, too. A report is new if the last search did not
-        find it, and its time is not long past. Without the second condition, an old report would appear as new when a
-        later one that had superseded it leaves the minute.
+        A report is new if the last search did not find it, and its time is not long past. Without the second condition,
+        an old report would appear as new when a later one that had superseded it is more than a minute old, and is no
+        longer found.
 
         Args:
             signals: signals of the last minute.

@@ -386,7 +386,9 @@ class LiveWind:
         Args:
             time: time of the latest velocity, s of the boot clock.
         """
-        while self._step_end <= min(time, self._attitudes[-1].time + MIN_SAMPLE_STEP):
+        attitude_time = self._attitudes[-1].time
+        reached_time = min(time, attitude_time + MIN_SAMPLE_STEP)
+        while self._step_end <= reached_time:
             self._estimate_step(self._step_end)
             self._step_end += self._step
 
@@ -402,9 +404,13 @@ class LiveWind:
         """
         if name == PREFERRED_MESSAGE:
             self._preferred_time = time
-        elif time - self._preferred_time < SILENCE_SECONDS:
-            return False
-        if time - self._velocity_time < MIN_SAMPLE_STEP - STAMP_TOLERANCE:
+        else:
+            is_preferred_received = time - self._preferred_time < SILENCE_SECONDS
+            if is_preferred_received:
+                return False
+        # Time stamps jitter, so that a step may be a little shorter.
+        min_step = MIN_SAMPLE_STEP - STAMP_TOLERANCE
+        if time - self._velocity_time < min_step:
             return False
         self._velocity_time = time
         return True
