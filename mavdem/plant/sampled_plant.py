@@ -77,9 +77,12 @@ def process_covariance(A: Array, Q: Array, dt: float) -> Array:
         (…, n, n) covariances.
     """
     n = A.shape[-1]
+    block_matrix = np.block([[-A, Q], [np.zeros_like(A), A.mT]])
     # The exponential is [[exp(−A dt), G], [0, exp(Aᵀ dt)]], and the covariance is exp(A dt) G.
-    exponential = scipy.linalg.expm(np.block([[-A, Q], [np.zeros_like(A), A.mT]]) * dt)
-    return exponential[..., n:, n:].mT @ exponential[..., :n, n:]
+    exponential = scipy.linalg.expm(block_matrix * dt)
+    transition = exponential[..., n:, n:].mT
+    G = exponential[..., :n, n:]
+    return transition @ G
 
 
 def _autoregressive_noise(denominator: Array) -> ColouredNoise:

@@ -469,9 +469,10 @@ def _sharp_step(torque: Array, dt: float) -> tuple[int, float] | None:
     sample = int(candidates[np.argmax(explained_squares)])
     size = float(torque[sample:].mean() - torque[:sample].mean())
     edge = round(STEP_EDGE_SECONDS / dt)
-    just_before = torque[sample - edge : sample].mean()
-    just_after = torque[sample : sample + edge].mean()
-    sharpness = (just_after - just_before) / size
+    mean_just_before = torque[sample - edge : sample].mean()
+    mean_just_after = torque[sample : sample + edge].mean()
+    # The fraction of the change that happens close to the split.
+    sharpness = (mean_just_after - mean_just_before) / size
     sum_of_squares = torque @ torque
     is_large = explained_squares.max() > MIN_STEP_VARIANCE_SHARE * sum_of_squares
     if is_large and sharpness > MIN_STEP_SHARPNESS:
@@ -550,7 +551,8 @@ def mean_external_torque(
 ) -> float:
     """Returns the mean torque per inertia that acts in a segment in addition to the motors' torque.
 
-    It is the mean of dp/dt + damping · p − motor torque.
+    The body rate p follows dp/dt = −damping · p + motor torque + external torque. So the external torque is
+    dp/dt + damping · p − motor torque, of which the mean is returned.
 
     Args:
         rate: body rate p (T,), rad/s.
@@ -578,11 +580,13 @@ def torque_balanced_by_trim(effect: Array, trim: Array, directions: Array | None
     Returns:
         The steady wind torque, rad/s².
     """
+    turning_effect = effect
     if directions is not None:
-        effect = directions * (directions @ effect) / (directions @ directions)
+        # The projection of the effects on the mixer's direction.
+        turning_effect = directions * (directions @ effect) / (directions @ directions)
     elif len(effect) > 1:
-        effect = effect - effect.mean()
-    return -float(trim @ effect)
+        turning_effect = effect - effect.mean()
+    return -float(trim @ turning_effect)
 
 
 def _torque_spectrum(

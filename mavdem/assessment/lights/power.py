@@ -414,11 +414,12 @@ def _board_voltage(evidence: Evidence) -> Iterator[Fact]:
         At most one fact, with the lowest average over 2 s as ``voltage``, the median as ``voltage_usual``, and the
         limit, all in V.
     """
-    # A voltage that is constant was not measured.
+    # The first voltage that varies is used: a constant one was not measured.
     measured_voltage = None
     for volts in _board_voltages(evidence):
-        if measured_voltage is None and np.ptp(volts.values) > 0:
+        if np.ptp(volts.values) > 0:
             measured_voltage = volts
+            break
     averages = evidence.averages_in_flight(measured_voltage)
     if not len(averages):
         return

@@ -197,11 +197,12 @@ def _aligned_flight(data: Any) -> Flight:
     Returns:
         A flight with the four motor commands as inputs, and roll, rad, and roll rate, rad/s, as outputs.
     """
+    time = np.asarray(data.time, float)
     states = np.asarray(data.x_measured, float)
-    # A flight has its samples in rows.
+    # The structure has its samples in columns, a flight in rows.
     roll_and_rate = states[[ROLL_ROW, ROLL_RATE_ROW]].T
     motor_commands = np.asarray(data.v, float).T
-    return Flight(np.asarray(data.time, float), motor_commands, roll_and_rate, dt=data.dt)
+    return Flight(time, motor_commands, roll_and_rate, dt=data.dt)
 
 
 def _interpolated_flight(data: Any) -> Flight:

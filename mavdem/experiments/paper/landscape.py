@@ -223,19 +223,21 @@ def circle_ascents(
 
 
 def end_spread(ascents: list[list[Posterior]]) -> float:
-    """Returns the spread of the ends of ascents: the larger one of A and B, in posterior standard deviations.
+    """Returns by how much the parameters at the ends of ascents differ, in units of their posterior uncertainty.
 
     Args:
         ascents: posterior after each iteration, for each prior. The first ascent gives the posterior standard
             deviation.
 
     Returns:
-        The larger one of two ratios: standard deviation of the ends by the posterior's.
+        The standard deviation over the ends, relative to the posterior's: that of A or of B, whichever is larger.
     """
     # The first two of the three parameters are A and B.
     ends = np.array([posteriors[-1].theta[:2] for posteriors in ascents])
-    posterior_sd = np.sqrt(np.diag(ascents[0][-1].theta_covariance)[:2])
-    return float((ends.std(axis=0) / posterior_sd).max())
+    first_end = ascents[0][-1]
+    posterior_sd = np.sqrt(np.diag(first_end.theta_covariance)[:2])
+    relative_sd = ends.std(axis=0) / posterior_sd
+    return float(relative_sd.max())
 
 
 def draw_manifolds(model: GenerativeModel, posteriors: list[Posterior]) -> Figure:

@@ -329,10 +329,12 @@ def saturation_order(free_energy: Array) -> int:
     Returns:
         The order.
     """
-    known_free_energy = np.where(np.isnan(free_energy), -np.inf, free_energy)
-    finite = known_free_energy[np.isfinite(known_free_energy)]
-    threshold = finite.max() - NEGLIGIBLE_GAIN * np.ptp(finite)
-    saturated_indices = np.flatnonzero(known_free_energy >= threshold)
+    # An order without a model must not be chosen.
+    comparable_values = np.where(np.isnan(free_energy), -np.inf, free_energy)
+    finite_values = comparable_values[np.isfinite(comparable_values)]
+    threshold = finite_values.max() - NEGLIGIBLE_GAIN * np.ptp(finite_values)
+    saturated_indices = np.flatnonzero(comparable_values >= threshold)
+    # The first entry is of order 1.
     return int(saturated_indices[0]) + 1
 
 
@@ -439,13 +441,14 @@ def _free_energy_picture(free_energies: Mapping[str, Array]) -> Picture:
 
 
 def _nats_below_maximum(free_energy: Array) -> Array:
-    """Returns how far F̄, averaged over the flights, lies below its maximum over orders, nats.
+    """Returns how far F̄ of each order, averaged over the flights, lies below that of the best order, nats.
 
     Args:
-        free_energy: F̄ (flights, orders), nats.
+        free_energy: F̄ (flights, orders), nats; NaN where no model could be fitted.
 
     Returns:
-        (orders,) differences, at least ``MIN_NATS_SHOWN``.
+        (orders,) differences, at least ``MIN_NATS_SHOWN``, since a logarithmic axis cannot show 0.
     """
-    mean = free_energy.mean(axis=0)
-    return np.maximum(np.nanmax(mean) - mean, MIN_NATS_SHOWN)
+    mean_over_flights = free_energy.mean(axis=0)
+    distance_below_best = np.nanmax(mean_over_flights) - mean_over_flights
+    return np.maximum(distance_below_best, MIN_NATS_SHOWN)

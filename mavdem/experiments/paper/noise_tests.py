@@ -136,10 +136,10 @@ def normality(series: Array) -> Significance:
 
 
 def whiteness(series: Array) -> Significance:
-    """Tests the hypothesis that a series is white (Ljung and Box's Q).
+    """Tests the hypothesis that a series is white, by the test of Ljung and Box.
 
-    Q = N (N + 2) Σ ρ(k)² / (N − k) over the lags k = 1 to ``LJUNG_BOX_LAGS``, which is distributed as χ² with as many
-    degrees of freedom.
+    Its statistic is Q = N (N + 2) Σ ρ(k)² / (N − k), with the autocorrelation ρ(k) at the lags k = 1 to
+    ``LJUNG_BOX_LAGS``. If the series is white, Q has the χ² distribution with as many degrees of freedom as lags.
 
     Args:
         series: (N,) values in any unit, more than ``LJUNG_BOX_LAGS``.
@@ -165,5 +165,6 @@ def autocovariance(deviation: Array) -> Array:
         (N,) autocovariance, in the square of the series' unit.
     """
     count = len(deviation)
-    # The correlation begins at lag 1 − N; lag 0 is its N-th value.
-    return correlate(deviation, deviation)[count - 1 :] / count
+    # The sums at all lags, from 1 − N to N − 1. They are symmetric, and lag 0 has the index N − 1.
+    sums = correlate(deviation, deviation)
+    return sums[count - 1 :] / count

@@ -106,20 +106,22 @@ def _one_step_checks(window: Window, learned: Learned) -> tuple[Check, Check]:
         learned: the model of the training part.
 
     Returns:
-        Two checks. In the first, the share of each output's variance that is explained must be above
+        Two checks. In the first, the explained fraction of each output's variance must be above
         ``MIN_EXPLAINED_VARIANCE``; in the second, the ratio of squared errors (MSPE) must be below 1 for each output.
     """
     train = window.train
     # The first sample has no sample before it, by which it could be predicted.
-    one_step_errors = mspe(train.outputs[1:], learned.one_step()[1:]).per_output
-    hold_errors = mspe(train.outputs[1:], train.outputs[:-1]).per_output
-    explained_shares = 1 - one_step_errors / train.outputs.var(axis=0)
+    predicted_samples = train.outputs[1:]
+    samples_before = train.outputs[:-1]
+    one_step_errors = mspe(predicted_samples, learned.one_step()[1:]).per_output
+    hold_errors = mspe(predicted_samples, samples_before).per_output
+    explained_fractions = 1 - one_step_errors / train.outputs.var(axis=0)
     error_ratios = one_step_errors / hold_errors
     return (
         Check(
             f"one-step predictions explain over {percent(MIN_EXPLAINED_VARIANCE)} of each output’s training variance",
-            bool((explained_shares > MIN_EXPLAINED_VARIANCE).all()),
-            f"one-step predictions explain {listed(map(percent, explained_shares))} of the variance of "
+            bool((explained_fractions > MIN_EXPLAINED_VARIANCE).all()),
+            f"one-step predictions explain {listed(map(percent, explained_fractions))} of the variance of "
             f"{listed(train.output_names)}",
         ),
         Check(
@@ -214,8 +216,10 @@ def first_converged_iteration(theta: Array) -> int:
     Returns:
         The number of the iteration; 0 if the start is already close.
     """
-    distance = abs(theta - theta[-1]).max(axis=1)
-    distant_iterations = np.flatnonzero(distance > CONVERGED_FRACTION * distance.max())
+    final_values = theta[-1]
+    distances = abs(theta - final_values).max(axis=1)
+    distant_iterations = np.flatnonzero(distances > CONVERGED_FRACTION * distances.max())
     if len(distant_iterations) == 0:
         return 0
-    return int(distant_iterations[-1]) + 1
+    last_distant_iteration = int(distant_iterations[-1])
+    return last_distant_iteration + 1

@@ -104,7 +104,7 @@ class ScalarSystem:
 def random_harmonics(
     rng: Generator, frequencies: Array, smoothness: float, standard_deviation: float
 ) -> Complex:
-    """Draws the Fourier coefficients of Gaussian noise that is correlated like white noise after a Gaussian filter.
+    """Draws the Fourier coefficients of a random series: white Gaussian noise, smoothed by a Gaussian kernel.
 
     Args:
         rng: generator of random numbers.

@@ -327,17 +327,16 @@ def simulated_checks(simulated_errors: Mapping[str, Mapping[str, Array]]) -> lis
     """
     checks = []
     for name, smoothness in SIMULATED_SMOOTHNESS.items():
-        if smoothness > 0:
+        # Noise of the smoothness 0 is white.
+        if smoothness == 0:
+            continue
+        undelayed_errors = {}
+        for observer, errors_by_delay in simulated_errors[name].items():
             # Delay 0: each estimate is compared with the roll rate at its own time.
-            undelayed_errors = {
-                observer: errors[0] for observer, errors in simulated_errors[name].items()
-            }
-            checks.append(least_error_check(undelayed_errors, PEERS, f"simulated, {name}"))
-            checks.append(
-                least_error_check(
-                    undelayed_errors, LATER_PEERS, f"simulated, {name}, equal look-ahead"
-                )
-            )
+            undelayed_errors[observer] = errors_by_delay[0]
+        data = f"simulated, {name}"
+        checks.append(least_error_check(undelayed_errors, PEERS, data))
+        checks.append(least_error_check(undelayed_errors, LATER_PEERS, f"{data}, equal look-ahead"))
     return checks
 
 
