@@ -464,17 +464,17 @@ def _document_of_flights(flights: Sequence[FollowedFlight]) -> LiveDocument:
     """
     documents = []
     for flight in flights:
+        # With --json each flight has one.
         document = flight.document
         assert document is not None
         if flight.recording is not None:
             # The frames of the next vehicle were moved out of the recording after the document was made.
             document = document.with_frames(flight.recording.frame_count)
         documents.append(document)
-    last_document = documents[-1]
-    earlier_documents = documents[:-1]
-    if not earlier_documents:
+    last_document = documents.pop()
+    if not documents:
         return last_document
-    return last_document.model_copy(update={"earlier": earlier_documents})
+    return last_document.model_copy(update={"earlier": documents})
 
 
 def _unused_number(paths: Sequence[Path | None], first_number: int) -> int:
@@ -696,8 +696,10 @@ def _print_written_files(
         page=paths.page,
         model=paths.model,
     )
-    adviser = session.gain_adviser
-    lines.append(gains_line(None if adviser is None else adviser.facts, account))
+    advice = None
+    if session.gain_adviser is not None:
+        advice = session.gain_adviser.facts
+    lines.append(gains_line(advice, account))
     for line in lines:
         print_to_stderr(line)
 
@@ -712,15 +714,16 @@ def _written_files(paths: OutputPaths, recording: RawRecording | None) -> JsonVa
     Returns:
         Path by kind of the file, None for a file that was not written; for the raw recording path and frame count.
     """
-    raw_recording = None
+    files = JsonValues(rrd=None, record=None, model=None, html=None)
+    if paths.rrd is not None:
+        files["rrd"] = str(paths.rrd)
     if recording is not None:
-        raw_recording = {"file": str(paths.record), "frames": recording.frame_count}
-    return {
-        "rrd": None if paths.rrd is None else str(paths.rrd),
-        "record": raw_recording,
-        "model": None if paths.model is None else str(paths.model),
-        "html": None if paths.page is None else str(paths.page),
-    }
+        files["record"] = {"file": str(paths.record), "frames": recording.frame_count}
+    if paths.model is not None:
+        files["model"] = str(paths.model)
+    if paths.page is not None:
+        files["html"] = str(paths.page)
+    return files
 
 
 def _write_text(path: Path | None, text: str, subject: str) -> bool:

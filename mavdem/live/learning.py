@@ -268,6 +268,7 @@ class FlightLearning:
         """
         assert self.learner is not None
         self.learner.forget_since(landing_time)
+        # Models are kept in the order of their times, so that those to withdraw are the last ones.
         while self._models and self._models[-1].time > landing_time:
             self._models.pop()
         self.has_landed = True
@@ -312,17 +313,20 @@ class FlightLearning:
             climb_only = self._climb_model is not None
             raise NotLearnable(SessionFact.NO_LIVE_FLIGHT, climb_only=climb_only)
         self.adopt_model_before_landing(FIT_SECONDS)
-        is_learned_before_landing = self.has_landed and bool(self._models)
+        has_any_model = bool(self._models)
+        is_learned_before_landing = self.has_landed and has_any_model
         if not is_learned_before_landing:
-            # Without any model, a fit is worth a longer wait.
-            seconds = FIT_SECONDS if self._models else 2 * FIT_SECONDS
+            max_seconds = FIT_SECONDS
+            if not has_any_model:
+                # Then a fit is worth a longer wait.
+                max_seconds = 2 * FIT_SECONDS
             try:
-                return self.named_model(self.learner.learn_now(seconds), parameters)
+                return self.named_model(self.learner.learn_now(max_seconds), parameters)
             except TimeoutError:
-                reason = Fact(SessionFact.NOT_LEARNED_IN_TIME, duration=seconds)
+                reason = Fact(SessionFact.NOT_LEARNED_IN_TIME, duration=max_seconds)
             except (ValueError, RuntimeError) as error:
                 reason = fact_from_error(error)
-            if not self._models:
+            if not has_any_model:
                 raise NotLearnable(reason)
             self._log(Fact(SessionFact.FORMER_MODEL_KEPT, reason=reason))
         last_model = self._models[-1].learned

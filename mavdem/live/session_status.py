@@ -252,6 +252,7 @@ class SessionStatus(ImmutableResult):
         if not self.is_flying or self.ground_contact is not None:
             return None
         if self.position is None or self.takeoff_position is None:
+            # After a reboot in flight the positions have no common origin; satellites and barometer may know it.
             return self.displacement
         north, east, down = np.subtract(self.position, self.takeoff_position).tolist()
         return Displacement(distance=hypot(north, east), height=-down)
@@ -426,12 +427,14 @@ class SessionStatus(ImmutableResult):
         """
         vibration = judgement.lights[Light.VIBRATION]
         is_unknown = vibration.code is VibrationLight.VIBRATION_UNKNOWN
-        if not is_unknown or "VIBRATION" not in self.absent_messages:
+        was_requested_in_vain = "VIBRATION" in self.absent_messages
+        if not is_unknown or not was_requested_in_vain:
             return judgement
         lights = dict(judgement.lights)
         lights[Light.VIBRATION] = vibration.replace(is_asked=True)
         next_step = judgement.next_step
-        if next_step.figures.get("reason") == vibration:
+        advises_request = next_step.figures.get("reason") == vibration
+        if advises_request:
             next_step = choose_next_step(judgement.headline, lights, None)
         return replace(judgement, next_step=next_step, lights=lights)
 
@@ -466,20 +469,8 @@ class SessionStatus(ImmutableResult):
         """
         headline = self._most_urgent_headline(judgement.headline)
         is_urgent = self._is_urgent(headline)
-        reason = self.no_model_reason
-        if reason is not None and not self._is_received:
-            # Whether the vehicle still flies, and how, is not known.
-            is_motion = reason.subject == MissingMessages.MOTION
-            missing = MissingMessages.MOTION if is_motion else MissingMessages.MESSAGES
-            lights = lights_before_silence(judgement.lights, self._missing_age(reason), missing)
-            judgement = replace(judgement, lights=lights)
-            link_loss = self.link_loss
-            next_step = Fact(NextStep.DO_AS_ADVISED, reason=link_loss or reason)
-            if is_urgent:
-                next_step = Fact(NextStep.LAND_NOW, reason=headline)
-            if link_loss is not None or not is_urgent:
-                headline = link_loss or reason
-            return replace(judgement, headline=headline, next_step=next_step)
+        if self.no_model_reason is not None and not self._is_received:
+            return self._judgement_of_silent_vehicle(judgement, self.no_model_reason)
         if self.link_outage is not None and headline.code in HEADLINES_WITHOUT_ALARM:
             # The pilot flew without alarms meanwhile, which is not over with the outage.
             headline = headline.replace(outage=self.link_outage)
@@ -490,6 +481,30 @@ class SessionStatus(ImmutableResult):
         if is_urgent:
             return replace(judgement, next_step=Fact(NextStep.LAND_NOW, reason=headline))
         return replace(judgement, next_step=self._next_step_in_flight(judgement))
+
+    def _judgement_of_silent_vehicle(self, judgement: Judgement, reason: Fact) -> Judgement:
+        """Returns a judgement for a vehicle in flight whose messages do not come: how it flies is not known.
+
+        Args:
+            judgement: judgement of the flight so far.
+            reason: the fact that says which messages do not come.
+        """
+        alarm_or_headline = self._most_urgent_headline(judgement.headline)
+        is_urgent = self._is_urgent(alarm_or_headline)
+        missing = MissingMessages.MESSAGES
+        if reason.subject == MissingMessages.MOTION:
+            missing = MissingMessages.MOTION
+        lights = lights_before_silence(judgement.lights, self._missing_age(reason), missing)
+        link_loss = self.link_loss
+        silence = link_loss or reason
+        headline = silence
+        next_step = Fact(NextStep.DO_AS_ADVISED, reason=silence)
+        if is_urgent:
+            next_step = Fact(NextStep.LAND_NOW, reason=alarm_or_headline)
+            if link_loss is None:
+                # The fact of a lost link has the alarm as its cause; another silence does not.
+                headline = alarm_or_headline
+        return replace(judgement, headline=headline, next_step=next_step, lights=lights)
 
     def _missing_age(self, reason: Fact) -> float | None:
         """Returns the time since the last of the messages that do not come, s; None where that is not known.

@@ -14,6 +14,7 @@ from collections import deque
 from dataclasses import dataclass, field, replace
 from math import inf
 
+from mavdem.arrays import Flags
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.ending import REPORTS_OF_LOSS, find_ending
 from mavdem.assessment.event_lights import light_of_event
@@ -25,6 +26,7 @@ from mavdem.assessment.lights.vibration import vibration_light
 from mavdem.assessment.limits import worst_fact
 from mavdem.assessment.wind_drifts import WindDriftDetector
 from mavdem.dataset.intervals import Intervals
+from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.quality import samples_at_limits
 from mavdem.dataset.setpoints import SETPOINT_MESSAGE
 from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
@@ -308,7 +310,9 @@ class Watchdog:
         self.is_thorough = now - self._thorough_time >= THOROUGH_PERIOD
         if self.is_thorough:
             self._thorough_time = now
-        settled_intervals = None if settled_start is None else [(settled_start, now)]
+        settled_intervals = None
+        if settled_start is not None:
+            settled_intervals = [(settled_start, now)]
         # How often an urgent message has differed from the one before, in the whole boot.
         change_count = sum(self._recent.changes[name] for name in URGENT_MESSAGES)
         has_urgent_change = change_count > self._change_count
@@ -835,17 +839,36 @@ class Watchdog:
             if alarm is None or not self._is_sinking:
                 alarm = with_earlier_motors(limited_motor, alarm)
             review.facts[WatchedQuantity.MOTOR_LIMITS] = alarm
-        climb_rate = self.control.held_climb_rate(moment) if is_at_upper.any() else None
-        if climb_rate is not None:
-            sinking = sinks_at_limit(motors, is_at_upper, climb_rate, review.now)
-            # A commanded descent explains why the vehicle sinks, unless all motors (no names) have no reserve.
-            is_explained = (
-                sinking is not None
-                and bool(sinking.figures["names"])
-                and self.control.is_descent_commanded(moment)
-            )
-            if sinking is not None and not is_explained:
+        if is_at_upper.any():
+            sinking = self._sinking_at_limit(review, moment, motors, is_at_upper)
+            if sinking is not None:
                 review.facts[WatchedQuantity.MOTOR_LIMITS] = sinking
+
+    def _sinking_at_limit(
+        self, review: _Review, moment: FlightMoment, motors: MotorOutputs, is_at_upper: Flags
+    ) -> Fact | None:
+        """Returns the fact that the vehicle sinks, although it should hold its height, with motors at their limit.
+
+        Args:
+            review: the review, with its time.
+            moment: present time, and the motion.
+            motors: outputs of the k motors in the last seconds, N samples.
+            is_at_upper: (N, k) whether each output is at its motor's upper limit.
+
+        Returns:
+            The fact; None if the vehicle does not sink, is not to hold its height, or descends by command.
+        """
+        climb_rate = self.control.held_climb_rate(moment)
+        if climb_rate is None:
+            return None
+        sinking = sinks_at_limit(motors, is_at_upper, climb_rate, review.now)
+        if sinking is None:
+            return None
+        # Without names, all motors are at their limit: then not even a commanded descent explains it.
+        has_reserve = bool(sinking.figures["names"])
+        if has_reserve and self.control.is_descent_commanded(moment):
+            return None
+        return sinking
 
     def _judge_oscillation(self, review: _Review, motion: RecentMotion) -> None:
         """Judges whether a limit cycle, an oscillation from limit to limit, begins in the last seconds.
@@ -893,6 +916,7 @@ class Watchdog:
             drift = self._height.judgement_at_rest(review.vehicle, flight_interval, moment.motion)
             if drift is not None:
                 self._are_heights_judged = True
+                # It replaces what was found in flight, which shows less certainly which of the two was wrong.
                 self.status_lights.replace(Light.ESTIMATOR, MotionEvent.HEIGHTS_DISAGREE, drift)
                 self.status_lights.add(Light.ESTIMATOR, drift)
                 return [drift]
@@ -988,7 +1012,8 @@ class Watchdog:
         Returns:
             The signals. Their landed state is what the reviews so far have found, until ``now``.
         """
-        columns = self._recent.columns((*STATUS_MESSAGES, *ESTIMATOR_FLAG_MESSAGES), start_time)
+        repeated_messages = (*STATUS_MESSAGES, *ESTIMATOR_FLAG_MESSAGES)
+        columns = self._recent.columns(repeated_messages, start_time)
         # The names of flight modes and the firmware's version come once, when a ground station asks for them.
         columns |= self._recent.columns(["AVAILABLE_MODES", "AUTOPILOT_VERSION"])
         landed_state = self._landed_states.series(
@@ -1016,16 +1041,18 @@ class Watchdog:
             if report.code is ReportedEvent.RESTARTED_IN_FLIGHT:
                 reports.append(event_or_alarm(report, report.start_time))
             elif report.code is ReportedEvent.ON_GROUND and not self.has_landed:
+                # The landing is not certain yet.
                 self._landing_report = report
             else:
                 reports.append(report)
         if self._report_search.restart is not None:
             self._update_restart(self._report_search.restart)
-        if any(report.code in REPORTS_OF_LOSS for report in reports):
+        has_report_of_loss = any(report.code in REPORTS_OF_LOSS for report in reports)
+        if has_report_of_loss:
             reports = self.control.lower_unconfirmed_crash_reports(vehicle, reports)
-        reports_of_loss = [report for report in reports if report.code in REPORTS_OF_LOSS]
-        if self.loss is None and reports_of_loss:
-            self.loss = find_ending(signals, reports_of_loss)
+            if self.loss is None:
+                reports_of_loss = [report for report in reports if report.code in REPORTS_OF_LOSS]
+                self.loss = find_ending(signals, reports_of_loss)
         return reports
 
     def _update_restart(self, restart: Fact) -> None:
@@ -1086,11 +1113,11 @@ class Watchdog:
         for quantity, fact in review.facts.items():
             if not fact.warns:
                 continue
-            is_new = self.alarms.raise_alarm(quantity, fact, review.last_found_time(quantity))
+            fault_time = review.last_found_time(quantity)
+            is_new = self.alarms.raise_alarm(quantity, fact, fault_time)
             # What the autopilot itself reports of the estimator was reported to the user when it came.
-            was_reported = quantity is WatchedQuantity.ESTIMATOR and isinstance(
-                fact.code, ReportedEvent
-            )
+            is_autopilot_report = isinstance(fact.code, ReportedEvent)
+            was_reported = quantity is WatchedQuantity.ESTIMATOR and is_autopilot_report
             if is_new and not was_reported:
                 alarms.append(event_or_alarm(fact, review.now))
         return alarms
