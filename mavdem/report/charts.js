@@ -118,13 +118,17 @@
       ctx.beginPath(); ctx.moveTo(bbox.left, y); ctx.lineTo(bbox.left + bbox.width, y); ctx.stroke();
     }
     ctx.setLineDash([4 * ratio, 3 * ratio]);
+    // Of many events those that are no alarms are faint, so that lines stay in sight.
     for (const [x, , stroke] of data.marks) {
       ctx.strokeStyle = stroke;
+      ctx.globalAlpha = data.marks.length > MANY_MARKS && stroke === "#7d8694" ? 0.4 : 1;
       ctx.beginPath(); ctx.moveTo(at(x), bbox.top); ctx.lineTo(at(x), bbox.top + bbox.height); ctx.stroke();
     }
     ctx.restore();
   };
 
+  // Marks of a chart from which on they are faint: a choice.
+  const MANY_MARKS = 20;
   // Pixels above a plot in which its marks stand, where things are counted.
   const MARKS_ABOVE = 13;
   const isDots = line => line.kind === "dots" || line.kind === "joined";

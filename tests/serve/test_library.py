@@ -336,7 +336,7 @@ def test_a_vehicle_without_a_name_is_called_by_its_type_and_the_end_of_its_seria
         **{"anomalous_rows": {}, "may_read": True, "key": "", "has_token": False, "address": ""},
         **{"upload": "", "given": GivenNames(), "frames": frames},
     )
-    assert ">Hexarotor 001a…333539</a>" in page and f'title="{serial}"' in page
+    assert ">Hexarotor 001a…\N{WORD JOINER}333539</a>" in page and f'title="{serial}"' in page
 
 
 def test_a_date_in_the_future_is_no_date():

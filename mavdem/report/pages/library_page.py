@@ -169,13 +169,14 @@ def _lights_beside_fleet(lights: Mapping[str, str], row: FlightRow | None) -> di
 def _short_vehicle_name(name: str, frames: Mapping[str, str]) -> str:
     """Returns the short name of a vehicle to which its owner gave no name; a filter of the server's templates.
 
-    It is the name in the logs or, if that is a serial number, the type of the frame and the end of the number.
+    It is the name in the logs or, if that is a serial number, the type of the frame and both ends of the number, which
+    no line break parts.
 
     Args:
         name: name of the vehicle in its logs.
         frames: type of the frame of each vehicle, such as "QUADROTOR", by the name in the logs.
     """
-    return vehicle_label(name, frames.get(name, ""), NO_NAMES)
+    return vehicle_label(name, frames.get(name, ""), NO_NAMES).replace("…", "…\N{WORD JOINER}")
 
 
 class _FlightOfVehicle(Protocol):
