@@ -142,13 +142,13 @@ def reported_problems(telemetry: Telemetry) -> list[Fact]:
         A fact for each report. It has the figures ``boot`` and ``basis``, the names of the messages that it rests on.
         Facts of texts have the ``text`` itself and the name of its ``severity`` too.
     """
-    return _with_battery_levels(
-        [
-            *_problems_of_texts(telemetry),
-            *_problems_of_errors(telemetry),
-            *_problems_of_events(telemetry),
-        ]
-    )
+    problems = [
+        *_problems_of_texts(telemetry),
+        *_problems_of_errors(telemetry),
+        *_problems_of_events(telemetry),
+    ]
+    # Errors do not state whether a battery is low or critical; a text at the same time does.
+    return _with_battery_levels(problems)
 
 
 def _with_battery_levels(facts: Sequence[Fact]) -> list[Fact]:

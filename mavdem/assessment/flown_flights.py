@@ -181,12 +181,15 @@ def _path_length(position: TimeSeries) -> float | None:
     # An estimator without any source of a position reports that of its origin all the time.
     if not position.values[:, :2].any():
         return None
-    step_numbers = np.floor((position.time - position.time[0]) / PATH_STEP)
-    _, rows = np.unique(step_numbers, return_index=True)
+    # The first sample of each period of ``PATH_STEP`` is used, so that noise between samples adds no length.
+    period_numbers = np.floor((position.time - position.time[0]) / PATH_STEP)
+    _, rows = np.unique(period_numbers, return_index=True)
     if len(rows) < 2:
         return None
     north_and_east = position.values[rows, :2]
-    lengths = np.hypot(*np.diff(north_and_east, axis=0).T)
+    north_steps, east_steps = np.diff(north_and_east, axis=0).T
+    lengths = np.hypot(north_steps, east_steps)
     durations = np.diff(position.time[rows])
+    # A faster step is a jump of the estimate.
     is_flown = lengths <= MAX_PATH_SPEED * durations
     return float(lengths[is_flown].sum())

@@ -217,20 +217,25 @@ def preferred_message(counts: Mapping[str, int]) -> str | None:
 
 
 def names_by_preference(counts: Mapping[str, int]) -> list[str]:
-    """Sorts messages by preference, but puts those that are clearly less frequent than the most frequent one last.
+    """Sorts the types of messages that were recorded by preference, but puts rare ones last.
+
+    A type is rare if its number of messages is below ``MIN_PREFERRED_SHARE`` of that of the most frequent type.
 
     Args:
-        counts: Number of messages by name, the preferred name first.
+        counts: Number of messages of each type by its name, the preferred name first.
 
     Returns:
-        The names of messages with a count above 0. "Clearly less frequent" is below ``MIN_PREFERRED_SHARE`` of the
-        largest count.
+        The names of the types with at least one message.
     """
     min_count = MIN_PREFERRED_SHARE * max(counts.values(), default=0)
-    recorded_names = [name for name, count in counts.items() if count]
-    frequent = [name for name in recorded_names if counts[name] >= min_count]
-    rare = [name for name in recorded_names if counts[name] < min_count]
-    return frequent + rare
+    frequent_names = []
+    rare_names = []
+    for name, count in counts.items():
+        if count >= min_count and count > 0:
+            frequent_names.append(name)
+        elif count > 0:
+            rare_names.append(name)
+    return frequent_names + rare_names
 
 
 def series_of_boot(series: TimeSeries | None, boot: int) -> TimeSeries | None:

@@ -291,9 +291,9 @@ def _without_nan(value: Any) -> Any:
 
 
 def document_units(document: type[Document]) -> dict[str, str]:
-    """Returns the units of all figures of a document, as the annotations of its fields have them.
+    """Returns the units of all figures of a document, which are stated in the definitions of its fields.
 
-    The JSON schema has the same units, but takes a tenth of a second to be made.
+    The JSON schema of the document has the same units, but it takes a tenth of a second to be made.
 
     Args:
         document: class of the document.

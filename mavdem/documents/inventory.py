@@ -172,14 +172,16 @@ def analysis_document(analysis: LogAnalysis) -> JsonValues:
 
 
 def vehicle_document(assessment: Assessment) -> JsonValues:
-    """Returns some values of a vehicle in the JSON document of ``mavdem info``: those that its assessment has.
+    """Returns those values of a vehicle in the JSON document of ``mavdem info`` that come from its assessment.
+
+    The caller adds the contents of the log, such as messages and their rates.
 
     Args:
         assessment: assessment of the vehicle, with an analysis.
 
     Returns:
-        Values by field of ``Vehicle``: those of ``analysis_document``, the judgement with its lights, the wind, all
-        instances, and which sensors can be trusted.
+        Values by field of the record ``Vehicle``: the values of ``analysis_document``; the judgement of the flight with
+        its status lights; the wind; the instances of batteries, sensors and outputs; and which sensors can be trusted.
     """
     assert assessment.analysis is not None
     return {

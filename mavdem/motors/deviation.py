@@ -144,18 +144,24 @@ class MotorDeviations(NamedTuple):
 
 
 def deviations_of_motors(level: LevelBalances, signatures: MotorSignatures) -> MotorDeviations:
-    """Converts level balances into how much each motor deviates from the mean of all motors.
+    """Converts level balances into how much the command of each motor deviates from the mean of all motors.
 
-    Of more than four motors the balance determines only what the mixer can command.
+    A balance is the mean command in roll, pitch and yaw. The mixer of the vehicle adds it to the commands of the k
+    motors. If there are more than four motors, other deviations of theirs are possible, which no balance shows.
 
     Args:
         level: Balances of n flights without lean.
         signatures: Mixer of the vehicle, in which all of thrust, roll, pitch and yaw are known.
+
+    Returns:
+        The deviations (n, k) with the half widths of their intervals.
     """
+    # (k, 3) change of the command of each motor by the commands in roll, pitch and yaw.
     allocation = signatures.torque_allocation
+    # The errors in roll, pitch and yaw are independent, so that their variances add up.
+    variances = level.variances @ (allocation**2).T
     return MotorDeviations(
-        estimates=level.balances @ allocation.T,
-        half_widths=half_width(level.variances @ (allocation**2).T),
+        estimates=level.balances @ allocation.T, half_widths=half_width(variances)
     )
 
 

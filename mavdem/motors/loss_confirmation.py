@@ -80,9 +80,9 @@ class LossConfirmation(NamedTuple):
     def log_odds_of_return(self, times: Sequence[float], balances: Sequence[Array]) -> float:
         """Returns the logarithm of the odds that the balance has returned to its value before the change.
 
-        The alternative is that it remains as after the change. The mean fraction m of the change that remains is normal
-        about 0 under the one hypothesis and about 1 under the other, with the variance σ² of a mean of correlated
-        blocks. The logarithm of the ratio of these densities is (1 − 2 m) / (2 σ²).
+        The alternative is that it remains as after the change. In each block a fraction of the change remains. The mean
+        m of these fractions is 0 if the balance has returned, and 1 if it remains changed, apart from a normal error of
+        variance σ². With these two densities of m the log odds are (1 − 2 m) / (2 σ²).
 
         Args:
             times: (N,) ends of the blocks since the detection, s.
@@ -97,7 +97,8 @@ class LossConfirmation(NamedTuple):
         if len(remaining) * BLOCK_SECONDS < MIN_CONFIRMATION_SECONDS:
             return 0.0
         mean = remaining.mean()
-        # The function takes several signals and windows; here it is one signal, and one window with all blocks.
+        # The blocks are correlated, so that the variance of their mean follows from the long-run variance. The function
+        # takes several signals and windows; here it is one signal, and one window with all blocks.
         variances_of_windows = long_run_variance(
             remaining[:, None],
             selection=np.ones((1, len(remaining)), dtype=bool),
