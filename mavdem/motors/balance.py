@@ -190,14 +190,17 @@ def balance_figures(
     )
 
 
-def block_means(run: SteadyRun, signatures: MotorSignatures) -> list[Array]:
-    """Averages a run over blocks of equal length, ``BLOCK_SECONDS`` or a little more.
+def block_means(
+    run: SteadyRun, signatures: MotorSignatures, block_seconds: float = BLOCK_SECONDS
+) -> list[Array]:
+    """Averages a run over blocks of equal length, ``block_seconds`` or a little more.
 
     The torque commands of a block are divided by its thrust, so that neither climb nor battery changes the balance.
 
     Args:
         run: Motor outputs and attitude of an interval of steady flight.
         signatures: Mixer of the vehicle, which turns motor outputs into thrust and torque commands.
+        block_seconds: Least length of a block, s.
 
     Returns:
         For each block (5,): the mean commands in roll, pitch and yaw, relative to the mean command of all motors, and
@@ -205,7 +208,7 @@ def block_means(run: SteadyRun, signatures: MotorSignatures) -> list[Array]:
     """
     time = run.time
     seconds = float(np.ptp(time)) if len(time) else 0.0
-    if seconds < BLOCK_SECONDS:
+    if seconds < block_seconds:
         return []
     # The first row of the mixer is thrust, the others are torques about the axes that the geometry gives.
     axis_commands = run.commands @ signatures.mixer_rows.T
@@ -217,7 +220,7 @@ def block_means(run: SteadyRun, signatures: MotorSignatures) -> list[Array]:
     table = np.column_stack([thrust, torques, run.lean])
 
     # A remainder shorter than a block lengthens all blocks. The last sample, at fraction 1, belongs to the last block.
-    block_count = int(seconds / BLOCK_SECONDS)
+    block_count = int(seconds / block_seconds)
     elapsed_fraction = (time - time[0]) / seconds
     block_numbers = np.minimum(elapsed_fraction * block_count, block_count - 1).astype(int)
     blocks = []

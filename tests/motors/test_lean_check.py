@@ -46,6 +46,15 @@ def test_a_shift_is_beyond_the_lean_only_with_a_torque_that_no_lean_asks_for(
     assert is_beyond_lean(run, QUAD, SHIFT) is is_beyond
 
 
+@mark.parametrize(("lean_step", "torque_step"), [(0.15, 0.0), (0.0, 0.04)])
+@mark.parametrize("seconds_after", [9.0, 13.0])
+def test_ten_seconds_after_a_shift_are_enough(seconds_after, lean_step, torque_step):
+    run = flown(lean_step, torque_step, seconds=SHIFT + seconds_after)
+    is_late = run.time > SHIFT - 16.0
+    short_run = SteadyRun(run.time[is_late], run.commands[is_late], run.lean[is_late])
+    assert is_beyond_lean(short_run, QUAD, SHIFT) is (torque_step > 0)
+
+
 @mark.filterwarnings("error")
 def test_constant_commands_have_no_shift_and_a_step_between_constants_is_one():
     lean = flown(0.0, 0.0).lean
