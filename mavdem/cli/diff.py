@@ -66,7 +66,10 @@ def _parsed_days(
     first_text, separator, last_text = text.partition("..")
     try:
         first_day = date.fromisoformat(first_text)
-        last_day = date.fromisoformat(last_text) if separator else first_day
+        last_day = first_day
+        is_interval = bool(separator)
+        if is_interval:
+            last_day = date.fromisoformat(last_text)
     except ValueError:
         message = f"{text} is not like 2026-01-05..2026-01-11."
         raise click.BadParameter(message, context, parameter) from None

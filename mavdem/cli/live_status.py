@@ -386,22 +386,19 @@ def _status_texts(status: SessionStatus, *, has_table: bool) -> StatusTexts:
     """
     judgement = status.overall_judgement
     judgement_text = _judgement_text(judgement, has_table=has_table)
-    sentences = [
-        escape_unprintable(sentence.text)
-        for sentence in render_section("live_status", status=status, has_table=has_table)
-    ]
+    sentences = []
+    for sentence in render_section("live_status", status=status, has_table=has_table):
+        sentences.append(escape_unprintable(sentence.text))
     reason = status.no_model_reason
     if reason is not None:
-        # The section ends with the reason why nothing is learned and its remedy. The headline may be the same fact, and
-        # the next step may be the same remedy.
-        advice_text = escape_unprintable(reason.sentence_and_remedy)
-        remedy = escape_unprintable(reason.remedy)
-        if reason in (judgement.headline, judgement.headline.figures.get("reason")):
-            sentences[sentences.index(advice_text)] = "" if remedy in judgement_text else remedy
-        elif remedy in judgement_text:
-            sentences[sentences.index(advice_text)] = escape_unprintable(reason.sentence)
-        if reason.code is SessionFact.NOT_FLYING and has_table and status.worst_lights:
-            # After a landing another take-off is the pilot's choice, and the table shows the flight before.
+        # The section ends with the reason why nothing is learned and its remedy.
+        reason_text = escape_unprintable(reason.sentence_and_remedy)
+        unrepeated_text = _unrepeated_reason(reason, judgement.headline, judgement_text)
+        if unrepeated_text != reason_text:
+            sentences[sentences.index(reason_text)] = unrepeated_text
+        is_after_landing = reason.code is SessionFact.NOT_FLYING and bool(status.worst_lights)
+        if is_after_landing and has_table:
+            # Another take-off is the pilot's choice, and the table shows the flight before.
             sentences[-1] = ""
     sentences = [text for text in sentences if text and text not in judgement_text]
     # The first sentence of the section is always there.
@@ -411,6 +408,24 @@ def _status_texts(status: SessionStatus, *, has_table: bool) -> StatusTexts:
         problems=sentences[1:],
         judgement=judgement_text,
     )
+
+
+def _unrepeated_reason(reason: Fact, headline: Fact, judgement_text: str) -> str:
+    """Returns why nothing is learned, and what to do about that, without what the judgement says already.
+
+    Args:
+        reason: The fact that says why nothing is learned.
+        headline: The headline of the judgement, which may be the same fact.
+        judgement_text: The headline and the next step in sentences; the next step may be the same remedy.
+    """
+    remedy = escape_unprintable(reason.remedy)
+    is_remedy_stated = remedy in judgement_text
+    is_reason_stated = reason in (headline, headline.figures.get("reason"))
+    if is_reason_stated:
+        return "" if is_remedy_stated else remedy
+    if is_remedy_stated:
+        return escape_unprintable(reason.sentence)
+    return escape_unprintable(reason.sentence_and_remedy)
 
 
 def _judgement_text(judgement: Judgement, *, has_table: bool) -> str:

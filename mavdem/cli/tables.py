@@ -130,13 +130,15 @@ def _table_without_borders(
     """
     grid = Grid(box=None, pad_edge=False)
     for index, column in enumerate(columns):
-        is_first = index == 0
+        has_row_names = index == 0
+        is_left_aligned = has_row_names or is_text
         grid.add_column(
             column.heading,
-            justify="left" if is_first or is_text else "right",
-            no_wrap=is_first,
+            justify="left" if is_left_aligned else "right",
+            no_wrap=has_row_names,
             width=None if widths is None else widths[index],
         )
-    for row in zip(*(column.cells for column in columns), strict=True):
-        grid.add_row(*row)
+    cells_by_column = [column.cells for column in columns]
+    for row_cells in zip(*cells_by_column, strict=True):
+        grid.add_row(*row_cells)
     return grid

@@ -48,7 +48,9 @@ def group_into_flights(rows: Iterable[FlightRow]) -> list[FlightRows]:
     def date_and_order(flight: AxisRows) -> tuple[object, ...]:
         """Returns the key by which flights are sorted: seconds since 1970, then vehicle and file."""
         row = log_row(flight)
-        seconds = math.inf if row.date is None else row.date.timestamp()
+        seconds = math.inf
+        if row.date is not None:
+            seconds = row.date.timestamp()
         return seconds, row.order
 
     flights = group_by(rows, lambda row: row.order.without_axis)

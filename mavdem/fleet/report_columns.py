@@ -105,7 +105,10 @@ def _input_columns(report: Mapping[str, Any], columns: JsonValues) -> JsonValues
     if not _has_model(report):
         # The trim, the mean outputs in steady flight, needs no model. It shows whether motor outputs were logged.
         trim_unit = columns.get("trim_unit")
-        return {"inputs": None if trim_unit is None else MOTORS, "input_unit": trim_unit}
+        inputs = None
+        if trim_unit is not None:
+            inputs = MOTORS
+        return {"inputs": inputs, "input_unit": trim_unit}
     input_unit = value_at(report, "flight.scale.unit")
     if value_at(report, "flight.scale.name") == DEMAND:
         return {"inputs": DEMAND, "input_unit": input_unit}
@@ -126,14 +129,16 @@ def _warning_columns(report: Mapping[str, Any]) -> JsonValues:
         ``overrides``, the codes of these facts; ``warnings``, all doubts as facts; and ``warning_codes``.
     """
     overrides = report.get("overrides", ())
-    # The key "verdict" has the learnability of the log, with cautions of its own.
-    path_of_cautions = "cautions" if _has_model(report) else "verdict.cautions"
+    path_of_cautions = "cautions"
+    if not _has_model(report):
+        # The key "verdict" has the learnability of the log, with cautions of its own.
+        path_of_cautions = "verdict.cautions"
     cautions = value_at(report, path_of_cautions) or ()
     warnings = [*overrides, *cautions]
     return {
         "overrides": [override.code for override in overrides],
         "warnings": warnings,
-        "warning_codes": [fact.code for fact in warnings],
+        "warning_codes": [warning.code for warning in warnings],
     }
 
 

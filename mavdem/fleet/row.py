@@ -482,8 +482,11 @@ def column_value(value: Any, column_type: Any) -> Any:
     if column_type is int:
         return int(value)
     if column_type is datetime:
-        time = datetime.fromisoformat(value) if isinstance(value, str) else value
+        time = value
+        if isinstance(value, str):
+            time = datetime.fromisoformat(value)
         if not time.tzinfo:
+            # A time without a zone is UTC.
             time = time.replace(tzinfo=UTC)
         return time.astimezone(UTC)
     return utf8_text(str(value))

@@ -174,16 +174,17 @@ def with_motors_judged(
     Returns:
         Both states. The rows of two logs of one vehicle have the columns of its motors' health.
     """
-    are_logs = bool(before.vehicles and after.vehicles)
+    # Only logs have the messages of their vehicles.
+    are_logs = bool(before.vehicles) and bool(after.vehicles)
     names = before.names | after.names
-    if not are_logs or len(names) != 1 or UNKNOWN in names:
+    are_of_one_vehicle = len(names) == 1 and UNKNOWN not in names
+    if not are_logs or not are_of_one_vehicle:
         return before, after
     judged_rows = assess_safely([*before.rows, *after.rows], assess_rows, [])
     count_before = len(before.rows)
-    return (
-        before._replace(rows=judged_rows[:count_before]),
-        after._replace(rows=judged_rows[count_before:]),
-    )
+    rows_before = judged_rows[:count_before]
+    rows_after = judged_rows[count_before:]
+    return before._replace(rows=rows_before), after._replace(rows=rows_after)
 
 
 def states_of_common_vehicle(
@@ -204,7 +205,8 @@ def states_of_common_vehicle(
     Raises:
         NotLearnable: the states have no vehicle in common, or several.
     """
-    if len(before.names) < 2 and len(after.names) < 2:
+    is_each_of_one_vehicle = len(before.names) < 2 and len(after.names) < 2
+    if is_each_of_one_vehicle:
         return before, after
     common_names = (before.names & after.names) - {UNKNOWN}
     if len(common_names) != 1:

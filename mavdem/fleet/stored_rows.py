@@ -147,8 +147,10 @@ def _stored_rows(folder: Path, query: str, values: JsonValues) -> FlightRows:
     path = folder / STORE
     if not is_fleet(folder):
         raise Unreadable(FleetFolderFact.NO_FLEET, path=folder)
-    # SQLite writes its lock beside the store, which it cannot in a folder that is not writable.
-    access = "mode=rw" if os.access(folder, os.W_OK) else "immutable=1"
+    access = "mode=rw"
+    if not os.access(folder, os.W_OK):
+        # SQLite writes its lock beside the store, which it cannot here. It needs none in a folder that stays as it is.
+        access = "immutable=1"
     uri = f"{path.absolute().as_uri()}?{access}"
     try:
         with closing(sqlite3.connect(uri, timeout=BUSY_SECONDS, uri=True)) as db:

@@ -354,6 +354,7 @@ class FlightLearning:
             # The model is of other motors than the latest rows: their names would be wrong.
             return learned
         outputs = model_outputs(self._axis)
+        # Gains, and other parameters that the control loops depend on.
         gains = {}
         for name, value in parameters.items():
             if CONTROL_PARAMETERS.match(name):

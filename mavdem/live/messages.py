@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterable
 from functools import cache
 from importlib.resources import files
-from math import inf, isfinite, nan
+from math import inf, nan
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -134,8 +134,10 @@ def message_readers() -> dict[int, _MessageReader]:
         names = list(MESSAGE_FIELDS[definition.name])
         units_per_second = 0.0
         wrap_period = inf
-        stamp_field = next((name for name in BOOT_CLOCK_UNITS if name in payload_type.fields), None)
-        if stamp_field is not None:
+        # Stamps of other clocks are not among them.
+        stamp_fields = [name for name in BOOT_CLOCK_UNITS if name in payload_type.fields]
+        if stamp_fields:
+            stamp_field = stamp_fields[0]
             names.append(stamp_field)
             units_per_second = BOOT_CLOCK_UNITS[stamp_field]
             bits = BITS_PER_BYTE * payload_type[stamp_field].itemsize
@@ -185,12 +187,13 @@ def attitude_sample(message: Message) -> AttitudeSample | None:
         The attitude; None if it is not finite or impossible.
     """
     # The values are in the order of ``MESSAGE_FIELDS``: the angles or the quaternion, then the body rates.
-    *attitude, roll_rate, pitch_rate, yaw_rate = message.values
+    *angles, roll_rate, pitch_rate, yaw_rate = message.values
     if message.name == "ATTITUDE_QUATERNION":
-        if not all(map(isfinite, attitude)):
+        quaternion = np.array(angles)
+        if not np.isfinite(quaternion).all():
             return None
-        attitude = [float(angle) for angle in euler_angles(np.array(attitude))]
-    roll, pitch, yaw = attitude
+        angles = [float(angle) for angle in euler_angles(quaternion)]
+    roll, pitch, yaw = angles
     # NaN fails every comparison, so values that are not finite count as impossible, too.
     angles_are_possible = abs(roll) <= MAX_ANGLE and abs(pitch) <= MAX_ANGLE
     rates_are_possible = (

@@ -56,13 +56,13 @@ class RecentMessages:
             time: time on the boot clock, s.
             values: values of its ``MESSAGE_FIELDS``, in their order.
         """
-        rows = self.rows.setdefault(name, [])
-        has_changed = not rows or not _are_equal(rows[-1].values, values)
-        if has_changed:
+        messages = self.rows.setdefault(name, [])
+        is_first = not messages
+        if is_first or not _are_equal(messages[-1].values, values):
             self.changes[name] += 1
-        rows.append(TimedValues(time, values))
-        if len(rows) > MAX_ROWS:
-            self.rows[name] = _thinned_out(name, rows)
+        messages.append(TimedValues(time, values))
+        if len(messages) > MAX_ROWS:
+            self.rows[name] = _thinned_out(name, messages)
 
     def names_since(self, start_time: float) -> set[str]:
         """Returns the names of the messages that have come since ``start_time``, s of the boot clock."""
@@ -80,9 +80,10 @@ class RecentMessages:
         """
         columns: dict[str, Columns] = {}
         for name in names:
-            rows = [row for row in self.rows.get(name, ()) if row.time >= start_time]
-            if rows:
-                columns[name] = columns_from(MESSAGE_FIELDS[name], rows, self.boot)
+            all_messages = self.rows.get(name, ())
+            messages = [message for message in all_messages if message.time >= start_time]
+            if messages:
+                columns[name] = columns_from(MESSAGE_FIELDS[name], messages, self.boot)
         return columns
 
 
@@ -91,30 +92,33 @@ def _are_equal(values: Numbers, other_values: Numbers) -> bool:
     return all(map(np.array_equal, values, other_values))
 
 
-def _thinned_out(name: str, rows: Sequence[TimedValues]) -> list[TimedValues]:
+def _thinned_out(name: str, messages: Sequence[TimedValues]) -> list[TimedValues]:
     """Drops every second message of the older half, to bound the memory.
 
     Several batteries report in turn under one message name, so that the messages of each are counted separately.
 
     Args:
         name: name of the message.
-        rows: the messages of that name, in time order.
+        messages: the messages of that name, in time order.
 
     Returns:
         The remaining messages, in time order.
     """
-    fields = MESSAGE_FIELDS[name]
-    id_field = fields.index("id") if name == "BATTERY_STATUS" else None
-    older_half = rows[: MAX_ROWS // 2]
-    newer_half = rows[MAX_ROWS // 2 :]
-    thinned_half = []
+    id_index = None
+    if name == "BATTERY_STATUS":
+        id_index = MESSAGE_FIELDS[name].index("id")
+    half = MAX_ROWS // 2
+    kept_messages = []
     count_by_battery: Counter[float] = Counter()
-    for row in older_half:
-        battery_id = 0.0 if id_field is None else row.values[id_field]
+    for message in messages[:half]:
+        # Messages that are not of a battery are counted together.
+        battery_id = 0.0
+        if id_index is not None:
+            battery_id = message.values[id_index]
         count_by_battery[battery_id] += 1
         if count_by_battery[battery_id] % 2 == 0:
-            thinned_half.append(row)
-    return [*thinned_half, *newer_half]
+            kept_messages.append(message)
+    return [*kept_messages, *messages[half:]]
 
 
 def columns_from(fields: Sequence[str], rows: Iterable[TimedValues], boot: int) -> Columns:

@@ -75,8 +75,14 @@ class StatusReport:
         if silence is not None:
             rates = dict.fromkeys(rates, 0.0)
             watch_facts = tuple(not_watched(fact, silence, self.stream.now) for fact in watch_facts)
-        delay = self.backlog.delay
+        analysis_delay = self.backlog.delay
+        if analysis_delay < BEHIND_DELAY:
+            # This computer keeps up.
+            analysis_delay = 0.0
         message_age = self._message_age()
+        last_reception = None
+        if message_age is not None:
+            last_reception = clock.unix_time() - message_age
         status = replace(
             status,
             findings=self.judging.findings,
@@ -90,10 +96,10 @@ class StatusReport:
             state=self.stream.vehicle_state(),
             message_age=message_age,
             motion_age=self.silence.motion_age(clock.monotonic()),
-            last_reception=None if message_age is None else clock.unix_time() - message_age,
+            last_reception=last_reception,
             rates=rates,
             watch_facts=watch_facts,
-            analysis_delay=delay if delay >= BEHIND_DELAY else 0.0,
+            analysis_delay=analysis_delay,
             absent_messages=self.rates.absent_messages,
             link_outage=self.silence.outage if status.is_flying else None,
         )
@@ -125,10 +131,10 @@ class StatusReport:
             The reason; None while messages and motion come.
         """
         silence = self._silence_fact()
-        is_lost = silence is not None and silence.code is LinkFact.CONNECTION_LOST
+        is_link_lost = silence is not None and silence.code is LinkFact.CONNECTION_LOST
         stream_reason = status.no_model_reason
         must_choose = stream_reason is not None and stream_reason.code is VehicleFact.CHOOSE_VEHICLE
-        if must_choose and not is_lost:
+        if must_choose and not is_link_lost:
             return stream_reason
         is_motion_missing = silence is not None and silence.subject == MissingMessages.MOTION
         is_none_followed = status.vehicle is None

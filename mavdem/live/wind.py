@@ -416,7 +416,7 @@ class LiveWind:
         return True
 
     def _motion(self, start_time: float, end_time: float) -> _Motion:
-        """Selects the attitudes between two times, and interpolates the velocities at their stamps.
+        """Joins attitude and velocity between two times: velocities are interpolated at the stamps of the attitudes.
 
         Attitudes before the first and after the last velocity, or in a gap of velocities longer than
         ``MAX_VELOCITY_GAP``, are left out, as they are for a recorded flight.
