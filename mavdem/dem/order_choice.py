@@ -97,14 +97,15 @@ class OrderChoice:
             both.
         """
         # Column i is for the order i + 1.
-        gains = self.free_energy[:, order - 1] - self.free_energy[:, reference - 1]
-        gains = gains[np.isfinite(gains)]
-        if not len(gains):
+        gain_by_flight = self.free_energy[:, order - 1] - self.free_energy[:, reference - 1]
+        known_gains = gain_by_flight[np.isfinite(gain_by_flight)]
+        flight_count = len(known_gains)
+        if flight_count == 0:
             return FreeEnergyGain(np.nan, standard_error=0.0)
-        if len(gains) == 1:
-            return FreeEnergyGain(gains.mean(), standard_error=0.0)
-        standard_error = gains.std(ddof=1) / np.sqrt(len(gains))
-        return FreeEnergyGain(gains.mean(), standard_error)
+        standard_error = 0.0
+        if flight_count > 1:
+            standard_error = known_gains.std(ddof=1) / np.sqrt(flight_count)
+        return FreeEnergyGain(known_gains.mean(), standard_error)
 
     @property
     def chosen(self) -> int:

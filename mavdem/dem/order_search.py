@@ -250,11 +250,14 @@ def embed_by_kernel(
     reach = ceil(KERNEL_REACH * width / dt * (1 - ROUNDING_TOLERANCE))
     if len(samples) <= 2 * reach:
         return np.empty((0, (order + 1) * samples.shape[1]))
-    # SciPy returns derivatives per sampling step; dividing the k-th by dtᵏ converts it to seconds.
-    derivatives = [
-        scipy.ndimage.gaussian_filter1d(samples, width / dt, axis=0, order=k, radius=reach) / dt**k
-        for k in range(order + 1)
-    ]
+    derivatives = []
+    for k in range(order + 1):
+        derivative_per_step = scipy.ndimage.gaussian_filter1d(
+            samples, width / dt, axis=0, order=k, radius=reach
+        )
+        # SciPy takes the sampling step as the unit of time; dividing the k-th derivative by dtᵏ converts it to seconds.
+        derivatives.append(derivative_per_step / dt**k)
+    # At both ends the kernel reaches beyond the signal.
     return np.hstack(derivatives)[reach:-reach]
 
 
@@ -298,10 +301,10 @@ def kernel_width(record: Record) -> float:
         rate_kernel_width = 2 * record.dt
         derivatives_of_segments.append(embed_by_kernel(scaled, 1, rate_kernel_width, record.dt))
     derivatives = np.concatenate(derivatives_of_segments)
-    # A kernel of w steps leaves len(record) / (N w) effective samples, where N is the number of samples per effective
-    # sample for a width of one step. So the widest kernel has this width:
-    samples_for_one_step = _samples_per_effective_sample(width=1.0, dt=1.0)
-    max_width = len(record) * record.dt / (samples_for_one_step * MIN_KERNEL_SAMPLES)
+    # The number of samples per effective sample is proportional to the width of the kernel: N w for a width of w steps.
+    # So len(record) / (N w) effective samples remain, and these are MIN_KERNEL_SAMPLES for the widest kernel.
+    N = _samples_per_effective_sample(width=1.0, dt=1.0)
+    max_width = len(record) * record.dt / (N * MIN_KERNEL_SAMPLES)
     width = max_width
     # There are no rates if all segments are shorter than the kernel.
     if len(derivatives):

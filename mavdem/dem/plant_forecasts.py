@@ -117,13 +117,13 @@ class PlantForecasts:
         scaled_outputs = self.scaling.scale_outputs(outputs)
         stride = max(1, steps)
         forecast = self.process.rolling_forecast(stride, state, scaled_inputs, scaled_outputs)
-        # Sample i is the (i mod stride)-th of its forecast. Beyond the longest horizon with a known error, the error at
-        # that horizon is used.
-        steps_ahead = np.minimum(
-            np.arange(len(scaled_inputs)) % stride, len(self.mean_squared_errors) - 1
-        )
+        # Sample i is the (i mod stride)-th of its forecast, counted from 0 like the rows of the errors. Beyond the
+        # longest horizon with a known error, the error at that horizon is used.
+        number_in_forecast = np.arange(len(scaled_inputs)) % stride
+        last_row = len(self.mean_squared_errors) - 1
+        error_rows = np.minimum(number_in_forecast, last_row)
         return Forecast(
-            self.scaling.physical_outputs(forecast), self.mean_squared_errors[steps_ahead]
+            self.scaling.physical_outputs(forecast), self.mean_squared_errors[error_rows]
         )
 
     @cached_property

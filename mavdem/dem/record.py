@@ -432,12 +432,14 @@ def _common_directions(flights: Sequence[UniformSamples], motors: int) -> Array 
     Raises:
         ValueError: The directions of a segment are not r finite numbers.
     """
-    # Samples that are not a Flight may lack this attribute.
-    given_directions = [getattr(flight, "effect_directions", None) for flight in flights]
-    directions = [
-        validated_directions(values, motors) for values in given_directions if values is not None
-    ]
-    if len(directions) < len(flights) or not directions[0].any():
+    directions = []
+    for flight in flights:
+        # Samples that are not a Flight may lack this attribute.
+        directions_of_segment = getattr(flight, "effect_directions", None)
+        if directions_of_segment is not None:
+            directions.append(validated_directions(directions_of_segment, motors))
+    some_segment_has_none = len(directions) < len(flights)
+    if some_segment_has_none or not directions[0].any():
         return None
     if not all(np.array_equal(values, directions[0]) for values in directions):
         return None

@@ -137,14 +137,14 @@ class Scaling:
             The size of each unit (k,).
         """
         state_scale = self.state_scale(order)
-        per_input = 1 / self.input_scale
+        input_scale = self.input_scale
         if self.constant:
-            per_input = np.append(per_input, 1.0)
-        return pack(
-            np.outer(state_scale, 1 / state_scale),
-            np.outer(state_scale, per_input),
-            np.outer(self.output_scale, 1 / state_scale),
-        )
+            # The constant input is 1 in both units.
+            input_scale = np.append(input_scale, 1.0)
+        scale_of_A = np.outer(state_scale, 1 / state_scale)
+        scale_of_B = np.outer(state_scale, 1 / input_scale)
+        scale_of_C = np.outer(self.output_scale, 1 / state_scale)
+        return pack(scale_of_A, scale_of_B, scale_of_C)
 
     def physical_model(self, theta: Array, order: int) -> LinearModel:
         """Converts parameters θ to a model in physical units.

@@ -151,8 +151,10 @@ def baseline_errors(train: Flight, test: Flight) -> BaselineErrors:
     """
     if not np.ptp(train.outputs, axis=0).all():
         raise ValueError("train must vary in every output: errors are in units of its variance")
-    mean = np.broadcast_to(train.outputs.mean(axis=0), test.outputs.shape)
-    return BaselineErrors(train.outputs.var(axis=0), mspe(test.outputs, mean).per_output)
+    training_mean = train.outputs.mean(axis=0)
+    mean_as_forecast = np.broadcast_to(training_mean, test.outputs.shape)
+    errors_of_mean = mspe(test.outputs, mean_as_forecast).per_output
+    return BaselineErrors(train.outputs.var(axis=0), errors_of_mean)
 
 
 def relative_mspe(train: Flight, test: Flight, forecast: ArrayLike) -> float:
@@ -172,6 +174,8 @@ def relative_mspe(train: Flight, test: Flight, forecast: ArrayLike) -> float:
     Raises:
         ValueError: a forecast of another shape, or an output of ``train`` that is constant.
     """
-    variance, baseline = baseline_errors(train, test)
+    variance, errors_of_mean = baseline_errors(train, test)
     errors = mspe(test.outputs, forecast).per_output
-    return float(error_over((errors / variance).sum(), (baseline / variance).sum()))
+    total_error = (errors / variance).sum()
+    total_error_of_mean = (errors_of_mean / variance).sum()
+    return float(error_over(total_error, total_error_of_mean))

@@ -333,6 +333,7 @@ def compared_wind(wind: WindTorque, truth: Truth, time: Array) -> ComparedWind:
     correlation = nan
     if true_torque.std() and wind.torque.std():
         correlation = float(np.corrcoef(wind.torque, true_torque)[0, 1])
+    is_in_band = abs(wind.torque - true_torque) <= wind.band
     steady_part = ComparedParameter(
         ComparedWithTruth.STEADY_PART,
         unit="rad/s²",
@@ -344,7 +345,7 @@ def compared_wind(wind: WindTorque, truth: Truth, time: Array) -> ComparedWind:
         correlation=correlation,
         sd=wind.sd,
         true_sd=float(true_torque.std()),
-        inside=float(np.mean(abs(wind.torque - true_torque) <= wind.band)),
+        inside=float(np.mean(is_in_band)),
         resolved=wind.resolved,
         mean=steady_part,
     )

@@ -80,7 +80,9 @@ def too_short(flight: Flight, start: float, train: int, test: int, min_train: in
         The error, which the caller raises. Its fact has the lengths, and the ``options``, empty if no window is long
         enough.
     """
-    remaining_samples = len(flight) - round(min(start / flight.dt, len(flight)))
+    # A start beyond the end of the flight leaves no samples.
+    first_sample = round(min(start / flight.dt, len(flight)))
+    remaining_samples = len(flight) - first_sample
     shorter_test = min(test, max(remaining_samples // SHORT_TEST_FRACTION, 1))
     longest_train = min(train, remaining_samples - shorter_test)
     options: tuple[str, ...] = ()

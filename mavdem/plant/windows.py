@@ -174,7 +174,7 @@ def cut_windows(record: Record) -> FlightWindows:
     scaled_inputs = deviations / unit
     rate = record.outputs[samples, column]
     responses = responses_to_innovations(scaled_inputs, rate)
-    # The share of the inputs that the samples before do not predict: noise of the gyro, or jumps.
+    # The fraction of the inputs' variance that the samples before do not predict: noise of the gyro, or jumps.
     _, input_innovations = _regression_innovations(scaled_inputs, rate)
     unpredicted_share = float(np.mean(input_innovations**2) / np.mean(scaled_inputs**2))
     # Thinned samples have a longer time step than the record.
@@ -221,16 +221,18 @@ def _regression_innovations(inputs: Array, rate: Array) -> ArrayPair:
     """
     # The rate comes first, the r inputs follow.
     signals = np.concatenate([rate[:, :, None], inputs], axis=2)
-    count = rate.shape[1]
-    # A row of the regression has the signals of the REGRESSION_LAGS samples before, side by side. There is one row for
-    # each sample of each window that has that many before it.
-    lagged_signals = [
-        signals[:, lag : count - REGRESSION_LAGS + lag] for lag in range(REGRESSION_LAGS)
-    ]
-    past = np.concatenate(lagged_signals, axis=2)
+    # The samples of a window that have enough samples before them.
+    predicted_count = rate.shape[1] - REGRESSION_LAGS
+    # A row of the regression has the signals of the REGRESSION_LAGS samples before, side by side, the earliest first.
+    # There is one row for each predicted sample of each window.
+    earlier_signals = []
+    for offset in range(REGRESSION_LAGS):
+        earlier_signals.append(signals[:, offset : predicted_count + offset])
+    past = np.concatenate(earlier_signals, axis=2)
     past = past.reshape(-1, past.shape[2])
     present = signals[:, REGRESSION_LAGS:].reshape(-1, signals.shape[2])
-    innovations = present - past @ np.linalg.lstsq(past, present)[0]
+    coefficients = np.linalg.lstsq(past, present)[0]
+    innovations = present - past @ coefficients
     return innovations[:, 0], innovations[:, 1:]
 
 
@@ -285,7 +287,8 @@ def _window_samples(record: Record) -> Indices:
         starts.append(segment_start + length * np.arange(segment_length // length))
     # A window has as many whole strides as fit into it.
     offsets = np.arange(0, length - stride + 1, stride)
-    return np.asarray(np.concatenate(starts)[:, None] + offsets, int)
+    first_samples = np.concatenate(starts)
+    return np.asarray(first_samples[:, None] + offsets, int)
 
 
 def _window_length(record: Record) -> int:
@@ -306,7 +309,8 @@ def _window_length(record: Record) -> int:
 
     def used_samples(length: int) -> int:
         """Returns the number of samples that windows of this length cover."""
-        return sum(segment_length // length for segment_length in record.lengths) * length
+        window_count = sum(segment_length // length for segment_length in record.lengths)
+        return window_count * length
 
     step = max(1, shortest // LENGTH_STEPS)
     return max(range(shortest, longest + 1, step), key=used_samples)

@@ -45,9 +45,11 @@ def _farthest_direction(directions: Array) -> float | None:
     Args:
         directions: directions (M,) that the wind of each minute came from, degrees clockwise from north.
     """
-    turn_from_first = np.abs((directions - directions[0] + 180) % 360 - 180)
-    farthest = int(np.argmax(turn_from_first))
-    if turn_from_first[farthest] - turn_from_first[-1] < POINT_WIDTH:
+    # The angle between each direction and the first one, 0 to 180 degrees.
+    angles_from_first = np.abs((directions - directions[0] + 180) % 360 - 180)
+    farthest = int(np.argmax(angles_from_first))
+    turned_back_by = angles_from_first[farthest] - angles_from_first[-1]
+    if turned_back_by < POINT_WIDTH:
         return None
     return float(directions[farthest])
 

@@ -77,9 +77,10 @@ def cause_of_surprise(
 def sustained_fraction(command: Array, dt: float) -> float:
     """Returns the fraction of the command's deviation over the last ``CAUSE_SECONDS`` that is constant.
 
-    The deviation is that from the median of the ``REFERENCE_SECONDS`` before. Its constant share is the square of its
-    mean divided by its mean square. Over a manoeuvre the torque of the motors averages to almost zero, since the body
-    rate returns to its former value. A constant deviation, in contrast, opposes an external torque.
+    The deviation is measured from the median command in the ``REFERENCE_SECONDS`` before. The fraction is the square of
+    the deviation's mean over its mean square: 1 for a constant deviation, 0 for one that averages to zero. Over a
+    manoeuvre the torque of the motors averages to almost zero, since the body rate returns to its former value. A
+    constant deviation, in contrast, opposes an external torque.
 
     Args:
         command: (T,) command of the axis, longer than ``CAUSE_SECONDS``; it must vary.
@@ -89,8 +90,9 @@ def sustained_fraction(command: Array, dt: float) -> float:
         The fraction, 0 to 1.
     """
     latest_count = round(CAUSE_SECONDS / dt)
-    reference = command[-latest_count - round(REFERENCE_SECONDS / dt) : -latest_count]
-    deviations = command[-latest_count:] - np.median(reference)
+    reference_count = round(REFERENCE_SECONDS / dt)
+    reference_command = command[-latest_count - reference_count : -latest_count]
+    deviations = command[-latest_count:] - np.median(reference_command)
     return float(deviations.mean() ** 2 / np.mean(deviations**2))
 
 
