@@ -101,8 +101,11 @@ def _unit_in_hint(hint: Any) -> str:
     Returns:
         The unit; empty if there is none.
     """
-    for annotation in getattr(hint, "__metadata__", ()):
-        return str(annotation.json_schema_extra["unit"])
+    annotations = getattr(hint, "__metadata__", ())
+    if annotations:
+        # A type with a unit has no other annotation.
+        unit_annotation = annotations[0]
+        return str(unit_annotation.json_schema_extra["unit"])
     for argument in get_args(hint):
         unit = _unit_in_hint(argument)
         if unit:

@@ -167,8 +167,11 @@ def condition_allowance(kind: str, before: Conditions, after: Conditions) -> flo
         return 0.0
     # At the same thrust the effect is proportional to the voltage, and with more thrust to the output.
     voltage_change = _relative_change(before.voltage, after.voltage)
-    effect_change = voltage_change + _relative_change(before.collective, after.collective)
-    return LOOP_CHANGES_PER_LOG_EFFECT.get(kind, 1.0) * effect_change
+    output_change = _relative_change(before.collective, after.collective)
+    effect_change = voltage_change + output_change
+    if kind == MEAN_EFFECT:
+        return effect_change
+    return LOOP_CHANGES_PER_LOG_EFFECT[kind] * effect_change
 
 
 def _lean_change(before: float | None, after: float | None) -> float:

@@ -195,8 +195,9 @@ def remote_version(details: Mapping[str, Any]) -> str:
         details: properties of the file, whose names differ from file system to file system.
     """
     for name in VERSION_FIELDS:
-        if details.get(name):
-            return str(details[name])
+        version = details.get(name)
+        if version:
+            return str(version)
     return ""
 
 
@@ -229,8 +230,10 @@ def _url_error(url: str, error: Exception, *, is_fetched: bool) -> Unreadable:
         error: the error of the library that reads the URL, of any class.
         is_fetched: whether a file was to be fetched; otherwise files were to be listed.
     """
-    # The first line of a message of many lines is the reason.
+    message = ""
     lines = str(error).strip().splitlines()
-    message = lines[0].rstrip(".") if lines else ""
+    if lines:
+        # The first line of a message of many lines is the reason.
+        message = lines[0].rstrip(".")
     reason = f"{type(error).__name__}: {message}"
     return Unreadable(FleetFolderFact.URL_UNREADABLE, path=url, reason=reason, fetched=is_fetched)

@@ -254,6 +254,7 @@ def _with_known_start(event: Fact, earlier_event: Fact | None) -> Fact:
     # the same start.
     grid_step = 1.0 / GRID_RATE
     latest_same_start = earlier_event.start_time + grid_step
-    if latest_same_start < event.start_time < earlier_event.latest_time:
+    begins_within_earlier_event = latest_same_start < event.start_time < earlier_event.latest_time
+    if begins_within_earlier_event:
         return earlier_event.replace(end_time=event.end_time)
     return event

@@ -543,7 +543,8 @@ class Link:
         Raises:
             LinkLost: always.
         """
-        if self._server is not None and self._socket is not None:
+        has_client = self._server is not None and self._socket is not None
+        if self._socket is not None and has_client:
             self._socket.close()
             self._socket = None
         else:

@@ -137,16 +137,19 @@ class InputSelector:
             port, offset = divmod(number - 1, port_width)
             channels.append(PortChannel(port, offset))
         # A climb of a few seconds at one throttle looks like an upper limit: only parameters show where that is.
-        scale = output_scale(motors.outputs, vehicle.parameters, motors.geometry.drivers)
+        scale_by_parameters = output_scale(
+            motors.outputs, vehicle.parameters, motors.geometry.drivers
+        )
+        scale = replace(motors.scale, upper_limit=scale_by_parameters.upper_limit)
         is_recent = motors.time >= now - MEMORY_SECONDS
-        recent = replace(
+        recent_motors = replace(
             motors,
-            scale=replace(motors.scale, upper_limit=scale.upper_limit),
+            scale=scale,
             time=motors.time[is_recent],
             boot=motors.boot[is_recent],
             outputs=motors.outputs[is_recent],
         )
-        return MotorInputs(recent, tuple(channels))
+        return MotorInputs(recent_motors, tuple(channels))
 
     def _columns_of_port(self, name: str, port: int, stream: SampleStream) -> Fields:
         """Returns the outputs of one port as the columns that a log would have.
@@ -168,11 +171,12 @@ class InputSelector:
         time = np.array(stream.time[::stride])
         table = stream.table()[::stride]
         if (name, port) in self._extremes:
-            extremes = self._extremes[name, port]
-            time = np.concatenate([extremes.time, time])
-            table = np.concatenate([extremes.values, table])
-        rows = _rows_with_extremes(table)
-        self._extremes[name, port] = _TimedSamples(time[rows], table[rows])
+            former_extremes = self._extremes[name, port]
+            time = np.concatenate([former_extremes.time, time])
+            table = np.concatenate([former_extremes.values, table])
+        # The extremes so far are kept for the next call.
+        extreme_rows = _rows_with_extremes(table)
+        self._extremes[name, port] = _TimedSamples(time[extreme_rows], table[extreme_rows])
         columns = {"time": time, "boot": np.full(len(time), self._boot)}
         layout = MOTOR_MESSAGES[name]
         if not layout.is_ported:

@@ -122,7 +122,7 @@ def _thinned_out(name: str, messages: Sequence[TimedValues]) -> list[TimedValues
 
 
 def columns_from(fields: Sequence[str], rows: Iterable[TimedValues], boot: int) -> Columns:
-    """Turns messages of one name into columns.
+    """Turns messages of one name into the columns in which a log holds them.
 
     Args:
         fields: names of the fields, in the order of the values.

@@ -53,14 +53,14 @@ class RowBuilder:
         self.restart(0, phase)
 
     def restart(self, boot: int, phase: FlightPhase) -> None:
-        """Begins a boot: forgets the samples of the former one, whose clock has ended, and which messages have motors.
+        """Begins a boot: forgets the samples of the former one, whose clock has ended, and which outputs drive motors.
 
-        The choice of messages and motors is made again by the samples of this boot. The format of the latest rows
-        stays. The constructor calls this too, so that the attributes are created here.
+        Messages and motors are chosen again by the samples of this boot. The format of the latest rows stays. The
+        constructor calls this too, so that the attributes are created here.
 
         Args:
             boot: number of the boot; a boot lasts from one start of the autopilot to the next.
-            phase: whether the vehicle flies in this boot.
+            phase: decides whether the vehicle flies in this boot, and freely, so that rows are made.
         """
         self.inputs: MotorInputs | None = None
         self.attitude_message: str | None = None

@@ -306,12 +306,15 @@ def value_at(
     Returns:
         The values; None as long as later samples may change them.
     """
-    last_time = stream.time[-1]
-    if sampling.keeps_samples and last_time >= _needed_time_of_sample(time, dt):
-        nearest = stream.nearest(time)
-        if nearest is not None:
-            return nearest
-    if last_time < _needed_time_of_sum(time, dt, has_low_pass=len(sampling.weights) > 1):
+    latest_stamp = stream.time[-1]
+    is_sample_certain = latest_stamp >= _needed_time_of_sample(time, dt)
+    if sampling.keeps_samples and is_sample_certain:
+        nearest_values = stream.nearest(time)
+        if nearest_values is not None:
+            return nearest_values
+    # A single weight is that of interpolation.
+    has_low_pass = len(sampling.weights) > 1
+    if latest_stamp < _needed_time_of_sum(time, dt, has_low_pass=has_low_pass):
         return None
     return stream.weighted_sum(time, sampling.weights, sampling.offsets)
 

@@ -71,11 +71,11 @@ class TrackingWatch:
         columns = columns_from(MESSAGE_FIELDS[SETPOINT_MESSAGE], samples, self._recent.boot)
         telemetry = replace(vehicle, messages={SETPOINT_MESSAGE: columns})
         for setpoint in recorded_setpoints(telemetry, axis):
-            if setpoint.unit != "rad/s":
-                # A setpoint of the angle.
-                continue
+            is_of_angle = setpoint.unit != "rad/s"
             times = setpoint.signal.time
-            is_fast_enough = len(times) > 1 and mean_rate(times) >= MIN_SLOW_MOTION_RATE
+            if is_of_angle or len(times) < 2:
+                continue
+            is_fast_enough = mean_rate(times) >= MIN_SLOW_MOTION_RATE
             has_changed = np.diff(setpoint.signal.values).any()
             if is_fast_enough and has_changed:
                 return True

@@ -96,7 +96,7 @@ class VehicleReview:
         *,
         was_flying: bool = False,
     ) -> None:
-        """Begins the reviews of a boot.
+        """Begins the reviews of a boot, that is from one start of the autopilot to the next, with a clock of its own.
 
         Args:
             recent_messages: gets the slow messages of the boot; it may have the first ones.
@@ -106,7 +106,7 @@ class VehicleReview:
         self.recent_messages = recent_messages
         self.phase = FlightPhase(recent_messages)
         self.watchdog = Watchdog(recent_messages, former, was_flying=was_flying)
-        # It has a time of the former boot's clock.
+        # A loss that the new watchdog has from the former one, with a time of the former boot's clock.
         self._loss_of_former_boot = self.watchdog.loss
         # The steps of the present review that are not done yet.
         self._pending_steps: deque[Callable[[], None]] = deque()
