@@ -6,6 +6,7 @@ one by one (``sender_links``) around copies, and in runs elsewhere: a run is a s
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -427,15 +428,16 @@ class _RunProcessor:
         # Signed numbers, so that their differences may be negative; the bit mask takes them modulo 256.
         sequence = self._frames.sequence[first:end].astype(np.int16)
         steps = np.diff(sequence) & (SEQUENCE_NUMBERS - 1)
-        jumps = 1 + np.flatnonzero(steps != 1)
-        division_starts = first + np.concatenate([[0], jumps])
-        division_ends = np.append(division_starts[1:], end)
-        for start_row, end_row in zip(
-            division_starts.tolist(), division_ends.tolist(), strict=True
+        jumps = first + 1 + np.flatnonzero(steps != 1)
+        division_bounds = np.concatenate([[first], jumps, [end]])
+        # Two counters make a division of nearly every frame, so that their attitudes are looked up all at once.
+        attitude_bounds = np.searchsorted(self._attitude_rows, division_bounds).tolist()
+        for (start_row, end_row), (first_attitude, end_attitude) in zip(
+            pairwise(division_bounds.tolist()), pairwise(attitude_bounds), strict=True
         ):
             self._count_frames(start_row, end_row)
             if self._links.has_two_counters:
-                self._compare_attitudes(start_row, end_row)
+                self._compare_attitudes(first_attitude, end_attitude)
         first_reading, end_reading = np.searchsorted(self._reading_rows, [first, end]).tolist()
         self._links.add_readings(self._readings.part(first_reading, end_reading))
         # Copies of these frames may follow, unless the recording ends here.
@@ -455,16 +457,15 @@ class _RunProcessor:
             self._links.count_frames_in_order(end - first - 1, int(sequence[end - 1]))
 
     def _compare_attitudes(self, first: int, end: int) -> None:
-        """Compares the attitudes in some frames with those in the frames that the other sequence counter numbers.
+        """Compares some attitudes with those in the frames that the other sequence counter numbers.
 
         Attitudes that contradict each other show two vehicles under the same ids.
 
         Args:
-            first: Row of the first of these frames, among all frames of the sender.
-            end: Row after the last of them.
+            first: Index of the first of these attitudes, among the frames of the sender that have one.
+            end: Index after the last of them.
         """
-        first_attitude, end_attitude = np.searchsorted(self._attitude_rows, [first, end]).tolist()
-        for row in self._attitude_rows[first_attitude:end_attitude].tolist():
+        for row in self._attitude_rows[first:end].tolist():
             self._links.compare_attitude(self._content(row), int(self._frames.message_id[row]))
 
     def _frames_to_remember(self, first: int, end: int) -> Iterator[tuple[int, bytes]]:
