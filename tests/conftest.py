@@ -258,6 +258,18 @@ def one_process():
 
 
 @fixture(scope="session", autouse=True)
+def frozen_modules():
+    """What was collected stays frozen, although a live session unfreezes all objects at its end.
+
+    Otherwise each later session would walk over all modules at its start, for a quarter of a second of a processor.
+    """
+    with MonkeyPatch.context() as patch:
+        patch.setattr("gc.freeze", Mock())
+        patch.setattr("gc.unfreeze", Mock())
+        yield
+
+
+@fixture(scope="session", autouse=True)
 def fits_once(once_in_a_run):
     """Many tests, and many commands of a test, ask for the same fits and simulations of a flight."""
     from mavdem.loops import advice, step_response, twin_flight
