@@ -100,6 +100,7 @@ def flights_and_hops(signals: Signals) -> list[FlownFlight]:
             for start, end in intersection([(span.start, span.end)], [in_air]):
                 if end - start < MIN_FLIGHT_SECONDS:
                     continue
+                # If the recording begins in the air, the take-off is not known.
                 recorded_take_off = None if start > take_off else take_off
                 flights.append(_flight(signals, span.boot, recorded_take_off, (start, end)))
     return flights

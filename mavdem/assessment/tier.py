@@ -79,11 +79,16 @@ def log_tier(learnability: Learnability, condition: Condition) -> Tier:
     needs_faster_streams = rate < MIN_STREAM_RATE
     # A rate of 0 is not known.
     is_too_slow = 0 < rate < MIN_CONDITION_RATE
+    tier = None
+    allowed = None
     if not condition.settled or not condition.lean or is_too_slow:
-        tier, next_tier = None, "c"
+        next_tier = "c"
     elif rate >= MIN_SLOW_MOTION_RATE:
-        tier, next_tier = "b", "a"
+        tier = "b"
+        next_tier = "a"
+        allowed = TIERS[tier]
     else:
-        tier, next_tier = "c", "b"
-    allows = None if tier is None else TIERS[tier]
-    return Tier(tier, reason, allows, NextTier(next_tier, reason, needs_faster_streams))
+        tier = "c"
+        next_tier = "b"
+        allowed = TIERS[tier]
+    return Tier(tier, reason, allowed, NextTier(next_tier, reason, needs_faster_streams))

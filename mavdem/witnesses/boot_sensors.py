@@ -343,19 +343,21 @@ class BootSensors:
         """
         descents = {}
         _, end = interval
-        limit = self._fall_speed_limit(end)
-        for source, climb in (
+        max_possible_speed = self._fall_speed_limit(end)
+        for source, recorded_climb in (
             ("barometer", self.height.barometer_climb),
             ("estimate", self.climb_estimate),
         ):
-            if climb is None:
+            if recorded_climb is None:
                 continue
-            climb = climb.within(interval)
-            if len(climb.time):
-                speeds = -climb.values
-                fastest = int(speeds.argmax())
-                if speeds[fastest] <= limit:
-                    descents[source] = _Descent(float(speeds[fastest]), float(climb.time[fastest]))
+            climb = recorded_climb.within(interval)
+            if not len(climb.time):
+                continue
+            speeds_downward = -climb.values
+            row = int(speeds_downward.argmax())
+            fastest_speed = float(speeds_downward[row])
+            if fastest_speed <= max_possible_speed:
+                descents[source] = _Descent(fastest_speed, float(climb.time[row]))
         return descents
 
     def _fall_speed_limit(self, end: float) -> float:
@@ -478,10 +480,11 @@ class BootSensors:
         is_recent = stick.time >= start - OPEN_BEFORE_SECONDS
         largest_travel = np.maximum.accumulate(np.where(is_recent, stick.values, 0.0))
         is_inside = (stick.time >= start) & (stick.time <= end)
-        rows = np.flatnonzero(is_inside & is_closed & (largest_travel > OPEN_STICK))
-        if not len(rows):
+        was_open = largest_travel > OPEN_STICK
+        times_of_closing = stick.time[is_inside & is_closed & was_open]
+        if not len(times_of_closing):
             return None
-        return supporting_fact(SensorFact.THROTTLE_CLOSED, time=stick.time[rows[0]])
+        return supporting_fact(SensorFact.THROTTLE_CLOSED, time=times_of_closing[0])
 
     def rest_after(self, time: float, latest: float) -> Rest | None:
         """Finds when the vehicle first rested on the ground between two times, and in which pose.
@@ -575,12 +578,15 @@ def _angle_from_upright(signals: Signals, boot: int, time: Array) -> Array:
     """
     accelerometer = accelerometer_in_use(signals, boot)
     if accelerometer is not None:
-        force = np.column_stack(
-            [np.interp(time, accelerometer.time, axis) for axis in accelerometer.force.T]
-        )
-        length = np.linalg.norm(force, axis=1)
+        force_along_axes = []
+        for recorded_force in accelerometer.force.T:
+            force_along_axes.append(np.interp(time, accelerometer.time, recorded_force))
+        force = np.column_stack(force_along_axes)
+        size = np.linalg.norm(force, axis=1)
+        # A force of size 0 has no direction, and gives NaN.
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.arccos(np.clip(-force[:, 2] / length, -1, 1))
+            cosine = -force[:, 2] / size
+            return np.arccos(np.clip(cosine, -1, 1))
     angles = []
     for tilt in signals.tilts:
         angle = series_of_boot(tilt.angle_series, boot)

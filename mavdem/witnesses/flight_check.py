@@ -205,15 +205,15 @@ def _rise_under_power(height: TimeSeries, powered_spans: Intervals) -> float | N
     Returns:
         Largest rise of all intervals, m, at least 0; None without samples under power.
     """
-    mean = windowed_mean(height.time, height.values, MEAN_SECONDS)
+    mean_height = windowed_mean(height.time, height.values, MEAN_SECONDS)
     rises = []
     for start, end in powered_spans:
-        is_inside = in_intervals(height.time, [(start, end)])
-        if not is_inside.any():
+        is_under_power = in_intervals(height.time, [(start, end)])
+        if not is_under_power.any():
             continue
-        around = in_intervals(height.time, [(start - CONTEXT_SECONDS, end + CONTEXT_SECONDS)])
-        height_before, height_after = mean[around][[0, -1]]
-        ground = min(height_before, height_after)
-        rise = float(np.quantile(mean[is_inside], TOP_QUANTILE) - ground)
-        rises.append(max(rise, 0.0))
+        wider_interval = (start - CONTEXT_SECONDS, end + CONTEXT_SECONDS)
+        heights_around = mean_height[in_intervals(height.time, [wider_interval])]
+        ground = min(heights_around[0], heights_around[-1])
+        top = np.quantile(mean_height[is_under_power], TOP_QUANTILE)
+        rises.append(max(float(top - ground), 0.0))
     return max(rises, default=None)

@@ -193,11 +193,13 @@ def _rests_around(rests: Intervals, flight_interval: TimeInterval) -> _RestsArou
         Start and end of both rests, s since boot; None for one that is missing.
     """
     take_off, landing = flight_interval
-    search = (take_off + LANDING_SECONDS, inf)
+    time_before = (take_off - MAX_WAIT_SECONDS, take_off)
     if isfinite(landing):
-        search = (max(landing - LANDING_SECONDS, take_off), landing + MAX_WAIT_SECONDS)
-    rests_before = _long_enough(intersection(rests, [(take_off - MAX_WAIT_SECONDS, take_off)]))
-    rests_after = _long_enough(intersection(rests, [search]))
+        time_after = (max(landing - LANDING_SECONDS, take_off), landing + MAX_WAIT_SECONDS)
+    else:
+        time_after = (take_off + LANDING_SECONDS, inf)
+    rests_before = _long_enough(intersection(rests, [time_before]))
+    rests_after = _long_enough(intersection(rests, [time_after]))
     rest_before = None
     rest_after = None
     if rests_before:

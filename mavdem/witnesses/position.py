@@ -35,9 +35,9 @@ A relative position, of optical flow, counts for vehicles that never have an abs
 def position_validity(signals: Signals) -> TimeSeries | None:
     """Determines at which times the estimator reports a horizontal position.
 
-    It is the validity flag of PX4's vehicle_local_position, or the flags of the estimator status. An ArduPilot that
-    never sets these flags, but once the one of an assumed standstill, fills them in and never has a position: not where
-    it assumes no standstill either, since its filter is then unhealthy.
+    PX4's vehicle_local_position has a flag for that; otherwise the flags of the estimator's status are used. If none of
+    them is ever set, this estimator may not fill them in, so that nothing is known. But an ArduPilot whose flags also
+    report, at any time, that it assumes a standstill does fill them in: it never had a position in the whole record.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.

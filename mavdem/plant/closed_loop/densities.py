@@ -642,9 +642,9 @@ class DensityModel:
         Returns:
             Derivative (J, C, C).
         """
-        share = _share_from_odds(parameters.step_time_odds)
+        p = _share_from_odds(parameters.step_time_odds)
         # Derivatives of the logarithms of the amplitudes (F,), and their mean over the aliases (J, 1).
-        log_amplitude_slopes = self._alias_s * (self.surplus_interval * share * (1 - share))
+        log_amplitude_slopes = self._alias_s * (self.surplus_interval * p * (1 - p))
         mean_slope = (steps.alias_shares * log_amplitude_slopes).sum(axis=-1, keepdims=True)
         alias_share_slopes = steps.alias_shares * (log_amplitude_slopes - mean_slope)
         response_slope = self._sampled_step_response(

@@ -263,16 +263,17 @@ def _start_information(L: Array, information: Array, samples: int) -> Array:
     Returns:
         (B, n, n) information.
     """
-    power = L
-    total = information
+    # The sum of the first N = 1, 2, 4, … summands, and Lᴺ, by which the next N summands follow from them.
+    power_of_L = L
+    infinite_sum = information
     for _ in range(MAX_DOUBLINGS):
-        increase = power.mT @ total @ power
-        total = total + increase
-        power = power @ power
-        if abs(increase).max() <= STEADY_CHANGE * abs(total).max():
+        next_summands = power_of_L.mT @ infinite_sum @ power_of_L
+        infinite_sum = infinite_sum + next_summands
+        power_of_L = power_of_L @ power_of_L
+        if abs(next_summands).max() <= STEADY_CHANGE * abs(infinite_sum).max():
             break
     transition_to_end = np.linalg.matrix_power(L, samples)
-    return total - transition_to_end.mT @ total @ transition_to_end
+    return infinite_sum - transition_to_end.mT @ infinite_sum @ transition_to_end
 
 
 class LoopPosterior:
@@ -413,18 +414,19 @@ def fit_closed_loop(posterior: LoopPosterior) -> QuadraticExpansion:
         max_attempts=MAX_DAMPING_ATTEMPTS,
         limit_step=posterior.limited_step,
     )
-    first_ascents = list[QuadraticExpansion]()
+    ends_of_first_steps = list[QuadraticExpansion]()
     for plant in STARTING_PLANTS:
         try:
             start = _stable_start(posterior, plant)
             trace, _ = gauss_newton(posterior, posterior.expand(start), damping, FIRST_STEPS)
         except LinAlgError:
+            # The loop with this plant is unstable.
             continue
-        first_ascents.append(trace[-1])
-    if not first_ascents:
+        ends_of_first_steps.append(trace[-1])
+    if not ends_of_first_steps:
         raise LinAlgError("no starting plant has a stable closed loop")
-    best = max(first_ascents, key=lambda ascent: ascent.value)
-    trace, _ = gauss_newton(posterior, best, damping, MAX_ASCENT_STEPS)
+    highest_end = max(ends_of_first_steps, key=lambda expansion: expansion.value)
+    trace, _ = gauss_newton(posterior, highest_end, damping, MAX_ASCENT_STEPS)
     return trace[-1]
 
 

@@ -111,12 +111,13 @@ class IdentifiedAxis(NamedTuple):
 
     @property
     def saturation_loss(self) -> float:
-        """Share of the commanded output that the motors' limits cut off, as the controller's estimated gain shows.
+        """Fraction of the commanded output that the motors' limits cut off, as the controller's estimated gain shows.
 
-        Output that is cut off at a limit acts like a lower gain of the controller. So the share is 1 minus the
-        estimated gain, relative to that by the logged parameters. It is clipped to the range from 0 to the share of the
-        time with a motor at its limit.
+        Output that is cut off at a limit acts like a lower gain of the controller. So the fraction is 1 minus the ratio
+        of the estimated gain to the gain by the logged parameters. It is clipped to the range from 0 to the fraction of
+        the time with a motor at its limit.
         """
+        # The parameter is the logarithm of that ratio.
         gain_loss = 1 - np.exp(self.theta[CONTROLLER])
         return float(np.clip(gain_loss, 0.0, self.posterior.saturated_share))
 
@@ -141,7 +142,11 @@ class IdentifiedAxis(NamedTuple):
 
     @property
     def reference_share(self) -> float:
-        """Share of the rate's variance that follows the reference: the lower of that by the mean and the main mode."""
+        """Fraction of the body rate's variance that the reference (the setpoint of the loop) causes, 0 to 1.
+
+        It is computed with two estimates of the loop's parameters, their posterior mean and the main mode of the
+        posterior, and the lower fraction counts.
+        """
         return min(
             self.posterior.reference_share(self.theta),
             self.posterior.reference_share(self.main_mode),

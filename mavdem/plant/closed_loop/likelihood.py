@@ -166,19 +166,22 @@ class AxisPosterior:
         return whitened_derivatives.swapaxes(0, 1).reshape(k, -1).view(float)
 
     def reference_share(self, theta: Array) -> float:
-        """Returns the share of the gyro rate's variance that the reference causes, by the model, 0 to 1.
+        """Returns the fraction of the gyro rate's variance that the reference causes, by the model, 0 to 1.
 
         Args:
             theta: logarithms of the parameters (k,).
         """
-        rate_density = (..., Quantity.RATE, Quantity.RATE)
-        total_density = self.densities.density(theta)[rate_density].real
+        # Index of the rate's own density in the matrices of all densities.
+        of_rate = (..., Quantity.RATE, Quantity.RATE)
+        density = self.densities.density(theta)[of_rate].real
         density_without_reference = self.densities.density(theta, with_reference=False)[
-            rate_density
+            of_rate
         ].real
-        # The variance is the integral of the density over the frequencies, which are not evenly spaced.
+        # A variance is the integral of a density over the frequencies, which are not evenly spaced.
         bandwidth = np.gradient(self.spectra.frequency)
-        return 1 - float(bandwidth @ density_without_reference) / float(bandwidth @ total_density)
+        variance = float(bandwidth @ density)
+        variance_without_reference = float(bandwidth @ density_without_reference)
+        return 1 - variance_without_reference / variance
 
     def _log_prior(self, theta: Array) -> float:
         """Returns the logarithm of the normal prior density of θ (k,), up to a constant."""

@@ -34,10 +34,14 @@ def denoised_density(density: Array, noise_density: float) -> ArrayPair:
         The density (…) without the noise, at least ``MIN_REFERENCE_FRACTION`` of the estimate; and the derivative (…)
         of its logarithm by the logarithm of the noise's standard deviation.
     """
-    floor = MIN_REFERENCE_FRACTION * density
-    difference = np.maximum(density - noise_density, floor)
-    slope = np.where(difference > floor, -2 * noise_density / difference, 0.0)
-    return difference, slope
+    lowest_density = MIN_REFERENCE_FRACTION * density
+    density_without_noise = np.maximum(density - noise_density, lowest_density)
+    # The noise density is proportional to the square of the standard deviation. At its lowest value the result does not
+    # depend on the noise.
+    slope = np.where(
+        density_without_noise > lowest_density, -2 * noise_density / density_without_noise, 0.0
+    )
+    return density_without_noise, slope
 
 
 def unfolded_density(density: Array, frequency: Array, is_base: Flags, in_range: Flags) -> Array:
@@ -67,13 +71,14 @@ def unfolded_density(density: Array, frequency: Array, is_base: Flags, in_range:
             logarithms: natural logarithms of size, corner (Hz), exponent and white floor (4,). They are clipped, since
                 the search may try values whose exponentials overflow.
         """
-        upper = [
+        upper_limits = [
             MAX_ABSOLUTE_LOGARITHM,
             MAX_ABSOLUTE_LOGARITHM,
             MAX_LOG_EXPONENT,
             MAX_ABSOLUTE_LOGARITHM,
         ]
-        size, corner, exponent, white = np.exp(logarithms.clip(-MAX_ABSOLUTE_LOGARITHM, upper))
+        clipped_logarithms = logarithms.clip(-MAX_ABSOLUTE_LOGARITHM, upper_limits)
+        size, corner, exponent, white = np.exp(clipped_logarithms)
         return size * (1 + (frequency / corner) ** 2) ** -exponent + white
 
     def negative_log_likelihood(logarithms: Array) -> float:

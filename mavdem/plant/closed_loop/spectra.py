@@ -247,8 +247,11 @@ def _band_edges(frequency: Array) -> list[int]:
     """
     edges = [0]
     while edges[-1] < len(frequency):
-        width = max(1, round(RELATIVE_BANDWIDTH * frequency[edges[-1]] * SPECTRUM_SECONDS))
-        edges.append(min(edges[-1] + width, len(frequency)))
+        first_index = edges[-1]
+        bandwidth = RELATIVE_BANDWIDTH * frequency[first_index]
+        # There are ``SPECTRUM_SECONDS`` frequencies per hertz.
+        frequencies_in_band = max(1, round(bandwidth * SPECTRUM_SECONDS))
+        edges.append(min(first_index + frequencies_in_band, len(frequency)))
     return edges
 
 
