@@ -320,7 +320,10 @@ def _controllers_of_group(columns: Columns, first_number: int) -> Iterator[Speed
         if packet_counts is not None:
             is_new = _has_new_packet(columns, np.atleast_2d(packet_counts)[:, index])
         speed = _speed_series(columns, motor_speeds, is_new)
-        if speed is None or (packet_counts is None and not speed.values.any()):
+        if speed is None:
+            continue
+        # Without a counter, a speed of 0 throughout shows that nothing was measured.
+        if packet_counts is None and not speed.values.any():
             continue
         current = None
         if "current" in columns:
@@ -343,8 +346,10 @@ def _has_new_packet(columns: Columns, packet_counts: NDArray[Any]) -> Flags:
     Returns:
         Flags (N,): whether the counter differs from its value in the message before; False for the first message.
     """
-    order = np.lexsort((columns["time"], columns["boot"]))
-    ordered_counts = packet_counts[order]
+    # The rows in the order of boots, and of the times within each boot.
+    rows_in_order = np.lexsort((columns["time"], columns["boot"]))
+    counts_in_order = packet_counts[rows_in_order]
+    has_changed = counts_in_order[1:] != counts_in_order[:-1]
     has_new_packet = np.zeros(len(packet_counts), dtype=bool)
-    has_new_packet[order[1:]] = ordered_counts[1:] != ordered_counts[:-1]
+    has_new_packet[rows_in_order[1:]] = has_changed
     return has_new_packet

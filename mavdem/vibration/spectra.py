@@ -135,15 +135,18 @@ class Spectrum(ImmutableResult):
             Mean throttle of each level (L,), 0 to 1, and its mean density, summed over the axes (L, F), unit²/Hz. Both
             are empty if the throttle is not known.
         """
-        known_windows = int(np.count_nonzero(np.isfinite(self.throttle)))
-        # NaN is sorted to the end.
-        ascending = np.argsort(self.throttle)[:known_windows]
-        if known_windows == 0:
+        known_count = int(np.count_nonzero(np.isfinite(self.throttle)))
+        if known_count == 0:
             return np.zeros(0), np.zeros((0, len(self.frequency)))
-        groups = np.array_split(ascending, min(THROTTLE_LEVELS, known_windows))
-        levels = np.array([self.throttle[group].mean() for group in groups])
-        densities = np.array([self.total_density[group].mean(axis=0) for group in groups])
-        return levels, densities
+        # The windows by ascending throttle. NaN is sorted to the end, and left out.
+        windows_by_throttle = np.argsort(self.throttle)[:known_count]
+        level_count = min(THROTTLE_LEVELS, known_count)
+        mean_throttles = []
+        mean_densities = []
+        for windows_of_level in np.array_split(windows_by_throttle, level_count):
+            mean_throttles.append(self.throttle[windows_of_level].mean())
+            mean_densities.append(self.total_density[windows_of_level].mean(axis=0))
+        return np.array(mean_throttles), np.array(mean_densities)
 
     @property
     def coarse(self) -> CoarseSpectrum:
@@ -206,10 +209,12 @@ def max_decimated(frequency: Array, density: Array, max_points: int) -> ArrayPai
         fill a group are left out.
     """
     group_size = ceil(len(frequency) / max_points)
-    points = len(frequency) // group_size
-    used = points * group_size
-    grouped_density = density[..., :used].reshape(*density.shape[:-1], points, group_size)
-    grouped_frequency = frequency[:used].reshape(points, group_size)
+    group_count = len(frequency) // group_size
+    used_count = group_count * group_size
+    leading_shape = density.shape[:-1]
+    # The last axis becomes two: the groups, and the neighbours in each of them.
+    grouped_density = density[..., :used_count].reshape(*leading_shape, group_count, group_size)
+    grouped_frequency = frequency[:used_count].reshape(group_count, group_size)
     return grouped_frequency.mean(axis=1), grouped_density.max(axis=-1)
 
 
@@ -373,8 +378,10 @@ def _rows_without_gaps(series: TimeSeries, segments: Segments, max_gap: float) -
     """
     for segment in segments:
         rows = np.flatnonzero(in_segments(series, segment, slack=0))
-        is_gap = np.diff(series.time[rows]) > max_gap
-        yield from np.split(rows, np.flatnonzero(is_gap) + 1)
+        is_gap_after = np.diff(series.time[rows]) > max_gap
+        # A run ends before a gap, and another begins at the sample after it.
+        starts_of_runs = np.flatnonzero(is_gap_after) + 1
+        yield from np.split(rows, starts_of_runs)
 
 
 def _window_means(series: TimeSeries | None, middles: Array, segments: Segments) -> Array:
@@ -401,7 +408,9 @@ def _window_means(series: TimeSeries | None, middles: Array, segments: Segments)
     rows_after = np.searchsorted(time, middles + WINDOW_SECONDS / 2)
     counts = rows_after - first_rows
     sums = cumulative[rows_after] - cumulative[first_rows]
-    return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
+    # The maximum avoids a division by 0, whose result would not be used.
+    means = sums / np.maximum(counts, 1)
+    return np.where(counts > 0, means, np.nan)
 
 
 def _motor_speed(signals: Signals) -> TimeSeries | None:

@@ -175,14 +175,16 @@ def _distinct(candidates: Sequence[SpectralLine]) -> list[SpectralLine]:
     Returns:
         The lines, the strongest first.
     """
-    lines = list[SpectralLine]()
+    distinct_lines = list[SpectralLine]()
     for candidate in sorted(candidates, key=lambda line: -line.ratio):
-        is_separate = all(
-            abs(candidate.frequency / stronger.frequency - 1) > MIN_SEPARATION for stronger in lines
-        )
+        is_separate = True
+        for stronger_line in distinct_lines:
+            relative_distance = abs(candidate.frequency / stronger_line.frequency - 1)
+            if not relative_distance > MIN_SEPARATION:
+                is_separate = False
         if is_separate and candidate.ratio > MIN_LINE_RATIO:
-            lines.append(candidate)
-    return lines
+            distinct_lines.append(candidate)
+    return distinct_lines
 
 
 @dataclass(frozen=True)

@@ -297,9 +297,11 @@ class OnlineForecaster:
         candidates = self._hyperparameters, next(self._alternatives)
         chosen, regression = select_hyperparameters(statistics, MAX_LAGS, candidates)
         process = VectorAutoregression.from_regression(regression, scaling)
-        # A mode is an eigenvalue of the autoregression. With the magnitude 1 + 1/h it grows about by the factor
-        # (1 + 1/h)ʰ ≈ e over the longest horizon of h steps.
-        if process.spectral_radius > 1 + 1 / self._horizons[-1]:
+        # The spectral radius is the factor by which the fastest growing motion of the model grows in each step. With
+        # the factor 1 + 1/h it grows by (1 + 1/h)ʰ ≈ e over the longest horizon of h steps.
+        longest_horizon = self._horizons[-1]
+        max_spectral_radius = 1 + 1 / longest_horizon
+        if process.spectral_radius > max_spectral_radius:
             # At the beginning of a manoeuvre the fitted motion can grow without limit. Then the last model is kept, and
             # the model is fitted again with the next block, which contains more of the manoeuvre.
             self._samples_since_fit = round(REFIT_SECONDS / self._dt)
