@@ -144,7 +144,7 @@ class FlightPhase:
         Args:
             now: time of the review, s.
             vehicle: identity and parameters of the vehicle, without messages.
-            collective: mean of the motors in the last seconds, as a share of their range; None if it is unknown.
+            collective: mean of the motors in the last seconds, as a fraction of their range; None if it is unknown.
         """
         boot = self._recent.boot
         telemetry = self._recent_telemetry(now, vehicle)

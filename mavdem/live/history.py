@@ -288,7 +288,7 @@ class LiveHistory:
             outputs: (m,) measured angle, rad, and rate, rad/s.
             estimate: the learner's estimate; None for a row that was not learned from.
             further_values: wind speed and half width of its band, m/s; roll, pitch and their setpoints, rad; yaw, rad;
-                position north and east, and height, m; then each motor as a share of its range.
+                position north and east, and height, m; then each motor as a fraction of its range.
         """
         timeline_time = time + self.timeline_offset
         is_new_segment = segment != self._segment
@@ -470,7 +470,7 @@ class LiveHistory:
         ``REPORTED_HORIZON`` s before and the half width of its band, rad; wind torque and the half width of its band,
         rad/s²; wind speed and the half width of its band, m/s; roll, pitch and their setpoints, rad; yaw, rad;
         position north and east, and height, from the autopilot's origin of that boot, m; each of the k ``motor_names``
-        as a share of its range. Columns that a row lacks are NaN.
+        as a fraction of its range. Columns that a row lacks are NaN.
         """
         width = COLUMNS_BEFORE_MOTORS + len(self.motor_names)
         table = np.full((len(self._rows), width), nan)

@@ -30,7 +30,7 @@ class LiveSignals(Signals):
     """Motor outputs."""
 
     collective: TimeSeries | None = None
-    """Mean of the motors as a share of their range, 0 to 1."""
+    """Mean of the motors as a fraction of their range, 0 to 1."""
 
     landed_state: TimeSeries | None = None
     """MAV_LANDED_STATE over time."""

@@ -136,8 +136,8 @@ class FlightMessages:
 class ReviewedMargins(NamedTuple):
     """What a review of a flight so far shows of its control loops."""
 
-    light: Fact
-    """The light of the margins, that is the judgement of the loops."""
+    margins: Fact
+    """The fact on the margins: the judgement of the control loops, which is their status light."""
 
     processor_seconds: float
     """Processor time of the review, s."""
@@ -204,10 +204,10 @@ def _with_parameters(log: Log, parameters: Parameters) -> Log:
 
 
 class MarginReview:
-    """Reviews the stability margins of a live flight again and again, where setpoints of the body rate come.
+    """Has the stability margins of a live flight computed again and again, where setpoints of the body rate come.
 
     Attributes:
-        light: the light of the margins, as the latest review of the latest flight shows it; None before one.
+        margins: the fact on the margins, as the latest review of the latest flight shows them; None before one.
         has_rate_setpoint: whether a setpoint of the body rate has come in the latest flight, by which the loops are
             identified.
     """
@@ -219,7 +219,7 @@ class MarginReview:
             executor: executor in which margins are reviewed; None to review none.
             recording_name: the log to which advice refers; empty or None if it has no name.
         """
-        self.light: Fact | None = None
+        self.margins: Fact | None = None
         self.has_rate_setpoint = False
         self._executor = executor
         self._source = recording_name or UNNAMED_RECORDING
@@ -235,10 +235,12 @@ class MarginReview:
     def add_messages(
         self, stamp: float, frames: Sequence[Frame], vehicle: Component | None
     ) -> None:
-        """Keeps the messages that show the loops, for later reviews.
+        """Keeps the messages that show the control loops, for later reviews.
 
         Args:
-            stamp, frames, vehicle: as for :meth:`FlightMessages.add`.
+            stamp: when they were received, UNIX s.
+            frames: frames of all senders, in the order of arrival.
+            vehicle: the followed vehicle, whose frames are kept; None while it is not known, when all are.
         """
         if self._executor is not None:
             self._messages.add(stamp, frames, vehicle)
@@ -293,7 +295,7 @@ class MarginReview:
             now: present time, s of the monotonic clock.
         """
         self._messages.forget_earlier_flights()
-        self.light = None
+        self.margins = None
         self.has_rate_setpoint = False
         # A review of the flight before is given up.
         self._pending = None
@@ -314,7 +316,7 @@ class MarginReview:
         # Seconds from the beginning of this review to that of the next one.
         period = REVIEW_PERIOD
         with suppress(Exception):
-            self.light, processor_seconds = pending.result()
+            self.margins, processor_seconds = pending.result()
             # After a long review the next one begins later, so that reviews take a small share of the processor.
             period = max(period, processor_seconds / MAX_PROCESSOR_SHARE)
         self._next_time = self._start_time + period

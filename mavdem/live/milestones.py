@@ -101,10 +101,12 @@ class Milestones:
             # Just after a restart it is not known whether the vehicle flies; that is no landing.
             self._was_flying = False
         physical = _latest_physical(learning)
-        if physical is not None and physical.identifiable and not self._has_parameters:
+        are_parameters_known = physical is not None and physical.identifiable
+        if are_parameters_known and not self._has_parameters:
+            # Reported once: later fits only change the figures.
             self._has_parameters = True
-            figures = _parameter_figures(learning, physical)
-            self._log(Fact(SessionFact.PARAMETERS_KNOWN, axis=self._axis, **figures))
+            parameter_figures = _parameter_figures(learning, physical)
+            self._log(Fact(SessionFact.PARAMETERS_KNOWN, axis=self._axis, **parameter_figures))
         self._note_flight(status, now)
         # A vehicle whose motors were stopped in the air is still falling: it has neither landed nor is it lost yet.
         is_end_known = status.has_landed or status.loss is not None

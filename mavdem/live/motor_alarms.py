@@ -133,7 +133,7 @@ class MotorAlarms:
             time: time of the sample, s of the boot clock.
             boot: number of the boot; a boot lasts from one start of the autopilot to the next.
             motors: the latest motor outputs, of which mixer geometry and range are used.
-            commands: (k,) outputs of the k motors, as shares of the range.
+            commands: (k,) outputs of the k motors, as fractions of the range.
             heading: yaw, rad; NaN where the attitude does not follow its setpoint.
             lean: roll and pitch, rad; NaN where they are not known.
 
@@ -221,7 +221,7 @@ class MotorAlarms:
 
         Args:
             time: time of the sample, s of the boot clock.
-            commands: (k,) outputs of the k motors, as shares of the range.
+            commands: (k,) outputs of the k motors, as fractions of the range.
             lean: roll and pitch, rad; NaN where they are not known.
 
         Returns:

@@ -47,7 +47,7 @@ class MotorInputs:
 
     @property
     def collective(self) -> TimeSeries | None:
-        """Mean of the motors as a share of their range in the last seconds; None if no outputs came."""
+        """Mean of the motors as a fraction of their range in the last seconds; None if no outputs came."""
         return self.motors.collective if len(self.motors.time) else None
 
     @cached_property

@@ -69,17 +69,19 @@ class RateNegotiation:
             is_busy: whether the analysis is late, so that messages seem to come only as fast as they are analysed.
             vehicle_seconds: seconds of the vehicle's clock so far; None if it runs as this computer's.
         """
-        if self._requested_rate is None or self._intake.is_lost or is_busy:
+        can_measure_rates = not self._intake.is_lost and not is_busy
+        if self._requested_rate is None or not can_measure_rates:
             # The measurement of rates is dropped, and a new one begins with the next call.
             self._arrival_rates = ArrivalRates()
             return
-        last_contact = max(message_time, self._greeting_time)
-        if self._awaits_greeting and now - last_contact >= RETRY_SECONDS:
+        seconds_without_contact = now - max(message_time, self._greeting_time)
+        if self._awaits_greeting and seconds_without_contact >= RETRY_SECONDS:
             self._greeting_time = now
             self._intake.send([greeting()])
         vehicle = self._stream.followed_vehicle
-        # Without a reply from the vehicle, requests would only use up their tries, and rates would seem to fall.
-        if vehicle is None or now - message_time > RETRY_SECONDS:
+        is_silent = now - message_time > RETRY_SECONDS
+        if vehicle is None or is_silent:
+            # Without a reply from the vehicle, requests would only use up their tries, and rates would seem to fall.
             return
         if self._request is None:
             self._request = self._request_to(vehicle, self._requested_rate)

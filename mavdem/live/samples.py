@@ -122,9 +122,10 @@ class SampleStream:
     def _drop_old_samples(self) -> None:
         """Drops samples older than ``MEMORY_SECONDS``, and the oldest ones beyond ``MAX_SAMPLES``."""
         old_count = bisect_left(self.time, self.time[-1] - MEMORY_SECONDS)
-        count = max(old_count, len(self.time) - MAX_SAMPLES)
-        del self.time[:count]
-        del self._values[: count * self._value_count]
+        excess_count = len(self.time) - MAX_SAMPLES
+        dropped_count = max(old_count, excess_count)
+        del self.time[:dropped_count]
+        del self._values[: dropped_count * self._value_count]
 
     def break_off(self) -> None:
         """Separates the samples so far from the next one, as a gap does, since the next ones have another rate."""
@@ -149,8 +150,10 @@ class SampleStream:
         """
         count = self.recent_count(now)
         if count < 2:
+            # A rate needs a step between two stamps.
             return 0.0
-        return resampling.mean_rate(self.time[-count:])
+        recent_stamps = self.time[-count:]
+        return resampling.mean_rate(recent_stamps)
 
     def rate_since_gap(self) -> float | None:
         """Returns the mean rate over the last ``DECISION_SECONDS``, or since the latest gap if that is shorter.

@@ -609,7 +609,7 @@ class LiveSession:
             return None
         if self._is_computer_too_slow:
             return self._too_slow_fact
-        if learning.row_format is None or not learning.learned_rows:
+        if learning.row_format is None or learning.learned_rows == 0:
             return None
         learned_seconds = learning.learned_rows * learning.row_format.dt
         if learned_seconds < FIRST_FIT_SECONDS:

@@ -557,7 +557,8 @@ class SessionStatus(ImmutableResult):
         """
         headline = judgement.headline
         is_landing = self.state is not None and self.state.lands_by_itself
-        if judgement.lights[Light.POWER].code in EMPTYING_BATTERY:
+        is_battery_emptying = judgement.lights[Light.POWER].code in EMPTYING_BATTERY
+        if is_battery_emptying:
             return Fact(NextStep.LAND_SOON)
         if self.analysis_delay >= MAX_ALARM_DELAY:
             return Fact(NextStep.FLY_BY_SIGHT, delay=self.analysis_delay)
@@ -571,7 +572,8 @@ class SessionStatus(ImmutableResult):
             return Fact(step_until_landing, reason=advice_after_landing)
         if is_landing:
             return Fact(NextStep.LET_LAND, reason=None)
-        if self.model_judgement is not None or not self._reason_without_model.remedy:
+        has_remedy = bool(self._reason_without_model.remedy)
+        if self.model_judgement is not None or not has_remedy:
             return Fact(NextStep.FLY_ON, reason=None)
         return judgement.next_step
 

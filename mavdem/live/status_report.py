@@ -88,7 +88,7 @@ class StatusReport:
             findings=self.judging.findings,
             model_judgement=self.judging.judgement,
             is_recording_judged=self.judging.is_of_recording,
-            margins=self.margin_review.light,
+            margins=self.margin_review.margins,
             learned_rows=self.learning.learned_rows,
             unlearned_rows=self.learning.unlearned_rows,
             latency=self.latencies.latency,

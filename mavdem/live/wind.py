@@ -350,9 +350,10 @@ class LiveWind:
             return None
         unit = VELOCITY_MESSAGES[name]
         down, north, east = (unit * value for value in values)
-        is_possible = abs(down) < MAX_SPEED and abs(north) < MAX_SPEED and abs(east) < MAX_SPEED
+        is_possible = all(abs(component) < MAX_SPEED for component in (down, north, east))
         is_valid = horizontal_velocity_valid(self.estimator_flags)
-        if not is_possible or not is_valid or not self._attitudes:
+        has_attitude = bool(self._attitudes)
+        if not is_possible or not is_valid or not has_attitude:
             return None
         if self._velocities and time - self._velocities[-1].time > SILENCE_SECONDS:
             self._end_filter_after_silence(time)

@@ -156,12 +156,12 @@ def fly_live(path):
         if (stamp - first_stamp) / 1e6 >= second:
             second += 1
             review.update(float(second), live, is_busy=False)
-            if review.light is not lights[-1]:
-                lights.append(review.light)
+            if review.margins is not lights[-1]:
+                lights.append(review.margins)
     for _ in range(40):
         second += 1
         review.update(float(second), live, is_busy=False)
-    return lights[1:], review.light
+    return lights[1:], review.margins
 
 
 @mark.slow
@@ -196,7 +196,7 @@ def test_margins_by_outputs_alone_wait_in_flight_for_setpoints_to_show_the_loops
     lights = []
     for is_flying in (True, False):
         reviewed = review_margins(path.read_bytes(), "live", "1:1", {}, is_flying=is_flying)
-        lights.append(reviewed.light)
+        lights.append(reviewed.margins)
     awaited, given = lights
     assert awaited.code is MarginsLight.MARGINS_UNKNOWN
     assert awaited.figures["reason"].code is LoopFact.LOOP_TOO_SHORT
@@ -207,7 +207,7 @@ def test_a_flight_is_reviewed_at_its_period_and_once_after_the_landing(review, s
     executor = review._executor
     assert update(review, stream, 10, 60) == [10 + FIRST_REVIEW_SECONDS], "one at a time"
     executor.futures[0].set_result(REVIEWED)
-    assert update(review, stream, 60, 62) == [61] and review.light is BAD
+    assert update(review, stream, 60, 62) == [61] and review.margins is BAD
     executor.futures[1].set_result(REVIEWED)
     stream.is_flying = False
     assert update(review, stream, 62, 120) == [61 + REVIEW_PERIOD]
@@ -245,7 +245,7 @@ def test_a_failed_review_leaves_the_one_before(review, stream, error):
     update(review, stream, FIRST, second)
     review._executor.futures[1].set_exception(error)
     assert update(review, stream, second, 90) == [FIRST_REVIEW_SECONDS + 2 * REVIEW_PERIOD]
-    assert review.light is BAD
+    assert review.margins is BAD
 
 
 def test_another_flight_begins_without_margins(review, stream):
@@ -257,7 +257,7 @@ def test_another_flight_begins_without_margins(review, stream):
     stream.is_flying = True
     # The review of the flight before ends after the take-off.
     review._executor.futures[1].set_result(REVIEWED)
-    assert update(review, stream, 50, 70) == [] and review.light is None
+    assert update(review, stream, 50, 70) == [] and review.margins is None
 
 
 def test_messages_of_the_vehicle_are_kept_that_show_its_loops():
@@ -297,12 +297,12 @@ def test_gains_that_came_before_the_kept_messages_are_used(monkeypatch):
     messages = FlightMessages()
     messages.add(1.7e9, frames_of(heartbeat(1), *flight([1.0, 1.01])), VEHICLE)
     gains = MappingProxyType({"ATC_RAT_RLL_P": 0.2})
-    assert review_margins(messages.records, "live", "1:1", gains, is_flying=True).light is BAD
+    assert review_margins(messages.records, "live", "1:1", gains, is_flying=True).margins is BAD
     assert seen == [{"ATC_RAT_RLL_P": 0.2}]
 
 
 def test_what_cannot_be_judged_has_no_margins_and_a_reason():
-    light = review_margins(b"", "live", "1:1", {}, is_flying=True).light
+    light = review_margins(b"", "live", "1:1", {}, is_flying=True).margins
     assert light.code is MarginsLight.MARGINS_UNKNOWN and light.level is Level.UNKNOWN
     assert light.figures["reason"].code is SourceFact.FORMAT_UNKNOWN
 
