@@ -452,7 +452,9 @@ def print_fact(fact: Fact, moment: str = "", *, has_remedy: bool = True) -> None
         has_remedy: Whether the remedy is printed too.
     """
     sentences = fact.sentence_and_remedy if has_remedy else fact.sentence
-    text = Text(line_with_time(escape_unprintable(sentences), moment), _style(fact))
+    line = line_with_time(escape_unprintable(sentences), moment)
+    text = Text(line, _style(fact))
+    # A terminal that was closed takes no text any more.
     with suppress(OSError):
         STDERR.print(text, soft_wrap=not STDERR.is_terminal)
 

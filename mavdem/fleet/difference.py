@@ -85,10 +85,14 @@ class VehicleDifference(NamedTuple):
 
     @property
     def is_of_same_flight(self) -> bool:
-        """Whether a state is compared with itself: number of flights, conditions and all quantities are equal."""
+        """Whether a state is compared with itself, as where a user names the same log twice.
+
+        Then number of flights, conditions and all quantities are equal.
+        """
         if self.flights.before != self.flights.after:
             return False
         conditions_before, conditions_after = self.conditions
+        # Conditions that are not known are equal, too, which shows nothing.
         are_conditions_known = conditions_before.collective is not None
         has_same_conditions = are_conditions_known and conditions_before == conditions_after
         has_differences = any(change.difference != 0 for change in self.changes)

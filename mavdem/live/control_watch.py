@@ -159,17 +159,19 @@ class ControlWatch:
 
         This quick test of each attitude spares :meth:`loss` the full judgement as long as all is well. It misses no
         loss: the full judgement compares an attitude with all setpoints of the last second, and its error is that to
-        the nearest one. Without a setpoint the lean itself counts, by a smaller share.
+        the nearest one. Without a setpoint the lean itself counts, weighted less.
 
         Args:
             pose: the attitude that was kept last, with the latest setpoint of roll and pitch, rad; NaN without one.
         """
         roll, pitch, _ = pose.angles
-        if isnan(pose.setpoint.roll):
-            error = WITHOUT_SETPOINT_SHARE * hypot(roll, pitch)
-        else:
+        has_setpoint = not isnan(pose.setpoint.roll)
+        if has_setpoint:
             roll_error = wrapped_angle(roll - pose.setpoint.roll)
-            error = hypot(roll_error, pitch - pose.setpoint.pitch)
+            pitch_error = pitch - pose.setpoint.pitch
+            error = hypot(roll_error, pitch_error)
+        else:
+            error = WITHOUT_SETPOINT_SHARE * hypot(roll, pitch)
         if error > LOST_ANGLE:
             self._large_error_time = pose.time
             self._large_error_start = min(self._large_error_start, pose.time)
@@ -462,14 +464,19 @@ class ControlWatch:
                 continue
             columns[name] = columns_from(MESSAGE_FIELDS[name], samples, boot)
         telemetry = replace(vehicle, messages=columns)
-        recorded = Signals(telemetry)
-        motors = None if motion is None else motion.motors
+        signals_of_messages = Signals(telemetry)
+        motors = None
+        collective = None
+        if motion is not None:
+            # The motors were chosen among all outputs before, which need not be searched again.
+            motors = motion.motors
+            collective = motors.collective
         return LiveSignals(
             telemetry,
             motors=motors,
-            collective=None if motors is None else motors.collective,
-            landed_state=recorded.landed_state,
-            tilts=recorded.tilts,
+            collective=collective,
+            landed_state=signals_of_messages.landed_state,
+            tilts=signals_of_messages.tilts,
         )
 
 

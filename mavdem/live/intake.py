@@ -172,10 +172,10 @@ class LinkIntake:
         Returns:
             The frames that were completed by each piece.
         """
-        stamped_frames = [
-            _StampedFrames(piece.arrival_time, self._frame_reader.feed(piece.data))
-            for piece in pieces
-        ]
+        stamped_frames = []
+        for piece in pieces:
+            completed_frames = self._frame_reader.feed(piece.data)
+            stamped_frames.append(_StampedFrames(piece.arrival_time, completed_frames))
         if self.recording is None:
             return stamped_frames
         try:

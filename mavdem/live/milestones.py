@@ -115,22 +115,22 @@ class Milestones:
             self._unreported_end = None
 
     def _note_flight(self, status: SessionStatus, now: float) -> None:
-        """Notes when a flight ends, and the wind of the flight until then.
-
-        A restart of the autopilot after the landing resets the wind of the status.
+        """Notes when a flight ends, which is to be reported then, and the wind of the flight until then.
 
         Args:
             status: status of the session, with the estimated wind and whether the vehicle flies.
             now: present time on the boot clock, s.
         """
+        has_just_landed = self._was_flying and not status.is_flying
+        self._was_flying = status.is_flying
         if status.is_flying:
             self._unreported_end = None
             self._has_flown = True
+            # The wind is kept here, since a restart of the autopilot after the landing resets that of the status.
             self._no_wind_reason = status.no_wind_reason
             self._mean_wind = status.mean_wind
-        elif self._was_flying:
+        elif has_just_landed:
             self._unreported_end = now
-        self._was_flying = status.is_flying
 
     def report_end(
         self, learning: FlightLearning, status: SessionStatus, now: float, model: Learned | None

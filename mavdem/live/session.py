@@ -400,7 +400,7 @@ class LiveSession:
         self._sample_time = self.stream.now
         latest_sample = self.stream.latest_row()
         if latest_sample is None:
-            # There is none, or messages come fast enough: ``_process_row`` adds each sample then.
+            # There is no sample, or messages come fast enough, so that ``_process_row`` adds each of them.
             return
         row_format = latest_sample.row_format
         self.history.motor_names = row_format.geometry.names

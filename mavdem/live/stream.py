@@ -514,13 +514,16 @@ class LiveStream:
         self._rows.end_segment_unless_free()
 
     def _update_takeoff_distance(self, message: Message) -> None:
-        """Updates how far the vehicle is from its take-off by a pressure or a position by satellites.
+        """Updates the height above and the distance from the place of take-off, by barometer and satellites.
+
+        Unlike the autopilot's position, they do not begin again at 0 where the autopilot reboots in flight.
 
         Args:
-            message: a SCALED_PRESSURE or a GPS_RAW_INT.
+            message: a SCALED_PRESSURE with the pressure, or a GPS_RAW_INT with the position.
         """
         if message.name == BAROMETER_MESSAGE:
-            self._takeoff_place.add_pressure(message.values[0])
+            pressure = message.values[0]
+            self._takeoff_place.add_pressure(pressure)
         else:
             self._takeoff_place.add_fix(message.values)
         self._takeoff_place.note_phase(
@@ -613,6 +616,7 @@ class LiveStream:
         """
         stream = self._rows.add_sample(name, port, time, values)
         if stream is None:
+            # The sample was refused, or no rows are made of this stream.
             return []
         if self._rows.is_main_motor_stream(stream):
             self._test_motors(time)

@@ -598,11 +598,13 @@ class Watchdog:
             phase_start=self._landed_states.phase_start,
             recent_signals=None,
         )
+        # The judgement of the control adds its finding to ``review.facts``.
         reported_facts = self._judge_control(review, moment)
         for quantity, fact in review.facts.items():
             self.status_lights.add(PART_OF_QUANTITY[quantity], fact)
         reported_facts += self._raise_alarms(review)
-        return [*reported_facts, *self._take_contact_report(moment.time)]
+        reported_facts += self._take_contact_report(moment.time)
+        return reported_facts
 
     def _take_contact_report(self, now: float) -> list[Fact]:
         """Returns the report of a contact with the ground that followed a loss in the air, once; otherwise nothing.
@@ -814,10 +816,10 @@ class Watchdog:
     def _judge_motor_limits(
         self, review: _Review, moment: FlightMoment, motion: RecentMotion
     ) -> None:
-        """Judges motors that reach the limits of their outputs.
+        """Judges in flight whether motors reach the limits of their outputs, which shows three faults.
 
-        Two faults show there: a limit cycle (oscillation) that begins, and a motor that stays at its upper limit.
-        A vehicle that sinks meanwhile, where its height is to be held, is the more urgent fact of the two.
+        A limit cycle (oscillation) begins; a motor stays at its upper limit; or the vehicle sinks with motors at their
+        upper limit although it should hold its height, which is more urgent than the second one and replaces it.
 
         Args:
             review: the review, to whose ``facts`` the faults are added.
@@ -826,6 +828,7 @@ class Watchdog:
         """
         motors = motion.motors
         outputs = motors.scale.fraction(motors.outputs)
+        # Flags (N, k): N samples of k motors.
         is_at_upper, is_at_lower = samples_at_limits(outputs, motors.scale)
         # Motors that reach their limits bound the amplitude of a limit cycle. Where none does, as in most flights,
         # there is no need to look for one.
