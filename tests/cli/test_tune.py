@@ -94,7 +94,7 @@ def test_what_must_not_fly_is_said_before_its_loops(capsys):
     assert run("tune", shared("real/logs/gains_named_before_34.BIN"), "--more") == 1
     said = capsys.readouterr().out
     assert said.startswith("The height estimate diverged")
-    assert "No gains are advised. Roll misses its setpoint" in said
+    assert said.index("No gains are advised.") > 0
     assert "Next: Do not fly in a mode that holds the height" in said
     lacking = shared("real/logs/yaw_twist_16_percent.BIN")
     assert refused(capsys, 1, "tune", lacking, "--axis", "all").count("--params FILE") == 1
