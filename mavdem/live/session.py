@@ -327,12 +327,16 @@ class LiveSession:
         # How long neither attitudes nor motor outputs had come before the latest samples, s.
         motion_silence = self._silence_monitor.note_samples(self.stream.sample_count)
         self._silence_monitor.note_attitudes(self.stream.attitude_count)
-        resumption_fact = resumption(MissingMessages.MESSAGES, silence)
-        if resumption_fact is None:
-            # Where all messages were missing, those of attitude and motor outputs are among them.
-            resumption_fact = resumption(MissingMessages.MOTION, motion_silence)
-        if resumption_fact is not None:
-            self._presentation.log(resumption_fact)
+        messages_resumed = resumption(MissingMessages.MESSAGES, silence)
+        if messages_resumed is not None:
+            self._presentation.log(messages_resumed)
+            # Attitude and motor outputs are among all messages, so that one report is enough, unless they were missing
+            # before the other messages were.
+            if motion_silence - silence <= SILENCE_SECONDS:
+                return
+        motion_resumed = resumption(MissingMessages.MOTION, motion_silence)
+        if motion_resumed is not None:
+            self._presentation.log(motion_resumed)
 
     def _note_messages(
         self, first_arrival: float, last_arrival: float, frames: Sequence[Frame]

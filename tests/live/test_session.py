@@ -571,6 +571,34 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
 
 
 @mark.slow
+@mark.parametrize("missing_before", [0, 30])
+def test_the_end_of_a_silence_says_for_how_long_motion_was_missing_if_that_was_longer(
+    now, missing_before
+):
+    one, _, said = session_of([*batches(9.0)])
+    run(one)
+    heartbeat = next(frame for _, frame in FRAMES if frame[7:10] == bytes(3))
+    for _ in range(missing_before):
+        one.link.script = [[(FIRST + 9.0, heartbeat)]]
+        now[0] += 1.0
+        one.step(0.0)
+    now[0] += 60.0
+    # What is received now may have come at any time since the step before.
+    one.step(0.0)
+    one.link.script = batches(2.0, start=10.0)
+    run(one)
+    durations = {
+        fact.subject: fact.figures["duration"]
+        for fact in said
+        if fact.code is RowsFact.MESSAGES_RESUMED
+    }
+    expected = {MissingMessages.MESSAGES: approx(60.0, abs=1.0)}
+    if missing_before:
+        expected[MissingMessages.MOTION] = approx(60.0 + missing_before, abs=1.0)
+    assert durations == expected
+
+
+@mark.slow
 def test_a_slow_computer_reports_it_and_puts_off_fits_then_plots_but_no_row(now, monkeypatch):
     monkeypatch.setattr("time.time", lambda: now[0])
     monkeypatch.setattr("mavdem.live.backlog.REPEAT_SECONDS", 5.0)
