@@ -82,7 +82,7 @@ class _LossCommands:
     recorded: TimeSeries
     """All commands of the boot, (M, k)."""
     time: Array
-    """(N,) times of the samples from the first sign of trouble to the loss, s since boot."""
+    """(N,) times of the samples from the first sign of the loss to the loss itself, s since boot."""
     during: Array
     """(N, k) commands at these times."""
     just_before: Array

@@ -124,7 +124,7 @@ def test_a_repaired_vehicle_says_that_later_flights_show_nothing():
     )
     text = plain_text(fleet_blocks([row for flight in flights for row in flight]))
     assert text.startswith("No drift and no fault in the latest flights of 1 vehicle")
-    assert "in earlier flights, and not in the latest: quad." in text
+    assert "A drift or a fault in earlier flights, and not in the latest: quad." in text
 
 
 def test_vehicles_to_watch_and_not_judged_are_counted_beside_those_that_need_a_look():
