@@ -63,7 +63,7 @@ class SilenceMonitor:
 
         Args:
             silence: duration, s.
-            is_flying: whether the vehicle flew before; the outages of a flight end with it.
+            is_flying: whether the vehicle flies by the latest messages; the outages of a flight end with it.
         """
         if not is_flying:
             self.outage = None
