@@ -13,6 +13,7 @@ from mavdem.dataset.axes import AXES
 from mavdem.facts import Level
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.facts.lights import Light
+from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import motor_number
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import VehicleDifference
@@ -757,7 +758,7 @@ def _are_equal(first_light: JsonValues, second_light: JsonValues) -> bool:
     """Returns whether a status light means the same in two logs: the same level and, if it warns, the same reason.
 
     The reason is the same if the code of the finding is, and the motor, IMU or axis that it is about. Its numbers, such
-    as the thrust that was lost, may differ.
+    as the thrust that was lost, may differ. Margins that are good must be of the same axes.
 
     Args:
         first_light, second_light: the same light in the review documents of both logs.
@@ -765,9 +766,18 @@ def _are_equal(first_light: JsonValues, second_light: JsonValues) -> bool:
     if first_light["level"] != second_light["level"]:
         return False
     if first_light["level"] not in WARNING_LEVELS:
-        return True
+        # Margins that are good on one axis only are not those of three axes.
+        axes_of_margins = [_axes_of_margins(light) for light in (first_light, second_light)]
+        return axes_of_margins[0] == axes_of_margins[1]
     keys = ("code", "subject", "figures.axis")
     return all(value_at(first_light, key) == value_at(second_light, key) for key in keys)
+
+
+def _axes_of_margins(light: JsonValues) -> frozenset[str]:
+    """Returns the axes of which a status light states the margins of the loops; none for another light."""
+    if light.get("code") != MarginsLight.LOOP_MARGINS:
+        return frozenset()
+    return frozenset(value_at(light, "figures.names") or ())
 
 
 def _light_cell(light: JsonValues | None) -> Rated | str:

@@ -238,6 +238,16 @@ class LightCounts(NamedTuple):
     counts: Mapping[Level, int]
     """Number of flights with each level."""
 
+    @property
+    def text(self) -> str:
+        """In how many flights the light is not good, by level, such as "4 bad, 2 watch"; "all good" if in none."""
+        counts = [
+            f"{count} {level}"
+            for level, count in self.counts.items()
+            if level != Level.GOOD and count
+        ]
+        return ", ".join(counts) or "all good"
+
 
 @dataclass
 class VehicleSection:

@@ -95,6 +95,19 @@ def test_lights_that_are_equal_are_one_sentence():
     assert table.rows[0][2].reason == "Motor 1 is weak."
     assert equal.lead == "Equal in A and B:" and equal.text == "power unknown; log good."
     assert light_blocks({"A": {"lights": lights}, "B": {}}) == []
+    # Good margins of one axis are not those of three.
+    roll, all_axes = (
+        {
+            "code": "loop_margins",
+            "level": "good",
+            "sentence": f"{axes}.",
+            "figures": {"names": axes},
+        }
+        for axes in (["roll"], ["pitch", "roll", "yaw"])
+    )
+    reviews = {"A": {"lights": {"margins": roll}}, "B": {"lights": {"margins": all_axes}}}
+    table, *_ = light_blocks(reviews)
+    assert table.rows == [["margins", "good", "good"]]
 
 
 def test_that_they_are_two_vehicles_comes_first():

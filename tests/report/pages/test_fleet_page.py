@@ -12,6 +12,8 @@ from fleet_rows import fleet_rows, flight_row
 from numpy.testing import assert_allclose
 from pytest import approx, mark
 
+from mavdem.facts import Level
+from mavdem.facts.lights import Light
 from mavdem.fleet.flights import group_into_flights
 from mavdem.fleet.row import FlightRow
 from mavdem.report.blocks import Sentence
@@ -398,3 +400,9 @@ def test_a_note_on_a_flight_is_whole_or_left_out():
     text = fleet_page([flight_row("quad", 0, warnings=notes)])
     assert f"{notes[0]}\\n{notes[1]}" in text
     assert notes[4] not in text and "Note 4" not in text and "…" not in table_of(text)["rows"][0]
+
+
+def test_a_light_that_is_unknown_in_all_flights_is_not_counted_as_without_a_warning():
+    counts = {Level.BAD: 0, Level.WATCH: 2, Level.GOOD: 0, Level.UNKNOWN: 8}
+    assert page_of_fleet.LightCounts(Light.MARGINS, counts).text == "2 watch, 8 unknown"
+    assert page_of_fleet.LightCounts(Light.POWER, {Level.BAD: 0, Level.GOOD: 3}).text == "all good"
