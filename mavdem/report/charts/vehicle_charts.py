@@ -202,6 +202,9 @@ def _trims_without_lean(flights: Sequence[AxisRows]) -> Estimates:
     Wind makes a vehicle lean, and the lean needs a torque, so that in wind even sound motors deviate. Without this part
     the deviations are those by which the motors are judged.
 
+    A flight in which a motor failed has no such deviations: the vehicle leans because of the failure, so that its part
+    cannot be told from that of the lean.
+
     Args:
         flights: rows of the vehicle's flights, in the order of date. The motors are those of the latest flight with a
             known balance of the motors; flights with another arrangement of motors count as unknown.
@@ -218,9 +221,12 @@ def _trims_without_lean(flights: Sequence[AxisRows]) -> Estimates:
     flight_numbers = []
     balances = []
     for number, figures in enumerate(health_of_flights):
-        if figures.missing is None and figures.geometry_key == latest.geometry_key:
+        has_same_motors = figures.missing is None and figures.geometry_key == latest.geometry_key
+        if has_same_motors and log_row(flights[number]).failed_motor is None:
             flight_numbers.append(number)
             balances.append(figures.known_balance)
+    if not balances:
+        return {}
     assert latest.signatures is not None
     deviations = deviations_of_motors(level_balances(balances), latest.signatures)
     # By motor, flight, and the pair of estimate and half width.

@@ -187,6 +187,10 @@ def test_motors_over_flights_are_drawn_without_what_lean_in_wind_explains():
     assert abs(trims[:, 1]).max() < 1
     assert trims[:, 2].argmax() == 0 and 7 < trims[0, 2] < 11
     assert np.isnan(trims[:, 3]).all()
+    # A vehicle leans because of a motor that fails in flight: its trim without lean is not known.
+    rows[2] = replace(rows[2], failed_motor=1)
+    for line in panels(rows)["Trim without lean (%)"].lines:
+        assert_allclose(np.isnan(line.y), [False, False, True, True])
 
 
 def test_flights_of_one_day_are_told_apart_by_their_times():
