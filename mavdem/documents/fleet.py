@@ -180,7 +180,7 @@ class VehicleMotors(Document):
     health: str
     """ok, drift, fault or unknown"""
     sentence: str
-    """what speaks for it"""
+    """what speaks for it; of motors without a drift or a fault, what is said of the latest flight"""
     next_step: str
     """what to do next about the vehicle; empty for nothing"""
 
