@@ -396,8 +396,11 @@ class ControlWatch:
             The event; None if the vehicle kept its attitude, or got it back.
         """
         _, end_time = flight_interval
-        if self._large_error_time < end_time - RECOVERY_SECONDS:
+        # A vehicle whose attitude has been near its setpoint for so long did not topple; the search below is slow.
+        was_upright = self._large_error_time < end_time - RECOVERY_SECONDS
+        if was_upright:
             return None
+        # Of the events that the search yields, ATTITUDE_CAUGHT is a loss from which the vehicle recovered.
         for event in attitude_losses(sensors, error, flight_interval, is_ongoing=True):
             if event.code is not MotionEvent.ATTITUDE_CAUGHT:
                 return event
