@@ -60,12 +60,13 @@ ISO_DATE_LENGTH = len("2026-01-31")
 
 CHANGES_CAPTION = """\
 Each change from A to B with its own 90 % interval, relative to the largest one that is called the same (shaded). \
-Squares changed, rings are not known, dots stayed the same; an arrow points to what has no room."""
+Squares changed, rings are not known, dots stayed the same. An arrow stands for a change that lies outside; an \
+interval that ends at the edge goes on."""
 """What stands below the drawing of all changes."""
 
 TRIMS_CAPTION = """\
-Over the median motor's, with the part that lean makes, which the light of the motors leaves out. Whiskers hold by how \
-much flights of one vehicle differ, too, half of the change's variance each."""
+The output of each motor over that of the median motor. What lean in wind asks for is in it; the light of the motors \
+leaves that out. The bars include how much flights of one vehicle usually differ, half of that variance on each side."""
 """What stands below the chart of trims."""
 
 MOTORS_CAPTION = f"Means over {MEAN_SECONDS:g} s, all on one scale."
