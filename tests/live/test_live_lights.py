@@ -272,6 +272,10 @@ def test_the_table_has_every_light_with_its_figure(slow):
     assert motors.figure == "no loss from 63 s"
     # The rates are too low for a model.
     assert rows["log"].level is Level.WATCH and rows["log"].figure == "25 Hz"
+    # Once the link is silent, what warns is still that the attitude came too slowly, and not that there was none.
+    for message_age, figure in ((0.5, "no attitude"), (20.0, "too slow")):
+        quiet = light_rows(replace(status, rates={}, message_age=message_age))
+        assert next(row.figure for row in quiet if row.name == "log") == figure
 
 
 def test_the_time_in_flight_is_in_the_first_line(slow):
