@@ -35,6 +35,7 @@ from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import WatchFact
 from mavdem.immutable import ImmutableResult
 from mavdem.live.history import REPORTED_HORIZON
+from mavdem.live.link import SILENCE_SECONDS
 from mavdem.live.link_loss import lights_before_silence, link_loss_fact
 from mavdem.live.live_lights import fastest_rates, lights_before_model
 from mavdem.live.takeoff_place import Displacement
@@ -655,6 +656,11 @@ class SessionStatus(ImmutableResult):
         if self.no_model_reason is not None:
             return self.no_model_reason
         return Fact(SessionFact.BEING_LEARNED if self.is_flying else SessionFact.NOT_FLYING)
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether the followed vehicle has sent nothing for ``SILENCE_SECONDS``, or nothing yet."""
+        return self.message_age is None or self.message_age >= SILENCE_SECONDS
 
     @property
     def row_rate(self) -> float:
