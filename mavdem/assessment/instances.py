@@ -493,8 +493,6 @@ def _accelerometers_by_imu(evidence: Evidence) -> dict[int, _AccelerometerOfBoot
 def _vibrations_by_imu(evidence: Evidence) -> dict[int, Array]:
     """Returns the vibration of each IMU in flight.
 
-    The reported levels have a column for each axis of the first IMU, then for each axis of the second, and so on.
-
     Args:
         evidence: signals, events and measurements of the vehicle.
 
@@ -505,14 +503,8 @@ def _vibrations_by_imu(evidence: Evidence) -> dict[int, Array]:
     if vibration is None:
         return {}
     levels = _values_in_flight(evidence, vibration.levels)
-    axis_count = len(vibration.axes)
-    vibrations = {}
-    imu_count = levels.shape[1] // axis_count
-    for imu in range(1, imu_count + 1):
-        last_column = axis_count * imu
-        levels_of_imu = levels[:, last_column - axis_count : last_column]
-        vibrations[imu] = levels_of_imu.max(axis=1)
-    return vibrations
+    levels_of_imus = vibration.largest_of_axes(levels)
+    return dict(enumerate(levels_of_imus.T, start=1))
 
 
 def _speed_controller_instances(evidence: Evidence) -> Iterator[Instance]:

@@ -46,6 +46,21 @@ class ReportedVibration:
         """
         return most_clips(self.clips[samples])
 
+    def largest_of_axes(self, levels: Array) -> Array:
+        """Returns the vibration of each IMU along the axis that vibrates most.
+
+        Args:
+            levels: vibration of all axes of all IMUs (..., k · IMUs), m/s², in the order of ``levels``, such as its
+                samples or their mean.
+
+        Returns:
+            The largest level of the k axes of each IMU (..., IMUs), m/s².
+        """
+        axis_count = len(self.axes)
+        imu_count = levels.shape[-1] // axis_count
+        levels_by_imu = levels.reshape(*levels.shape[:-1], imu_count, axis_count)
+        return np.asarray(levels_by_imu.max(axis=-1))
+
 
 def most_clips(clips: Array) -> int:
     """Returns the number of clips of the IMU that clipped most.

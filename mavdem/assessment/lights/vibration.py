@@ -88,7 +88,7 @@ def vibration_light(evidence: Evidence) -> Fact:
         clips=clips,
         is_settled=bool(settled_segments),
     )
-    levels_of_imus = mean_levels.reshape(-1, len(vibration.axes)).max(axis=1).tolist()
+    levels_of_imus = vibration.largest_of_axes(mean_levels).tolist()
     if len(levels_of_imus) > 1:
         fact = fact.replace(imu_levels=levels_of_imus)
     return fact.replace(has_clipped_unsettled=True) if has_clipped_unsettled else fact
