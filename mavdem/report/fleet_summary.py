@@ -19,12 +19,12 @@ from mavdem.report.templates import as_clause, capitalize_first, render_section
 from mavdem.report.vehicle_summary import UnusedRow, VehicleFlights, VehicleSummary
 
 TIER_WORDS = {
-    "a": "with a full model",
-    "b": "with a model of slow motion",
-    "c": "with the vehicle's condition alone",
-    "": "of unknown tier",
+    "a": "a full model",
+    "b": "a model of slow motion alone",
+    "c": "figures of the vehicle's condition alone",
+    "": "no figures",
 }
-"""Names shown for the tiers."""
+"""What the log of a flight allows, by its tier."""
 
 SECONDS_PER_HOUR = 3600
 """Seconds of an hour."""
@@ -302,7 +302,7 @@ def _flown_summary(summaries: Sequence[VehicleSummary]) -> dict[str, object] | N
 
     Returns:
         "flights", their number; "hours" of settled flight; "dates", the first and the last one, or none if no date is
-        known; and "kinds", in words, how many logs allow which kind of model. None without a flight.
+        known; and "kinds", in words, what the logs allow, with the number of flights. None without a flight.
     """
     flight_count = 0
     seconds = 0.0
@@ -319,7 +319,7 @@ def _flown_summary(summaries: Sequence[VehicleSummary]) -> dict[str, object] | N
     kinds = []
     for tier, words in TIER_WORDS.items():
         if flights_by_tier[tier]:
-            kinds.append(f"{flights_by_tier[tier]} {words}")
+            kinds.append(f"{words} ({flights_by_tier[tier]})")
     return {
         "flights": flight_count,
         "hours": seconds / SECONDS_PER_HOUR,

@@ -24,6 +24,9 @@ MAX_NOTE_LENGTH = 320
 DATE_LENGTH = 16
 """Letters of a date and time up to the minute, as in "2026-02-09 12:30"."""
 
+MODEL_WORDS = {"a": "full", "b": "slow motion", "c": "none"}
+"""Which model a log allows, by its tier."""
+
 
 class FlightLine(NamedTuple):
     """The line of one flight."""
@@ -86,8 +89,8 @@ class Column(NamedTuple):
     """Place of the cell in the three lines that a flight has on a phone; empty where it is left out."""
 
 
-def _file_name(flight: AxisRows) -> str:
-    """Returns the name of a log without its folder."""
+def file_name(flight: AxisRows) -> str:
+    """Returns the name of a flight's log without its folder."""
     file = log_row(flight).file
     return re.split(r"[/\\\\]", file)[-1] or file
 
@@ -125,9 +128,9 @@ def _date(flight: AxisRows) -> str:
     return f"{row.date}"[:DATE_LENGTH]
 
 
-def _tier(flight: AxisRows) -> str:
-    """Returns the tier of a flight: a, b or c."""
-    return log_row(flight).tier or ""
+def _model(flight: AxisRows) -> str:
+    """Returns which model the rates of a flight's log allow: "full", "slow motion" or "none"; empty if not known."""
+    return MODEL_WORDS.get(log_row(flight).tier or "", "")
 
 
 def _badge(flight: AxisRows) -> str:
@@ -240,10 +243,10 @@ def _wind_text(flight: AxisRows) -> str:
 
 
 COLUMNS = {
-    "flight": Column("text", _file_name, "12rem", "flight"),
+    "flight": Column("text", file_name, "12rem", "flight"),
     "vehicle": Column("text", _vehicle, "8rem", "vehicle"),
     "date": Column("text", _date, "6.6rem", "date"),
-    "tier": Column("text", _tier, "3.2rem"),
+    "model": Column("text", _model, "4.4rem"),
     "health": Column("health", _badge, "5.8rem", "health"),
     "lights": Column("lights", _warning_lights, "9rem", "lights"),
     "motor": Column("text", _suspect_motors, "4.6rem"),

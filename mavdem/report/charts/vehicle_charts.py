@@ -12,6 +12,8 @@ from mavdem.fleet.flights import AxisRows, log_row, worst_health
 from mavdem.fleet.health_figures import health_figures
 from mavdem.motors.deviation import deviations_of_motors, level_balances
 from mavdem.report.charts.chart import Axis, Chart, Group, Line, LineStyle, Mark
+from mavdem.report.fleet import truncated
+from mavdem.report.flight_lines import file_name
 from mavdem.report.numbers import TORQUE_UNIT, without_remark
 from mavdem.report.palette import BAD, LIMITED, distinct
 
@@ -50,6 +52,9 @@ AXIS_QUANTITIES = (
 
 MAX_DATED_FLIGHTS = 200
 """Flights up to which each has its date in the charts, of which each chart has a copy."""
+
+MAX_FILE_LENGTH = 20
+"""Letters of a file's name below a chart, about as wide as a date and time."""
 
 TRIM_TITLE = "Trim deviation (%)"
 TRIM_WITHOUT_LEAN_TITLE = "Trim without lean (%)"
@@ -94,7 +99,7 @@ def vehicle_group(flights: Sequence[AxisRows]) -> Group | None:
 
 
 def _flight_axis(flights: Sequence[AxisRows]) -> Axis:
-    """Returns the horizontal axis of the charts of a vehicle, on which each flight has its date or its number.
+    """Returns the horizontal axis of the charts of a vehicle: the date of each flight, or its file where it has none.
 
     Below a chart there is room for few dates. Of more than ``MAX_DATED_FLIGHTS`` flights only the first and the last
     have theirs; a page shows the others under the cursor.
@@ -107,7 +112,7 @@ def _flight_axis(flights: Sequence[AxisRows]) -> Axis:
         date = log_row(flight).past_date
         is_end = number in (1, len(flights))
         if date is None:
-            names.append(f"flight {number}")
+            names.append(truncated(file_name(flight), MAX_FILE_LENGTH))
         elif is_end or len(flights) <= MAX_DATED_FLIGHTS:
             names.append(f"{date:%Y-%m-%d %H:%M}")
         else:

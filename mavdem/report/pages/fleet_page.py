@@ -111,6 +111,7 @@ def fleet_page(
         bad_unnamed_flights=_bad_unnamed_flights(summaries),
         unjudged=_repeated_summaries(vehicles),
         lights=[*Light],
+        not_used=NOT_USED,
         light_counts=_light_counts(summaries),
         marks=LEVEL_MARKS,
         whole=WHOLE_FLIGHTS,

@@ -102,7 +102,7 @@ def test_a_lost_flight_without_figures_needs_a_look():
     assert (
         "1 of 1 vehicle needs a look: quad (" in text and "Lost at 70.9 s." in parts(text)["quad"]
     )
-    assert "Not judged: No settled flight." in text and "1 of unknown tier." in text
+    assert "Not judged: No settled flight." in text and "Their logs allow no figures (1)." in text
     assert '<span class="badge bad">bad<' in text and "pages/quad-0.html" in text
 
 
