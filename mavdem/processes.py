@@ -74,7 +74,7 @@ def peak_mebibytes() -> float:
         return float(getattr(memory, "peak_wset", memory.rss)) / MEBIBYTE
     else:
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        # macOS counts in bytes, others in KiB.
+        # The unit is bytes on macOS, KiB elsewhere.
         return peak / MEBIBYTE if sys.platform == "darwin" else peak / 1024
 
 
@@ -134,7 +134,7 @@ def lower_priority(niceness: int) -> None:
     import psutil
 
     process = psutil.Process()
-    # psutil has this class on Windows alone.
+    # This class of psutil exists on Windows alone.
     below_normal = getattr(psutil, "BELOW_NORMAL_PRIORITY_CLASS", None)
     if below_normal is not None:
         process.nice(below_normal)

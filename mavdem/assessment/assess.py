@@ -340,7 +340,7 @@ def loss_of_flight(signals: Signals) -> Fact | None:
     if ending is None or ending.code is Ending.LOSS_REPORTED:
         # A loss that only the autopilot reports has no cause in the motion.
         return ending
-    # In an assessment the lost thrust of a motor, which is not computed here, may still correct these figures.
+    # The lost thrust of a motor, which is not computed here, may still correct these figures in an assessment.
     return ending.replace(subject="", cause=None, word=None)
 
 

@@ -144,7 +144,7 @@ def is_measured(parameters: Parameters, battery: Battery) -> bool:
         battery: battery with its voltages, V.
     """
     volts = battery.voltage.values
-    # With 0 cells these are the levels of the autopilot's parameters alone.
+    # Zero cells select the levels of the autopilot's parameters alone.
     levels = voltage_levels(parameters, battery.number, cells=0)
     return bool(np.ptp(volts) != 0 and volts.max() > levels.watch)
 

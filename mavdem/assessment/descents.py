@@ -172,7 +172,7 @@ def _throttle_closed(sensors: BootSensors, flight_interval: TimeInterval) -> Tim
     is_low: Flags = collective.values < DIVE_COLLECTIVE_RATIO * usual_output
     stick = sensors.stick
     if stick is not None:
-        # In automatic modes the motors do not follow the stick, so that both must be low.
+        # The motors do not follow the stick in automatic modes, so that both must be low.
         is_low &= np.interp(collective.time, stick.time, stick.values) <= 2 * CLOSED_STICK
     return TimeSeries(collective.time, collective.boot, is_low.astype(float))
 

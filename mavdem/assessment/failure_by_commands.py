@@ -384,7 +384,7 @@ def _start_of_spent_thrust(commands: TimeSeries, time: float, highest_command: f
     samples_with_reserve = np.flatnonzero(has_reserve & (commands.time <= time))
     if not len(samples_with_reserve):
         return float(min(commands.time[0], time))
-    # That sample may be the last one of the record.
+    # The last sample with reserve may be the last one of the record.
     last_sample = len(commands.time) - 1
     next_sample = min(samples_with_reserve[-1] + 1, last_sample)
     return float(min(commands.time[next_sample], time))

@@ -141,7 +141,7 @@ def _context_of_impact(events: Sequence[Fact], boot: int, impact: float) -> Loss
         The interval from the first sign of a failure to the impact, s since boot, and the names of those motors.
     """
     latest_start = impact - MAX_SETPOINT_DELAY
-    # In the impact itself the controller drives motors to their limits, so that only earlier limits are signs.
+    # The controller drives motors to their limits in the impact itself, so that only earlier limits are signs.
     motors_at_limit: list[Fact] = []
     for event in _events_at(events, MotionEvent.MOTOR_AT_ITS_STOP, boot, impact):
         if event.start_time < latest_start:

@@ -37,7 +37,7 @@ def end_in_air(
     Returns:
         The event, or None. Its figure ``is_after_loss`` is True if the attitude was lost just before the end.
     """
-    # In an earlier boot the recording ended with the restart of the autopilot, not with a failure in the air.
+    # The recording of an earlier boot ended with the restart of the autopilot, not with a failure in the air.
     is_last_boot = boot == signals.tilts[0].boot[-1]
     flight_start, landing_time = flight_interval
     has_landed = landing_time != inf

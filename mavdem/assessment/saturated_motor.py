@@ -125,7 +125,7 @@ def _latest_start_before_ending(ending: Fact | None) -> float:
     if ending is None or ending.time is None:
         return inf
     if ending.code is Ending.CRASHED:
-        # In the impact the controller drives motors to their limits, so that only earlier limits are evidence.
+        # The controller drives motors to their limits in the impact, so that only earlier limits are evidence.
         return (loss_onset(ending) or ending.time) - MAX_SETPOINT_DELAY
     return ending.time + LASTING_SECONDS
 

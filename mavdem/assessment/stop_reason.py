@@ -111,7 +111,7 @@ def _is_reported_in(event: Fact, interval: TimeInterval) -> bool:
     """
     earliest_time, latest_time = interval
     start = event.start_time
-    # Of any other report than a lost radio only the start counts.
+    # A lost radio lasts until it is regained. Any other report counts at its start alone.
     end = event.latest_time if event.code is ReportedEvent.RADIO_LOST else start
     overlaps_interval = start <= latest_time and end >= earliest_time
     return overlaps_interval

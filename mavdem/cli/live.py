@@ -386,7 +386,7 @@ def _follow_vehicle(
                 "The model will not be written: name a file with --model, --rrd or --record."
             )
         is_end_requested = signal_handlers.enter_context(termination_requests())
-        # From here on Ctrl-C ends the session in order.
+        # Ctrl-C ends the session in order from here on.
         print_to_stderr(f"Listening on {options.link}; Ctrl-C ends it.")
         _run_and_show_status(
             session,
@@ -464,7 +464,7 @@ def _document_of_flights(flights: Sequence[FollowedFlight]) -> LiveDocument:
     """
     documents = []
     for flight in flights:
-        # With --json each flight has one.
+        # Each flight has a document if --json was given.
         document = flight.document
         assert document is not None
         if flight.recording is not None:

@@ -178,7 +178,7 @@ class StatusLines:
         # The state that was printed last and when, s of the monotonic clock.
         self._printed_state: PrintedState | None = None
         self._print_time = -inf
-        # For each watched quantity, by its vehicle and name, the fact that was printed last, without its numbers.
+        # The fact printed last, without its numbers, for each watched quantity; keys are its vehicle and name.
         self._printed_watch_facts: dict[Hashable, Hashable] = {}
         self._watch_changes = ChangeDebouncer()
 
@@ -354,7 +354,7 @@ def _table_of_lights(rows: Sequence[LightRow], width: int) -> Table:
         rows: Name, level and figure of each light, in their order.
         width: Width of a line of the terminal, characters.
     """
-    # At least one, even on a very narrow terminal.
+    # Even a very narrow terminal has one light a line.
     lights_per_line = max(width // MIN_LIGHT_WIDTH, 1)
     lights_per_line = min(lights_per_line, MAX_LIGHTS_PER_LINE)
     # Each light has the same width, whatever its figure, so that nothing moves from second to second.

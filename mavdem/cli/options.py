@@ -97,7 +97,7 @@ def _combined_options(*decorators: Callable[[Command], Command]) -> Callable[[Co
     """
 
     def decorate(command: Command) -> Command:
-        # As with decorators in a source file, Click lists first what is added last.
+        # Click lists first what is added last, as with decorators in a source file.
         for decorator in reversed(decorators):
             command = decorator(command)
         return command

@@ -172,7 +172,7 @@ def track_command(
         differences: BaselineDifferences = {}
         if tracked.healthy:
             differences = _differences_from_baseline(out, tracked.healthy)
-            # As everything that only some runs need, it is imported where it is used.
+            # Only some runs need this module, so that it is imported where it is used.
             from mavdem.report.difference import baseline_blocks
 
             for vehicle, (latest_row, difference) in differences.items():

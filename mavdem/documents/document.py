@@ -318,7 +318,7 @@ def _units_below(
             dictionary, has the key "*".
         parents: records that the type is in. A record that contains itself is not entered again.
     """
-    # Of ``list[Speed]``, for example, the origin is ``list`` and the only argument ``Speed``.
+    # The origin of ``list[Speed]``, for example, is ``list``, and its only argument is ``Speed``.
     origin = get_origin(annotation)
     arguments = get_args(annotation)
     if origin is Annotated:

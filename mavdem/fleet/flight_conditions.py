@@ -165,7 +165,7 @@ def condition_allowance(kind: str, before: Conditions, after: Conditions) -> flo
         return RELATIVE_SD_PER_LEAN * hypot(roll_change, pitch_change)
     if kind != MEAN_EFFECT and kind not in LOOP_CHANGES_PER_LOG_EFFECT:
         return 0.0
-    # At the same thrust the effect is proportional to the voltage, and with more thrust to the output.
+    # The effect is proportional to the voltage at the same thrust, and to the output where the thrust changes.
     voltage_change = _relative_change(before.voltage, after.voltage)
     output_change = _relative_change(before.collective, after.collective)
     effect_change = voltage_change + output_change

@@ -93,7 +93,7 @@ def earlier_drag(path: Path, wind_speed: float | None = None) -> EarlierDrag:
         file = path
     try:
         document = json.loads(file_text(file))
-        # In a report the wind is one part; the document of `mavdem wind` is the wind itself.
+        # The wind is one part of a report; the document of `mavdem wind` is the wind itself.
         wind = document.get("wind_velocity", document)
         drag = Drag.from_dict(wind["drag"]).for_next_flight()
         identity = document.get("identity") or {}

@@ -520,7 +520,7 @@ def outcome_of(job: Job, read: ReadLog) -> JobOutcome:
             named_rows = tuple(replace(row, **_job_columns(job, key)) for row in rows)
             return JobOutcome(job.path, ended="read", rows=named_rows, key=key, pages=pages)
     except Unreadable as error:
-        # With a higher limit of memory the log may be read.
+        # The log may be read in a process with a higher limit of memory.
         if isinstance(error.__context__, MemoryError):
             raise MemoryError from None
         if is_disk_full(error):

@@ -64,7 +64,7 @@ class Backlog:
         self._behind_time: float | None = None
         self._report_time = 0.0
         self._reported_delay = 0.0
-        # Until then, s of that clock, a delay is of frames from before the session.
+        # A delay until this time, s of that clock, is due to frames that were sent before the session.
         self._catch_up_end = clock.monotonic() + (CATCH_UP_SECONDS if begins_late else 0.0)
 
     def __len__(self) -> int:

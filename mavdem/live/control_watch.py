@@ -400,7 +400,7 @@ class ControlWatch:
         was_upright = self._large_error_time < end_time - RECOVERY_SECONDS
         if was_upright:
             return None
-        # Of the events that the search yields, ATTITUDE_CAUGHT is a loss from which the vehicle recovered.
+        # The search also yields losses from which the vehicle recovered: ATTITUDE_CAUGHT.
         for event in attitude_losses(sensors, error, flight_interval, is_ongoing=True):
             if event.code is not MotionEvent.ATTITUDE_CAUGHT:
                 return event

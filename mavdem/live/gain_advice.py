@@ -102,7 +102,7 @@ class GainAdviser:
             self._start_computation(vehicle, niceness)
         if self._pending is None:
             return ()
-        # In flight nothing waits for the other process; only the end of a session does.
+        # Only the end of a session waits for the other process, nothing in flight does.
         if not is_at_end and not self._pending.done():
             return ()
         self.facts, self.judgement = self._awaited_result(self._pending)
@@ -267,7 +267,7 @@ def facts_of_tuning(tuning: Tuning) -> Facts:
             continue
         decision = tuning.judgement.loop_decisions.get(axis)
         if decision is not None and decision.action is not None:
-            # In a list of events nothing else names the axis.
+            # The list of events has nothing else that names the axis.
             decisions.append(decision.fact.replace(is_named=True))
     if facts or decisions:
         return (*facts, *decisions)

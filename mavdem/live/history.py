@@ -212,7 +212,7 @@ class LiveHistory:
         self.learned_intervals: list[TimeInterval] = []
         self.boot = 0
         self.boot_start = nan
-        # By battery: time, s of the timeline, and voltage, V, the latest ``MAX_ROWS`` of them.
+        # The latest ``MAX_ROWS`` samples of each battery: time, s of the timeline, and voltage, V.
         self._voltages: dict[int, deque[tuple[float, float]]] = {}
         # Columns as ``table`` lists them. Of all rows that were added, every ``_stride``-th one is kept.
         self._rows: list[array[float]] = []

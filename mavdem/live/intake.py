@@ -93,7 +93,7 @@ class LinkIntake:
             return []
         stamped_frames = self._frames_of_first_pieces() + self._record(pieces)
         batches = self._with_monotonic_times(stamped_frames)
-        # With fewer pieces than a call can return the link is empty, and what comes next arrives after this call began.
+        # Fewer pieces than a call can return mean that the link is empty: later ones arrive after this call began.
         if len(pieces) < MAX_PIECES:
             self._emptied_time = start_time
         return batches

@@ -628,7 +628,7 @@ def _parse_name(name: str) -> _LinkAddress:
             port = int(port_text)
             if port > MAX_PORT:
                 raise Unreadable(LinkFact.LINK_PORT_TOO_HIGH, name=name)
-            # As in pymavlink, a link without a direction listens.
+            # A link without a direction listens, as in pymavlink.
             kind = LinkKind.UDP_IN if prefix in ("", "udp") else LinkKind(prefix)
             # An address of version 6 stands in brackets.
             return _LinkAddress(kind, host.strip("[]") or LOOPBACK, port)

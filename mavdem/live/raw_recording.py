@@ -60,7 +60,7 @@ class RawRecording:
         # Number of bytes of a .tlog so far, and of those until the last frame of each system and component.
         self._size = 0
         self._sizes_by_sender: dict[tuple[int, int], int] = {}
-        # For every ``BATCH_SECONDS`` the time, UNIX s, and the number of bytes that were written until then.
+        # Every ``BATCH_SECONDS`` a pair is added: time, UNIX s, and number of bytes that were written until then.
         self._sizes_by_time: list[tuple[float, int]] = []
         self.first_stamp = nan
         self._mcap = None

@@ -132,7 +132,7 @@ class RowGrid:
             self._latest_time + STAMP_ROUNDING,
             self._rate_change_time,
         )
-        # Until this time every stream has samples.
+        # Every stream has samples until this time.
         end_time = min((stream.time[-1] if stream.time else -inf) for stream in streams)
         needed_seconds = DECISION_SECONDS if self.dt is None else RESUME_SECONDS
         if end_time < self._next_attempt_time or end_time - start_time < needed_seconds:

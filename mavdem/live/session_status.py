@@ -397,7 +397,7 @@ class SessionStatus(ImmutableResult):
         if bad_lights:
             if judgement.headline.is_bad:
                 return Judgement(judgement.headline, judgement.next_step, lights)
-            # As in a log, an event comes before what lasts: a height that diverges before the vibration that causes it.
+            # An event precedes what lasts, as for a log: a diverging height precedes the vibration that causes it.
             bad_events = [fact for fact in bad_lights if _is_event(fact)]
             most_important = bad_events[0] if bad_events else bad_lights[0]
             return _judgement_with_headline(most_important, lights)
@@ -476,7 +476,7 @@ class SessionStatus(ImmutableResult):
             # The pilot flew without alarms meanwhile, which is not over with the outage.
             headline = headline.replace(outage=self.link_outage)
         if headline.code is HeadlineCode.NOTHING_WRONG:
-            # Of a vehicle in flight the pilot asks first whether there is an alarm.
+            # The pilot of a vehicle in flight asks first whether there is an alarm.
             headline = headline.replace(is_in_flight=True)
         judgement = replace(judgement, headline=headline)
         if is_urgent:

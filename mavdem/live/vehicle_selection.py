@@ -196,7 +196,7 @@ class Component:
             gap: time since the frame before, s; infinite for the first frame.
             sequence: sequence number of the frame.
         """
-        # In so long a time half of all numbers would usually be sent.
+        # Half of all sequence numbers would usually be sent in this time.
         wrap_seconds = SEQUENCE_NUMBERS / 2 * self._mean_interval
         is_long_gap = wrap_seconds < gap < inf
         is_next_number = (sequence - self._last_sequence) % SEQUENCE_NUMBERS == 1

@@ -354,7 +354,7 @@ class Watchdog:
             # The alarm of a restart in flight, whose status light ``_update_restart`` has set.
             return report
         if report.code is ReportedEvent.BOARD_VOLTAGE_LOW:
-            # In a log a moment below the limit is a warning. In flight nobody knows whether the autopilot survives it.
+            # A moment below the limit is a warning in a log. In flight nobody knows whether the autopilot survives it.
             report = report.replace(Level.BAD)
         if report.warns:
             self._warnings.append(report)
@@ -637,7 +637,7 @@ class Watchdog:
         if moment.motion is not None:
             self._judge_motor_limits(review, moment, moment.motion)
         if WatchedQuantity.OSCILLATION in review.facts:
-            # In a limit cycle the motors go from limit to limit, and cannot be compared with each other. So it is no
+            # The motors go from limit to limit in a limit cycle, and cannot be compared with each other. So it is no
             # longer known that they are sound.
             self.status_lights.remove_good(Light.MOTORS)
         if self.loss is not None:
@@ -763,7 +763,7 @@ class Watchdog:
             if self.ground_contact is None:
                 self.ground_contact = contact_after_loss.replace(Level.BAD)
                 self._unreported_contact = self.ground_contact
-            # On the ground no parachute helps.
+            # No parachute helps a vehicle that has already struck the ground.
             loss = loss.replace(is_low=True)
         self.loss = loss
         review.facts[WatchedQuantity.CONTROL] = loss
@@ -796,7 +796,7 @@ class Watchdog:
         if last_time_at_limit < loss.start_time - RECOVERY_SECONDS:
             return loss
         cause = Fact(FailedFirst.LIMIT_FIRST, subject=motor_name)
-        # With a motor as the cause, the flight mode that was chosen explains nothing.
+        # The flight mode that was chosen explains nothing if a motor is the cause.
         return loss.replace(subject=motor_name, cause=cause, mode="")
 
     def _judge_attitude_estimate(self, review: _Review) -> None:

@@ -440,7 +440,7 @@ class LiveWind:
         attitudes = np.array(attitude_samples).reshape(-1, 4)
         velocities = np.array(velocity_samples).reshape(-1, 4)
         velocity_times = velocities[:, 0]
-        # For each attitude the row of the first velocity that is not earlier; the one before it is earlier.
+        # ``next_row`` is the first velocity that is not earlier than the attitude; the one before it is earlier.
         next_row = np.searchsorted(velocity_times, attitudes[:, 0])
         is_between_velocities = (next_row > 0) & (next_row < len(velocities))
         attitudes = attitudes[is_between_velocities]

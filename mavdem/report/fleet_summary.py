@@ -101,7 +101,7 @@ def fleet_blocks(
         unjudged=unjudged_count,
         unnamed_flights=unnamed_flights,
         bad_unnamed_flights=bad_count,
-        # Of each shared name the latest flight alone is described.
+        # Only the latest flight under each shared name is described.
         bad_names="" if lists_follow and bad_count > 1 else abbreviated_list(latest_bad),
         are_all_described=len(latest_bad) == bad_count,
     )

@@ -283,7 +283,7 @@ def _rating_unless_contradicted(advice: Advice, decision: LoopDecision | None) -
         return []
     if decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY:
         level = Level.BAD if advice.rating.is_bad else Level.WATCH
-        # With the figure ``follows`` False, the sentence says "but the axis does not follow its setpoint".
+        # The figure ``follows`` = False adds to the sentence "but the axis does not follow its setpoint".
         return [advice.rating.replace(level, follows=False)]
     return [advice.rating]
 

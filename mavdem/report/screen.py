@@ -540,7 +540,7 @@ def _axis_cells(figures: AxisEstimates) -> list[str]:
     half_widths = physical.interval()
     mean_effect, mean_effect_half_width = physical.mean_effect()
     milliseconds = 1e3
-    # By the names of the parameters in ``physical.status``, where "lag" is the motor time constant.
+    # The keys are the names of the parameters in ``physical.status``, where "lag" is the motor time constant.
     estimates = {
         "effect": plus_minus(
             TORQUE_UNIT.scale * mean_effect, TORQUE_UNIT.scale * mean_effect_half_width
@@ -628,6 +628,6 @@ def pole_sentences(A: Array) -> list[Sentence]:
     Args:
         A: state matrix (n, n), 1/s; its eigenvalues are the poles, of which the slowest come first.
     """
-    # Of a complex pair, the pole with the positive imaginary part stands for both.
+    # A complex pair is represented by the pole with the positive imaginary part.
     poles = [pole for pole in np.linalg.eigvals(A) if pole.imag >= 0]
     return render_section("poles", poles=sorted(poles, key=lambda pole: -pole.real))

@@ -673,7 +673,7 @@ def rounded_up(value: float, decimals: int = 0) -> str:
         The bound as text. It is below ``value`` by at most 10⁻⁶ of its last decimal.
     """
     scale = 10**decimals
-    # In binary, 0.3 · 10 may be a little more than 3 and would become 4: the product is first rounded to a millionth.
+    # The binary product of 0.3 and 10 may be a little more than 3 and become 4, so it is first rounded to a millionth.
     return _fixed(ceil(round(value * scale, 6)) / scale, decimals)
 
 

@@ -217,7 +217,7 @@ def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
         name: name of the vehicle in its logs; ``UNKNOWN`` for logs without one.
         rows: all rows of the fleet's table under this name, also of logs that have no flight that can be analysed.
     """
-    # In the first group each log counts, in the second only those with a flight.
+    # ``logs`` has every recording, ``flights`` only those with a flight.
     logs = group_into_flights(rows)
     flights = group_into_flights(row for row in rows if row.has_flight)
     winds = []

@@ -694,8 +694,8 @@ class Library:
         columns: JsonValues = {"stage": Stage.DONE, "claimed": "", "problem": ""}
         if not keeps_earlier_results:
             columns = self._columns_of_outcome(entry, outcome)
-        # With the ending "source" the log itself is not the cause: its file could not be opened, or a package that its
-        # format needs is missing.
+        # The ending "source" means that the log itself is not the cause: its file could not be opened, or a package
+        # that its format needs is missing.
         keeps_log = entry.keep or outcome.ended == "source"
         removes_log = columns["stage"] == Stage.FAILED and not keeps_log
         if removes_log:

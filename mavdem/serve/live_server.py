@@ -70,7 +70,7 @@ class LiveServer:
         listener = listening_socket(LOOPBACK, port)
         self.address = server_url(LOOPBACK, listener)
         self._server = uvicorn.Server(server_config(self._app()))
-        # uvicorn leaves the signals alone where it does not run in the main thread: the session ends by them.
+        # Outside the main thread, uvicorn does not handle the signals; they end the session.
         self._thread = threading.Thread(
             target=self._server.run, kwargs={"sockets": [listener]}, daemon=True
         )

@@ -315,7 +315,7 @@ def _index_columns(assessment: Assessment, rows: FlightRows) -> JsonValues:
         **columns_of_flight(rows),
         **_assessment_columns(assessment),
         "simulated": int(simulation_fact(signals) is not None),
-        # With its hops, as the time in the air that a report says.
+        # The hops are counted, as in the time in the air of a report.
         "flight_time": total_time(flights_and_hops(signals)),
         "distance": total_distance(flights),
         "height": largest_height(flights),

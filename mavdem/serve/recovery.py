@@ -150,7 +150,7 @@ def _restore_digests(db: sqlite3.Connection) -> None:
     Args:
         db: the fleet's database.
     """
-    # In the path logs/DIGEST/NAME the digest has 64 characters, from the sixth.
+    # The digest of the path logs/DIGEST/NAME has 64 characters, from the sixth.
     db.execute(
         """update entries set digest = substr(path, 6, 64)
         where path glob ? and digest is not substr(path, 6, 64)""",

@@ -89,7 +89,7 @@ class ViewerFiles:
         except (OSError, HTTPException) as error:
             connection.close()
             raise Refusal(RefusalReason.NOT_STARTED, name=name, reason=str(error)) from None
-        # By this length the page says how much has come. Rerun sends the file in chunks, with its length in a header.
+        # Rerun sends the file in chunks, with its length in a header. The page needs it to say how much has come.
         length = response.getheader(LENGTH_HEADER)
         headers = {} if length is None else {"Content-Length": length}
         return StreamingResponse(

@@ -138,7 +138,7 @@ def search_condition(text: str) -> SqlCondition:
         if condition is None:
             condition = _contains(SEARCHED_TEXT_SQL, word)
         conditions.append(condition)
-    # In brackets, since an expression may itself have an "or".
+    # An expression may itself have an "or", and is put in brackets.
     expression = " and ".join(f"({condition.expression})" for condition in conditions)
     values: list[Any] = []
     for condition in conditions:
@@ -237,7 +237,7 @@ def _comparison_condition(name: str, operator: str, value: str) -> SqlCondition 
     column = name.lower()
     operator = operator.replace(":", "=")
     if column in LIST_COLUMNS:
-        # With commas around list and item, only whole items match.
+        # Commas around the list and the item let only whole items match.
         return _contains(f"',' || {LIST_COLUMNS[column]} || ','", f",{value},")
     with suppress(ValueError):
         condition = _number_comparison(name, operator, float(value))

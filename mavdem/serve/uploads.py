@@ -167,7 +167,7 @@ def require_log_file(path: Path, name: str) -> None:
         try:
             check_beginning(path)
         except Unreadable:
-            # By its name it should be a DataFlash log, but it has no message of one either.
+            # The name is that of a DataFlash log, but the file has no message of one either.
             if FORMAT_OF_ENDING.get(Path(name.lower()).suffix) is Format.DATAFLASH:
                 raise Unreadable(SourceFact.DATAFLASH_WITHOUT_MESSAGES, path=name) from None
             raise

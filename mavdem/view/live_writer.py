@@ -258,7 +258,7 @@ class LiveWriter:
                 of the axis.
         """
         latest_sample = self._latest_samples.get(lines, LatestSample(CONTINUOUS_SEGMENT, -np.inf))
-        # Of several samples with the same time, the dictionary keeps the last one.
+        # The dictionary keeps the last one of several samples with the same time.
         new_samples = {
             sample.time: sample for sample in samples if sample.time > latest_sample.time
         }

@@ -221,7 +221,7 @@ def _band_and_line(line: Line, value_range: Interval) -> Iterator[_DrawnLine]:
         assert band.lower_edge is not None and band.upper_edge is not None
         # Edges far beyond the values are clipped one span beyond the range, as far as the user may scroll.
         edges = np.clip([band.lower_edge, band.upper_edge], 2 * low - high, 2 * high - low).T
-        # Of a longer band only every ``step``-th sample is drawn.
+        # Only every ``step``-th sample of a longer band is drawn.
         step = ceil(len(band.x) / MAX_STROKES)
         yield _DrawnLine(
             "90 % band", colour=shade, width=0.0, time=band.x[::step], values=edges[::step]

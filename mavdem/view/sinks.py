@@ -112,7 +112,7 @@ def start_rerun(*options: str, ends_with_process: bool = False) -> subprocess.Po
     environment.pop("FORCE_RERUN_ANALYTICS", None)
     return subprocess.Popen(
         command,
-        # In a new session (on Windows: process group) the viewer does not receive the Ctrl-C that ends mavdem.
+        # A new session (on Windows: process group) keeps the Ctrl-C that ends mavdem from the viewer.
         start_new_session=True,
         creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
         stdin=subprocess.PIPE if ends_with_process else subprocess.DEVNULL,

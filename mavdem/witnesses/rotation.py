@@ -116,7 +116,7 @@ def rotation_under_power(signals: Signals, boot: int) -> RotationUnderPower | No
     min_collective = min_airborne_collective(signals.telemetry.parameters)
     is_powered = np.interp(time, collective.time, moving_average(collective)) > min_collective
     steps = np.diff(time, append=time[-1])
-    # In a gap of the record it is not known whether the motors ran.
+    # Whether the motors ran in a gap of the record is not known.
     is_recorded = steps < MAX_RECORD_GAP
     powered_seconds = float(steps[is_powered & is_recorded].sum())
     if powered_seconds < MIN_SECONDS:
@@ -257,7 +257,7 @@ def _best_fit(angle: Array, setpoint: Array, is_known: Flags) -> _Fit:
         later_angle = angle[delay:][rows]
         earlier_setpoint = setpoint[: len(setpoint) - delay][rows]
         is_finite = np.isfinite(earlier_setpoint)
-        # With fewer than two samples the covariances are NaN, and the delay is skipped.
+        # The covariances of fewer than two samples are NaN, and then the delay is skipped.
         covariances = np.cov(earlier_setpoint[is_finite], later_angle[is_finite])
         setpoint_variance, angle_variance = covariances.diagonal()
         if not np.isfinite(covariances).all() or setpoint_variance <= 0 or angle_variance <= 0:

@@ -334,7 +334,7 @@ def kill_command(log: Path, times: int) -> None:
                     name = f"{KILL_CLIENTS * number + client}.tlog"
                     body = distinct_log(content, KILL_CLIENTS * number + client)
                     clients.submit(_upload_and_note, server, name, body, acknowledged_digests)
-                # By turns the server is killed within the uploads, and after them, while it reads the logs.
+                # The server is killed alternately within the uploads, and after them, while it reads the logs.
                 longest_wait = 3.0 if number % 2 else 0.05
                 time.sleep(random_numbers.uniform(0.0, longest_wait))
                 server.process.kill()

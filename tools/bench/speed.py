@@ -49,7 +49,8 @@ def read_with_mavdem(path: str) -> int:
     """
     log = read_log(path)
     for vehicle in log.vehicles:
-        assert all(len(columns["time"]) for columns in vehicle.messages.values())  # decodes them
+        # Columns are decoded when they are first used.
+        assert all(len(columns["time"]) for columns in vehicle.messages.values())
         attitude.attitude_of_axis(vehicle, "roll")
         motor_outputs.motor_outputs_or_reason(vehicle)
         motor_outputs.axis_demand(vehicle, "roll")
@@ -169,7 +170,7 @@ def reading_costs(path: Path) -> list[str]:
     mavdem_times = ReadingTimes([], 0)
     library_times = ReadingTimes([], 0)
     for _ in range(READING_RUNS):
-        # By turns, so that a busy machine slows both.
+        # Both are read alternately, so that a busy machine slows both.
         mavdem_times = with_further_run(mavdem_times, read_with_mavdem, path)
         library_times = with_further_run(library_times, library_reader, path)
     megabytes = path.stat().st_size / 1e6
@@ -217,7 +218,7 @@ def with_further_run(times: ReadingTimes, reader: Callable[[str], int], path: Pa
         path: path of the log.
     """
     began = time.process_time()
-    # Of a damaged file a library may raise anything, and prints much.
+    # A library may raise anything for a damaged file, and prints much.
     with suppress(Exception), redirect_stdout(StringIO()), redirect_stderr(StringIO()):
         messages = reader(str(path))
         return ReadingTimes([*times.seconds, time.process_time() - began], messages)

@@ -316,7 +316,7 @@ def damaged_log(log: Path, contents: Mapping[Path, bytes], chance: random.Random
     content = damage(contents[log], chance, other_content)
     must_not_be_longer = damage in DAMAGES_WITHOUT_NEW_TIMES
     if log.suffix == ".tlog" and chance.random() < CHECKSUMS_SHARE:
-        # With correct checksums, damaged time stamps are read.
+        # Damaged time stamps are read only if the checksums are correct.
         content = with_checksums(bytearray(content))
         must_not_be_longer = False
     has_other_ending = chance.random() < OTHER_ENDING_SHARE

@@ -504,7 +504,7 @@ def steady_torque(model: LinearModel) -> float:
     # State 0 is the angle, state 1 the rate.
     rate = 1
     hidden = slice(2, None)
-    # In steady state 0 = A_hh x_h + B_h u.
+    # The hidden states h are in steady state if 0 = A_hh x_h + B_h u.
     hidden_per_command = -np.linalg.solve(model.A[hidden, hidden], model.B[hidden])
     torque_per_command = model.B[rate] + model.A[rate, hidden] @ hidden_per_command
     return float(abs(torque_per_command).mean())

@@ -124,8 +124,8 @@ def flight_plan(kind: str, number: int) -> FlightPlan:
     rng = default_rng([list(KINDS).index(kind), number, TOOL_SEED])
     values = draw_values(SURPRISE["flight"], rng) | {"seed": number}
     kind_values = draw_values(KINDS[kind], rng)
-    # flights.toml has one table for a gust and one for a weak motor. In a scenario the gust is one more wind, and the
-    # weak motor a property of the vehicle. Other values, such as a load, are as in a scenario.
+    # The file flights.toml has one table for a gust and one for a weak motor. In a scenario the gust is one more wind,
+    # and the weak motor a property of the vehicle. Other values, such as a load, are as in a scenario.
     gust = kind_values.pop("gust", None)
     weak_motor = kind_values.pop("weak", None)
     disturbance_start = None

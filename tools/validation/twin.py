@@ -80,7 +80,7 @@ def random_scenario(seed: int, number: int) -> Scenario:
     """
     rng = default_rng([seed, number])
     values = draw_values(TABLES["twin"], rng) | {"seed": number}
-    # flights.toml has the cut-off of the gyro's low-pass by itself; in a scenario it is a parameter of the autopilot.
+    # The cut-off of the gyro's low-pass stands alone in flights.toml; a scenario has it as an autopilot's parameter.
     cutoff_parameter = GYRO_FILTER_PARAMETERS[values["stream"]["autopilot"]]
     values["vehicle"]["parameters"] = {cutoff_parameter: values.pop("cutoff")}
     # What is not drawn is as in this scenario, which excites all axes.
@@ -163,7 +163,7 @@ def simulated_oscillation(scenario: Scenario) -> Oscillation:
         Frequency, Hz, and standard deviation, °/s.
     """
     motion = fly(in_hover(scenario, GAIN_FACTOR))
-    # By then the vehicle has taken off, and it does not land before.
+    # The vehicle has taken off by the start of this interval, and does not land before its end.
     is_hover = (motion.time > HOVER_START) & (motion.time < HOVER_END)
     roll_and_pitch_rates = motion.known_rates[is_hover, :2]
     return oscillation(roll_and_pitch_rates, scenario.cycle)

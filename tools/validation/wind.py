@@ -88,7 +88,7 @@ def draw_scenario(kind: str, vehicle: Values, rng: Generator) -> Scenario:
     misalignment = rng.normal(0, MISALIGNMENT_SD, 2)
     values["sensors"]["misalignment"] = misalignment.tolist()
     stream = draw_values(TABLES["wind"]["stream"], rng)
-    # flights.toml has the rate of the position's message among the values of the stream.
+    # The file flights.toml has the rate of the position's message among the values of the stream.
     stream["rates"] = {"LOCAL_POSITION_NED": stream.pop("position")}
     values["stream"] |= stream
     return scenario_from_table(values | {"seed": int(rng.integers(1_000_000))})
@@ -212,7 +212,7 @@ def evaluate_vehicle(case: tuple[int, str], seed: int) -> list[Values]:
     legs_row, identified_drag = evaluate_scenario("legs", legs)
     second_flight = draw_scenario(kind, vehicle, rng)
     second_row, _ = evaluate_scenario(f"{kind}, its drag", second_flight, identified_drag)
-    # As `mavdem wind` advises: the flight that did not show its drag, with that of a flight that does.
+    # The flight that did not show its drag is evaluated with that of a flight that does, as `mavdem wind` advises.
     again_row, _ = evaluate_scenario(f"{kind}, again", first_flight, identified_drag)
     again_row["half width foretold"] = row["half width foretold"]
     return [row, legs_row, second_row, again_row]

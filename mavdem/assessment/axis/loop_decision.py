@@ -409,7 +409,7 @@ def _decision_on_slow_rate(observations: LoopObservations) -> LoopDecision:
         action = _action_to_remedy(_reason_for_no_margins(observations))
     else:
         return _decision_to_raise_gains(observations, loop)
-    # In these cases the slow rate itself is the doubt that keeps gains from being computed.
+    # The slow rate itself is then the doubt that keeps gains from being computed.
     reason = tracking.replace(action=action)
     return LoopDecision(axis, LoopDiagnosis.FOLLOWS_BADLY, reason, action, doubts=(reason,))
 

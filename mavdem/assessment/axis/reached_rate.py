@@ -135,7 +135,7 @@ def _long_intervals(series: TimeSeries, is_selected: Flags) -> list[Segment]:
     Returns:
         The intervals, in time order, each within one boot.
     """
-    # With a row that is not selected at each end, every run of selected rows has a first row and an end.
+    # An unselected row is added at each end, so that every run of selected rows has a first row and an end.
     padded_flags = np.concatenate([[False], is_selected, [False]])
     changes = np.flatnonzero(np.diff(padded_flags))
     intervals = []

@@ -257,11 +257,11 @@ class Line(NamedTuple):
         first_samples = np.searchsorted(self.x, np.append(grid[::2], end_of_grid))
         pair_count = len(grid) // 2
         sample_counts = np.diff(first_samples)[:pair_count]
-        # With as many samples as grid points, three of them may fall into one pair.
+        # Three samples may fall into one pair of grid points, even if there are no more samples than grid points.
         crowded_pairs = np.flatnonzero(sample_counts > MAX_SAMPLES_DRAWN_SINGLY)
         if not len(crowded_pairs):
             return interpolated_y
-        # reduceat takes the extreme from each first sample up to the next one; fmin and fmax pass over NaN.
+        # NumPy's reduceat takes the extreme from each first sample up to the next one; fmin and fmax pass over NaN.
         starts = np.minimum(first_samples[:-1], len(self.x) - 1)
         minimum = np.fmin.reduceat(self.y, starts)[crowded_pairs]
         maximum = np.fmax.reduceat(self.y, starts)[crowded_pairs]

@@ -137,7 +137,7 @@ def _response_charts(
             measured_response.step_half,
         )
     ]
-    # On the logarithmic axis the lower end of the band must stay above zero.
+    # The axis is logarithmic, so that the lower end of the band must stay above zero.
     low = np.maximum(
         measured_response.gain - measured_response.gain_half,
         measured_response.gain / MIN_GAIN_RATIO,

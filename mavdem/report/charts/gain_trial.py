@@ -148,7 +148,7 @@ def _motion_chart(title: str, motion: TwinMotion, is_drawn: Flags) -> Chart:
     errors = f"{motion.present_error:.2g} → {motion.expected_error:.2g}°"
     time = motion.time[is_drawn]
     lines = []
-    # In a hover the setpoint is 0 throughout, which needs no line.
+    # The setpoint of a hover is 0 throughout and needs no line.
     if np.any(motion.setpoint):
         setpoint = np.degrees(motion.setpoint[is_drawn])
         lines.append(Line("setpoint", TRUTH, time, setpoint, style=LineStyle.DASHES))

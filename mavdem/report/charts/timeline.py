@@ -566,7 +566,7 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
     voltage_lines = []
     for (number, samples), colour in zip(history.voltages.items(), cycle(DISTINCT), strict=False):
         if len(samples) > 1:
-            # As in a log, the number is shown only where there are several batteries.
+            # The number is shown only where there are several batteries, as for a log.
             name = battery_name(number) if len(history.voltages) > 1 else "battery"
             voltage_time, voltage = samples.T
             line = Line(name, colour, voltage_time, voltage)

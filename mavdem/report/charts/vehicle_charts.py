@@ -192,7 +192,7 @@ def _charted_quantities(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Esti
     yield "Vibration level, first IMU (m/s²)", {"level": level}
     input_units = sorted({row.per_input for flight in flights for row in flight if row.damping})
     for quantity in AXIS_QUANTITIES:
-        # With the demand as its input, a time constant includes the mixer: such flights have a chart of their own.
+        # A time constant includes the mixer if the input is the demand: such flights have a chart of their own.
         if quantity.is_per_input and len(input_units) > 1:
             for unit in input_units:
                 title = f"{quantity.title}, per {unit}" if unit else quantity.title
@@ -234,7 +234,7 @@ def _trims_without_lean(flights: Sequence[AxisRows]) -> Estimates:
         return {}
     assert latest.signatures is not None
     deviations = deviations_of_motors(level_balances(balances), latest.signatures)
-    # By motor, flight, and the pair of estimate and half width.
+    # The axes of the array are the motor, the flight, and the pair of estimate and half width.
     trims = np.full((len(latest.motors), len(flights), 2), np.nan)
     trims[:, flight_numbers, 0] = PERCENT * deviations.estimates.T
     trims[:, flight_numbers, 1] = PERCENT * deviations.half_widths.T

@@ -311,7 +311,7 @@ def _vehicle_sections(
     shared_names = {summary.name for summary in summaries if summary.has_shared_name}
     vehicles = {}
     for name, vehicle in vehicles_with_section(summaries).items():
-        # By a baseline a user says that flights under a shared name are of one vehicle, and then motors are judged.
+        # A baseline says that the flights under a shared name are of one vehicle, and then motors are judged.
         if name not in shared_names or vehicle.health != UNKNOWN:
             vehicles[name] = vehicle
     names_by_urgency = sorted(vehicles, key=lambda name: (vehicles[name].urgency, name))

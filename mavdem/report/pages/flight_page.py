@@ -636,7 +636,7 @@ def _wind_chapter(assessment: Assessment, analysis: LogAnalysis) -> Chapter:
         The chapter, with sentences, and the wind rose where it can be drawn.
     """
     blocks: Blocks = []
-    # Of other vehicles than multirotors the wind is not judged. The page says so at its top, and not here again.
+    # The wind is judged for multirotors alone. For other vehicles the page says so at its top, and not here again.
     if assessment.lights[Light.WIND].code is not Unjudged.MULTIROTORS_ONLY:
         blocks += air_blocks(assessment)
     if analysis.learned is not None:

@@ -264,6 +264,6 @@ def _fact_beside_decision(fact: Fact, decision: LoopDecision | None) -> Fact | N
     if fact.code is decision.reason.code:
         return None
     if fact.is_good and decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY:
-        # With this figure the sentence says that the axis does not follow its setpoint.
+        # This figure makes the sentence say that the axis does not follow its setpoint.
         return fact.replace(follows=False)
     return fact
