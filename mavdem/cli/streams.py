@@ -103,13 +103,13 @@ def escape_unprintable(text: object) -> str:
     r"""Returns text in which control characters are replaced by Python's escapes, such as ``\n`` or ``\x1b``.
 
     Names of files and texts from logs may contain line breaks, escape sequences that terminals obey, and marks that
-    reverse the direction of writing.
+    reverse the direction of writing. No-break spaces, which pages have between a number and its unit, become spaces.
 
     Args:
         text: object to print; it is converted to a string.
     """
     printable_characters = []
-    for character in str(text):
+    for character in str(text).replace("\N{NO-BREAK SPACE}", " "):
         if not character.isprintable():
             character = character.encode("unicode_escape").decode()
         printable_characters.append(character)

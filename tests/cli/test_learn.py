@@ -101,6 +101,8 @@ def test_names_do_not_reach_the_terminal_as_what_it_obeys(capsys):
     said = "".join(capsys.readouterr())
     assert "\\x1b[31m" in said and "\\x1b]0;" in said and "\\u202e.tlog:" in said
     assert said.replace("\n", "").isprintable()
+    print_blocks([Table(["range"], [["12\N{NO-BREAK SPACE}V"]])])
+    assert "12 V" in capsys.readouterr().out
 
 
 def test_a_table_of_more_numbers_than_fit_is_printed_in_parts(capsys):
