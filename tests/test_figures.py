@@ -354,6 +354,8 @@ def near(now, before):
     """Whether codes are the same, and numbers but for what processors round in their own ways."""
     if isinstance(before[0], str):
         return now == before
-    spread = before[4] if len(before) > MANY else 1e-5
+    # A figure that never changes has a spread of its rounding alone, zero or not.
+    rounding = 1e-12 * max(map(abs, before))
+    spread = max(before[4], rounding) if len(before) > MANY else 1e-5
     is_alike = [*map(type, now)] == [*map(type, before)]  # whole numbers stay whole
     return is_alike and now == approx(before, rel=PRECISION, abs=PRECISION * spread)
