@@ -352,7 +352,7 @@ def _first_event_distorting_outputs(events: Sequence[Fact], ending: Fact | None)
 
     Args:
         events: events of the log, each a fact (a coded finding) with its time.
-        ending: event with which the flight was lost; None if it was not.
+        ending: event with which the flight was lost; None if the flight was not lost.
 
     Returns:
         The first such event; None if there was none.

@@ -78,8 +78,8 @@ def attitude_losses(
             until then is judged by its error and duration up to then; in a record that ended it is serious.
 
     Returns:
-        An event for each loss. Its code is ``ATTITUDE_CAUGHT`` if the loss was recovered or harmless; that of the last
-        one may be ``TIPPED``, ``HIT`` or ``ATTITUDE_LOST`` instead.
+        An event for each loss. Its code is ``ATTITUDE_CAUGHT`` if the loss was recovered or harmless; the last one may
+        have the code ``TIPPED``, ``HIT`` or ``ATTITUDE_LOST`` instead.
     """
     events = []
     latest_end = float(error.time[-1]) if is_ongoing else inf

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from mavdem.facts import Fact, Level
 from mavdem.facts.events import ReportedEvent
 from mavdem.files import load_adjacent_toml
-from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.telemetry import Columns, Telemetry
 
 
 class TextPattern(NamedTuple):
@@ -108,18 +108,10 @@ def status_texts(telemetry: Telemetry) -> list[StatusText]:
     columns = telemetry.messages.get("STATUSTEXT", {})
     if "text" not in columns:
         return []
-    message_count = len(columns["time"])
-    fields = []
-    for field_name in ("time", "boot", "severity", "id", "chunk_seq", "text"):
-        if field_name in columns:
-            fields.append(columns[field_name].tolist())
-        else:
-            # Older logs lack some fields, such as ``id``. They count as 0.
-            fields.append([0] * message_count)
     texts: list[StatusText] = []
     # The index in ``texts`` of the latest text with each id.
     latest_index = dict[int, int]()
-    for time, boot, severity, text_id, chunk_number, content in zip(*fields, strict=True):
+    for time, boot, severity, text_id, chunk_number, content in _status_messages(columns):
         chunk = content.decode(errors="replace") if isinstance(content, bytes) else content
         # Autopilots use an id again for another text, whose first chunk has the number 0.
         continues_text = text_id != 0 and chunk_number != 0 and text_id in latest_index
@@ -130,6 +122,23 @@ def status_texts(telemetry: Telemetry) -> list[StatusText]:
             latest_index[text_id] = len(texts)
             texts.append(StatusText(time, boot, severity, chunk))
     return [text._replace(text=text.text.strip()) for text in texts]
+
+
+def _status_messages(columns: Columns) -> Iterator[tuple[Any, ...]]:
+    """Yields time, boot, severity, id, number of the chunk, and text of each message STATUSTEXT.
+
+    Args:
+        columns: the messages as columns, by name of the field. Older logs lack some fields, such as ``id``; such a
+            field is 0 in all messages.
+    """
+    message_count = len(columns["time"])
+    fields = []
+    for field_name in ("time", "boot", "severity", "id", "chunk_seq", "text"):
+        if field_name in columns:
+            fields.append(columns[field_name].tolist())
+        else:
+            fields.append([0] * message_count)
+    yield from zip(*fields, strict=True)
 
 
 def reported_problems(telemetry: Telemetry) -> list[Fact]:

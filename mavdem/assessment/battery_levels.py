@@ -87,7 +87,7 @@ def voltage_levels(parameters: Parameters, number: int, cells: int) -> Limits:
         cells: number of cells in series; 0 if it is not known, so that the parameters alone decide.
 
     Returns:
-        The limits; 0 if neither parameters nor cells are known.
+        The limits; 0 if neither the parameters nor the number of cells is known.
     """
     # ArduPilot's parameters are BATT_… for the first battery, and BATT2_… for the second.
     prefix = "BATT_" if number == FIRST_BATTERY else f"BATT{number}_"
@@ -159,7 +159,7 @@ def batteries_worst_first(signals: Signals) -> list[Battery]:
         signals: signals of the vehicle, with its batteries and parameters.
 
     Returns:
-        The batteries, the emptiest first; those that are not measured come last.
+        The batteries, the emptiest first; batteries that are not measured come last.
     """
     parameters = signals.telemetry.parameters
 

@@ -181,7 +181,7 @@ def _find_oscillation(signals: Signals, settled_segments: Segments) -> Oscillati
 
 
 def _trim_intervals(motors: MotorOutputs, settled_segments: Segments) -> tuple[float | None, ...]:
-    """Returns the uncertainty of each motor's trim, its mean output relative to that of all motors.
+    """Returns the uncertainty of the trim of each motor: its mean output relative to the mean of all motors.
 
     With the output u_i of motor i, and the mean m of the outputs of all motors at the same time, the trim is the ratio
     of means E[u_i]/E[m]; it is 1 for a motor that does as much as the others. To first order (delta method) the error
@@ -339,22 +339,29 @@ def _battery_figures(battery: Battery, segments: Segments) -> BatteryFigures | N
     voltage = battery.voltage.values[is_in_segment]
     is_at_start = (boot == boot[0]) & (time <= time[0] + AVERAGING_SECONDS)
     is_at_end = (boot == boot[-1]) & (time >= time[-1] - AVERAGING_SECONDS)
-    mean_current = None
-    largest_current = None
-    if battery.current is not None:
-        current = battery.current.values[in_segments(battery.current, *segments, slack=0)]
-        # A negative current means "not measured". A current of 0 in flight means a sensor that is missing or not
-        # calibrated.
-        is_measured = len(current) > 0 and current.min() > 0
-        if is_measured:
-            mean_current = current.mean()
-            largest_current = current.max()
+    current = _measured_current(battery, segments)
     return BatteryFigures(
         number=battery.number,
         voltage_start=np.median(voltage[is_at_start]),
         voltage_end=np.median(voltage[is_at_end]),
         voltage_mean=voltage.mean(),
         voltage_min=voltage.min(),
-        current_mean=mean_current,
-        current_max=largest_current,
+        current_mean=None if current is None else current.mean(),
+        current_max=None if current is None else current.max(),
     )
+
+
+def _measured_current(battery: Battery, segments: Segments) -> Array | None:
+    """Returns the current of a battery in some segments, A; None if it was not measured there.
+
+    Args:
+        battery: voltage, current and charge of the battery over time.
+        segments: segments of the flight that are evaluated.
+    """
+    if battery.current is None:
+        return None
+    current = battery.current.values[in_segments(battery.current, *segments, slack=0)]
+    # A negative current means "not measured". A current of 0 in flight means a sensor that is missing or not
+    # calibrated.
+    is_measured = len(current) > 0 and current.min() > 0
+    return current if is_measured else None

@@ -138,7 +138,7 @@ class ContactSearch:
             interval: start and end of the time to examine, s.
 
         Returns:
-            The time, s since boot; None if it was not, or no vertical speed was recorded.
+            The time, s since boot; None if no speed was lost suddenly, or no vertical speed was recorded.
         """
         climb_rate = series_of_boot(self.sensors.signals.climb_rate, self.sensors.boot)
         if climb_rate is None:

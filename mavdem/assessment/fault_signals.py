@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from mavdem.arrays import Flags
 from mavdem.assessment.lights.power import BOARD_VOLTAGE_LIMITS, POSSIBLE_BOARD_VOLTAGE
-from mavdem.dataset.batteries import battery_columns, battery_name
+from mavdem.dataset.batteries import BatteryColumns, battery_columns, battery_name
 from mavdem.dataset.signals import Signals
 from mavdem.facts.events import ReportedEvent
 from mavdem.ingest.mavlink.dialect import mavlink_constant
@@ -197,14 +197,7 @@ def _battery_faults(signals: Signals) -> Iterator[FaultSignal]:
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
     """
-    reporting_batteries = []
-    for battery in battery_columns(signals.telemetry):
-        # The state 0 is "undefined": a battery that never has another one reports nothing.
-        if battery.columns.get("charge_state", np.zeros(0)).any():
-            reporting_batteries.append(battery)
-    batteries = [battery for battery in reporting_batteries if battery.message == "BATTERY_STATUS"]
-    if not batteries:
-        batteries = reporting_batteries
+    batteries = _batteries_with_charge_state(signals.telemetry)
     has_several_batteries = len(batteries) > 1 or len(signals.batteries) > 1
     for battery in batteries:
         name = battery_name(battery.number)
@@ -221,6 +214,23 @@ def _battery_faults(signals: Signals) -> Iterator[FaultSignal]:
         }
         for code, is_faulty in flags_by_code.items():
             yield FaultSignal(battery.message, is_faulty, code, subject, battery.columns, name)
+
+
+def _batteries_with_charge_state(telemetry: Telemetry) -> list[BatteryColumns]:
+    """Returns the messages on batteries that report a charge state; only BATTERY_STATUS if that does.
+
+    Args:
+        telemetry: messages of the vehicle.
+    """
+    reporting_batteries = []
+    for battery in battery_columns(telemetry):
+        # The state 0 is "undefined": a battery that never has another one reports nothing.
+        if battery.columns.get("charge_state", np.zeros(0)).any():
+            reporting_batteries.append(battery)
+    by_battery_status = [
+        battery for battery in reporting_batteries if battery.message == "BATTERY_STATUS"
+    ]
+    return by_battery_status or reporting_batteries
 
 
 def _sensor_faults(

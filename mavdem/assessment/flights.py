@@ -129,7 +129,7 @@ def _never_flew(signals: Signals, boot: int) -> bool:
 
 
 def merge_close_intervals(intervals: Intervals, gap: float) -> Intervals:
-    """Merges intervals that begin less than ``gap`` seconds after the end of the one before.
+    """Merges intervals that begin less than ``gap`` seconds after the end of the interval before.
 
     Args:
         intervals: intervals (start, end), s, in ascending order.

@@ -1,7 +1,7 @@
 """Jumps of the GPS position: fixes that are further apart than the motion before and after them explains.
 
 An estimator's flag for a "glitch" of GPS is no jump of the position. PX4 sets it for any innovation of GPS beyond its
-limit, that of the vertical velocity too (``Ekf::get_ekf_soln_status``), and ArduPilot while the receiver's accuracy is
+limit, also for the vertical velocity (``Ekf::get_ekf_soln_status``), and ArduPilot while the receiver's accuracy is
 poor (``NavEKF3_core::calcGpsGoodForFlight``). So the positions themselves are looked at.
 """
 

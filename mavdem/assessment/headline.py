@@ -231,8 +231,8 @@ def headline_by_lights(lights: NamedFacts) -> Fact:
         lights: the status lights by name; no light of the vehicle is bad.
 
     Returns:
-        The first light of the vehicle that is to be watched or, without one, that nothing is wrong with those that were
-        checked.
+        The first light of the vehicle that is to be watched. Without one, the fact that nothing is wrong with the
+        lights that were checked.
     """
     return _first_fact_to_watch([lights[name] for name in VEHICLE_LIGHTS], lights)
 
@@ -241,7 +241,7 @@ def _first_fact_to_watch(facts: Iterable[Fact], lights: NamedFacts) -> Fact:
     """Returns the first fact that is to be watched or, without one, that nothing is wrong with what was checked.
 
     Args:
-        facts: facts of which none is bad, the most important first.
+        facts: facts, the most important first; none of them is bad.
         lights: the status lights by name; no light of the vehicle is bad.
     """
     for fact in facts:
@@ -257,9 +257,9 @@ def _nothing_wrong_fact(lights: NamedFacts) -> Fact:
         lights: the facts of the status lights by name; no light of the vehicle is bad or to be watched.
 
     Returns:
-        A fact with the names of the lights that are good and of those that are unknown. It is good only if the motors
-        and at least ``MIN_CHECKED_LIGHTS`` lights were checked. For a vehicle that is not a multirotor it has the
-        ``kind`` of vehicle.
+        A fact with the names of the lights that are good, and the names of the lights that are unknown. It is good only
+        if the motors and at least ``MIN_CHECKED_LIGHTS`` lights were checked. For a vehicle that is not a multirotor it
+        has the ``kind`` of vehicle.
     """
     checked_lights = [name for name in VEHICLE_LIGHTS if lights[name].is_good]
     unchecked_lights = [name for name in VEHICLE_LIGHTS if name not in checked_lights]

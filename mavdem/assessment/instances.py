@@ -168,8 +168,8 @@ def _measured_state(values: Array) -> Fact:
 def _battery_instances(evidence: Evidence) -> Iterator[Instance]:
     """Yields the batteries with their voltages, V, judged by the same limits as the status light "power".
 
-    The state of a battery is the worst fact of its voltage in flight and of the autopilot's warnings about it. If there
-    are none, the state only says whether the voltage was measured.
+    The state of a battery is the worst of these facts: its voltage in flight, and the autopilot's warnings about it. If
+    there are none, the state only says whether the voltage was measured.
 
     Args:
         evidence: signals of the vehicle and what was measured of them.
@@ -321,7 +321,6 @@ def _barometer_instances(evidence: Evidence) -> Iterator[Instance]:
     telemetry = evidence.signals.telemetry
     number_in_use = telemetry.parameters.get(BAROMETER_PARAMETER)
     reference_number = primary_barometer(telemetry)
-    reference = recorded_series(telemetry, BAROMETERS[reference_number], "altitude")
     for number, message in enumerate(BAROMETERS):
         quantity, unit = "altitude", "m"
         measured = recorded_series(telemetry, message, "altitude")
@@ -332,13 +331,10 @@ def _barometer_instances(evidence: Evidence) -> Iterator[Instance]:
             continue
         values_in_flight = _values_in_flight(evidence, measured)
         state = _measured_state(values_in_flight)
-        is_compared = quantity == "altitude" and number != reference_number
-        if is_compared and reference is not None:
-            difference = _largest_difference(evidence, measured, reference)
-            if difference > MAX_HEIGHT_DIFFERENCE:
-                # Messages are numbered from 0, names of barometers from 1.
-                reference_name = f"barometer {reference_number + 1}"
-                state = Fact(InstanceState.DISAGREES, height=difference, name=reference_name)
+        if quantity == "altitude" and number != reference_number:
+            disagreement = _disagreement_with_barometer(evidence, measured, reference_number)
+            if disagreement is not None:
+                state = disagreement
         fraction_of_use = None
         if number_in_use is not None:
             fraction_of_use = float(number == number_in_use)
@@ -352,6 +348,28 @@ def _barometer_instances(evidence: Evidence) -> Iterator[Instance]:
             state=state,
             used_share=fraction_of_use,
         )
+
+
+def _disagreement_with_barometer(
+    evidence: Evidence, altitude: TimeSeries, reference_number: int
+) -> Fact | None:
+    """Returns the state of a barometer whose altitude in flight contradicts another barometer; None if they agree.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+        altitude: (N,) altitude of the barometer, m.
+        reference_number: number of the other barometer, from 0.
+    """
+    reference_message = BAROMETERS[reference_number]
+    reference = recorded_series(evidence.signals.telemetry, reference_message, "altitude")
+    if reference is None:
+        return None
+    difference = _largest_difference(evidence, altitude, reference)
+    if difference <= MAX_HEIGHT_DIFFERENCE:
+        return None
+    # Messages are numbered from 0, names of barometers from 1.
+    reference_name = f"barometer {reference_number + 1}"
+    return Fact(InstanceState.DISAGREES, height=difference, name=reference_name)
 
 
 def _largest_difference(evidence: Evidence, altitude: TimeSeries, reference: TimeSeries) -> float:

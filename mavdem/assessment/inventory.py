@@ -95,7 +95,7 @@ def inventory(log: Log, vehicles: Sequence[VehicleContents] | None = None) -> Js
 
 
 def vehicle_contents(telemetry: Telemetry, log: Log) -> VehicleContents:
-    """Returns the contents of a log on one vehicle, that of this ``telemetry``."""
+    """Returns what a log contains on the vehicle of this ``telemetry``."""
     signals = Signals(telemetry)
     learnability = learnability_of(signals, log.components)
     identity = identify_vehicle(signals, log.receive_time[0])

@@ -1,9 +1,10 @@
 """Confidence intervals of the mean of correlated samples, by the equal-weighted cosine estimator.
 
-Neighbouring samples of a flight are correlated, so that the variance of a mean is not that of the samples over their
-number. The error of a mean over T seconds is decided by the slowest part of the series, below about 1/T. The estimator
-projects the series on q cosines, √2 cos(π j t/T) for j = 1 … q. Each projection has the variance of the mean, if the
-spectrum is flat up to q/(2T). So the mean square of the projections estimates that variance, with q degrees of freedom.
+Neighbouring samples of a flight are correlated, so that the variance of a mean is not the variance of the samples
+divided by their number. The error of a mean over T seconds is decided by the slowest part of the series, below about
+1/T. The estimator projects the series on q cosines, √2 cos(π j t/T) for j = 1 … q. Each projection has the variance of
+the mean, if the spectrum is flat up to q/(2T). So the mean square of the projections estimates that variance, with q
+degrees of freedom.
 
 References:
     E. Lazarus, D. J. Lewis, J. H. Stock and M. W. Watson, "HAR Inference: Recommendations for Practice", Journal of

@@ -151,8 +151,8 @@ def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Ite
         elif not in_intervals(event.start_time, times_out_of_control):
             yield event
     if flights:
-        events_of_last_flight = flight_events
-        end_event = end_in_air(signals, boot, flights[-1], error.time[-1], events_of_last_flight)
+        # After the loop these are the events of the last flight.
+        end_event = end_in_air(signals, boot, flights[-1], error.time[-1], flight_events)
         if end_event is not None:
             yield end_event
 

@@ -66,7 +66,7 @@ class FailureCommands(NamedTuple):
     """(k,) medians of the interval."""
 
     def others(self, commands: Array) -> float:
-        """Returns the mean of some commands (k,) without that of the motor that failed."""
+        """Returns the mean of commands (k,) without the motor that failed."""
         return float(np.delete(commands, self.motor).mean())
 
 
@@ -333,8 +333,8 @@ def _start_of_climb(usual: TimeSeries, until_failure: TimeSeries, motor: int) ->
         motor: index of the motor.
 
     Returns:
-        The time, s since boot; that of the first sample if the command was always higher than usual, and of the last
-        one if it is as usual there.
+        The time, s since boot. It is the time of the first sample if the command was always higher than usual, and the
+        time of the last sample if the command is as usual there.
     """
     usual_limit = np.quantile(_mean_excess(usual, motor), USUAL_QUANTILE)
     excess = _mean_excess(until_failure, motor)

@@ -40,7 +40,7 @@ def with_sensor_evidence(
         reports: events that the autopilot reports.
 
     Returns:
-        All losses, in the same order; those that name no motor, or about which nothing was recorded, are unchanged.
+        All losses, in the same order; events that name no motor, or about which nothing was recorded, are unchanged.
     """
     completed_losses = []
     for loss in losses:

@@ -520,14 +520,15 @@ def _estimator_changes(signals: Signals, recorded_span: Segment) -> Iterator[Fac
         is_selected = columns["boot"] == recorded_span.boot
         values = columns[counting_field.field][is_selected]
         times = columns["time"][is_selected]
-        for row in 1 + np.flatnonzero(values[1:] != values[:-1]):
-            subject = counting_field.subject.format(int(values[row]))
+        changed_samples = 1 + np.flatnonzero(np.diff(values))
+        for sample in changed_samples:
+            subject = counting_field.subject.format(int(values[sample]))
             yield _reported_event(
                 signals,
                 recorded_span,
                 counting_field.message,
                 counting_field.code,
-                times[row],
+                times[sample],
                 subject=subject,
             )
 
@@ -558,6 +559,8 @@ def _lasting_faults(
         faulty_intervals = true_intervals(columns["time"][is_in_boot], fault.is_faulty[is_in_boot])
         for faulty_interval in faulty_intervals:
             _, end = faulty_interval
+            is_permanent = end == inf
+            # A fault begins as an event where the motors are armed while it lasts.
             for start, _ in intersection([faulty_interval], armed_spans):
                 event = _reported_event(
                     signals,
@@ -565,7 +568,7 @@ def _lasting_faults(
                     fault.message,
                     fault.code,
                     start,
-                    end_time=None if end == inf else end,
+                    end_time=None if is_permanent else end,
                     subject=fault.subject,
                 )
-                yield event.replace(is_permanent=True) if end == inf else event
+                yield event.replace(is_permanent=True) if is_permanent else event

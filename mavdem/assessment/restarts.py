@@ -17,10 +17,10 @@ from mavdem.assessment.autopilot_messages import StatusText, status_texts
 from mavdem.assessment.flights import flights_in_boot
 from mavdem.containers import Names
 from mavdem.dataset.flight_states import armed_intervals
-from mavdem.dataset.intervals import in_intervals, intersection
+from mavdem.dataset.intervals import intersection
 from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.time_series import series_of_boot
+from mavdem.dataset.time_series import TimeSeries, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.facts import Fact
 from mavdem.facts.events import ReportedEvent
@@ -217,24 +217,34 @@ def _fall_at_start(signals: Signals, recorded_span: Segment) -> FallAtStart | No
     climb_rate = series_of_boot(signals.climb_rate, recorded_span.boot)
     if height is None or climb_rate is None:
         return None
-    end = recorded_span.start + FALL_SECONDS
-    time = height.time[height.time <= end]
-    heights = height.values[height.time <= end]
-    speeds = climb_rate.values[climb_rate.time <= end]
-    if not len(heights) or not len(speeds) or speeds.min() > -MIN_FALL_SPEED:
+    searched_interval = (-np.inf, recorded_span.start + FALL_SECONDS)
+    height = height.within(searched_interval)
+    climb_rate = climb_rate.within(searched_interval)
+    if not len(height.time) or not len(climb_rate.time):
         return None
-    # How far the vehicle is below the highest point so far, at each sample.
-    drops = np.maximum.accumulate(heights) - heights
+    if climb_rate.values.min() > -MIN_FALL_SPEED:
+        return None
+    # How far the vehicle is below the highest point so far, m, at each sample.
+    drops = np.maximum.accumulate(height.values) - height.values
     descent = float(drops.max())
     # The fall ended at the first sample near the lowest point.
-    last_row_of_fall = int(np.argmax(drops >= descent - MAX_HEIGHT_AT_REST))
-    fall_end = float(time[last_row_of_fall])
-    heights_after = heights[last_row_of_fall:]
-    seconds_after = time[-1] - fall_end
-    rests = np.ptp(heights_after) <= MAX_HEIGHT_AT_REST and seconds_after >= MIN_REST_SECONDS
-    is_just_before = in_intervals(climb_rate.time, [(fall_end - MAX_STOP_SECONDS, fall_end)])
-    was_fast = (climb_rate.values[is_just_before] <= -MIN_IMPACT_SPEED).any()
-    return FallAtStart(descent, impact=fall_end if rests and was_fast else None)
+    last_sample_of_fall = int(np.argmax(drops >= descent - MAX_HEIGHT_AT_REST))
+    fall_end = float(height.time[last_sample_of_fall])
+    rests_after_fall = _is_at_rest(height.select(slice(last_sample_of_fall, None)))
+    before_fall_end = climb_rate.within((fall_end - MAX_STOP_SECONDS, fall_end))
+    was_fast = (before_fall_end.values <= -MIN_IMPACT_SPEED).any()
+    return FallAtStart(descent, impact=fall_end if rests_after_fall and was_fast else None)
+
+
+def _is_at_rest(height: TimeSeries) -> bool:
+    """Returns whether a height stays constant, up to ``MAX_HEIGHT_AT_REST``, for at least ``MIN_REST_SECONDS``.
+
+    Args:
+        height: (N,) heights, m, at least one.
+    """
+    duration = height.time[-1] - height.time[0]
+    height_range = np.ptp(height.values)
+    return bool(height_range <= MAX_HEIGHT_AT_REST and duration >= MIN_REST_SECONDS)
 
 
 def _tilts_far_at_start(signals: Signals, recorded_span: Segment) -> bool:
@@ -244,10 +254,9 @@ def _tilts_far_at_start(signals: Signals, recorded_span: Segment) -> bool:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         recorded_span: recorded time of the boot.
     """
+    end_time = recorded_span.start + FALL_SECONDS
     for tilt in signals.tilts:
-        is_of_fall = (tilt.boot == recorded_span.boot) & (
-            tilt.time <= recorded_span.start + FALL_SECONDS
-        )
-        if (abs(tilt.angle[is_of_fall]) > MIN_FALL_TILT).any():
+        is_at_start = (tilt.boot == recorded_span.boot) & (tilt.time <= end_time)
+        if (abs(tilt.angle[is_at_start]) > MIN_FALL_TILT).any():
             return True
     return False

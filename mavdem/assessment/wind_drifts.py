@@ -103,22 +103,32 @@ class _DriftTotals:
     latest_time: float = -inf
     """Time of its latest sample, s on the boot clock."""
 
-    count: int = 0
+    sample_count: int = 0
     """Number of samples."""
 
-    lean: float = 0.0
-    """Sum of their leans, rad."""
+    sum_of_leans: float = 0.0
+    """Sum of the samples' leans, rad."""
 
-    opposing_speed: float = 0.0
-    """Sum of their speeds against the thrust, m/s."""
+    sum_of_opposing_speeds: float = 0.0
+    """Sum of the samples' speeds against the thrust, m/s."""
+
+    @property
+    def mean_lean(self) -> float:
+        """Mean lean of the samples, rad; there is at least one."""
+        return self.sum_of_leans / self.sample_count
+
+    @property
+    def mean_opposing_speed(self) -> float:
+        """Mean speed of the samples against the thrust, m/s; there is at least one."""
+        return self.sum_of_opposing_speeds / self.sample_count
 
     def add(self, sample: DriftSample) -> None:
         """Adds a sample, unless it was added before."""
         if sample.time > self.latest_time:
             self.latest_time = sample.time
-            self.count += 1
-            self.lean += sample.lean
-            self.opposing_speed += sample.opposing_speed
+            self.sample_count += 1
+            self.sum_of_leans += sample.lean
+            self.sum_of_opposing_speeds += sample.opposing_speed
 
 
 class WindDriftDetector:
@@ -137,20 +147,20 @@ class WindDriftDetector:
     def latest(self) -> Fact | None:
         """The latest drift as an event, without an end while it lasts; None before any.
 
-        Its figures are means over the drift: ``lean``, rad, and ``speed`` against the thrust, m/s, with the
-        ``distance`` that this makes, m.
+        Its figures are means over the drift: ``lean``, rad, and ``speed`` against the thrust, m/s. The ``distance``, m,
+        is this speed times the duration from the first sample to the latest.
         """
         drift = self._drift
         if drift is None:
             return None
-        mean_speed = drift.opposing_speed / drift.count
+        duration = drift.latest_time - drift.start_time
         return Fact(
             MotionEvent.CARRIED_AWAY,
             time=drift.start_time,
             end_time=self._end_time,
-            lean=drift.lean / drift.count,
-            speed=mean_speed,
-            distance=mean_speed * (drift.latest_time - drift.start_time),
+            lean=drift.mean_lean,
+            speed=drift.mean_opposing_speed,
+            distance=drift.mean_opposing_speed * duration,
             boot=self._boot,
         )
 
@@ -160,7 +170,9 @@ class WindDriftDetector:
         return self._drift is not None and self._end_time is None
 
     def add_sample(self, sample: DriftSample, parameters: Parameters) -> None:
-        """Takes the next sample of the flight; one that follows another too closely is not used.
+        """Takes the next sample of the flight, which begins, continues or ends a drift.
+
+        A sample less than ``SAMPLE_PERIOD`` after the last one is not used.
 
         Args:
             sample: lean and motion in flight.
@@ -181,7 +193,7 @@ class WindDriftDetector:
             assert self._drift is not None
             self._drift.add(sample)
         elif sample.opposing_speed >= MIN_DRIFT_SPEED:
-            # What has come to rest in the end was braking.
+            # A vehicle that has come to rest by now was braking, and did not drift.
             self._begin_drift()
 
     def _shows_drift(self, parameters: Parameters) -> bool:

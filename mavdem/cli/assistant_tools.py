@@ -80,7 +80,7 @@ class AssistantServer(MCPServer):  # type: ignore[misc]
 
 
 def _argument_error(tool: str, error: ValidationError) -> str:
-    """Returns sentences on the arguments of a tool that are missing, and on those that do not fit.
+    """Returns sentences on the arguments of a tool that are missing or do not fit.
 
     Args:
         tool: Name of the tool that the assistant has called.
@@ -233,7 +233,7 @@ def samples(
 ) -> JsonValues:
     """Returns one field of a log over time, with its smallest, largest and mean value.
 
-    More samples than 500 are thinned evenly; smallest, largest and mean are those of all.
+    More samples than 500 are thinned evenly; the smallest, the largest and the mean value are of all samples.
 
     Args:
         log: Path of a flight log.

@@ -93,7 +93,7 @@ def _combined_options(*decorators: Callable[[Command], Command]) -> Callable[[Co
     """Returns a decorator that adds several options to a command; the help lists them in the given order.
 
     Args:
-        decorators: The decorators, each of which adds one option.
+        decorators: The decorators; each adds one option.
     """
 
     def decorate(command: Command) -> Command:

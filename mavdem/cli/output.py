@@ -34,7 +34,7 @@ def json_text(document: Any, name: str | None = None) -> str:
 
     Args:
         document: Values of the document, or a record that has them.
-        name: Name of the document in ``mavdem.documents.DOCUMENTS``; that of the running command unless given.
+        name: Name of the document in ``mavdem.documents.DOCUMENTS``; the running command unless given.
     """
     name = name or click.get_current_context().command.name or ""
     # Imported here, so that `mavdem --help` does not wait for it.

@@ -149,7 +149,7 @@ def map_flights(
 
     Raises:
         click.BadParameter: A log is named twice.
-        Unreadable, NotLearnable: No log can be used; the error is that of the first one.
+        Unreadable, NotLearnable: No log can be used; the error of the first one is raised.
     """
     refuse_repeated_sources(sources)
     results = {}

@@ -47,7 +47,7 @@ def prepare_streams() -> None:
 
 
 def has_known_width(stream: TextIO) -> bool:
-    """Returns whether a stream has a width: that of a terminal, or of the environment variable COLUMNS."""
+    """Returns whether a stream has a width: it is a terminal, or the environment variable COLUMNS gives the width."""
     return stream.isatty() or "COLUMNS" in os.environ
 
 

@@ -213,7 +213,7 @@ def _fact_or_none(value: Any) -> Any:
 
 
 def _facts_only(values: Any) -> Any:
-    """Returns those of the values that are facts, not plain sentences, as a list; None counts as no values."""
+    """Returns the values that are facts, not plain sentences, as a list; None counts as no values."""
     return [value for value in values or () if isinstance(value, Fact)]
 
 

@@ -278,7 +278,7 @@ class PhysicalInterval(Document):
     @field_validator("effect", mode="before")
     @classmethod
     def _none_if_not_identifiable(cls, effect: Array) -> Array | None:
-        """Returns None in place of half widths of the effectiveness, (r,), of which any is NaN."""
+        """Returns half widths of the effectiveness, (r,), or None if one of them is NaN."""
         return None if np.isnan(effect).any() else effect
 
     effect: list[Effectiveness] | None

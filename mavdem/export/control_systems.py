@@ -85,7 +85,7 @@ def to_control(learned: Learned, model: str = "physical") -> control.StateSpace:
 
 
 def identified_parameters(learned: Learned) -> Physical:
-    """Returns the physical parameters of a model, and warns of those that are biased or poorly known.
+    """Returns the physical parameters of a model, and warns if some are biased or poorly known.
 
     Args:
         learned: the linear model that was learned from a flight, with its training data.

@@ -38,7 +38,7 @@ def convert(
 ) -> JsonValues:
     """Converts a log to the format of the ending of ``out``, and reports what was written.
 
-    A .tlog or .mcap receives every frame with its receive stamp, those that cannot be decoded included, but no bytes
+    A .tlog or .mcap receives every frame with its receive stamp, also frames that cannot be decoded, but no bytes
     between frames. Messages that an MCAP recording has as JSON only become MAVLink 2 frames.
 
     A .csv or .parquet receives the longest usable segment of one vehicle. Where no model can be learned it is the

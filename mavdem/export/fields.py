@@ -141,7 +141,7 @@ def field_samples(
         Times, s since boot, and values.
 
     Raises:
-        ValueError: The log has no such message, field or instance; the error lists those that it has.
+        ValueError: The log has no such message, field or instance; the error lists the fields that it has.
     """
     columns = _message_columns(telemetry, message)
     fields = _numeric_fields(columns)
@@ -197,8 +197,8 @@ def extremes_of_intervals(samples: FieldSamples, intervals: int) -> FieldSamples
         intervals: Number of intervals, at least 1.
 
     Returns:
-        At most twice as many samples as there are intervals, ascending in time, with the samples' own times; without
-        those whose value is NaN.
+        At most twice as many samples as there are intervals, ascending in time, with the samples' own times. Samples
+        whose value is NaN are left out.
     """
     is_known = np.isfinite(samples.values) & np.isfinite(samples.time)
     time, values = samples.time[is_known], samples.values[is_known]

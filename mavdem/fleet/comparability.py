@@ -64,7 +64,7 @@ def incomparability_reason(states: Sequence[Flights]) -> Fact | None:
 
 
 def _known_properties(flights: Flights, property_of: Callable[[FlightRow], str | None]) -> set[str]:
-    """Returns all values of a property that the rows of flights have, without those that are not known or empty.
+    """Returns all values of a property in the rows of flights, without values that are empty or not known.
 
     Args:
         flights: the flights of one state of the vehicle, each as the rows of its axes.

@@ -19,7 +19,7 @@ from mavdem.fleet.quantities import (
     RISE,
     SHARE,
 )
-from mavdem.fleet.row import FlightRow
+from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.immutable import ReadOnlyDict
 
 SD_UNKNOWN_LEAN = 0.07
@@ -92,20 +92,9 @@ def mean_conditions(flights: Flights) -> Conditions:
     """
     # The conditions are the same in the rows of all axes, but for the wind torque.
     first_rows = [log_row(flight) for flight in flights]
-    all_rows: list[FlightRow] = []
+    all_rows: FlightRows = []
     for flight in flights:
         all_rows += flight
-    wind_torques = {}
-    # How the step responses of the rate loop were found, by axis.
-    step_sources = dict[str, Names]()
-    for axis in AXES:
-        rows_of_axis = [row for row in all_rows if row.axis == axis]
-        sources = {row.rate_step_source for row in rows_of_axis if row.rate_step_source}
-        if sources:
-            step_sources[axis] = tuple(sorted(sources))
-        mean_torque = _mean_of_known(row.wind_torque_sd for row in rows_of_axis)
-        if mean_torque is not None:
-            wind_torques[axis] = mean_torque
     return Conditions(
         voltage=_mean_of_known(_measured_voltage(row) for row in first_rows),
         collective=_mean_of_known(row.collective for row in first_rows),
@@ -113,9 +102,40 @@ def mean_conditions(flights: Flights) -> Conditions:
         lean_pitch=_mean_of_known(row.lean_pitch for row in first_rows),
         tilt_sd=_mean_of_known(row.tilt_sd for row in first_rows),
         vibration=_mean_of_known(_largest_vibration(row) for row in first_rows),
-        wind_torque=ReadOnlyDict(wind_torques),
-        step_sources=ReadOnlyDict(step_sources),
+        wind_torque=ReadOnlyDict(_mean_wind_torques(all_rows)),
+        step_sources=ReadOnlyDict(_step_sources(all_rows)),
     )
+
+
+def _mean_wind_torques(rows: FlightRows) -> dict[str, float]:
+    """Returns the mean over flights of the standard deviation of the wind torque, rad/s², by axis.
+
+    Args:
+        rows: the rows of all flights: the figures of one flight on one axis each. An axis on which no flight has a wind
+            torque is left out.
+    """
+    mean_torques = {}
+    for axis in AXES:
+        mean_torque = _mean_of_known(row.wind_torque_sd for row in rows if row.axis == axis)
+        if mean_torque is not None:
+            mean_torques[axis] = mean_torque
+    return mean_torques
+
+
+def _step_sources(rows: FlightRows) -> dict[str, Names]:
+    """Returns by axis how the step responses of the rate loop were found in the flights, each way once.
+
+    Args:
+        rows: the rows of all flights: the figures of one flight on one axis each. An axis without a step response is
+            left out.
+    """
+    step_sources = {}
+    for axis in AXES:
+        sources = {row.rate_step_source for row in rows if row.axis == axis}
+        known_sources = sorted(source for source in sources if source)
+        if known_sources:
+            step_sources[axis] = tuple(known_sources)
+    return step_sources
 
 
 def _largest_vibration(row: FlightRow) -> float | None:

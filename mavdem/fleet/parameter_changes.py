@@ -44,8 +44,8 @@ class ParameterChange(NamedTuple):
 def changed_parameters(before: Parameters, after: Parameters) -> list[ParameterChange]:
     """Returns the autopilot parameters that somebody set to other values between two states.
 
-    Parameters that the autopilot itself sets, such as statistics, are left out, and so are those that only one of the
-    states has: logs need not hold all parameters.
+    Parameters that the autopilot itself sets, such as statistics, are left out. So are parameters that only one of the
+    states has, since logs need not hold all parameters.
 
     Args:
         before: values by the autopilot's name, in the first state.
@@ -82,8 +82,8 @@ def axes_with_other_gains(parameters: Iterable[ParameterChange]) -> Names:
 
     Returns:
         "roll", "pitch" and "yaw", in this order, as far as they are concerned. A parameter of control that names no
-        axis, such as a filter of the gyro, concerns all. Limits, such as that of the integrator or of the commanded
-        rate, and gains of the attitude controller concern no rate loop.
+        axis, such as a filter of the gyro, concerns all. Limits, such as the limit of the integrator or of the
+        commanded rate, and gains of the attitude controller concern no rate loop.
     """
     axes: set[str] = set()
     for parameter in parameters:

@@ -83,14 +83,7 @@ def earlier_drag(path: Path, wind_speed: float | None = None) -> EarlierDrag:
     """
     if path.is_file() and path.name.lower().endswith(LOG_ENDINGS):
         return _drag_of_log(path, wind_speed)
-    if path.is_dir():
-        file = path / REPORT
-        if not file.exists():
-            file = path / WIND_DOCUMENT
-    elif path.name == MODEL:
-        file = path.with_name(REPORT)
-    else:
-        file = path
+    file = _document_with_drag(path)
     try:
         document = json.loads(file_text(file))
         # The wind is one part of a report; the document of `mavdem wind` is the wind itself.
@@ -105,6 +98,20 @@ def earlier_drag(path: Path, wind_speed: float | None = None) -> EarlierDrag:
     if wind_speed is not None and wind.get("speed") == wind_speed:
         raise Unreadable(NoPrior.DRAG_OF_THIS_FLIGHT, path=file)
     return EarlierDrag(drag, vehicle)
+
+
+def _document_with_drag(path: Path) -> Path:
+    """Returns the path of the JSON document that has the drag, where a user gave a folder or a model.
+
+    Args:
+        path: a folder of results, a ``model.json``, which has no drag itself, or the document.
+    """
+    if path.is_dir():
+        report = path / REPORT
+        return report if report.exists() else path / WIND_DOCUMENT
+    if path.name == MODEL:
+        return path.with_name(REPORT)
+    return path
 
 
 def _drag_of_log(path: Path, wind_speed: float | None) -> EarlierDrag:

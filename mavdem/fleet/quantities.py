@@ -174,8 +174,8 @@ def estimate_from_interval(value: float | None, half_width: float | None) -> Est
 def log_estimate(value: float | None, half_width: float | None) -> Estimate | None:
     """Returns the logarithm of a positive quantity with its error.
 
-    The error of ln x is that of x divided by x, to first order. This holds for small errors only, so a value with a
-    wider interval than ``MAX_RELATIVE_HALF_WIDTH`` is left out.
+    To first order, the error of ln x is the error of x divided by x. This holds for small errors only, so a value with
+    a wider interval than ``MAX_RELATIVE_HALF_WIDTH`` is left out.
 
     Args:
         value: the quantity. Its sign is ignored: a motor's effect is negative on one side of the axis.

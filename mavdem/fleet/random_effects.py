@@ -150,7 +150,8 @@ class QuantityChange(NamedTuple):
         minimum detectable difference of sample-size planning (S.-C. Chow, "Sample Size Calculations", sec. 3.2).
 
         Args:
-            significance: significance of the two-sided test of this quantity, such as a fraction of that of all.
+            significance: significance level of the two-sided test of this quantity. In a test of several quantities it
+                is a fraction of the level of all.
         """
         half_width = self.half_width
         if self.quantity.kind in LOGARITHMIC_KINDS:

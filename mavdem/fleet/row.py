@@ -330,7 +330,7 @@ class FlightRow:
 
     @property
     def has_own_name(self) -> bool:
-        """Whether the name of the vehicle is that of one vehicle, whose flights can be compared with each other."""
+        """Whether the name belongs to a single vehicle, whose flights can be compared with each other."""
         return self.vehicle != UNKNOWN and self.vehicle_basis != SYSTEM_ID_BASIS
 
     @property

@@ -65,7 +65,7 @@ def find_logs(
 
     Args:
         names: files, folders, patterns such as ``logs/**/*.bin``, and URLs of all these.
-        excluded_folder: a folder whose files are left out, such as that of the results.
+        excluded_folder: a folder whose files are left out, such as the folder of the results.
 
     Returns:
         The logs, each once, in the order of their paths; and a fact for each name that refers to no log.
@@ -162,17 +162,7 @@ def remote_logs(url: str) -> Iterator[LogSource]:
 
     try:
         system, path = fsspec.core.url_to_fs(url)
-        is_http = "http" in str(system.protocol)
-        if glob.has_magic(path) and not is_http:
-            files = system.glob(path, detail=True)
-        # Over HTTP, isfile() would load the whole file to look for links in it.
-        elif not url.endswith("/") and (is_http or system.isfile(path)):
-            files = {path: system.info(path)}
-        else:
-            files = {}
-            for name, details in system.find(path, detail=True).items():
-                if name.lower().endswith(LOG_ENDINGS):
-                    files[name] = details
+        files = _remote_files(system, path, is_folder=url.endswith("/"))
     # Each file system raises the errors of the library that it uses.
     except Exception as error:
         raise _url_error(url, error, is_fetched=False) from None
@@ -184,6 +174,28 @@ def remote_logs(url: str) -> Iterator[LogSource]:
                 size=UNKNOWN_SIZE if size is None else int(size),
                 version=remote_version(details),
             )
+
+
+def _remote_files(system: Any, path: str, *, is_folder: bool) -> dict[str, Any]:
+    """Returns the properties of the files that a path refers to, by their paths.
+
+    Args:
+        system: file system of fsspec.
+        path: path of a file or a folder in it, or a pattern. A server that is reached by HTTP knows no patterns.
+        is_folder: whether the path is known to be a folder.
+    """
+    is_http = "http" in str(system.protocol)
+    if glob.has_magic(path) and not is_http:
+        files: dict[str, Any] = system.glob(path, detail=True)
+        return files
+    # Over HTTP, isfile() would load the whole file to look for links in it.
+    if not is_folder and (is_http or system.isfile(path)):
+        return {path: system.info(path)}
+    logs = {}
+    for name, details in system.find(path, detail=True).items():
+        if name.lower().endswith(LOG_ENDINGS):
+            logs[name] = details
+    return logs
 
 
 def remote_version(details: Mapping[str, Any]) -> str:

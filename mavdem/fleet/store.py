@@ -174,7 +174,7 @@ class Store:
         return entry_of_unchanged_log is not None
 
     def keys_of_size(self, source: LogSource, limits: JobLimits) -> Names:
-        """Returns the content hashes of the stored logs of which a log may be a copy: those that have its size.
+        """Returns the content hashes of the stored logs that a log may be a copy of, since they have its size.
 
         The process that opens the log compares its hash with these: a copy of a stored log need not be read again.
 
@@ -337,13 +337,13 @@ class Store:
         return (row_of_json(*columns) for columns in found_columns)
 
     def sound_rows(self, query: str, values: Sequence[Any] = ()) -> Iterator[FlightRow]:
-        """Yields the rows that a query with ``values`` finds, as :meth:`rows` does, without those that are damaged."""
+        """Yields the rows that a query with ``values`` finds, as :meth:`rows` does, but without damaged rows."""
         for columns in self.db.execute(query, values):
             with suppress(sqlite3.DatabaseError):
                 yield row_of_json(*columns)
 
     def rows_of(self, sources: Iterable[LogSource]) -> FlightRows:
-        """Returns the rows of these logs, without those that are damaged."""
+        """Returns the rows of these logs, without damaged rows."""
         return self._rows_of("row", sources)
 
     def brief_rows_of(self, sources: Iterable[LogSource]) -> FlightRows:

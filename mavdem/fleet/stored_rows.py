@@ -164,7 +164,7 @@ def _stored_rows(folder: Path, query: str, values: JsonValues) -> FlightRows:
 
 
 def has_brief_rows(db: sqlite3.Connection) -> bool:
-    """Returns whether a store has brief rows, which those of earlier versions have not."""
+    """Returns whether a store has brief rows, which stores of earlier versions lack."""
     query = "select 1 from pragma_table_info('flights') where name = 'brief'"
     return db.execute(query).fetchone() is not None
 
@@ -175,7 +175,7 @@ def damage_of_store(path: Path, error: Exception) -> Fact:
 
 
 def brief_json(row: FlightRow) -> str:
-    """Returns the ``BRIEF_COLUMNS`` of a row as JSON, without those that are not known."""
+    """Returns the ``BRIEF_COLUMNS`` of a row as JSON, without unknown values."""
     values = row.as_dict()
     known_values = {name: values[name] for name in BRIEF_COLUMNS if values[name] not in (None, ())}
     return json.dumps(known_values)
@@ -186,7 +186,7 @@ def row_of_json(text: str, file: str | None = None) -> FlightRow:
 
     Args:
         text: the row as JSON.
-        file: the name of its log in the table; that of the JSON unless given.
+        file: the name of its log in the table; the file in the JSON unless given.
 
     Returns:
         The row: the figures of one flight, vehicle and axis.

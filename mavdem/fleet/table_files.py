@@ -9,11 +9,12 @@ from __future__ import annotations
 import json
 import os
 import sqlite3
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from itertools import islice
 from pathlib import Path
-from typing import Any, get_args, get_origin
+from typing import Any, NamedTuple, get_args, get_origin
 
 from filelock import FileLock
 
@@ -53,9 +54,7 @@ def table_path(folder: Path, number: int = 0) -> Path:
 def update_table(store: Store) -> None:
     """Writes those files of a fleet's table in which a row has changed since they were last written.
 
-    The table ``unpublished`` of the store has a number and a vehicle for each change. Changes up to the last number are
-    deleted after the files are written; later ones stay for the next run. Without pyarrow the files of an earlier table
-    are removed, since they are out of date.
+    Without pyarrow the files of an earlier table are removed, since they are out of date.
 
     Args:
         store: the open SQLite store of the fleet, with the rows of all logs.
@@ -73,22 +72,48 @@ def update_table(store: Store) -> None:
     # meanwhile.
     with FileLock(folder / TABLE_LOCK):
         with store.transaction():
-            changes = store.db.execute("select vehicle from unpublished").fetchall()
-            changed_vehicles = {vehicle for (vehicle,) in changes}
-            writes_all_files = _needs_whole_table(store, changed_vehicles)
-            if writes_all_files:
-                # The files change their vehicles. A run that ends before it has written them all leaves the whole table
-                # to the next one; otherwise some vehicles would be in two files.
-                store.db.execute("insert into unpublished (vehicle) values (null)")
-                store.db.execute("delete from table_files")
-            (last_change,) = store.db.execute("select max(change) from unpublished").fetchone()
-            _assign_vehicles(store.db)
-            outdated_numbers = _outdated_files(store, writes_all_files=writes_all_files)
-        for number in sorted(outdated_numbers):
+            plan = _planned_update(store)
+        for number in sorted(plan.file_numbers):
             write_file(table_path(folder, number), _rows_of_file(store.db, number), folder)
-        if writes_all_files:
-            _remove_other_files(folder, outdated_numbers)
-        store.db.execute("delete from unpublished where change <= ?", [last_change])
+        if plan.writes_all_files:
+            _remove_other_files(folder, plan.file_numbers)
+        # Changes that other runs have made meanwhile stay in the table, for the next update.
+        store.db.execute("delete from unpublished where change <= ?", [plan.last_change])
+
+
+class _PlannedUpdate(NamedTuple):
+    """Which files of a fleet's table are to be written, and the changes of rows that they will contain."""
+
+    file_numbers: set[int]
+    """Numbers of the files to be written."""
+
+    writes_all_files: bool
+    """Whether the whole table is written anew, so that other files of it are out of date."""
+
+    last_change: int | None
+    """Number of the last change in the table ``unpublished``; None if no row has changed."""
+
+
+def _planned_update(store: Store) -> _PlannedUpdate:
+    """Assigns each vehicle to a file of a fleet's table, and returns which files are to be written.
+
+    The SQL table ``unpublished`` has a number and a vehicle for each change of a row since the files were last written.
+
+    Args:
+        store: the open SQLite store of the fleet, in a transaction.
+    """
+    changes = store.db.execute("select vehicle from unpublished").fetchall()
+    changed_vehicles = {vehicle for (vehicle,) in changes}
+    writes_all_files = _needs_whole_table(store, changed_vehicles)
+    if writes_all_files:
+        # Vehicles may move to another file. A run that ends before it has written all files must leave the whole table
+        # to the next one; otherwise some vehicles would be in two files. A change of no vehicle stands for all of them.
+        store.db.execute("insert into unpublished (vehicle) values (null)")
+        store.db.execute("delete from table_files")
+    (last_change,) = store.db.execute("select max(change) from unpublished").fetchone()
+    _assign_vehicles(store.db)
+    file_numbers = _outdated_files(store, writes_all_files=writes_all_files)
+    return _PlannedUpdate(file_numbers, writes_all_files, last_change)
 
 
 def _needs_whole_table(store: Store, changed_vehicles: set[str | None]) -> bool:
@@ -108,7 +133,7 @@ def _needs_whole_table(store: Store, changed_vehicles: set[str | None]) -> bool:
     numbers = store.db.execute("select distinct number from table_files").fetchall()
     for (number,) in numbers:
         path = table_path(store.folder, number)
-        # A missing file is written anyway (:func:`_outdated_files`), and needs not the whole table.
+        # A missing file is written anyway (:func:`_outdated_files`), without the rest of the table.
         if path.is_file() and not has_current_columns(path):
             return True
     # The single file of an earlier version of mavdem has all vehicles, none of which is assigned to it.
@@ -123,22 +148,20 @@ def _assign_vehicles(db: sqlite3.Connection) -> None:
     Args:
         db: the connection to the store, whose table ``table_files`` has the number of the file of each vehicle.
     """
-    row_counts: dict[int, int] = {}
     query = "select number, count(*) from table_files join flights using (vehicle) group by number"
-    for number, row_count in db.execute(query):
-        row_counts[number] = row_count
-    last_number = max(row_counts, default=0)
+    rows_by_file = Counter[int](dict(db.execute(query).fetchall()))
+    last_file = max(rows_by_file, default=0)
     query = """select vehicle, count(*) from flights
         where vehicle not in (select vehicle from table_files) group by vehicle order by vehicle"""
     for vehicle, row_count in db.execute(query).fetchall():
-        if row_counts.get(last_number, 0) >= ROWS_PER_FILE:
-            last_number += 1
-        row_counts[last_number] = row_counts.get(last_number, 0) + row_count
-        db.execute("insert into table_files values (?, ?)", [vehicle, last_number])
+        if rows_by_file[last_file] >= ROWS_PER_FILE:
+            last_file += 1
+        rows_by_file[last_file] += row_count
+        db.execute("insert into table_files values (?, ?)", [vehicle, last_file])
 
 
 def _outdated_files(store: Store, *, writes_all_files: bool) -> set[int]:
-    """Returns the numbers of the files to be written: those of changed vehicles, and those that do not exist.
+    """Returns the numbers of the files to be written: files of changed vehicles, and files that do not exist.
 
     Args:
         store: the open store of the fleet. Its SQL table ``table_files`` has the number of the file of each vehicle,

@@ -179,8 +179,8 @@ def track(
 ) -> TrackedLogs:
     """Brings the table of a fleet up to date with logs.
 
-    Logs that are new, or changed since they were read, are read, those of the baseline first. Then the vehicles with
-    new flights are judged, and the table is written.
+    Logs that are new, or have changed since they were read, are read now, logs of the baseline first. Then the vehicles
+    with new flights are judged, and the table is written.
 
     Args:
         folder: folder of the fleet, which is made if it does not exist.

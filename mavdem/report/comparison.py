@@ -56,7 +56,7 @@ def comparison_report(comparison: Comparison) -> Iterator[Block]:
 
 
 def _result_text(comparison: Comparison, kind: ForecastKind) -> str:
-    """Returns in a sentence whether the first method's errors are lower or higher than those of each other method.
+    """Returns in a sentence whether the first method's errors are lower or higher than the errors of each other.
 
     The first method is the reference of all paired tests. The others are grouped by the result of their test. Methods
     that failed in all windows cannot be tested, and are named apart.
@@ -161,7 +161,7 @@ def _common_horizons(comparison: Comparison) -> list[str]:
 def _flight_sentences(comparison: Comparison, flight: str) -> Iterator[Block]:
     """Yields sentences on one flight of a comparison of forecasting methods: how much was compared, and what failed.
 
-    A flight is divided into windows of training and test data. Paired tests use only those that do not overlap.
+    A flight is divided into windows of training and test data. Paired tests use only windows that do not overlap.
 
     Args:
         comparison: errors of all methods in all windows.
@@ -191,28 +191,40 @@ def order_report(choice: OrderChoice, names: Sequence[str], are_inputs_known: bo
         names: names of the flights, one for each row of ``choice.free_energy``.
         are_inputs_known: whether the models know the inputs of the flight, as causes of its motion.
     """
+    blocks: Blocks = [headline_sentence(choice.reason), _free_energy_table(choice, names)]
+    legend = "F̄ in nats, minus that of the chosen order; spread: standard deviation over flights."
+    blocks.append(Sentence(legend))
+    blocks += [caution(remark) for remark in choice.remarks]
+    blocks.append(Sentence(order_advice(choice, are_inputs_known), lead="Next:"))
+    return blocks
+
+
+def _free_energy_table(choice: OrderChoice, names: Sequence[str]) -> Table:
+    """Returns a table of the free energy F̄ of each order in each flight, nats, relative to the chosen order.
+
+    Args:
+        choice: the chosen order, with the free energy of all orders.
+        names: names of the flights, one for each row of ``choice.free_energy``. Of several flights the table also has
+            the mean and the standard deviation.
+    """
     has_several_flights = len(names) > 1
-    # Orders count from 1, columns from 0.
+    # Orders count from 1, the columns of ``choice.free_energy`` from 0.
     chosen_column = choice.chosen - 1
     relative_energy = choice.free_energy - choice.free_energy[:, [chosen_column]]
     relative_mean = choice.mean - choice.mean[chosen_column]
     rows = []
     for column, order in enumerate(choice.orders):
-        nats = list(relative_energy[:, column])
+        energies = list(relative_energy[:, column])
         if has_several_flights:
-            nats += [relative_mean[column], choice.spread[column]]
+            energies += [relative_mean[column], choice.spread[column]]
         row = [f"{order} (chosen)" if order == choice.chosen else f"{order}"]
-        for value in nats:
-            row.append(f"{value:,.1f}" if isfinite(value) else "-")
+        for energy in energies:
+            row.append(f"{energy:,.1f}" if isfinite(energy) else "-")
         rows.append(row)
     header = ["states", *names]
     if has_several_flights:
         header += ["mean", "spread"]
-    legend = "F̄ in nats, minus that of the chosen order; spread: standard deviation over flights."
-    blocks: Blocks = [headline_sentence(choice.reason), Table(header, rows), Sentence(legend)]
-    blocks += [caution(remark) for remark in choice.remarks]
-    blocks.append(Sentence(order_advice(choice, are_inputs_known), lead="Next:"))
-    return blocks
+    return Table(header, rows)
 
 
 def order_advice(choice: OrderChoice, are_inputs_known: bool) -> str:

@@ -58,8 +58,8 @@ def vehicle_contents(vehicle: JsonValues) -> Blocks:
     """Returns the report on the messages of one vehicle in a log, and on whether a model can be learned from them.
 
     It has sentences on the vehicle; on the kind of model that the message rates of the log allow (its tier); cautions;
-    repairs, which are what the reader corrected in the log, such as a clock that went back; and the time of settled
-    flight. A table of the periodic messages by their rate follows.
+    repairs, which are corrections that the reader made to the log, such as of a clock that went back; and the time of
+    settled flight. A table of the periodic messages by their rate follows.
 
     Args:
         vehicle: one of the vehicles of an inventory (``mavdem.assessment.inventory``), values by key.
@@ -108,11 +108,12 @@ def _messages_by_rate(vehicle: JsonValues) -> dict[str, list[str]]:
 def stream_contents(contents: JsonValues) -> list[Sentence]:
     """Returns sentences on the senders of the messages in a log, and on messages that could not be decoded.
 
-    A sender has a sentence if it lost messages or is not a vehicle; one that is usual beside a vehicle has none.
+    A sender has a sentence if it lost messages or is not a vehicle. In a log with a vehicle, senders that usually
+    accompany one, such as a ground station, have none.
 
     Args:
         contents: inventory from ``mavdem.assessment.inventory``: ``speakers`` are all senders of messages, ``vehicles``
-            those of them that are vehicles, and ``unread`` the messages that could not be decoded.
+            the senders that are vehicles, and ``unread`` the messages that could not be decoded.
     """
     vehicle_ids = [component_id(vehicle) for vehicle in contents["vehicles"]]
     sentences = []
@@ -136,7 +137,8 @@ def _is_lossy(sender: JsonValues) -> bool:
 
     Sequence numbers are missing if messages were lost, but also if the log keeps only some kinds of messages. In the
     second case the periodic messages have no gaps. So missing numbers count as losses only if the periodic messages
-    lack at least half of the same fraction, or ``MIN_LOST_SHARE``.
+    lack at least half of the same fraction, or ``MIN_LOST_SHARE``, if that is less. If the log has no periodic
+    messages, the missing numbers count as losses.
 
     Args:
         sender: a sender in the list of a log's contents. "lost_share" is the fraction (0 to 1) of its messages that
@@ -149,8 +151,7 @@ def _is_lossy(sender: JsonValues) -> bool:
         return False
     if fraction_by_gaps is None:
         return True
-    least_fraction_by_gaps = min(MIN_LOST_SHARE, fraction_by_numbers / 2)
-    return fraction_by_gaps >= least_fraction_by_gaps
+    return fraction_by_gaps >= min(MIN_LOST_SHARE, fraction_by_numbers / 2)
 
 
 def component_id(component: JsonValues) -> str:
@@ -178,30 +179,46 @@ def wind_blocks(evidence: WindEvidence, tables: Sequence[Table] = ()) -> Blocks:
         return [Sentence(reason.sentence_and_remedy, lead="Wind:")] if reason else []
     # The reason why each quantity, such as the speed or the drag, has a wide interval or is not identifiable.
     reasons = dict(wind.reasons)
-    is_blurred_by_drag = "speed" in reasons and bool(reasons["speed"].figures["by_drag"])
-    if wind.speed_identifiable and (is_blurred_by_drag or wind.may_be_lean):
-        # The sentence on the intervals says that the drag or a lean widens them, so that the reason is not repeated.
+    is_speed_uncertain_by_drag = "speed" in reasons and bool(reasons["speed"].figures["by_drag"])
+    estimate = _wind_estimate_sentences(
+        evidence, wind, is_speed_uncertain_by_drag=is_speed_uncertain_by_drag
+    )
+    if wind.speed_identifiable and (is_speed_uncertain_by_drag or wind.may_be_lean):
+        # The sentences on the estimate say already that the drag or a lean widens the intervals of the speed.
         del reasons["speed"]
+    reason_sentences = []
+    for quantity, reason in reasons.items():
+        reason_sentences.append(Sentence(str(reason), lead=f"{quantity.capitalize()}:"))
+    return [*estimate, *tables, *reason_sentences]
+
+
+def _wind_estimate_sentences(
+    evidence: WindEvidence, wind: WindVelocity, *, is_speed_uncertain_by_drag: bool
+) -> list[Sentence]:
+    """Returns sentences on the speed, direction and gusts of a wind, and on the autopilot's own estimate of it.
+
+    Args:
+        evidence: all that is known of the wind of a log, with the autopilot's estimate.
+        wind: the estimate of mavdem.
+        is_speed_uncertain_by_drag: whether the interval of the speed is wide because the drag is not well known.
+    """
     typical_drag = None
     if wind.drag.source is DragSource.POPULATION:
         # The drag of typical multirotors: both ends of its interval, as the mean over the axes x and y of the body.
         typical_drag = wind.drag.interval("linear").mean(axis=1)
-    # Half the width of the 90 % interval, rad, of the lean that no wind causes: intervals of the wind contain it.
+    # A vehicle also leans without wind, by a misaligned attitude or an offset load. The intervals of the wind allow for
+    # this lean; half the width of its own 90 % interval, rad.
     lean_allowance = coverage_factor() * LEAN_SD / GRAVITY
-    estimate = render_section(
+    return render_section(
         "wind",
         wind=wind,
         typical_drag=typical_drag,
         lean_allowance=lean_allowance,
         autopilot_wind=_autopilot_wind(evidence, wind),
-        is_blurred_by_drag=is_blurred_by_drag,
+        is_blurred_by_drag=is_speed_uncertain_by_drag,
         drag_model_setting=evidence.drag_model_setting,
         turned_wind=wind.turn,
     )
-    reason_sentences = []
-    for quantity, reason in reasons.items():
-        reason_sentences.append(Sentence(str(reason), lead=f"{quantity.capitalize()}:"))
-    return [*estimate, *tables, *reason_sentences]
 
 
 def _autopilot_wind(evidence: WindEvidence, wind: WindVelocity) -> dict[str, float] | None:

@@ -76,7 +76,7 @@ def light_level(flight: AxisRows, light: Light) -> Level:
 
 
 def motors_level(level_of_log: Level, health_level: Level) -> Level:
-    """Returns the worse of two levels of a flight's motors: by its log alone, and beside the vehicle's other flights.
+    """Returns the worse of two levels of a flight's motors: by its log alone, and by comparison with other flights.
 
     Args:
         level_of_log: level of the motors' status light by the log alone.
@@ -271,8 +271,8 @@ def urgency(flights: Flights) -> Urgency:
 def vehicle_texts(flights: Flights) -> VehicleTexts:
     """Returns the texts about one vehicle on a fleet's page: on its latest judged flight, and on all its flights.
 
-    The health of a flight is the judgement of its motors beside the vehicle's other flights: "ok", "drift", "fault" or
-    "unknown". A drift or a fault is an anomaly.
+    The health of a flight is the judgement of its motors by comparison with the vehicle's other flights: "ok", "drift",
+    "fault" or "unknown". A drift or a fault is an anomaly.
 
     Args:
         flights: flights of the vehicle in order of date, at least one; each has a row for each axis.
@@ -328,7 +328,7 @@ def _next_step(flights: Flights, anomalous_row: FlightRow | None) -> str:
 
 
 def motor_next_step(row: FlightRow) -> list[Sentence]:
-    """Returns what to do about a fault or a drift of motors that shows beside other flights of their vehicle.
+    """Returns what to do about a fault or a drift of motors, found by comparison with other flights of their vehicle.
 
     Args:
         row: row of a flight whose motors have a fault or a drift, with the number of the suspected motor if any is.

@@ -249,7 +249,7 @@ def _health_summary(
     Args:
         vehicles: summary of each vehicle, by its name in the logs.
         names: names that owners gave to vehicles.
-        shared_names: those of the names in the logs that are MAVLink system ids, which several vehicles may have.
+        shared_names: names in the logs that are MAVLink system ids, which several vehicles may have.
         lists_follow: whether a list of the vehicles follows the headline. Then, of more than two urgent vehicles, the
             headline names the most urgent one only.
     """

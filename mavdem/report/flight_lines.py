@@ -209,7 +209,7 @@ def wind_speed_text(speed: float | None, interval: Sequence[float] | None) -> st
     """Returns the speed of a wind, m/s, as precisely as it is known.
 
     Args:
-        speed: the speed; None where still air is likely as well, or it is not identifiable.
+        speed: the speed; None if still air is likely too, or if the speed is not identifiable.
         interval: both ends of its 90 % interval; None if they are not known.
 
     Returns:

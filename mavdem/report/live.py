@@ -93,14 +93,16 @@ def light_rows(status: SessionStatus) -> list[LightRow]:
     """
     lights = status.overall_judgement.lights
     rows = []
-    # The section has a paragraph for each light, whose lead is the name of the light.
+    # The template "live_lights" makes a sentence for each light in the table. Its lead is the name of the light, and
+    # its text the figure.
     for sentence in render_section("live_lights", status=status, lights=lights):
-        light = lights[sentence.lead]
+        light_name = sentence.lead
+        light = lights[light_name]
         figure = sentence.text
         if light.code is Unjudged.KNOWN_BEFORE:
             [age] = render_section("live_light_before", duration=light.figures["duration"])
             figure = age.text
-        rows.append(LightRow(sentence.lead, light.level, figure))
+        rows.append(LightRow(light_name, light.level, figure))
     return rows
 
 

@@ -123,7 +123,7 @@ def _unstated_remedies(
 ) -> list[str]:
     """Returns what to do about the control loops of one axis, without what the user has read already.
 
-    There are up to two sentences: the remedy of the advice on the gains, and that of the decision on the loops.
+    There are up to two sentences: the remedy of the advice on the gains, and the remedy of the decision on the loops.
 
     Args:
         tuning: for each axis its advice, or the fact (coded finding) that says why there is none; and the decision on

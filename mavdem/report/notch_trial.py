@@ -356,9 +356,9 @@ def _filter_equations(controller: Controller, filters: Sequence[TriedFilter]) ->
     Returns:
         Values by the keys that the script reads:
 
-        - ``filters``: for each filter its parameters; in "off" those that switch it off; in "names" the parameter of
-          each setting; in "hoverRatio" the ratio of its centre in hover to its lowest one; in "sources" how many
-          frequencies it follows, such as one for each motor; and in "motors" these frequencies in hover, Hz.
+        - ``filters``: for each filter its parameters; in "off" the ones that switch the filter off; in "names" the
+          parameter of each setting; in "hoverRatio" the ratio of its centre in hover to its lowest one; in "sources"
+          how many frequencies it follows, such as one for each motor; and in "motors" these frequencies in hover, Hz.
         - ``rate``: sampling rate of the gyro, Hz; ``maxRatio``: highest centre of a notch, relative to that.
         - ``leastCentrePerWidth``: lowest centre relative to the bandwidth; ``mostHarmonics``: largest number of
           harmonics; and ``minGain``: lowest gain that is drawn.

@@ -125,7 +125,7 @@ def tried_filters(
 
 
 def _peak_for(index: int, peaks: Numbers) -> float:
-    """Returns the line that a filter is put on, Hz: that of its number, or the last one if there are fewer lines."""
+    """Returns the frequency of the line that a filter is put on, Hz: the line of its number, or else the last line."""
     return peaks[min(index, len(peaks) - 1)]
 
 
@@ -269,7 +269,7 @@ def logged_notches(controller: Controller, filters: Sequence[TriedFilter]) -> li
 def _fixed_notches(
     tried_filter: TriedFilter, controller_without_filters: Controller
 ) -> list[Notch]:
-    """Returns the notches of a filter at fixed frequencies: those that the controller gets when it is switched on.
+    """Returns the notches of a filter at fixed frequencies, which the controller gets when the filter is switched on.
 
     Args:
         tried_filter: the filter, with its parameters.

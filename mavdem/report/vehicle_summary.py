@@ -325,7 +325,7 @@ def _light_counts(flights: Sequence[AxisRows]) -> dict[Light, dict[Level, int]]:
 
 
 def _unused_rows(rows: FlightRows) -> list[UnusedRow]:
-    """Returns the rows without a flight, those of logs with a date first and by date."""
+    """Returns the rows without a flight: first the rows of logs with a date, by date."""
     unused_rows = []
     for flight in group_into_flights(row for row in rows if not row.has_flight):
         for number, row in enumerate(flight):

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def evidence_sentences(fact: Fact) -> list[Sentence]:
-    """Returns the sentence with the evidence for an event: the measurements that confirm it, then those that do not.
+    """Returns the sentence with the evidence for an event: first what confirms it, then what contradicts it.
 
     An event, such as a collision, is checked against measurements that are independent of each other: the accelerometer
     should show a shock, and the gyro a fast rotation. What each of them shows is a coded finding (a fact), called a
@@ -55,9 +55,9 @@ def evidence_sentences(fact: Fact) -> list[Sentence]:
 def _witness_time(witness: Fact) -> float:
     """Returns the time by which the findings of sensors about an event are listed, seconds on the boot clock.
 
-    A finding without a time of its own has that of the autopilot's message that it repeats, if there is one. Otherwise
-    it comes last (infinity) if it is about the end of the log, and first (minus infinity) if it is not: such is gravity
-    at rest, which is measured over a longer time.
+    A finding without a time has the time of the autopilot's message that it repeats, if there is one. Otherwise it
+    comes last (infinity) if it is about the end of the log, and first (minus infinity) if it is not: such is gravity at
+    rest, which is measured over a longer time.
 
     Args:
         witness: a coded finding of one sensor that confirms or contradicts the event.
@@ -200,7 +200,7 @@ def unrepeated_evidence(fact: Fact, repeated: Collection[str]) -> str:
 
 
 def _without_cause(fact: Fact) -> Fact:
-    """Returns an event without its cause, whose evidence is then that of the event alone."""
+    """Returns an event without its cause, so that only the evidence for the event itself remains."""
     return fact.replace(cause=None) if "cause" in fact.figures else fact
 
 

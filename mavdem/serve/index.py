@@ -194,8 +194,8 @@ INDEXES_SQL = Path(__file__).with_suffix(".sql").read_text(encoding="utf-8")
 def create_or_update_table(db: sqlite3.Connection) -> None:
     """Creates the table ``entries`` with its indexes, or adds the columns that an earlier version did not have.
 
-    Columns have no types, so that SQLite stores values unchanged. Their default is '', or null where that of the field
-    is None; :func:`entry_from_row` replaces empty ones by the defaults of the fields.
+    Columns have no types, so that SQLite stores values unchanged. Their default is '', or null if the default of the
+    field is None; :func:`entry_from_row` replaces empty ones by the defaults of the fields.
 
     Args:
         db: connection to the SQLite file of the library, which also has the tables of the fleet. Its ``row_factory``
@@ -257,7 +257,7 @@ def entry_from_row(row: sqlite3.Row) -> LibraryEntry:
         row: a row of the table ``entries``.
 
     Returns:
-        The entry; its digest is empty if that of the row was dropped.
+        The entry; its digest is empty if the digest of the row was dropped.
     """
     values = {name: row[name] for name in COLUMNS if row[name] not in (None, "")}
     entry = LibraryEntry(**values)

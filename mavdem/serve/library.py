@@ -305,8 +305,8 @@ class Library:
             **columns: further columns of its entry, such as ``note`` and ``sharing``.
 
         Returns:
-            The new entry, or that of the log with the same content. A log that is read again keeps its id, and so its
-            link.
+            The new entry, or the entry of a stored log with the same content. A log that is read again keeps its id,
+            and so its link.
 
         Raises:
             Refusal: the disk is full.
@@ -539,12 +539,7 @@ class Library:
         Raises:
             Refusal: the log identifies its vehicle, or has not been read yet.
         """
-        name = plain_name(name)
-        vehicles_with_name = []
-        for vehicle, given_name in self.names.vehicles.items():
-            if given_name == name:
-                vehicles_with_name.append(vehicle)
-        assigned_vehicle = vehicles_with_name[0] if len(vehicles_with_name) == 1 else name
+        assigned_vehicle = self._vehicle_with_name(plain_name(name))
         with self.transaction() as db:
             rows = [row for row in self.flight_rows([entry]) if row.vehicle == entry.vehicle]
             if not rows or rows[0].vehicle_basis not in (SYSTEM_ID_BASIS, GIVEN_BASIS):
@@ -559,6 +554,20 @@ class Library:
             )
         self.table_is_outdated.set()
         return entry
+
+    def _vehicle_with_name(self, name: str) -> str:
+        """Returns the vehicle to which a user gave a name, as its logs call it.
+
+        If not exactly one vehicle has the name, the name itself is returned, for a new vehicle.
+
+        Args:
+            name: the name that was given.
+        """
+        vehicles_with_name = []
+        for vehicle, given_name in self.names.vehicles.items():
+            if given_name == name:
+                vehicles_with_name.append(vehicle)
+        return vehicles_with_name[0] if len(vehicles_with_name) == 1 else name
 
     def _update_baseline(self, assigned_row: FlightRow) -> None:
         """Corrects the baseline, the flights marked as healthy, after a flight was assigned to another vehicle.
@@ -740,8 +749,10 @@ class Library:
         (results / PROGRESS).unlink(missing_ok=True)
         (first_row,) = rows_with_assigned_vehicles(self.db, outcome.rows[:1])
         if first_row.vehicle_basis == GIVEN_BASIS:
+            # A user has assigned a vehicle to the flight.
             columns |= {"vehicle": first_row.vehicle, "vehicle_basis": GIVEN_BASIS}
         paths = list(results.iterdir())
+        # Names of the result files that users may download, which the series of the page's charts are not.
         names = {path.name for path in paths} - {SERIES_FILE}
         # The progress file also names the recordings that can be made on request.
         names.update(name for name in columns.get("files", "").split(",") if name)

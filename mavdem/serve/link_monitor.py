@@ -170,7 +170,7 @@ class LinkMonitor:
     def page(self) -> SessionPage:
         """The page of the running session, which is at most a few seconds old; empty before the first one.
 
-        Until its vehicle is received, it is that of the session before, if there was one.
+        Until its vehicle is received, it is the page of the session before, if there was one.
 
         Raises:
             Refusal: no session runs any more.

@@ -121,7 +121,8 @@ class Pages:
             sample_log: a log that visitors may try the server with; None for no offer.
             has_viewer: whether recordings can be opened in a viewer on this machine.
             is_live: whether a live session has a page.
-            scripts: hashes of the scripts that pages may run, those of earlier versions of this library's among them.
+            scripts: hashes of the scripts that pages of this library may run, also of pages that earlier versions
+                wrote.
         """
         self._visible_library = visible
         self._library = visible.library
@@ -134,7 +135,7 @@ class Pages:
         self._scripts = frozenset(scripts)
 
     def list_flights(self, request: HttpRequest) -> Response:
-        """Answers with the page that lists the flights of the library, newest first, or those that a search finds.
+        """Answers with the page that lists the library's flights, newest first, or the flights that a search finds.
 
         A visitor without the right to read sees only public flights, and neither names of vehicles nor anomalies of
         motors.
@@ -322,7 +323,8 @@ class Pages:
 
         Args:
             entry: index entry of the flight.
-            vehicle: ``SYSTEM_COMPONENT`` of another vehicle of its log; if it has no page, that of the log is returned.
+            vehicle: ``SYSTEM_COMPONENT`` of another vehicle of its log; if it has no page, the path of the log's page
+                is returned.
         """
         if not entry.digest:
             # Only the name is used, since an index that was tampered with must not lead to other folders.
@@ -451,8 +453,8 @@ class Pages:
     ) -> Response:
         """Returns the page of flights whose logs identify the vehicle by nothing but the same MAVLink system id.
 
-        Such flights may be of several vehicles, so that the page does not compare them. It lets the user say of which
-        vehicle each flight is.
+        Such flights may be of several vehicles, so that the page does not compare them. On it the user can assign each
+        flight to a vehicle.
 
         Args:
             request: the request, for the rights of its sender.

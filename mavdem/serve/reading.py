@@ -298,7 +298,7 @@ def _index_columns(assessment: Assessment, rows: FlightRows) -> JsonValues:
 
     Args:
         assessment: the assessment whose sentences and events the index shows for the log.
-        rows: the fleet's rows of the log, those of this assessment first.
+        rows: the fleet's rows of the log, the rows of this assessment first.
     """
     # Only an assessment in which no vehicle was judged has no evidence.
     assert assessment.evidence is not None

@@ -75,7 +75,7 @@ def queue_places(library: Library) -> dict[str, QueuePlace]:
     # The estimate for each size is made once, since a queue of a thousand logs is listed five times a second.
     seconds_by_size = _estimates_by_size(sizes, history)
     places_by_id = dict[str, QueuePlace]()
-    # Processor time of all work that is done before the next waiting log begins, s.
+    # Sum of the reading times of all logs before the next waiting one, s.
     seconds_before = 0.0
     for entry in reading:
         if entry.size in seconds_by_size:
@@ -87,9 +87,9 @@ def queue_places(library: Library) -> dict[str, QueuePlace]:
     for logs_ahead, (id, size) in enumerate(waiting_rows):
         estimated_end = None
         if size in seconds_by_size:
-            seconds = seconds_by_size[size]
-            estimated_end = _rounded_up(now + seconds_before / processes + seconds)
-            seconds_before += seconds
+            begin = now + seconds_before / processes
+            estimated_end = _rounded_up(begin + seconds_by_size[size])
+            seconds_before += seconds_by_size[size]
         places_by_id[id] = QueuePlace(logs_ahead, estimated_end)
     return places_by_id
 

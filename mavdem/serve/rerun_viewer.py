@@ -31,7 +31,7 @@ MAX_FILE_WAIT = 10.0
 
 
 def viewer_policy(data_port: int | None = None) -> str:
-    """Returns what the content security policy of the page with Rerun's viewer permits beyond that of other pages.
+    """Returns the directives of the content security policy that only the page with Rerun's viewer needs.
 
     The page may compile the viewer, which is a WebAssembly program, and request the recording from the process that
     serves it on this machine.

@@ -128,7 +128,7 @@ def search_condition(text: str) -> SqlCondition:
             texts of the entry, as must one that looks like a comparison of an unknown property.
 
     Returns:
-        The condition on the table ``entries``; all entries meet that of an empty search.
+        The condition on the table ``entries``; all entries meet the condition of an empty search.
     """
     # The first condition is always true, so that an empty search is a valid expression.
     conditions = [SqlCondition("1")]
@@ -211,7 +211,7 @@ def _is_compared_as_number(name: str) -> bool:
 
 
 def _is_number(text: str) -> bool:
-    """Returns whether a text is that of a number."""
+    """Returns whether a text is a number."""
     try:
         float(text)
     except ValueError:

@@ -92,7 +92,7 @@ class StoredLog(NamedTuple):
         raise Refusal(RefusalReason.NO_SUCH_FIELD, reason=f"the log has no vehicle {name}")
 
     def telemetry(self, name: str) -> Telemetry:
-        """Returns a vehicle with its messages, of which only columns that are used are read from the disk.
+        """Returns a vehicle with its messages. A column is read from the disk when it is used.
 
         Args:
             name: ``SYSTEM_COMPONENT`` of the vehicle; empty for the first one.
@@ -165,7 +165,7 @@ def open_columns(folder: Path) -> StoredLog:
         folder: the folder with the columns and their list.
 
     Returns:
-        The vehicles, that of the flight's page first, and the mapped file.
+        The vehicles, the one of the flight's page first, and the mapped file.
     """
     vehicles = []
     for vehicle_values in json.loads(Path(folder, VEHICLES_FILE).read_text("utf-8")):

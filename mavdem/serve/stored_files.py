@@ -133,7 +133,7 @@ class ServerLock:
             raise
 
     def release(self) -> None:
-        """Gives the locks back; those that are not held stay as they are."""
+        """Gives the locks back; files that are not held stay as they are."""
         for lock in self._locks:
             lock.release()
 

@@ -274,7 +274,7 @@ class RecordingTabs:
         return [] if view is None else [rrb.Vertical(view, name="3D")]
 
     def vehicle(self) -> list[rrb.Container]:
-        """Draws height, motors and battery, those that were recorded."""
+        """Draws height, motors and battery, as far as they were recorded."""
         if not self._timeline.flight_charts:
             return []
         views = self._draw_charts("vehicle", self._timeline.flight_charts)
@@ -583,28 +583,27 @@ def parameter_chart(assessment: Assessment) -> Chart:
     history = parameter_history(analysis.flights)
     if not history:
         return over_time("Physical parameters", "", ())
-    times = []
-    estimates_over_time = []
-    for part in history:
-        # Each row has the value of one parameter and the half width of its interval.
-        estimates = parameter_estimates(part.physical)
-        part_time = part.samples.time
-        # A further sample with NaN after each part breaks the lines there.
-        times += [part_time, part_time[-1:]]
-        estimates_over_time += [
-            np.tile(estimates, (len(part_time), 1, 1)),
-            np.full((1, *estimates.shape), np.nan),
-        ]
-    time = np.concatenate(times)
-    # Shape (samples, parameters, 2): value and half width.
-    table = np.concatenate(estimates_over_time)
-    lines = []
+    estimates_of_parts = [parameter_estimates(part.physical) for part in history]
     traces = parameter_traces(history[0].physical, analysis.flights[0].input_units[0])
+    gap = np.array([np.nan])
+    lines = []
     for number, trace in enumerate(traces):
-        value, half_width = trace.scale * table[:, number].T
-        is_identifiable = not np.isnan(half_width).all()
+        times: list[Array] = []
+        values: list[Array] = []
+        half_widths: list[Array] = []
+        for part, estimates in zip(history, estimates_of_parts, strict=True):
+            value, half_width = trace.scale * estimates[number]
+            part_time = part.samples.time
+            # A further sample with NaN breaks the line after the part.
+            times += [part_time, part_time[-1:]]
+            values += [np.full(len(part_time), value), gap]
+            half_widths += [np.full(len(part_time), half_width), gap]
+        band = np.concatenate(half_widths)
+        is_identifiable = not np.isnan(band).all()
         if is_identifiable:
-            lines.append(Line.with_band(trace.name, trace.colour, time, value, half_width))
+            time = np.concatenate(times)
+            line = Line.with_band(trace.name, trace.colour, time, np.concatenate(values), band)
+            lines.append(line)
     return over_time("Physical parameters", "", lines)
 
 

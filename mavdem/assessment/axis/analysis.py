@@ -260,7 +260,8 @@ def _with_cautions(learned: Learned, flights: Flights, *, is_slow: bool) -> Lear
 
     Args:
         learned: the linear model that was learned from a flight, with its training data.
-        flights: training data, at least one flight. All come from one log and axis, so the first one's cautions count.
+        flights: training data, at least one flight. All come from one log and axis, so the cautions of the first one
+            count.
         is_slow: whether the streams were so slow that the model describes the slow motion only.
 
     Returns:

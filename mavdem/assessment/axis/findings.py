@@ -227,7 +227,7 @@ def _grade(parameter: str, relative_half_width: float, status: Status = Status.R
 
 
 def _first_reason(reason: Fact | None) -> Fact:
-    """Returns the first of the doubts because of which an estimate is not reported.
+    """Returns the first doubt that keeps an estimate from being reported.
 
     Args:
         reason: why the estimate is not reported: one doubt, or a fact with several doubts as its figure ``reason``.

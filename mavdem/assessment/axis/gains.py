@@ -137,13 +137,11 @@ def _sections_by_gains(signals: Signals, flights: Flights) -> dict[GainValues, l
     for flight in flights:
         boot = boot_number(flight)
         autotune_intervals = mode_intervals(signals, boot, AUTOTUNE_MODES)
-        cuts = _rows_of_changes(flight, history, autotune_intervals)
+        cuts = _samples_of_changes(flight, history, autotune_intervals)
         for first, end in pairwise(cuts):
             start_time = flight.time[first]
-            is_in_autotune = False
-            for autotune_start, autotune_end in autotune_intervals:
-                if autotune_start <= start_time < autotune_end:
-                    is_in_autotune = True
+            # Flights are cut at both ends of AutoTune, so that a section is in it as a whole or not at all.
+            is_in_autotune = any(begin <= start_time < stop for begin, stop in autotune_intervals)
             if is_in_autotune or end - first < MIN_SAMPLES:
                 continue
             gains = _gains_at(history, BootTime(boot, start_time))
@@ -151,7 +149,9 @@ def _sections_by_gains(signals: Signals, flights: Flights) -> dict[GainValues, l
     return sections_by_gains
 
 
-def _rows_of_changes(flight: Flight, history: Sequence[GainSet], autotune: Intervals) -> list[int]:
+def _samples_of_changes(
+    flight: Flight, history: Sequence[GainSet], autotune: Intervals
+) -> list[int]:
     """Returns the samples at which a flight must be cut so that the gains are constant in each section.
 
     It is cut whenever gains were set, and at the start and the end of each interval of AutoTune.
@@ -225,20 +225,19 @@ def gain_history(signals: Signals) -> list[GainSet]:
         return [GainSet(-1, -inf, ())]
     names_and_values = decoded_parameters(columns, telemetry.autopilot)
     reports = []
-    for row, (name, value) in enumerate(names_and_values):
+    for message, (name, value) in enumerate(names_and_values):
         if _is_gain_of_axis(name, signals.axis) and isfinite(value):
-            boot = columns["boot"][row].item()
-            time = columns["time"][row].item()
+            boot = columns["boot"][message].item()
+            time = columns["time"][message].item()
             reports.append(_GainReport(boot, time, name, value))
-    # The gains before the log are the first value of each. Going backwards, the first value overwrites later ones.
+    # Each gain had its first reported value before the log. Going backwards, the first value overwrites later ones.
     gains = {}
     for report in reversed(reports):
         gains[report.name] = report.value
     history = [GainSet(-1, -inf, tuple(gains.items()))]
     for report in reports:
-        is_change = gains[report.name] != report.value
-        # Most reports repeat a value.
-        if is_change:
+        is_repetition = gains[report.name] == report.value
+        if not is_repetition:
             gains[report.name] = report.value
             history.append(GainSet(report.boot, report.time, tuple(gains.items())))
     return history
@@ -265,8 +264,8 @@ def _is_gain_of_axis(name: str, axis: str) -> bool:
 def changed_gains_at_end(signals: Signals, controller: Controller) -> Fact | None:
     """Returns the fact that a log ends with other gains of an axis than a control loop was identified with.
 
-    A pilot, or AutoTune, may have changed them after the flight that the loop is identified from. The gains at the end
-    of the log are those that the vehicle still has.
+    A pilot, or AutoTune, may have changed them after the flight that the loop is identified from. The vehicle still has
+    the gains that it had at the end of the log.
 
     Args:
         signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
@@ -288,8 +287,8 @@ def changed_gains_at_end(signals: Signals, controller: Controller) -> Fact | Non
 def loop_at_end_of_log(loop: Loop) -> Loop:
     """Returns a loop with the gains at the end of its log, which the vehicle still has.
 
-    A pilot may have changed gains after the flight that the loop was identified from. Advice on gains starts from those
-    that the vehicle has now.
+    A pilot may have changed gains after the flight that the loop was identified from. Advice on gains starts from the
+    gains that the vehicle has now.
 
     Args:
         loop: an identified loop. If gains were changed later, the fact of :func:`changed_gains_at_end` is among its

@@ -1,10 +1,9 @@
 """Decision on the loops of an axis by facts (coded findings): what is wrong, what to do, what forbids new gains.
 
-It is made once, from limit cycles, margins, the measured response, tracking, and what speaks against the vehicle.
-A doubt is a fact (a coded finding) because of which no gains may be computed from the identified loop; what a fact
-advises is its remedy.
-Lights, screen, pages, dashboards, `mavdem tune`, live sessions, fleets and documents show this decision, and no other
-advice on gains. Whether `mavdem tune` advises to load any, or to fly before, is decided here, by the same rule
+It is made once, from limit cycles, margins, the measured response, tracking, and what speaks against the vehicle. A
+doubt is a fact (a coded finding) that forbids computing gains from the identified loop; what a fact advises is its
+remedy. Lights, screen, pages, dashboards, `mavdem tune`, live sessions, fleets and documents show this decision, and no
+other advice on gains. Whether `mavdem tune` advises to load any, or to fly before, is decided here, by the same rule
 (``Advice.is_sound``).
 """
 

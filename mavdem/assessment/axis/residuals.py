@@ -110,7 +110,7 @@ def lagged_correlation(earlier_series: Array, later_series: Array, max_lag: int)
 
     Args:
         earlier_series: (T,) series with mean 0.
-        later_series: (T,) series with mean 0, of which later samples are correlated with the other's.
+        later_series: (T,) series with mean 0. Its samples are correlated with earlier samples of the other series.
         max_lag: largest lag L, in samples.
 
     Returns:

@@ -167,12 +167,12 @@ def _compared_response(
     Args:
         measured_response: the measured response of the rate or attitude loop, or why it is not known.
         loop: the axis with its two identified loops, rate and attitude.
-        open_loop: the one of these two whose response was measured.
+        open_loop: open-loop response of the loop whose closed-loop response was measured, rate or attitude.
         closed_loop: (F,) its predicted frequency response from setpoint to rate or angle, at ``open_loop.frequency``.
 
     Returns:
-        The measured response with its prediction. There is no prediction without a measured response, nor by an
-        unstable loop, which has no response.
+        The measured response with its prediction. It has no prediction without a measured response, or if the loop is
+        unstable, since then the step response grows without limit.
     """
     if isinstance(measured_response, Fact) or not open_loop.is_stable:
         return LoopResponse(measured_response)

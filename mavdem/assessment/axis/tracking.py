@@ -404,29 +404,36 @@ def _setpoint_errors(
     setpoints = [np.zeros(0)]
     errors = [np.zeros((len(delays), 0))]
     for segment in segments:
-        setpoint_rows = in_segments(setpoint, segment, slack=0)
+        setpoint_in_segment = setpoint.select(in_segments(setpoint, segment, slack=0))
         # Stamps are rounded, so that samples at the ends of a segment may lie just outside it.
-        response_rows = in_segments(response, segment)
+        response_in_segment = response.select(in_segments(response, segment))
         # One sample cannot be interpolated.
-        if np.count_nonzero(response_rows) <= 1:
+        if len(response_in_segment.time) <= 1:
             continue
-        setpoint_times = setpoint.time[setpoint_rows]
-        setpoint_values = setpoint.values[setpoint_rows]
-        response_times = response.time[response_rows]
-        response_values = response.values[response_rows]
-        if len(setpoint_times) >= len(response_times):
-            # (D, N): for each delay the times of the setpoints that each response belongs to.
-            earlier_times = response_times - delays[:, None]
-            earlier_setpoints = np.interp(earlier_times, setpoint_times, setpoint_values)
-            setpoints.append(np.interp(response_times, setpoint_times, setpoint_values))
-            errors.append(response_values - earlier_setpoints)
-        else:
-            # (D, N): for each delay the times at which the response to each setpoint is due.
-            delayed_times = setpoint_times + delays[:, None]
-            delayed_response = np.interp(delayed_times, response_times, response_values)
-            setpoints.append(setpoint_values)
-            errors.append(delayed_response - setpoint_values)
+        segment_errors = _errors_in_segment(setpoint_in_segment, response_in_segment, delays)
+        setpoints.append(segment_errors.setpoints)
+        errors.append(segment_errors.errors)
     return SetpointErrors(np.concatenate(setpoints), np.concatenate(errors, axis=1))
+
+
+def _errors_in_segment(setpoint: TimeSeries, response: TimeSeries, delays: Array) -> SetpointErrors:
+    """Returns the errors of a response in one segment, at the samples of the slower of setpoint and response.
+
+    Args:
+        setpoint: setpoint in the unit of the response.
+        response: angle, rad, or body rate, rad/s; at least two samples.
+        delays: (D,) s, by which the response is compared with an earlier setpoint.
+    """
+    if len(setpoint.time) >= len(response.time):
+        # (D, N): for each delay the times of the setpoints that each response belongs to.
+        earlier_times = response.time - delays[:, None]
+        earlier_setpoints = np.interp(earlier_times, setpoint.time, setpoint.values)
+        setpoints = np.interp(response.time, setpoint.time, setpoint.values)
+        return SetpointErrors(setpoints, response.values - earlier_setpoints)
+    # (D, N): for each delay the times at which the response to each setpoint is due.
+    later_times = setpoint.time + delays[:, None]
+    later_responses = np.interp(later_times, response.time, response.values)
+    return SetpointErrors(setpoint.values, later_responses - setpoint.values)
 
 
 def _response_peak(

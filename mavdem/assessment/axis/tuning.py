@@ -419,7 +419,7 @@ def _next_step_without_new_gains(
     """Returns the next step if the advice changes no gains of the requested axes.
 
     Args:
-        advice_on_loops: advice on the requested axes, at least one, none of which has new gains.
+        advice_on_loops: advice on the requested axes, at least one. None of them has new gains.
         other_axes: axes that were not requested, but whose gains should change.
         arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
 
@@ -541,8 +541,8 @@ def _joined_by_reason(refusals: Mapping[str, Fact]) -> list[Fact]:
         refusals: why the loop is not known, by axis, at least one.
 
     Returns:
-        One fact for each reason: that of the first axis with it. Its figure ``names`` are the axes with this reason; it
-        is absent if all axes have the same.
+        One fact for each reason: the fact of the first axis with this reason. Its figure ``names`` are the axes with
+        this reason; it is absent if all axes have the same.
     """
     axes_by_text = group_by(refusals, lambda axis: refusals[axis].sentence_and_remedy)
     reasons = []

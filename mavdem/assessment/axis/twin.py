@@ -146,28 +146,50 @@ def try_gains(evidence: Evidence, gains: Parameters, *, in_wind: bool = True) ->
     if not recorded_segments:
         return GainTrial({}, {})
     dt = loops["roll"].record.dt
-    replayed_samples = samples_of_most_movement(recorded_segments, dt)
-    hover_samples = slice(round((SETTLING_SECONDS + WIND_SECONDS) / dt))
-    replayed_segments = dict[str, ReplaySegment]()
-    hover_segments = dict[str, ReplaySegment]()
-    for axis, (outputs, setpoints) in recorded_segments.items():
-        replayed_segments[axis] = ReplaySegment(
-            outputs[replayed_samples], setpoints[replayed_samples]
-        )
-        hover_segments[axis] = ReplaySegment(
-            outputs[hover_samples], np.zeros_like(setpoints[hover_samples])
-        )
     motion_in_wind = {}
     try:
         present_twin = build_assessed_twin(evidence).twin
         advised_twin = replace(present_twin, parameters={**present_twin.parameters, **gains})
         twins = (present_twin, advised_twin)
+        replayed_segments = _segments_of_most_movement(recorded_segments, dt)
         tracking = _compared_motions(twins, loops, replayed_segments)
         if in_wind:
-            motion_in_wind = _compared_motions(twins, loops, hover_segments)
+            motion_in_wind = _compared_motions(twins, loops, _hover_segments(recorded_segments, dt))
     except NotLearnable as error:
         return error.fact
     return GainTrial(tracking, motion_in_wind)
+
+
+def _segments_of_most_movement(
+    recorded_segments: Mapping[str, ReplaySegment], dt: float
+) -> dict[str, ReplaySegment]:
+    """Returns the part of a recorded flight with the largest setpoints, which the twin repeats.
+
+    Args:
+        recorded_segments: outputs and setpoints of the same T samples by axis.
+        dt: time between samples, s.
+    """
+    samples = samples_of_most_movement(recorded_segments, dt)
+    segments = {}
+    for axis, (outputs, setpoints) in recorded_segments.items():
+        segments[axis] = ReplaySegment(outputs[samples], setpoints[samples])
+    return segments
+
+
+def _hover_segments(
+    recorded_segments: Mapping[str, ReplaySegment], dt: float
+) -> dict[str, ReplaySegment]:
+    """Returns a hover for the twin: as many samples as it needs of a recorded flight, with all setpoints 0.
+
+    Args:
+        recorded_segments: outputs and setpoints of the same T samples by axis.
+        dt: time between samples, s.
+    """
+    samples = slice(round((SETTLING_SECONDS + WIND_SECONDS) / dt))
+    segments = {}
+    for axis, (outputs, setpoints) in recorded_segments.items():
+        segments[axis] = ReplaySegment(outputs[samples], np.zeros_like(setpoints[samples]))
+    return segments
 
 
 def samples_of_most_movement(segments: Mapping[str, ReplaySegment], dt: float) -> slice:

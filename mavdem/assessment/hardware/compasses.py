@@ -78,20 +78,18 @@ def motor_correlation(evidence: Evidence, field: TimeSeries) -> float | None:
     strengths: list[Array] = []
     commands: list[Array] = []
     seconds = 0.0
-    # The outputs are of one boot.
+    # Only the outputs of one boot are used.
     outputs_interval = (float(outputs.time[0]), float(outputs.time[-1]))
     for flight in evidence.in_flight(field):
         has_outputs = in_intervals(flight.time, [outputs_interval])
-        covered_samples = flight.select(has_outputs & (flight.boot == history.segment.boot))
-        if len(covered_samples.time) < 2:
+        samples = flight.select(has_outputs & (flight.boot == history.segment.boot))
+        if len(samples.time) < 2:
             continue
-        strength = replace(covered_samples, values=np.linalg.norm(covered_samples.values, axis=1))
-        command = replace(
-            covered_samples, values=np.interp(covered_samples.time, outputs.time, mean_output)
-        )
-        strengths.append(moving_average(strength))
-        commands.append(moving_average(command))
-        seconds += float(np.ptp(covered_samples.time))
+        strength = np.linalg.norm(samples.values, axis=1)
+        command = np.interp(samples.time, outputs.time, mean_output)
+        strengths.append(moving_average(replace(samples, values=strength)))
+        commands.append(moving_average(replace(samples, values=command)))
+        seconds += float(np.ptp(samples.time))
     if seconds < MIN_SECONDS:
         return None
     return _correlation(np.concatenate(strengths), np.concatenate(commands))

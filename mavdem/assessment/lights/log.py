@@ -122,7 +122,7 @@ def log_light(evidence: Evidence) -> Fact:
 
 
 def _recorded_attitude_rate(evidence: Evidence, attitude: Attitude) -> float:
-    """Returns the rate at which angles were logged, without those that were computed between them.
+    """Returns the rate at which angles were logged; angles that were computed between them do not count.
 
     If body rates were logged more often than angles, models use an angle at each stamp of the body rates. Between the
     logged angles it is interpolated (PX4), or integrated from the body rates (ArduPilot's PID_TUNING).

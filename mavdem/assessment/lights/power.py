@@ -128,10 +128,11 @@ def _unmeasured_power(evidence: Evidence) -> Fact:
     largest_current = None
     for battery in evidence.signals.batteries:
         voltage = battery.voltage.values
-        if np.ptp(voltage):
+        if voltage.min() != voltage.max():
             is_constant = False
         if highest_voltage is None or voltage.max() > highest_voltage:
             highest_voltage = voltage.max()
+        # A current that never changes is not measured, as the voltage of a sensor that is not connected.
         if battery.current is None or not np.ptp(battery.current.values) > 0:
             continue
         current = battery.current.values.max()
@@ -164,7 +165,7 @@ def with_batteries_on_ground(evidence: Evidence) -> tuple[Fact, ...]:
     for event in evidence.events:
         if event.code in BATTERY_REPORTS:
             flights = evidence.flights(event.figures["boot"])
-            took_off_before = any(start <= event.start_time for start, _ in flights)
+            took_off_before = any(take_off <= event.start_time for take_off, _ in flights)
             if not took_off_before:
                 event = event.replace(is_on_ground=True)
         events.append(event)
@@ -179,19 +180,22 @@ def _constant_voltages(evidence: Evidence, batteries: Sequence[Battery]) -> Iter
         batteries: the batteries that were measured in flight, which are left out.
 
     Yields:
-        Facts with the number of the ``battery`` and its largest ``voltage``, V.
+        Facts with the number of the ``battery`` and its largest ``voltage``, V; whether the vehicle has flown
+        (``airborne``), and whether the voltage ``is_constant``, as without a sensor.
     """
     measured_numbers = {battery.number for battery in batteries}
     for battery in evidence.signals.batteries:
-        if battery.number not in measured_numbers:
-            yield Fact(
-                PowerLight.POWER_UNMEASURED,
-                subject=battery_name(battery.number),
-                battery=battery.number,
-                airborne=evidence.has_flown,
-                is_constant=bool(np.ptp(battery.voltage.values) == 0),
-                voltage=battery.voltage.values.max(),
-            )
+        if battery.number in measured_numbers:
+            continue
+        voltage = battery.voltage.values
+        yield Fact(
+            PowerLight.POWER_UNMEASURED,
+            subject=battery_name(battery.number),
+            battery=battery.number,
+            airborne=evidence.has_flown,
+            is_constant=bool(voltage.min() == voltage.max()),
+            voltage=voltage.max(),
+        )
 
 
 def batteries_in_flight(evidence: Evidence) -> list[Battery]:
@@ -356,7 +360,7 @@ def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterat
 
 
 def _fraction_before_sudden_fall(evidence: Evidence, battery: Battery) -> float | None:
-    """Returns the charge from which that of a battery fell to nothing faster than any vehicle can use it.
+    """Returns the charge of a battery before it fell to nothing, faster than any vehicle can use it.
 
     Then the charge was not measured: the autopilot's estimate was wrong, or the sensor failed.
 

@@ -10,10 +10,10 @@ from mavdem.facts.margins import TrackingLight
 def tracking_light(evidence: Evidence) -> Fact:
     """Judges how roll, pitch and yaw follow their setpoints, by the worst of the axes.
 
-    Of axes with the same level the worst is the one with the largest ratio of its error to its limit, since limits
-    differ between axes and grow with the movement of the setpoint. Yaw is judged only together with roll or pitch,
-    whose errors tilt the vehicle, and only if it warns. If the worst fact is an overshoot, all axes that overshoot are
-    named. A vehicle that oscillates may follow its setpoints well on average, but its light is at least "watch".
+    Of axes with the same level, the worst has the largest ratio of its error to its limit, since limits differ between
+    axes and grow with the movement of the setpoint. Yaw is judged only together with roll or pitch, whose errors tilt
+    the vehicle, and only if it warns. If the worst fact is an overshoot, all axes that overshoot are named. A vehicle
+    that oscillates may follow its setpoints well on average, but its light is at least "watch".
 
     Args:
         evidence: signals, events and measurements of the vehicle.

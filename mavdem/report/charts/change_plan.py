@@ -60,8 +60,8 @@ def drawn_changes(difference: VehicleDifference) -> list[QuantityChange]:
         difference: changes of a vehicle between two states, quantity by quantity.
 
     Returns:
-        First the quantities that changed, then the uncertain ones. Of each, those whose interval excludes "no change"
-        come first.
+        First the quantities that changed, then the uncertain ones. In each group, changes whose interval excludes "no
+        change" come first.
     """
     outcomes_in_order = list(OUTCOME_LEVELS)
 

@@ -373,15 +373,7 @@ class Chart(NamedTuple):
         Args:
             max_points: number of points for each line.
         """
-        if not self.lines:
-            return self
-        longest_line = max(self.lines, key=lambda line: len(line.x))
-        has_common_x = all(np.array_equal(line.x, longest_line.x) for line in self.lines)
-        # Only over time does a long step mean missing samples; the steps of log-spaced frequencies grow anyway.
-        is_over_time = self.x.label == TIME.label
-        max_step = longest_line.longest_bridged_gap
-        has_gaps = is_over_time and (np.diff(longest_line.x) > max_step).any()
-        if has_common_x and not has_gaps and len(longest_line.x) <= max_points:
+        if not self.lines or self._has_common_abscissae(max_points):
             return self
         start = min(line.x[0] for line in self.lines)
         end = max(line.x[-1] for line in self.lines)
@@ -389,6 +381,22 @@ class Chart(NamedTuple):
         step = max(densest_step, (end - start) / max_points)
         grid = start + step * np.arange(int((end - start) / step) + 1)
         return self._replace(lines=tuple(line.resampled(grid) for line in self.lines))
+
+    def _has_common_abscissae(self, max_points: int) -> bool:
+        """Returns whether all lines have the same abscissae, at most ``max_points``, and over time without a gap.
+
+        Args:
+            max_points: number of points that a line may have at most.
+        """
+        longest_line = max(self.lines, key=lambda line: len(line.x))
+        if len(longest_line.x) > max_points:
+            return False
+        # Only over time does a long step mean missing samples; the steps of log-spaced frequencies grow anyway.
+        is_over_time = self.x.label == TIME.label
+        longest_step = longest_line.longest_bridged_gap
+        if is_over_time and (np.diff(longest_line.x) > longest_step).any():
+            return False
+        return all(np.array_equal(line.x, longest_line.x) for line in self.lines)
 
     def as_json(self, max_points: int) -> JsonValues:
         """Returns the chart as a JSON object, from which the script ``charts.js`` of a page draws it.
@@ -625,13 +633,15 @@ def packed(
         step = values[1] - values[0]
         if np.allclose(np.diff(values), step):
             return {"low": values[0], "step": step, "size": len(values)}
-    is_finite = np.isfinite(values)
-    low = high = 0.0
-    if is_finite.any():
-        low = float(values[is_finite].min())
-        high = float(values[is_finite].max())
+    finite_values = values[np.isfinite(values)]
+    if not len(finite_values):
+        finite_values = np.zeros(1)
+    low = float(finite_values.min())
+    value_range = float(finite_values.max()) - low
     # Any step will do where all values are the same.
-    step = (high - low) / MAX_COUNT or 1.0
-    steps_above_lowest = np.rint((np.where(is_finite, values, np.nan) - low) / step)
-    integers = np.nan_to_num(steps_above_lowest + NO_VALUE + 1, nan=NO_VALUE).astype("<i2")
-    return {"low": low, "step": step, "counts": b64encode(integers.tobytes()).decode()}
+    step = value_range / MAX_COUNT or 1.0
+    steps_above_lowest = np.rint((np.where(np.isfinite(values), values, np.nan) - low) / step)
+    # The integer ``NO_VALUE`` stands for NaN, and the next one for the lowest value.
+    integers = np.nan_to_num(steps_above_lowest + NO_VALUE + 1, nan=NO_VALUE)
+    packed_bytes = integers.astype("<i2").tobytes()
+    return {"low": low, "step": step, "counts": b64encode(packed_bytes).decode()}

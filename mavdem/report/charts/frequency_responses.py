@@ -45,7 +45,7 @@ def plant_response(
         physical: the parameters with their covariance.
         motors: (r,) motor commands m for a command of 1.
         frequency: frequencies f (F,), Hz.
-        is_angle: whether the response of the angle is returned, that of the rate divided by s.
+        is_angle: whether the response of the angle is returned, which is the response of the rate divided by s.
 
     Returns:
         Responses (1 + POSTERIOR_DRAWS, F), complex: of the estimate in the first row, then of the draws.

@@ -40,7 +40,7 @@ def gain_trial_groups(
     in_wind: bool = True,
     trial: GainTrial | Fact | None = None,
 ) -> dict[str, Group]:
-    """Returns charts of each axis with new gains: what they would do, over the same with the gains that flew.
+    """Returns charts of each axis with new gains: the motion with them, drawn over that with the gains that flew.
 
     Each axis has the step responses of its loops, computed from the identified plant, and the motion of the twin, which
     is a simulation of the vehicle with the plants of all axes. The twin flies with the new gains of all axes at once.

@@ -58,7 +58,7 @@ def hardware_groups(evidence: Evidence, timeline: Timeline) -> dict[str, list[Gr
         timeline: charts of the flight over the same time, whose events are marked.
 
     Returns:
-        For each subject of which anything was recorded a list with one group of charts, in up to two columns.
+        For each subject with a recorded quantity, a list with one group of charts, in up to two columns.
     """
     chart_functions = {
         HardwarePart.POWER: _power_charts,
@@ -213,7 +213,7 @@ def _target_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
 
 
 def _stick_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
-    """Yields the sticks and the switches, of which those that changed most come first."""
+    """Yields the charts of sticks and of switches. Switches that changed most come first."""
     inputs = pilot_input(evidence.signals)
     yield over_time("Sticks", inputs.unit, _lines_of_series(inputs.sticks, timeline))
     by_change = sorted(inputs.switches.items(), key=lambda item: -np.ptp(item[1].values))
@@ -228,7 +228,7 @@ def _quantity_chart(
 
     Args:
         title: title of the chart.
-        quantities: the quantities; those that were not recorded have no line.
+        quantities: the quantities; one that was not recorded has no line.
         evidence: signals, events and measurements of the vehicle.
         timeline: charts of the flight over time, whose time range is used.
     """

@@ -13,7 +13,9 @@ from mavdem.confidence import INTERVAL_QUANTILES
 from mavdem.dem import Learned
 from mavdem.dem.record import Record
 from mavdem.experiments.held_out import CONSTANT_MEAN, FORECAST, HeldOut
+from mavdem.loops.margins import Complex
 from mavdem.plant.parameters import ESTIMATE
+from mavdem.plant.wind_torque import WindSpectrum
 from mavdem.report.charts.chart import FREQUENCY, TIME, Axis, Chart, Charts, Line, LineStyle, Span
 from mavdem.report.charts.frequency_responses import (
     identified_plant,
@@ -97,20 +99,31 @@ def bode_charts(learned: Learned, output: int = -1) -> Charts:
         responses = plant_response(physical, command.motors, frequency, is_angle=is_angle)
         source, colour = "physical parameters", PHYSICAL
     magnitudes = unit.scale * np.abs(responses)
-    # A phase is known up to whole turns. Unwrapping makes the estimate's phase continuous in frequency; the draws are
-    # given by their differences from it, which are less than half a turn.
-    estimated_phase = np.unwrap(np.angle(responses[ESTIMATE]))
-    phase_differences = np.angle(responses / responses[ESTIMATE])
-    phases = np.degrees(estimated_phase + phase_differences)
-
     gain_axis = Axis(unit_per_input(unit, command.unit), is_logarithmic=True)
     title = f"{output_name} by {command.name} ({gain_axis.label}), by {source}"
     gain_line = line_with_quantile_band(source, colour, frequency, magnitudes)
-    phase_line = line_with_quantile_band(source, colour, frequency, phases)
+    phase_line = line_with_quantile_band(source, colour, frequency, _phases(responses))
     return (
         Chart(title, FREQUENCY, gain_axis, (gain_line,)),
         Chart("Phase (°)", FREQUENCY, Axis("phase (°)"), (phase_line,)),
     )
+
+
+def _phases(responses: Complex) -> Array:
+    """Returns the phases of frequency responses, degrees, without jumps by whole turns.
+
+    Unwrapping makes the phase of the estimate continuous in frequency. The phases of the draws are given by their
+    differences from it, which are less than half a turn.
+
+    Args:
+        responses: (N, F) responses at F frequencies: the estimate in the row ``ESTIMATE``, and the draws.
+
+    Returns:
+        Phases (N, F).
+    """
+    estimated_phase = np.unwrap(np.angle(responses[ESTIMATE]))
+    phase_differences = np.angle(responses / responses[ESTIMATE])
+    return np.degrees(estimated_phase + phase_differences)
 
 
 def residual_charts(learned: Learned, output: int = -1) -> Charts:
@@ -176,8 +189,15 @@ def wind_torque_charts(learned: Learned) -> Charts:
         gusts.append(Span(start, start + gust.length, "gust"))
     torque_axis = Axis(name_with_unit("wind torque", TORQUE_UNIT.name))
     torque_chart = Chart("Wind torque", TIME, torque_axis, (line,), (0.0,), spans=tuple(gusts))
+    return (torque_chart, _torque_spectrum_chart(wind_torque.spectrum))
 
-    spectrum = wind_torque.spectrum
+
+def _torque_spectrum_chart(spectrum: WindSpectrum) -> Chart:
+    """Returns a chart of the spectral density of the wind torque up to ``MAX_WIND_FREQUENCY``, and of its model.
+
+    Args:
+        spectrum: spectral density of the wind torque, in the units of the data, with its model.
+    """
     is_shown = (spectrum.frequency > 0) & (spectrum.frequency <= MAX_WIND_FREQUENCY)
     frequency = spectrum.frequency[is_shown]
     # A spectral density has the square of the unit.
@@ -190,8 +210,7 @@ def wind_torque_charts(learned: Learned) -> Charts:
     )
     density_unit = f"({TORQUE_UNIT.name})²/Hz"
     density_axis = Axis(density_unit, is_logarithmic=True)
-    title = f"Its spectrum ({density_unit})"
-    return (torque_chart, Chart(title, FREQUENCY, density_axis, density_lines))
+    return Chart(f"Its spectrum ({density_unit})", FREQUENCY, density_axis, density_lines)
 
 
 def torque_line(learned: Learned, name: str, colour: str) -> Line | None:

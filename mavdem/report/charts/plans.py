@@ -121,7 +121,8 @@ def frame_plan(
         motors: outputs with the geometry of the motors; None if they were not logged.
         condition: condition of the vehicle with its hover, the outputs in steady flight; None if it is not known.
         light: status light of the motors: a fact with its level.
-        failure: commands when a motor failed, which are drawn instead of those of the hover; None if none failed.
+        failure: commands when a motor failed, which are drawn instead of the commands in the hover; None if none
+            failed.
 
     Returns:
         The drawing; None if the positions or the commands of all motors are not known.

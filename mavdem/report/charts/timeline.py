@@ -126,13 +126,7 @@ class Timeline(NamedTuple):
         ``MAX_COLUMNS`` columns, so that the page is shorter. Roll and pitch are left out if their setpoints were not
         recorded: an angle alone does not show how well the vehicle follows.
         """
-        tilt_charts: list[Chart] = []
-        for axis in TILT_AXES:
-            charts = self.axis_charts.get(axis, ())
-            # The first chart of an axis shows its angle, with a second line for the setpoint.
-            if charts and len(charts[0].lines) > 1:
-                tilt_charts.append(charts[0])
-        charts = (*tilt_charts, *self.flight_charts, *self.wind_charts)
+        charts = (*self._tilt_charts_with_setpoint(), *self.flight_charts, *self.wind_charts)
         full_width_count = FULL_WIDTH_CHARTS
         if len(charts) == FULL_WIDTH_CHARTS + 1:
             # One chart in a column beside empty ones would not make the page shorter.
@@ -147,6 +141,16 @@ class Timeline(NamedTuple):
         for first in range(0, len(other_charts), charts_per_column):
             columns.append(other_charts[first : first + charts_per_column])
         return full_width_group, Group(tuple(columns), is_flat=True)
+
+    def _tilt_charts_with_setpoint(self) -> list[Chart]:
+        """Returns the charts of the angles of roll and pitch, without an axis whose setpoint was not recorded."""
+        charts_with_setpoint = []
+        for axis in TILT_AXES:
+            charts = self.axis_charts.get(axis, ())
+            # The first chart of an axis shows its angle, with a second line for the setpoint.
+            if charts and len(charts[0].lines) > 1:
+                charts_with_setpoint.append(charts[0])
+        return charts_with_setpoint
 
     def _overview_of(self, unmarked_charts: Charts) -> Charts:
         """Returns charts of this flight, with the marks of all its charts, below the strip of flight modes."""
@@ -297,11 +301,7 @@ def axis_history_charts(axis: str, history: AxisHistory) -> Charts:
         angle_lines = _lines_with_setpoint(axis, history.angle)
         if axis not in TILT_AXES:
             # After several turns the details of a heading would not show, so that it is drawn between -180° and 180°.
-            wrapped_lines = []
-            for line in angle_lines:
-                wrapped_angle = (line.y + FULL_TURN / 2) % FULL_TURN - FULL_TURN / 2
-                wrapped_lines.append(_broken_where_it_wraps(line._replace(y=wrapped_angle)))
-            angle_lines = wrapped_lines
+            angle_lines = [_wrapped_to_half_turns(line) for line in angle_lines]
         charts.append(over_time(title, "°", angle_lines))
     if history.rate is None:
         return tuple(charts)
@@ -403,6 +403,16 @@ def _direction_line(
         upper_edge = np.minimum(wrapped_direction + half_width, FULL_TURN)
     line = Line(name, colour, time, wrapped_direction, lower_edge, upper_edge)
     return _broken_where_it_wraps(line)
+
+
+def _wrapped_to_half_turns(line: Line) -> Line:
+    """Returns the line of an angle, degrees, wrapped to between -180° and 180°, and broken where it jumps from one end.
+
+    Args:
+        line: the line of an angle of any size.
+    """
+    wrapped_angle = (line.y + FULL_TURN / 2) % FULL_TURN - FULL_TURN / 2
+    return _broken_where_it_wraps(line._replace(y=wrapped_angle))
 
 
 def _broken_where_it_wraps(line: Line) -> Line:

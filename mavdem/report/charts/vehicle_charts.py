@@ -87,15 +87,25 @@ def vehicle_group(flights: Sequence[AxisRows]) -> Group | None:
     charts = []
     suspect_motor = _suspect_motor(flights)
     for title, estimates in _charted_quantities(flights):
-        known_flights = np.zeros(len(flights), dtype=bool)
-        for values_and_half_widths in estimates.values():
-            known_flights |= np.isfinite(values_and_half_widths[:, 0])
         # A quantity that is known of a single flight shows no change over the flights.
-        if known_flights.sum() > 1:
+        if _known_flight_count(estimates) > 1:
             lines = tuple(_lines_of_estimates(estimates, suspect_motor))
             levels = (0.0,) if title in TITLES_OF_DEVIATIONS else ()
             charts.append(Chart(title, flight_axis, Axis(""), lines, levels, marks=tuple(marks)))
     return Group.side_by_side(charts) if charts else None
+
+
+def _known_flight_count(estimates: Estimates) -> int:
+    """Returns of how many flights at least one of the estimates is known.
+
+    Args:
+        estimates: (flights, 2) estimates and half widths of their intervals by the name of the line, NaN where not
+            known.
+    """
+    known_flights: set[int] = set()
+    for values_and_half_widths in estimates.values():
+        known_flights.update(np.flatnonzero(np.isfinite(values_and_half_widths[:, 0])).tolist())
+    return len(known_flights)
 
 
 def _flight_axis(flights: Sequence[AxisRows]) -> Axis:
@@ -207,8 +217,8 @@ def _trims_without_lean(flights: Sequence[AxisRows]) -> Estimates:
     Wind makes a vehicle lean, and the lean needs a torque, so that in wind even sound motors deviate. Without this part
     the deviations are those by which the motors are judged.
 
-    A flight in which a motor failed has no such deviations: the vehicle leans because of the failure, so that its part
-    cannot be told from that of the lean.
+    A flight in which a motor failed has no such deviations: the vehicle leans because of the failure, so that their
+    effects on the motors cannot be told apart.
 
     Args:
         flights: rows of the vehicle's flights, in the order of date. The motors are those of the latest flight with a
@@ -218,14 +228,16 @@ def _trims_without_lean(flights: Sequence[AxisRows]) -> Estimates:
         Deviation and half width of its 90 % interval (flights, 2) by the name of the motor, NaN where not known; empty
         if they are known of no flight.
     """
-    health_of_flights = [health_figures(log_row(flight)) for flight in flights]
-    known_health = [figures for figures in health_of_flights if figures.missing is None]
-    if not known_health:
+    figures_of_flights = [health_figures(log_row(flight)) for flight in flights]
+    # Figures are missing if the log of a flight does not show how the motors share the work.
+    known_figures = [figures for figures in figures_of_flights if figures.missing is None]
+    if not known_figures:
         return {}
-    latest = known_health[-1]
+    latest = known_figures[-1]
+    # The flights with the same motors, none of which failed.
     flight_numbers = []
     balances = []
-    for number, figures in enumerate(health_of_flights):
+    for number, figures in enumerate(figures_of_flights):
         has_same_motors = figures.missing is None and figures.geometry_key == latest.geometry_key
         if has_same_motors and log_row(flights[number]).failed_motor is None:
             flight_numbers.append(number)

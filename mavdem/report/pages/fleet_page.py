@@ -294,10 +294,10 @@ def _vehicle_sections(
 ) -> list[VehicleSection]:
     """Makes the section of the page on each vehicle.
 
-    Urgency is a rank by the health of the motors and the latest headline. Flights that do not say whose they are may be
-    those of several vehicles, and have no section unless they were compared with a baseline. To keep the page small,
-    charts are drawn only for the ``MAX_DRAWN`` most urgent vehicles with more than one flight. Sections are folded,
-    except the first one with charts if its vehicle needs a look.
+    Urgency is a rank by the health of the motors and the latest headline. Flights whose logs do not identify their
+    vehicle may be of several vehicles. They have no section unless they were compared with a baseline. To keep the page
+    small, charts are drawn only for the ``MAX_DRAWN`` most urgent vehicles with more than one flight. Sections are
+    folded, except the first one with charts if its vehicle needs a look.
 
     Args:
         summaries: summary of the flights under each name.
@@ -480,7 +480,7 @@ def _flight_calendar(lines: Sequence[FlightLine]) -> Calendar | None:
     """Counts the flights of a fleet over time, for a bar chart with at most ``MAX_COLUMNS`` columns.
 
     A column is a day, a week or four weeks: the shortest of these with which the chart has not too many columns. It has
-    the number of flights by level, the judgement of the motors.
+    the number of flights with each level, which is the judgement of the motors.
 
     Args:
         lines: the lines of all flights; those without a date are left out.
@@ -505,11 +505,12 @@ def _flight_calendar(lines: Sequence[FlightLine]) -> Calendar | None:
         counts_by_column[column_number] += level_counts
     columns = []
     for number, counts in enumerate(counts_by_column):
+        # The parts of a bar are drawn in the order of ``LEVEL_MARKS``.
         counts_in_order = {level: counts[level] for level in LEVEL_MARKS if counts[level]}
-        column_start = first_day + timedelta(column_days * number)
+        column_start = first_day + timedelta(days=column_days * number)
         columns.append(CalendarColumn(column_start, counts_in_order))
-    most_flights = max(counts.total() for counts in counts_by_column)
-    return Calendar(columns, column_days, last_day, most_flights)
+    flights_of_highest_column = max(counts.total() for counts in counts_by_column)
+    return Calendar(columns, column_days, last_day, flights_of_highest_column)
 
 
 def _level_counts_by_day(lines: Sequence[FlightLine]) -> dict[date, Counter[Level]]:

@@ -437,8 +437,8 @@ def _flight_chapters(
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
         timeline: charts over time; None if the attitude has too few samples.
         advice: advised gains by axis, or the reason why there are none; empty without advice.
-        is_full: whether the page is that of one log, with spectrograms, notch filters to try and hardware, or a small
-            one of a fleet.
+        is_full: whether it is the full page of one log, with spectrograms, notch filters to try and hardware, and not a
+            small page of a fleet.
     """
     evidence = assessment.evidence
     analysis = assessment.analysis

@@ -311,7 +311,7 @@ def with_server_script(page: str, **values: Any) -> str:
 
 
 def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values: Any) -> str:
-    """Renders the server's page of one vehicle: what was found of its motors, and how they changed over its flights.
+    """Renders the server's page of one vehicle: the judgement of its motors, and how they changed over its flights.
 
     Args:
         flights: for each flight, in the order of time, its rows in the fleet's table, one for each axis. With fewer

@@ -109,8 +109,9 @@ def review_beside_flights(review: Mapping[str, Any], rows: FlightRows) -> Mappin
         rows: rows of the fleet's table for the flight, with its health; of several flights the latest counts.
 
     Returns:
-        A changed copy, as :func:`review_with_anomaly` makes it, in which ``motor_health`` has the judgement itself. One
-        without lights, as of a fleet, gets that of the motors alone. The review itself, if the motors were not judged.
+        A changed copy, as :func:`review_with_anomaly` makes it, in which ``motor_health`` has the judgement itself. A
+        review without lights, as of a fleet, gets the light of the motors alone. If the motors were not judged, the
+        review itself.
     """
     flown_rows = [row for row in rows if row.is_read]
     if not flown_rows:
@@ -145,10 +146,11 @@ def review_with_anomaly(
 ) -> Mapping[str, Any]:
     """Returns the review document of a flight, with its motors judged also by the other flights of the vehicle.
 
-    The review itself judges the log alone. An anomaly of the motors, which shows beside other flights only, replaces
-    the status light of the motors in it, also one of the same level, as on the page of the flight and in lists. It also
-    replaces the headline and the next step, unless the headline is bad already. A comparison of two flights then judges
-    each in the same way as its own page does. What the log alone says of a motor is added if the anomaly names none.
+    The review itself judges the log alone. An anomaly of the motors, which only a comparison with other flights shows,
+    replaces the status light of the motors, even one of the same level. It does so on the page of the flight and in
+    lists too. It also replaces the headline and the next step, unless the headline is bad already. A comparison of two
+    flights then judges each in the same way as its own page does. What the log alone says of a motor is added if the
+    anomaly names none.
 
     Args:
         review: review document of the flight; it is not modified.
@@ -168,6 +170,7 @@ def review_with_anomaly(
     judgement: JsonValues = {"level": anomaly.level, "sentence": anomaly.reason}
     if Light.MOTORS in lights:
         motors_light = judgement | {"subject": anomaly.motor}
+        # What the log alone says is kept where it names a motor and the anomaly does not.
         motor_of_log = light_of_log.get("subject") or ""
         if level_of_log is Level.WATCH and motor_of_log and not anomaly.motor:
             sentences = f"{anomaly.reason} By this log alone: {light_of_log['sentence']}"
@@ -232,8 +235,9 @@ def _result_html(result: re.Match[str], anomaly: MotorAnomaly | None) -> str:
 def _light_html(light: re.Match[str], anomaly: MotorAnomaly | None) -> str:
     """Returns the beginning of the HTML of the motors' status light, with the worse of two levels.
 
-    One level is by the log of the flight alone, the other that of the anomaly which shows beside other flights. If the
-    anomaly is worse, the attribute ``data-alone`` keeps the level by the log alone, so that the change can be undone.
+    One level is by the log of the flight alone. The other is the level of the anomaly, which only a comparison with
+    other flights shows. If the anomaly is worse, the attribute ``data-alone`` keeps the level by the log alone, so that
+    the change can be undone.
 
     Args:
         light: match of ``MOTORS_LIGHT`` in the page: the heading, the shown level, and the level by the log alone,

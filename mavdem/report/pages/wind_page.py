@@ -36,8 +36,8 @@ def wind_page(
 
     Args:
         name: name of the log, the title of the page.
-        wind_evidence: the estimated wind, perhaps with an earlier drag as its prior, and that of the autopilot. There
-            must be an estimate; the command refuses a log without one.
+        wind_evidence: the estimated wind, perhaps with an earlier drag as its prior, and the wind that the autopilot
+            estimated. There must be an estimate; the command refuses a log without one.
         assessment: assessment of the log, which gives the history of the flight and the warnings.
         parameters: parameters of the autopilot's drag model to set, with their intervals.
         cautions: sentences that limit what is shown, such as that the drag is of another vehicle.
@@ -84,7 +84,8 @@ def _wind_level(wind_evidence: WindEvidence, assessment: Assessment) -> Level:
 
     Args:
         wind_evidence: the wind that was estimated for this page.
-        assessment: assessment of the log, with the light of the state estimator, on which that of the wind depends.
+        assessment: assessment of the log, with the light of the state estimator, on which the light of the wind
+            depends.
     """
     lights = assessment.lights
     if assessment.evidence is None or assessment.evidence.not_flown is not None:
@@ -96,7 +97,8 @@ def _wind_level(wind_evidence: WindEvidence, assessment: Assessment) -> Level:
 def _wind_timeline(wind_evidence: WindEvidence, assessment: Assessment) -> Timeline | None:
     """Returns the timeline of the page: charts of height, wind and speed through the air over time.
 
-    It is that of the flight's page, with the wind of this page, and without what does not concern the wind.
+    It is the timeline of the flight's page, with the wind of this page, and without charts that do not concern the
+    wind.
 
     Args:
         wind_evidence: the wind that was estimated for this page, and the autopilot's own estimate.
