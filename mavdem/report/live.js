@@ -57,9 +57,13 @@
     if (light && light === touchedLight && !event.target.closest("a")) light.blur();
   });
 
-  // A plot is not changed under a finger or a pressed button, which may be choosing what to zoom to.
+  // A plot is not changed under a finger or a pressed button, which may be choosing what to zoom to. Where a menu opens, or
+  // another window has the focus, the end of the press is not reported.
   let isPressed = false;
-  for (const [kind, pressed] of [["pointerdown", true], ["pointerup", false], ["pointercancel", false]]) addEventListener(kind, () => { isPressed = pressed; }, true);
+  const release = () => { isPressed = false; };
+  addEventListener("pointerdown", () => { isPressed = true; }, true);
+  for (const kind of ["pointerup", "pointercancel", "contextmenu"]) addEventListener(kind, release, true);
+  addEventListener("blur", release);
 
   // The page's title; that of the tab begins with what is wrong.
   let title = document.title;
@@ -145,17 +149,16 @@
   const take = answer => {
     answerTime = Date.now();
     refusal = answer.refusal ? [...new DOMParser().parseFromString(answer.refusal, "text/html").querySelectorAll("main > h1, main > p")].map(part => part.textContent).join(" ") || answer.refusal : "";
-    if (!refusal) {
-      stateTime = answerTime - 1000 * answer.age;
-      if (answer.text) waiting = answer;
-    }
+    if (answer.text) waiting = answer;
     if (waiting && !isPressed) {
-      show(waiting.text);
+      const { text } = waiting;
       ({ tag } = waiting);
       waiting = null;
+      show(text);
     }
+    if (!refusal && !waiting) stateTime = answerTime - 1000 * answer.age;
     tell();
-    return isLast() ? null : tag;
+    return isLast() ? null : (waiting?.tag ?? tag);
   };
 
   // The line that says how old the page is stands above everything, where it stays while the page is scrolled.
@@ -167,7 +170,9 @@
     const silence = Math.round((Date.now() - answerTime) / 1000), age = Math.round((Date.now() - stateTime) / 1000);
     const words = refusal ? `mavdem does not show the session: ${refusal}`
       : silence >= LONGEST_SILENCE ? `No answer from mavdem for ${silence}\u00a0s.`
-      : age >= updates.LONGEST_PAUSE ? `mavdem answers, but has had nothing new for ${age}\u00a0s.` : "";
+      : age < updates.LONGEST_PAUSE ? ""
+      : waiting ? "The page does not change while something is pressed."
+      : `mavdem answers, but has had nothing new for ${age}\u00a0s.`;
     if (words && line.hidden) {
       sound(440, 2);
       colourIcon("unknown");

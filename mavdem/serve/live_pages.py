@@ -146,7 +146,8 @@ class LivePages:
         Raises:
             Refusal: the sender has no right, the server has no link, or no session runs any more.
         """
-        shown_tag = request.headers.get("if-none-match", "")
+        # Proxies that compress answers turn strong tags into weak ones; the two compare as equal here (sec. 13.1.2).
+        shown_tag = request.headers.get("if-none-match", "").removeprefix("W/")
         page = await self._newest_page(request, MAX_UPDATE_WAIT, shown_tag)
         headers = {"ETag": page.tag, "Age": f"{page.age:.1f}"}
         if page.tag in ("", shown_tag):

@@ -193,6 +193,47 @@ def test_a_page_whose_server_has_nothing_new_says_so(session, tab):
     tab.until(f"{LOUD_LINE} === ''")
 
 
+COUNT_REQUESTS = """(() => {
+  const ask = window.fetch;
+  window.requests = 0;
+  window.fetch = (...all) => { window.requests++; return ask(...all); };
+})()"""
+WAIT = "new Promise(passed => setTimeout(passed, 1500))"
+
+
+def test_a_page_waits_while_it_is_pressed_but_not_after_a_menu_has_opened(session, tab):
+    tab.run(COUNT_REQUESTS)
+    tab.run("document.body.dispatchEvent(new PointerEvent('pointerdown'))")
+    session.fly(4.0)
+    tab.run(WAIT)
+    # The server answers at most once with the state that waits, and then has nothing new for two seconds.
+    assert tab.run("window.requests") <= 3
+    assert tab.run(LAST_TIME) < 104.0
+    tab.run("document.body.dispatchEvent(new MouseEvent('contextmenu'))")
+    tab.until(f"{LAST_TIME} > 107 && {LOUD_LINE} === ''")
+
+
+def test_a_page_behind_a_proxy_that_asks_to_sign_in_says_so(session, tab):
+    tab.run("window.ask = window.fetch")
+    tab.run("window.fetch = async () => new Response('<h1>Sign in</h1>')")
+    tab.until(f"{LOUD_LINE}.includes('Something else answers in its place')")
+    tab.run("window.fetch = window.ask")
+    tab.until(f"{LOUD_LINE} === ''")
+
+
+def test_a_page_behind_a_proxy_that_changes_tags_asks_once_a_second(session, tab):
+    tab.run("window.ask = window.fetch")
+    tab.run("""window.fetch = async (address, options) => {
+      const { headers, body, status } = await window.ask(address, options);
+      return new Response(body, { status, headers: { Age: headers.get("Age"), ETag: '"changed"' } });
+    }""")
+    session.fly(4.0)
+    tab.until(f"{LAST_TIME} > 107")
+    tab.run(COUNT_REQUESTS)
+    tab.run(WAIT)
+    assert tab.run("window.requests") <= 3
+
+
 ICON = "decodeURIComponent(document.querySelector('link[rel=icon]').href)"
 COLOUR = "getComputedStyle(document.documentElement).getPropertyValue('--%s')"
 TONES = """(() => {
@@ -247,6 +288,8 @@ def test_an_update_has_no_style_no_script_and_waits_until_something_is_new(tmp_p
         assert "<title>" in answer.text and answer.text.count("<main ") == 1
         start = clock.monotonic()
         shown = {"If_None_Match": answer.headers["ETag"]}
+        # A proxy that compresses answers marks their tags as weak.
+        shown["If_None_Match"] = f"W/{shown['If_None_Match']}"
         assert server.get("/live/update", **shown).status == 304
         assert clock.monotonic() - start > 1.0
         session.fly(4.0)

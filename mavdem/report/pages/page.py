@@ -337,7 +337,8 @@ class Head(NamedTuple):
         """The other events of a session that goes on, which a page shows in full; none of a log."""
         if not self.is_newest_first:
             return ()
-        return [event for event in self.events if event not in self.brief_events]
+        brief_events = self.brief_events
+        return [event for event in self.events if event not in brief_events]
 
     @property
     def has_more_of_events(self) -> bool:
