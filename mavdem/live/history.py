@@ -1,7 +1,7 @@
 """The history of a live flight: its events, its signals over time, and how well each sample was predicted."""
 
 from array import array
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
@@ -28,6 +28,12 @@ MAX_ROWS = 10_000
 """Rows that the history keeps, a choice: about 2 MB, and more than the pixels of any chart.
 
 When there are more, every second one is dropped, and from then on only every second one is added.
+"""
+
+MAX_EVENTS = 500
+"""Events that the history keeps, a choice: a page with them is rendered in a fraction of a second.
+
+A vehicle reports fewer in an hour, unless it sends very many different texts.
 """
 
 GAP_SECONDS = 1.0
@@ -176,6 +182,31 @@ def _add_to_sums(error_sums: dict[float, _ErrorSums], comparison: _Comparison) -
     error_sums[horizon].add(comparison.prediction, comparison.outputs)
 
 
+def _thinned_out(events: Sequence[Event]) -> list[Event]:
+    """Drops every second event of the older half of the most frequent kind.
+
+    So a vehicle that sends very many texts does not hide its take-off.
+
+    Args:
+        events: events in order.
+
+    Returns:
+        The remaining events, in order.
+    """
+    counts = Counter(event.fact.code for event in events)
+    ((most_frequent_code, count),) = counts.most_common(1)
+    kept_events = []
+    number = 0
+    for event in events:
+        if event.fact.code is most_frequent_code:
+            number += 1
+            is_of_older_half = number <= count / 2
+            if is_of_older_half and number % 2 == 0:
+                continue
+        kept_events.append(event)
+    return kept_events
+
+
 class _PredictedAngle(NamedTuple):
     """A predicted angle; NaN without a prediction."""
 
@@ -199,7 +230,8 @@ class LiveHistory:
         boot_start: time of the timeline when that boot was first received, s; NaN before any. Positions of earlier
             boots may have another origin.
         motor_names: names of the motors in ``table``.
-        events: what happened, in order, with times of the timeline.
+        events: what happened, in order, with times of the timeline. There are ``MAX_EVENTS`` at most.
+        alarm_count: number of alarms so far, also of those that are not kept any more.
         learned_intervals: first and last sample, s, of each part of the flight that was learned from.
     """
 
@@ -209,6 +241,7 @@ class LiveHistory:
         self.timeline_offset = 0.0
         self.motor_names: Names = ()
         self.events: list[Event] = []
+        self.alarm_count = 0
         self.learned_intervals: list[TimeInterval] = []
         self.boot = 0
         self.boot_start = nan
@@ -246,6 +279,18 @@ class LiveHistory:
         would_go_back = timeline_time <= self.now
         if not would_go_back:
             self.now = timeline_time
+
+    def add_event(self, event: Event) -> None:
+        """Adds an event; where there are too many, drops some of the older ones of the most frequent kind.
+
+        Args:
+            event: the event, with its time on the timeline.
+        """
+        self.events.append(event)
+        if event.is_alarm:
+            self.alarm_count += 1
+        if len(self.events) > MAX_EVENTS:
+            self.events = _thinned_out(self.events)
 
     def add_voltages(self, voltages: Mapping[int, float]) -> None:
         """Adds the voltage of each battery at the present time of the timeline; the same time once only.

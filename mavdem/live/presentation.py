@@ -201,7 +201,7 @@ class Presentation:
             boot=self.history.boot,
         )
         self._report_event(event)
-        self.history.events.append(event)
+        self.history.add_event(event)
         if self._display is not None:
             self._display.log(event)
 

@@ -455,6 +455,7 @@ class LinkMonitor:
         Args:
             session: the running session.
         """
+        start_time = clock.monotonic()
         status = session.status
         if self._finished_page and not _awaits_vehicle(status):
             self._finished_page = ""
@@ -465,7 +466,7 @@ class LinkMonitor:
             html = session_page(
                 session, status, self._library.names, back=LIBRARY_LINK, links=links
             )
-        self._page = SessionPage.made_now(html, session, status)
+        self._page = SessionPage.made_now(html, session, status, start_time)
 
 
 def _recording_name(first_time: datetime) -> str:

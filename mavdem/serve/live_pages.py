@@ -14,6 +14,7 @@ from starlette.requests import Request as HttpRequest
 from starlette.responses import HTMLResponse, Response
 
 from mavdem.errors import Refusal
+from mavdem.facts.event import Event
 from mavdem.facts.serve import Permission, RefusalReason
 from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.live import clock
@@ -33,6 +34,15 @@ NEWS_SECONDS = 0.2
 
 AGE_SECONDS = 1.0
 """Seconds between two pages of a session that says how long ago its vehicle fell silent in flight."""
+
+PAUSE_PER_RENDERING_SECOND = 3.0
+"""Pause after a page until one with newer events, in multiples of the time that rendering it took: a choice.
+
+Without it, a vehicle that reports events without end would leave the session no time for its messages.
+"""
+
+MAX_PAUSE = 1.0
+"""Longest such pause, s: a choice; rendering takes a tenth of a second."""
 
 MAX_FIRST_PAGE_WAIT = 20.0
 """Seconds for which a browser waits for the first page of a session, at most.
@@ -63,25 +73,34 @@ class SessionPage:
     longest_age: float = PAGE_SECONDS
     """Age at which it is rendered again, s, where nothing is reported before."""
 
-    event_count: int = 0
-    """Number of events that the session had reported when it was made."""
+    latest_event: Event | None = None
+    """The latest event that the session had reported when it was made; None before any."""
+
+    rendering_seconds: float = 0.0
+    """Time that rendering it took, s."""
 
     @classmethod
-    def made_now(cls, html: str, session: LiveSession, status: SessionStatus) -> SessionPage:
+    def made_now(
+        cls, html: str, session: LiveSession, status: SessionStatus, start_time: float
+    ) -> SessionPage:
         """Returns a page of a session that was just rendered.
 
         Args:
             html: the page.
             session: the session, with all events that it has reported.
             status: its state that the page shows.
+            start_time: when rendering it began, s of the monotonic clock.
         """
+        now = clock.monotonic()
         longest_age = PAGE_SECONDS if status.link_loss is None else AGE_SECONDS
-        return cls(html, clock.monotonic(), longest_age, len(session.history.events))
+        return cls(html, now, longest_age, _latest_event(session), now - start_time)
 
     def is_outdated(self, session: LiveSession) -> bool:
         """Returns whether it is too old, or the session has reported an event since."""
-        has_news = len(session.history.events) != self.event_count
-        return not self.html or self.age >= self.longest_age or has_news
+        if not self.html or self.age >= self.longest_age:
+            return True
+        pause = min(PAUSE_PER_RENDERING_SECOND * self.rendering_seconds, MAX_PAUSE)
+        return _latest_event(session) is not self.latest_event and self.age >= pause
 
     @cached_property
     def tag(self) -> str:
@@ -99,6 +118,12 @@ class SessionPage:
     def age(self) -> float:
         """Time since it was made, s."""
         return clock.monotonic() - self.made_time
+
+
+def _latest_event(session: LiveSession) -> Event | None:
+    """Returns the latest event that a session has reported; None before any."""
+    events = session.history.events
+    return events[-1] if events else None
 
 
 class SessionPages(Protocol):

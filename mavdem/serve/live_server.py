@@ -93,8 +93,9 @@ class LiveServer:
         # The dashboard ends with the last session.
         has_dashboard = self._viewer is not None and not is_last
         links = [DASHBOARD_LINK] if has_dashboard else []
+        start_time = clock.monotonic()
         html = session_page(session, status, links=links, is_last=is_last)
-        self.page = SessionPage.made_now(html, session, status)
+        self.page = SessionPage.made_now(html, session, status, start_time)
 
     def close(self) -> None:
         """Ends the server; answers that are being sent get ``MAX_SHUTDOWN_SECONDS``."""

@@ -5,8 +5,11 @@ from live_rows import DT, REPORTED_HORIZON, flown
 from numpy.testing import assert_allclose
 from pytest import approx, mark
 
+from mavdem.facts import Fact, Level
+from mavdem.facts.event import Event
+from mavdem.facts.events import ReportedEvent
 from mavdem.live import history as live_history
-from mavdem.live.history import TIME_COLUMN, LiveHistory
+from mavdem.live.history import MAX_EVENTS, TIME_COLUMN, LiveHistory
 from mavdem.report.charts.timeline import live_timeline
 
 
@@ -106,3 +109,17 @@ def test_the_torque_of_a_motor_is_no_wind():
     history.clear_wind_torque(100.5)
     torque = history.table[:, 5]
     assert np.isnan(torque[history.table[:, 1] >= 100.5]).all() and (torque[:50] == 1.0).all()
+
+
+def test_a_flood_of_alarms_is_thinned_out_and_counted_and_hides_no_takeoff():
+    history = LiveHistory()
+    takeoff = Event(0.0, Fact(ReportedEvent.OFF_GROUND, time=0.0))
+    history.add_event(takeoff)
+    for number in range(3 * MAX_EVENTS):
+        alarm = Fact(ReportedEvent.BATTERY_ALARMED, Level.BAD, time=float(number))
+        history.add_event(Event(float(number), alarm))
+    assert len(history.events) <= MAX_EVENTS and history.alarm_count == 3 * MAX_EVENTS
+    assert history.events[0] is takeoff
+    # The latest are all there.
+    latest_times = [event.seconds for event in history.events[-MAX_EVENTS // 4 :]]
+    assert_allclose(np.diff(latest_times), 1.0)

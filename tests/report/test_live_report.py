@@ -50,7 +50,7 @@ def test_an_alarm_that_is_over_is_neither_in_the_title_nor_beside_the_headline()
     limit = Fact(MotorsLight.MOTORS_AT_LIMIT, Level.BAD, time=9.0, names=("motor 1", "motor 2"))
     alarm = Fact(SessionFact.ALARM, time=9.0, reason=limit)
     history = LiveHistory()
-    history.events.append(Event(9.0, alarm, reception=0.0))
+    history.add_event(Event(9.0, alarm, reception=0.0))
     account = dict.fromkeys(TimeUse, 0.0)
     lasting = SessionStatus(
         "1:1",

@@ -26,6 +26,7 @@ from mavdem.facts.serve import RefusalReason
 from mavdem.facts.session import LinkFact, RowsFact, SessionFact, TimeUse, VehicleFact
 from mavdem.fleet.names import NO_NAMES
 from mavdem.ingest import read_log
+from mavdem.live import clock
 from mavdem.live.history import LiveHistory
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session_status import SessionStatus
@@ -149,6 +150,9 @@ def test_the_page_of_a_flight_whose_end_nobody_saw_says_when_the_link_was_lost(i
 
 def test_the_page_has_an_alarm_at_once_and_other_changes_every_five_seconds(idle, monkeypatch):
     live, _ = idle
+    now = clock.monotonic()
+    # Rendering takes no time.
+    monkeypatch.setattr(clock, "monotonic", lambda: now)
     pages = (f"page {number}" for number in count())
     monkeypatch.setattr(live_pages, "live_page", lambda *_, **__: next(pages))
     session = Mock(status=SessionStatus("1:1"))

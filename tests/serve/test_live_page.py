@@ -41,7 +41,7 @@ class Session:
         flown(self.history, seconds, start=self.end)
         self.end += seconds
         reboot = Fact(VehicleFact.VEHICLE_REBOOTED, time=self.end, clock=self.end)
-        self.history.events.append(Event(self.end, reboot, reception=0.0))
+        self.history.add_event(Event(self.end, reboot, reception=0.0))
         self.show(SessionStatus("1:1", is_flying=True, message_age=0.0))
 
     def weaken(self, motor):
@@ -57,7 +57,7 @@ class Session:
             assumed=False,
             boot=0,
         )
-        self.history.events.append(Event(self.end, weak, reception=0.0))
+        self.history.add_event(Event(self.end, weak, reception=0.0))
         alarmed = {"active_alarms": (weak,), "worst_lights": {Light.MOTORS: weak}}
         self.show(SessionStatus("1:1", is_flying=True, message_age=0.0, **alarmed))
 

@@ -98,8 +98,13 @@ def answer(server, path, host=None):
     return response.status, response.headers, response.read()
 
 
-def test_the_address_leads_to_a_page_that_is_made_again_when_it_is_old_or_lacks_an_event():
+def test_the_address_leads_to_a_page_that_is_made_again_when_it_is_old_or_lacks_an_event(
+    monkeypatch,
+):
     session = flying_session()
+    now = clock.monotonic()
+    # Rendering takes no time.
+    monkeypatch.setattr(clock, "monotonic", lambda: now)
     with live_server() as server:
         assert answer(server, "/")[1]["Location"] == "/live"
         server.report(session, STATUS)
@@ -108,7 +113,7 @@ def test_the_address_leads_to_a_page_that_is_made_again_when_it_is_old_or_lacks_
         server.report(session, STATUS)
         assert server.page is first_page
         reboot = Fact(VehicleFact.VEHICLE_REBOOTED, time=4.0, clock=4.0)
-        session.history.events.append(Event(4.0, reboot, reception=0.0))
+        session.history.add_event(Event(4.0, reboot, reception=0.0))
         server.report(session, STATUS)
         second_page = server.page
         assert second_page.html != first_page.html
@@ -288,3 +293,15 @@ def test_a_viewer_that_cannot_start_says_why(viewer, browser):
         tab.until("document.getElementById('viewer_status').classList.contains('bad')")
         told = tab.run("document.getElementById('viewer_status').textContent")
         assert told.startswith("The dashboard cannot be shown: mavdem does not answer.")
+
+
+def test_pages_of_a_vehicle_that_reports_events_without_end_leave_time_for_its_messages(
+    monkeypatch,
+):
+    session = flying_session()
+    now = clock.monotonic()
+    monkeypatch.setattr(clock, "monotonic", lambda: now)
+    page = SessionPage.made_now("page", session, STATUS, start_time=now - 0.1)
+    session.history.add_event(Event(4.0, Fact(VehicleFact.NO_VEHICLE_YET), reception=0.0))
+    assert not replace(page, made_time=now).is_outdated(session)
+    assert replace(page, made_time=now - 1.0).is_outdated(session)

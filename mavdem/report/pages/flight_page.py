@@ -770,6 +770,7 @@ def live_page(
         links=links,
         saved_flight=saved_flight,
         alarm=live_alarm(status),
+        alarm_count=history.alarm_count,
         refresh_seconds=refresh_seconds,
     )
     sentences = judgement_sentences(judgement)

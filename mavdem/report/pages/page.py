@@ -234,6 +234,9 @@ class Head(NamedTuple):
     alarm: str = ""
     """The alarm of that vehicle in a few words, with which the page's title begins; empty without one."""
 
+    alarm_count: int = 0
+    """Number of alarms of that session so far: a page that is open sounds when it grows."""
+
     refresh_seconds: float | None = None
     """Time after which a browser without JavaScript loads the page of that session again, s; with it, the page takes
     over what is new by itself. None for a page that does not change."""
@@ -326,11 +329,6 @@ class Head(NamedTuple):
             if is_active_alarm:
                 return None if page_event.is_headline else page_event
         return None
-
-    @property
-    def alarm_count(self) -> int:
-        """Number of alarms so far: a page that is open sounds when it grows."""
-        return sum(page_event.event.is_alarm for page_event in self.events)
 
     @property
     def earlier_events(self) -> Sequence[PageEvent]:

@@ -397,7 +397,7 @@ def test_a_live_flight_has_what_was_trained_on_its_events_and_no_wind_below_0():
     history = LiveHistory()
     flown(history, 2.0)
     flown(history, 2.0, segment=1, start=105.0, learnt=False)
-    history.events.append(Event(12.25, Fact(VehicleFact.NO_VEHICLE_YET)))
+    history.add_event(Event(12.25, Fact(VehicleFact.NO_VEHICLE_YET)))
     timeline = live_timeline(history, "roll")
     above, below = timeline.overview
     assert len(above.spans) == len(timeline.training_intervals) == 1 and "°/s²" in below.y.label
@@ -486,7 +486,7 @@ def test_a_live_page_on_a_telephone_has_lights_and_events_before_plots_and_map(t
         history.add_row(0, time, np.zeros(2), None, pose)
         history.advance(time, 0)
         history.add_voltages({1: 12.6})
-    history.events.append(Event(110.0, Fact(VehicleFact.NO_VEHICLE_YET, time=110.0), reception=0.0))
+    history.add_event(Event(110.0, Fact(VehicleFact.NO_VEHICLE_YET, time=110.0), reception=0.0))
     account = dict.fromkeys(TimeUse, 0.0)
     doubted = Fact(EstimatorLight.FIX_MISSING, Level.BAD, satellites=3)
     status = SessionStatus("1:1", worst_lights={Light.ESTIMATOR: doubted})
