@@ -1,6 +1,6 @@
 """``mavdem diff``: which figures of a vehicle differ significantly between two flights, or two fleets."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import date
 from pathlib import Path
 
@@ -8,8 +8,8 @@ import click
 
 from mavdem.cli.exit_codes import EXIT_UNSUPPORTED
 from mavdem.cli.links import refuse_link
-from mavdem.cli.options import Command, file_option, json_option
-from mavdem.cli.output import json_text, print_result, progress
+from mavdem.cli.options import Command, file_option, json_option, verbose_option
+from mavdem.cli.output import json_text, print_json, print_screen, progress
 from mavdem.cli.output_files import check_output_folder, replaced_files
 from mavdem.cli.result_folders import available_folder
 from mavdem.dataset.signals import Signals
@@ -25,16 +25,17 @@ from mavdem.fleet.state import (
     states_of_common_vehicle,
     with_motors_judged,
 )
-from mavdem.report.blocks import Sentence
+from mavdem.report.blocks import Block, Sentence
 from mavdem.report.charts.comparison_charts import FlightSeries, flight_series
-from mavdem.report.difference import (
-    bound_sentences,
-    difference_blocks,
-    headline_blocks,
-    headline_of_comparison,
-    motor_table,
-    next_blocks,
-)
+from mavdem.report.difference.changes import bound_blocks, change_sentences, detail_sentences
+from mavdem.report.difference.headline import headline_blocks, headline_of_comparison
+from mavdem.report.difference.identity import identity_remarks
+from mavdem.report.difference.lights import bad_lights
+from mavdem.report.difference.motors import motor_table
+from mavdem.report.difference.next_step import next_blocks
+from mavdem.report.difference.parameters import parameter_sentences
+from mavdem.report.difference.reviewed import ReviewedDifference, reviewed_difference
+from mavdem.report.difference.sides import side_descriptions
 from mavdem.report.pages.difference_page import comparison_page
 from mavdem.report.pages.motor_anomaly import review_beside_flights
 
@@ -103,6 +104,7 @@ def _days_option(side: str) -> Callable[[Command], Command]:
 @_days_option("a")
 @_days_option("b")
 @file_option("--out", "Folder for diff.html and diff.json. [default: named after A and B]")
+@verbose_option
 @json_option
 @click.pass_context
 def diff_command(
@@ -113,6 +115,7 @@ def diff_command(
     days_a: Days | None,
     days_b: Days | None,
     out: Path | None,
+    verbose: bool,
     as_json: bool,
 ) -> None:
     """Reports what changed between A and B, and what did not.
@@ -167,8 +170,9 @@ def diff_command(
         headlines={side.lower(): headline for side, headline in headlines.items()},
         motor_health={side.lower(): review.get("motor_health") for side, review in reviews.items()},
     )
+    names = (_shown_name(before, days_a), _shown_name(after, days_b))
     page = comparison_page(
-        (_shown_name(before, days_a), _shown_name(after, days_b)),
+        names,
         (reviews[name_a], reviews[name_b]),
         difference,
         parameters,
@@ -179,19 +183,50 @@ def diff_command(
         document_path.write_text(json_text(document), "utf-8")
         # The page may contain the name of a file, which need not be valid Unicode.
         page_path.write_text(page, "utf-8", "replace")
-    headline = headline_of_comparison(reviews, difference, parameters)
-    blocks = [
-        *headline,
-        *motor_table(reviews, difference),
-        *bound_sentences(difference),
-        *difference_blocks(difference, parameters, names_without_gains, headline, reviews),
-        *([] if difference.is_of_same_flight else headline_blocks(headlines, headline)),
-        *next_blocks(difference, reviews),
-        Sentence(str(folder / PAGE_FILE), "Page:"),
-    ]
-    print_result(document, blocks, as_json=as_json)
-    if not difference.changes:
+    if as_json:
+        print_json(document)
+    else:
+        reviewed = reviewed_difference(difference, reviews, parameters, names_without_gains)
+        _print_comparison(names, reviewed, headlines, folder / PAGE_FILE, verbose=verbose)
+    # That a motor failed in one of the flights is a result, though its figures then cannot be compared.
+    if not difference.changes and not bad_lights(reviews):
         context.exit(EXIT_UNSUPPORTED)
+
+
+def _print_comparison(
+    names: tuple[str, str],
+    reviewed: ReviewedDifference,
+    headlines: Mapping[str, str | None],
+    page: Path,
+    *,
+    verbose: bool,
+) -> None:
+    """Prints what is compared and what changed, then the headline and the next step.
+
+    Args:
+        names: Names of A and B.
+        reviewed: Comparison of both, beside the reviews of their logs.
+        headlines: Headline of the review of each log, by side, "A" and "B".
+        page: The page that was written.
+        verbose: Whether to print all figures, also those that did not change, and how sure they are.
+    """
+    headline = headline_of_comparison(reviewed)
+    footer = [*headline, *next_blocks(reviewed), Sentence(str(page), "Page:")]
+    if reviewed.difference.is_of_same_flight:
+        print_screen([], [], [], footer, verbose=verbose)
+        return
+    title = []
+    for side, description in side_descriptions(names, reviewed).items():
+        title.append(Sentence(f"{description}.", f"{side}:"))
+    title += identity_remarks(reviewed)
+    summary: list[Block] = [
+        *motor_table(reviewed.reviews, reviewed.difference),
+        *change_sentences(reviewed, headline),
+        *parameter_sentences(reviewed, headline),
+        *bound_blocks(reviewed.difference),
+    ]
+    details = [*detail_sentences(reviewed), *headline_blocks(headlines, headline)]
+    print_screen(title, summary, details, footer, verbose=verbose)
 
 
 def _shown_name(source: str, days: Days | None) -> str:

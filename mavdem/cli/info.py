@@ -114,7 +114,7 @@ def _print_analyses(
             # A vehicle that was lost matters more than what the log holds.
             footer.insert(0, headline_sentence(loss))
         print_screen(
-            vehicle_title(log, signals, analysis),
+            [vehicle_title(log, signals, analysis)],
             summary=vehicle_contents(values),
             details=senders,
             footer=footer,
@@ -133,7 +133,7 @@ def _print_assessments(document: JsonValues, assessments: Sequence[Assessment]) 
     for values, assessment in zip(document["vehicles"], assessments, strict=True):
         sentences = judgement_sentences(assessment.judgement)
         print_screen(
-            review_title(assessment),
+            [review_title(assessment)],
             summary=vehicle_contents(values),
             details=[*sentences.lights, *instance_blocks(assessment), *senders],
             footer=[sentences.headline, sentences.next_step],

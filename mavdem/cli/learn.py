@@ -168,7 +168,7 @@ def _print_assessment(assessment: Assessment, *, verbose: bool) -> None:
         details = detail_blocks(analysis.learned)
     sentences = judgement_sentences(assessment.judgement)
     print_screen(
-        title,
+        [title],
         analysis_body(analysis, assessment),
         details,
         [sentences.headline, sentences.next_step],

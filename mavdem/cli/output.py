@@ -1,7 +1,7 @@
 """Results and errors that a command prints: a JSON document, or sentences and tables; and the progress bar."""
 
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -63,7 +63,7 @@ def print_blocks(blocks: Iterable[Block]) -> None:
 
 
 def print_screen(
-    title: Sentence | None,
+    title: Sequence[Sentence],
     summary: Iterable[Block],
     details: Iterable[Block],
     footer: Iterable[Block],
@@ -79,20 +79,19 @@ def print_screen(
     ``TERMINAL_LINES``.
 
     Args:
-        title: First line, if there is one.
+        title: First lines, such as the name of the log; always complete.
         summary: Blocks in the order of their importance; one that does not fit is left out.
         details: Further blocks that only ``verbose`` shows, after the summary.
         footer: Blocks at the end, such as headline and next step; always complete.
         verbose: Whether to print all blocks at full length.
         reserved_lines: Lines of the screen that stay free for what the command prints afterwards.
     """
-    title_blocks: list[Block] = [] if title is None else [title]
     if verbose:
-        print_blocks([*title_blocks, *summary, *details, *footer])
+        print_blocks([*title, *summary, *details, *footer])
         return
     lines = []
-    for block in title_blocks:
-        lines += _block_lines(block, lines_per_row=1)
+    for sentence in title:
+        lines += _block_lines(sentence)
     footer_lines = []
     for block in footer:
         footer_lines += _block_lines(block)

@@ -173,7 +173,7 @@ def track_command(
         if tracked.healthy:
             differences = _differences_from_baseline(out, tracked.healthy)
             # Only some runs need this module, so that it is imported where it is used.
-            from mavdem.report.difference import baseline_blocks
+            from mavdem.report.difference.baseline import baseline_blocks
 
             for vehicle, (latest_row, difference) in differences.items():
                 if difference is not None:

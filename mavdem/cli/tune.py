@@ -167,4 +167,4 @@ def _print_tuning(tuning: Tuning, folder: Path | None, *, verbose: bool) -> None
     if folder:
         report.append(Sentence(str(folder / PAGE_FILE), "Page:"))
     # All of it is the footer, of which nothing is left out.
-    print_screen(None, summary=[], details=lights, footer=report, verbose=verbose)
+    print_screen([], summary=[], details=lights, footer=report, verbose=verbose)

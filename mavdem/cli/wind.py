@@ -101,7 +101,7 @@ def wind_command(
     if verbose or parameters_to_set:
         tables.append(drag_table(wind.drag, parameters_to_set))
     print_screen(
-        title=None,
+        title=[],
         summary=[],
         details=[],
         footer=[

@@ -76,6 +76,7 @@ class Incomparable(Code):
     NOT_IN_BOTH = "not_in_both"
     NOT_REPORTED = "not_reported"
     NOT_ESTIMATED = "not_estimated"
+    FAILED_MOTOR = "failed_motor"
     NO_COMMON_VEHICLE = "no_common_vehicle"
     VEHICLES_UNKNOWN = "vehicles_unknown"
     VEHICLE_MISSING = "vehicle_missing"

@@ -157,13 +157,18 @@ def _has_estimate(quantity: Quantity, estimated_quantities: Sequence[Iterable[Qu
 def missing_reason(quantity: Quantity, state_name: str, flights: Flights) -> Fact:
     """Returns the reason why a state has no estimate of a quantity, as a fact.
 
-    Either all its values are biased or not identifiable, or no flight has a value at all.
+    Either a motor failed, or all its values are biased or not identifiable, or no flight has a value at all.
 
     Args:
         quantity: kind of the missing quantity, such as a margin, with its axis or motor.
         state_name: "A" or "B", for the message.
         flights: the flights of the state of the vehicle, each as the rows of its axes.
     """
+    failed_motors = {row.failed_motor for flight in flights for row in flight} - {None}
+    if quantity.kind in (SHARE, EFFECT) and failed_motors:
+        return Fact(
+            Incomparable.FAILED_MOTOR, subject=state_name, motors=_sorted_texts(failed_motors)
+        )
     statuses = set()
     for flight in flights:
         for row in flight:

@@ -84,6 +84,19 @@ class VehicleDifference(NamedTuple):
     """Probability of the intervals."""
 
     @property
+    def is_of_two_vehicles(self) -> bool:
+        """Whether the states are known to be of two vehicles, so that differences need not be changes.
+
+        They are if their names differ, or the numbers of their motors.
+        """
+        reasons = {missing.reason.code for missing in self.incomparable}
+        if Incomparable.OTHER_VEHICLES in reasons:
+            return True
+        names = {*self.vehicles.before, *self.vehicles.after}
+        is_known = bool(self.vehicles.before and self.vehicles.after) and UNKNOWN not in names
+        return is_known and set(self.vehicles.before) != set(self.vehicles.after)
+
+    @property
     def is_of_same_flight(self) -> bool:
         """Whether a state is compared with itself, as where a user names the same log twice.
 

@@ -103,7 +103,8 @@ def flight_estimates(flight: AxisRows) -> dict[Quantity, Estimate]:
     """Collects the estimates of all compared quantities from one flight.
 
     Only physical parameters with the status "reported" are taken. The bias of the others depends on wind and steering,
-    so that they would seem to change with the weather.
+    so that they would seem to change with the weather. In a flight in which a motor failed, the figures of motors are
+    means over the time before and after, which mean neither; so they are left out.
 
     Args:
         flight: the rows of roll, pitch and yaw. Half widths of 90 % intervals become standard deviations.
@@ -116,9 +117,11 @@ def flight_estimates(flight: AxisRows) -> dict[Quantity, Estimate]:
     effects_by_axis: dict[Quantity, list[Estimate]] = {}
     for row in flight:
         axis = row.axis or ""
-        # The motors' trim is the same in the rows of all axes.
-        shares = motor_log_estimates(row.trim_share, row.trim_share_interval)
-        estimates |= relative_to_median_motor(SHARE, shares)
+        has_failed_motor = row.failed_motor is not None
+        if not has_failed_motor:
+            # The motors' trim is the same in the rows of all axes.
+            shares = motor_log_estimates(row.trim_share, row.trim_share_interval)
+            estimates |= relative_to_median_motor(SHARE, shares)
 
         axis_estimates = {
             PHASE_MARGIN: estimate_from_interval(row.phase_margin, row.phase_margin_interval),
@@ -145,7 +148,8 @@ def flight_estimates(flight: AxisRows) -> dict[Quantity, Estimate]:
         if effects and row.effect_status == Status.REPORTED:
             estimates[Quantity(MEAN_EFFECT, axis=axis)] = mean_estimate(effects.values())
             # A model may have the controller's demand as its input in place of the motors.
-            if len(row.motors or ()) == len(row.effect or ()):
+            are_of_motors = len(row.motors or ()) == len(row.effect or ())
+            if are_of_motors and not has_failed_motor:
                 for quantity, effect in relative_to_median_motor(EFFECT, effects).items():
                     effects_by_axis.setdefault(quantity, []).append(effect)
     # A motor that weakens loses the same factor of its effect about every axis. So the axes give one estimate.

@@ -138,6 +138,27 @@ class QuantityChange(NamedTuple):
         return abs(self.difference) <= self.half_width
 
     @property
+    def is_doubtful(self) -> bool:
+        """Whether it does not count as changed though its own interval does not contain "no change".
+
+        That interval disregards how many quantities are tested.
+        """
+        return self.outcome is QuantityOutcome.UNCERTAIN and not self.interval_contains_zero
+
+    @property
+    def shows_weaker_motor(self) -> bool:
+        """Whether it means a weaker motor.
+
+        A motor that became weaker either takes a larger share of the output to hold the vehicle level, or has less
+        effect.
+        """
+        if not self.quantity.is_of_motor:
+            return False
+        if self.quantity.kind == SHARE:
+            return self.difference > 0
+        return self.difference < 0
+
+    @property
     def largest_difference(self) -> float:
         """Largest size of a difference that the interval contains, in the unit of the difference."""
         return abs(self.difference) + self.half_width

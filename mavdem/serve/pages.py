@@ -29,7 +29,7 @@ from mavdem.fleet.workers import PAGES, POLL_SECONDS
 from mavdem.ingest.formats import detect_format
 from mavdem.report.blocks import Blocks
 from mavdem.report.charts.comparison_charts import FlightSeries
-from mavdem.report.difference import baseline_blocks
+from mavdem.report.difference.baseline import baseline_blocks
 from mavdem.report.pages.difference_page import comparison_page
 from mavdem.report.pages.library_page import (
     render_server_page,
@@ -511,6 +511,7 @@ class Pages:
             lacking=states_without_gains(gains_before, gains_after),
             back=PageLink("Flights", "/"),
             flights=(self._series(entry_before), self._series(entry_after)),
+            addresses=(f"/f/{entry_before.id}", f"/f/{entry_after.id}"),
         )
         return HTMLResponse(
             with_server_script(html, **self._visible_library.visitor_values(request))

@@ -14,7 +14,9 @@ from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.parameter_changes import ParameterChange
 from mavdem.fleet.row import FlightRow
 from mavdem.report.charts.comparison_charts import flight_series
-from mavdem.report.difference import headline_of_comparison, next_blocks
+from mavdem.report.difference.headline import headline_of_comparison
+from mavdem.report.difference.next_step import next_blocks
+from mavdem.report.difference.reviewed import reviewed_difference
 from mavdem.report.pages.difference_page import comparison_page
 
 
@@ -42,11 +44,13 @@ def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
     said = capsys.readouterr().out
     changed_line = next(line for line in said.splitlines() if line.startswith("Changed:"))
     assert "motor 3" in changed_line and "; motor 3's relative trim +12" in said
-    assert "4 flights of A and 4 flights of B" in unwrapped(said)
-    next_step, page = said.split("\n\n")[-3:-1]
+    assert said.startswith("A: old, alpha, 4 flights.\nB: new, alpha, 4 flights.\n")
+    *_, next_step, page = said.splitlines()
     assert next_step == "Next: Inspect motor 3 and its propeller before the next flight."
     assert page == "Page: old_and_new/diff.html"
     assert "Motor 3&#39;s " in Path("old_and_new/diff.html").read_text(encoding="utf-8")
+    assert run("diff", *fleets, "--verbose") == 0
+    assert "4 flights of A and 4 flights of B" in unwrapped(capsys.readouterr().out)
     changes = document_of(capsys, "diff", *fleets, "--vehicle", "alpha")["changes"]
     changed = [one["quantity"] for one in changes if one["outcome"] == "changed"]
     assert [(one["kind"], one["motor"]) for one in changed] == [("share", 3), ("effect", 3)]
@@ -100,8 +104,8 @@ def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path
     }
     monkeypatch.setattr("mavdem.fleet.state.rows_of_log", lambda path, *_: (rows[path.name], {}))
     assert run("diff", "a.bin", "a.bin", "--vehicle", "4:1") == 0
-    sentence, _page, rest = capsys.readouterr().out.split("\n\n")
-    assert sentence == "A and B are the same flight: name another to compare it with." and not rest
+    sentence, _page = capsys.readouterr().out.splitlines()
+    assert sentence == "A and B are the same flight: name another to compare it with."
     assert run("diff", "two.bin", "two.bin", "--vehicle", "4:1", "--out", "two") == 0
     sentence = capsys.readouterr().out.partition("\n")[0]
     assert sentence == "A and B are the same 2 flights: name others to compare them with."
@@ -144,7 +148,7 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
     assert places == sorted(places) and places[0] > page.index('id="what-changed"')
     headlines = re.findall(r'<p class="headline"><strong>([^<]*)', page)
     assert headlines[0] == "Margins: good in A, bad in B. Roll oscillates."
-    (row,) = re.findall(r'<tr><td class="words">margins</td>.*?</tr>', page)
+    (row,) = re.findall(r'<tr><td class="words"[^>]*>margins</td>.*?</tr>', page)
     assert re.findall(r'<span class="rating (\w+)', row) == ["good", "bad"]
     assert "hase margin on roll 57 → 17°" in page
     # Pitch lost as much without another gain.
@@ -153,17 +157,17 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
         "Gains changed: ATC_RAT_RLL_P 0.1 → 0.2 and 1 other parameter; by them phase margin on roll"
     )
     on_terminal = headline_of_comparison(
-        dict(zip("AB", reviews, strict=True)), difference, parameters
+        reviewed_difference(difference, dict(zip("AB", reviews, strict=True)), parameters)
     )
     assert [f"{sentence.lead} {sentence.text}" for sentence in on_terminal] == headlines
-    assert "A: a.bin, 2026-01-31" in page and "B: b.bin" in page
+    assert "<dd>a.bin, alpha, 2026-01-31 10:00 UTC</dd>" in page and "<dd>b.bin, alpha</dd>" in page
     # By their dates A may be the later one.
     lower = {"next_step": {"sentence": "Lower P."}}
     swapped = {
         "A": {"identity": {"date": "2026-02-01T10:00:00Z"}, "lights": oscillating, **lower},
         "B": reviews[0],
     }
-    assert next_blocks(difference, swapped)[0].lead == "Next, by A:"
+    assert next_blocks(reviewed_difference(difference, swapped))[0].lead == "Next, by A:"
 
 
 @mark.parametrize(
@@ -184,6 +188,8 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
 )
 def test_page_and_terminal_conclude_alike_where_nothing_changed(half_widths, conclusion):
     difference = vehicle_difference(flown("alpha", [0]), flown("alpha", [1], **half_widths))
-    assert conclusion in [sentence.lead for sentence in headline_of_comparison({}, difference)]
+    assert conclusion in [
+        sentence.lead for sentence in headline_of_comparison(reviewed_difference(difference))
+    ]
     page = comparison_page(("a.bin", "b.bin"), ({}, {}), difference)
     assert f'<p class="headline"><strong>{conclusion}' in page

@@ -13,12 +13,11 @@ from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.fleet.parameter_changes import ParameterChange
 from mavdem.report import fleet_summary
 from mavdem.report.blocks import plain_text
-from mavdem.report.difference import (
-    baseline_blocks,
-    difference_blocks,
-    headline_of_comparison,
-    next_blocks,
-)
+from mavdem.report.difference.baseline import baseline_blocks
+from mavdem.report.difference.changes import difference_blocks
+from mavdem.report.difference.headline import headline_of_comparison
+from mavdem.report.difference.next_step import next_blocks
+from mavdem.report.difference.reviewed import reviewed_difference
 from mavdem.report.fleet import vehicle_health, vehicle_texts
 from mavdem.report.flight_lines import COLUMNS, flight_line
 from mavdem.report.pages.fleet_page import _named_cells
@@ -209,8 +208,10 @@ def flown(number, vehicle="quad", **changed):
 def test_wind_battery_and_lean_are_conditions():
     text = plain_text(
         difference_blocks(
-            vehicle_difference(
-                flown(0), flown(1, wind_torque_sd=4.0, voltage_mean=14.0, lean_roll=0.2)
+            reviewed_difference(
+                vehicle_difference(
+                    flown(0), flown(1, wind_torque_sd=4.0, voltage_mean=14.0, lean_roll=0.2)
+                )
             )
         )
     )
@@ -223,7 +224,9 @@ def test_two_vehicles_differ_and_none_changed():
     before = flown(0, "quad", phase_margin=1.0, **margins)
     for vehicle, word in (("quad", "Changed: "), ("other", "Different: ")):
         after = flown(1, vehicle, phase_margin=0.3, **margins)
-        text = plain_text(headline_of_comparison({}, vehicle_difference(before, after)))
+        text = plain_text(
+            headline_of_comparison(reviewed_difference(vehicle_difference(before, after)))
+        )
         assert word in text
         assert ("Changed" in text) == (vehicle == "quad")
 
@@ -232,27 +235,35 @@ def test_motors_are_not_checked_for_what_new_gains_explain():
     before = flown(0, phase_margin=1.0, phase_margin_interval=0.05)
     after = flown(1, phase_margin=0.3, phase_margin_interval=0.05)
     gains = [ParameterChange(f"ATC_RAT_{axis}_P", 0.1, 0.2) for axis in ("RLL", "PIT")]
-    assert "check motors" in plain_text(next_blocks(vehicle_difference(before, after)))
+    assert "check motors" in plain_text(
+        next_blocks(reviewed_difference(vehicle_difference(before, after)))
+    )
     difference = vehicle_difference(before, after, gains)
-    assert not next_blocks(difference)
+    assert not next_blocks(reviewed_difference(difference))
     # The gains are the cause, and what follows from them is neither doubtful nor tested.
-    sentences = headline_of_comparison({}, difference, gains)
+    sentences = headline_of_comparison(reviewed_difference(difference, {}, gains))
     headline = plain_text(sentences)
     # That no other figure changed comes after those that did, and none is named twice.
     assert headline.index("by them") < headline.index("No compared figure changed")
-    also = plain_text(difference_blocks(difference, gains, headline=sentences))
+    also = plain_text(
+        difference_blocks(reviewed_difference(difference, parameters=gains), sentences)
+    )
     assert "By the changed gains: what stands above. Settings of the control of roll and" in also
     assert "phase margin on pitch 57" not in also
     assert "0.1 → 0.2; by them phase margin on pitch 57 → 17°" in headline
     assert "No compared figure changed, but for what other gains explain." in headline
-    assert "Doubtful" not in plain_text(difference_blocks(difference, gains))
+    assert "Doubtful" not in plain_text(
+        difference_blocks(reviewed_difference(difference, parameters=gains))
+    )
 
 
 def test_a_figure_of_a_loop_with_other_gains_differs_only_by_its_own_interval():
     before = flown(0, phase_margin=1.0, phase_margin_interval=0.2, ms=1.4, ms_interval=0.01)
     after = flown(1, phase_margin=1.1, phase_margin_interval=0.2, ms=3.0, ms_interval=0.01)
     gains = [ParameterChange("ATC_RAT_RLL_P", 0.1, 0.2), ParameterChange("ATC_RAT_PIT_P", 0.1, 0.2)]
-    sentences = difference_blocks(vehicle_difference(before, after, gains), gains)
+    sentences = difference_blocks(
+        reviewed_difference(vehicle_difference(before, after, gains), parameters=gains)
+    )
     texts = {sentence.lead: sentence.text for sentence in sentences}
     assert texts["By the changed gains:"].startswith("Ms on ")
     assert "phase margin" not in texts["By the changed gains:"]
@@ -261,14 +272,14 @@ def test_a_figure_of_a_loop_with_other_gains_differs_only_by_its_own_interval():
 
 def test_the_bound_on_false_changes_is_that_of_the_families_that_were_tested():
     flights = flown(0), flown(1, voltage_mean=15.0)
-    text = plain_text(difference_blocks(vehicle_difference(*flights)))
+    text = plain_text(difference_blocks(reviewed_difference(vehicle_difference(*flights))))
     assert (
         "(trims and physical parameters), so that of the changes found in a group at most" in text
     )
     assert "at most one in 20 is expected to be wrong, on average over these groups." in text
     without_models = {f"{name}_status": "refused" for name in ("effect", "damping", "lag")}
     flights = [[replace(row, **without_models) for row in rows] for rows in flights]
-    text = plain_text(difference_blocks(vehicle_difference(*flights)))
+    text = plain_text(difference_blocks(reviewed_difference(vehicle_difference(*flights))))
     assert "4 figures (trims), so that of the changes found at most one in 20 is" in text
 
 

@@ -11,7 +11,7 @@ from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.random_effects import EQUIVALENCE_LIMITS, QuantityChange
 from mavdem.report.charts.chart import Plan
 from mavdem.report.charts.plans import figure_as_svg
-from mavdem.report.difference import change_text, equivalence_limit_text
+from mavdem.report.difference.quantity_texts import change_text, equivalence_limit_text
 from mavdem.report.numbers import listed
 from mavdem.report.templates import capitalize_first
 

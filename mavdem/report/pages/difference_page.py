@@ -7,20 +7,15 @@ import numpy as np
 
 from mavdem.containers import Names
 from mavdem.dataset.axes import AXES
+from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.parameter_changes import ParameterChange
-from mavdem.fleet.quantities import (
-    HALF_WIDTH_PER_SD,
-    SHARE,
-    motor_log_estimates,
-    relative_to_median_motor,
-)
+from mavdem.fleet.quantities import LOOP_KINDS, SHARE
 from mavdem.fleet.report_columns import NOT_IDENTIFIABLE, value_at
-from mavdem.report.blocks import Blocks, Table, headline_sentence
+from mavdem.report.blocks import Blocks, Sentence, Table, headline_sentence
 from mavdem.report.charts.change_plan import change_plan, drawn_changes
 from mavdem.report.charts.chart import Axis, Chart, Group, Line, LineStyle, step_chart
 from mavdem.report.charts.comparison_charts import (
-    MAX_MOTORS,
     MEAN_MOTOR_OUTPUT,
     MEAN_SECONDS,
     MOTOR_OUTPUTS,
@@ -29,22 +24,27 @@ from mavdem.report.charts.comparison_charts import (
     flight_series_charts,
 )
 from mavdem.report.charts.flight_charts import MIN_DENSITY
-from mavdem.report.difference import (
-    Review,
-    bound_sentences,
+from mavdem.report.difference.changes import (
+    bound_blocks,
     difference_blocks,
+    same_sentences,
+    sentences_on_missing_figures,
+)
+from mavdem.report.difference.headline import (
     headline_blocks,
     headline_of_comparison,
-    light_blocks,
-    motor_table,
-    next_blocks,
-    same_sentences,
     sentences_on_watched_lights,
-    vibrations_of_same_imu,
 )
+from mavdem.report.difference.identity import identity_remarks
+from mavdem.report.difference.lights import Review, light_blocks, vibrations_of_same_imu
+from mavdem.report.difference.motors import motor_table
+from mavdem.report.difference.next_step import next_blocks
+from mavdem.report.difference.parameters import value_text
+from mavdem.report.difference.reviewed import ReviewedDifference, reviewed_difference
+from mavdem.report.difference.sides import side_descriptions
 from mavdem.report.loops import LOOP_FIGURES, TUNED_FIGURES
 from mavdem.report.numbers import counted, rounded
-from mavdem.report.pages.page import Chapter, render_document
+from mavdem.report.pages.page import Chapter, KeyEntry, render_document
 from mavdem.report.pages.page_link import PageLink
 from mavdem.report.palette import PREDICTED, TRUTH
 from mavdem.report.templates import render_section, rounded_up
@@ -54,9 +54,6 @@ Reviews = Mapping[str, Review]
 
 SIDE_COLOURS = {"A": PREDICTED, "B": TRUTH}
 """Colour of each side in charts."""
-
-ISO_DATE_LENGTH = len("2026-01-31")
-"""Characters of the date in a date with a time, as documents have it."""
 
 CHANGES_CAPTION = """\
 Each change from A to B with its own 90 % interval, relative to the largest one that is called the same (shaded). \
@@ -81,6 +78,9 @@ OVERVIEW_SERIES = (VIBRATION, MEAN_MOTOR_OUTPUT)
 MARGIN_FIGURES = {"rate": (*LOOP_FIGURES,), "attitude": TUNED_FIGURES}
 """Figures in the table of margins, by the loop."""
 
+MAX_OPEN_PARAMETERS = 20
+"""Changed parameters that the page lists without being asked: a choice, since those of two vehicles may be hundreds."""
+
 UNKNOWN_FIGURE = "-"
 """What a table shows in the place of a figure that is not known."""
 
@@ -93,6 +93,7 @@ def comparison_page(
     lacking: Names = (),
     back: PageLink | None = None,
     flights: tuple[FlightSeries | None, FlightSeries | None] = ({}, {}),
+    addresses: tuple[str, str] = ("", ""),
 ) -> str:
     """Renders the page that compares two flights.
 
@@ -105,42 +106,79 @@ def comparison_page(
         back: the page that leads here, if any.
         flights: time series of the flight of each side (``flight_series``): empty of a fleet, None where they were not
             stored with the flight.
+        addresses: addresses of the pages of both flights; empty where there are none.
     """
     reviews_by_side = dict(zip(SIDE_COLOURS, reviews, strict=True))
-    # Names of files and dates, which the subtitle has, would fill each chart's legend.
-    legend = {side: side for side in SIDE_COLOURS}
-    names_of_sides = {
-        side: _name_of_side(side, name, review)
-        for (side, review), name in zip(reviews_by_side.items(), names, strict=True)
-    }
-    headline = headline_of_comparison(reviews_by_side, difference, parameters)
-    steps_of_axes = {}
-    for axis in AXES:
-        charts = tuple(_step_charts(reviews_by_side, legend, axis))
-        if charts:
-            steps_of_axes[axis] = charts
-    changed_parameters = [
-        [name, f"{value_before:.4g}", f"{value_after:.4g}"]
-        for name, value_before, value_after in parameters
-    ]
-    series_charts = list(_series_charts(flights, legend))
-    warned_motors = motor_table(reviews_by_side, difference)
-    motors = Chapter(
-        "Motors",
-        warned_motors,
-        [
-            *_motor_groups(series_charts),
-            *_chart_group(_trim_chart(reviews_by_side, legend, difference), TRIMS_CAPTION),
-        ],
+    reviewed = reviewed_difference(difference, reviews_by_side, parameters, lacking)
+    descriptions = side_descriptions(names, reviewed)
+    key = []
+    for (side, description), address in zip(descriptions.items(), addresses, strict=True):
+        key.append(KeyEntry(SIDE_COLOURS[side], side, description, address))
+    headline = headline_of_comparison(reviewed)
+    return render_document(
+        " and ".join(names),
+        subtitle="",
+        blocks=_summary(reviewed, headline),
+        chapters=_chapters(reviewed, headline, flights),
+        back=back,
+        key=key,
     )
-    are_motors_first = bool(warned_motors)
-    chapters = [
+
+
+def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Blocks:
+    """Returns the top of the page: the headline, remarks on the vehicles, and the next step.
+
+    Args:
+        reviewed: comparison of both flights.
+        headline: the sentences that head the comparison.
+    """
+    summary: Blocks = []
+    # What is to be watched stands below the headlines.
+    watched = sentences_on_watched_lights(reviewed.reviews)
+    for sentence in headline:
+        if sentence in watched:
+            summary.append(sentence)
+        else:
+            summary.append(headline_sentence(f"{sentence.lead} {sentence.text}".strip()))
+    if not reviewed.difference.is_of_same_flight:
+        summary += identity_remarks(reviewed)
+    return [*summary, *next_blocks(reviewed)]
+
+
+def _chapters(
+    reviewed: ReviewedDifference,
+    headline: Sequence[Sentence],
+    flights: tuple[FlightSeries | None, FlightSeries | None],
+) -> list[Chapter]:
+    """Returns the chapters of the page: first the charts of what changed, both flights over each other.
+
+    Args:
+        reviewed: comparison of both flights.
+        headline: the sentences that head the comparison, which stand above.
+        flights: time series of flight A and of flight B; None where they were not stored with the flight.
+    """
+    reviews_by_side = reviewed.reviews
+    # Names of files and dates, which stand at the top, would fill each chart's legend.
+    legend = {side: side for side in SIDE_COLOURS}
+    series_charts = list(_series_charts(flights, legend))
+    motors = _motor_chapter(reviewed, legend, series_charts)
+    steps = _step_chapter(reviews_by_side, legend)
+    changed_chapters = []
+    if _do_motors_differ(reviewed):
+        changed_chapters.append(motors)
+    if _do_loops_differ(reviewed):
+        changed_chapters.append(steps)
+    other_chapters = [chapter for chapter in (steps, motors) if chapter not in changed_chapters]
+    changed_parameters = [
+        [name, value_text(value_before), value_text(value_after)]
+        for name, value_before, value_after in reviewed.parameters
+    ]
+    return [
+        *changed_chapters,
         Chapter("Both flights", (), _overview_groups(reviews_by_side, legend, series_charts)),
-        *([motors] if are_motors_first else []),
-        _change_chapter(difference),
-        Chapter("Lights of both", light_blocks(reviews_by_side)),
-        Chapter("Step response", (), [Group.of_axes(steps_of_axes)] if steps_of_axes else []),
-        *([] if are_motors_first else [motors]),
+        _change_chapter(reviewed.difference),
+        _light_chapter(reviewed, headline),
+        *other_chapters,
         _series_chapter(flights, series_charts),
         _table_chapter("Margins", "90 % interval", _margin_rows(reviews_by_side))._replace(
             folded=True
@@ -154,46 +192,95 @@ def comparison_page(
             "Parameters",
             f"{counted(len(changed_parameters), 'parameter')} changed",
             changed_parameters,
-        ),
-        Chapter(
-            "In words",
-            difference_blocks(difference, parameters, lacking, headline, reviews_by_side),
-            folded=True,
-        ),
+        )._replace(folded=len(changed_parameters) > MAX_OPEN_PARAMETERS),
+        Chapter("In words", difference_blocks(reviewed, headline), folded=True),
     ]
-    summary: Blocks = []
-    # What is to be watched stands below the headlines.
-    watched = sentences_on_watched_lights(reviews_by_side)
-    for sentence in headline:
-        if sentence in watched:
-            summary.append(sentence)
-        else:
-            summary.append(headline_sentence(f"{sentence.lead} {sentence.text}".strip()))
-    if not difference.is_of_same_flight:
+
+
+def _do_motors_differ(reviewed: ReviewedDifference) -> bool:
+    """Returns whether a flight has a warning of a single motor, or a compared figure of a motor changed."""
+    changes = reviewed.difference.changes_with(QuantityOutcome.CHANGED)
+    has_changed_motor = any(change.quantity.is_of_motor for change in changes)
+    return has_changed_motor or bool(motor_table(reviewed.reviews, reviewed.difference))
+
+
+def _do_loops_differ(reviewed: ReviewedDifference) -> bool:
+    """Returns whether a compared figure of a control loop changed, or the gains of one did."""
+    difference = reviewed.difference
+    changes = difference.changes_with(QuantityOutcome.CHANGED)
+    has_changed_loop = any(change.quantity.kind in LOOP_KINDS for change in changes)
+    return bool(
+        has_changed_loop
+        or difference.axes_with_other_gains
+        or difference.axes_with_other_attitude_gains
+    )
+
+
+def _motor_chapter(
+    reviewed: ReviewedDifference, legend: Mapping[str, str], series_charts: Sequence[Chart]
+) -> Chapter:
+    """Returns the chapter on the motors: their outputs and trims in both flights, and what each flight warns of.
+
+    Args:
+        reviewed: comparison of both flights.
+        legend: name of each side in legends.
+        series_charts: charts of the time series of both flights.
+    """
+    groups = [
+        *_motor_groups(series_charts),
+        *_chart_group(_trim_chart(legend, reviewed.difference), TRIMS_CAPTION),
+    ]
+    return Chapter("Motors", motor_table(reviewed.reviews, reviewed.difference), groups)
+
+
+def _step_chapter(reviews_by_side: Reviews, legend: Mapping[str, str]) -> Chapter:
+    """Returns the chapter with the measured step responses of all axes, both flights over each other.
+
+    Args:
+        reviews_by_side: review documents of both logs, by side.
+        legend: name of each side in legends.
+    """
+    steps_of_axes = {}
+    for axis in AXES:
+        charts = tuple(_step_charts(reviews_by_side, legend, axis))
+        if charts:
+            steps_of_axes[axis] = charts
+    return Chapter("Step response", (), [Group.of_axes(steps_of_axes)] if steps_of_axes else [])
+
+
+def _light_chapter(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Chapter:
+    """Returns the chapter with the lights of both flights, and the headline of each flight by itself.
+
+    Args:
+        reviewed: comparison of both flights.
+        headline: the sentences that head the comparison; what they state is not repeated.
+    """
+    blocks = light_blocks(reviewed.reviews)
+    if not reviewed.difference.is_of_same_flight:
         headlines = {
-            side: value_at(review, "headline.sentence") for side, review in reviews_by_side.items()
+            side: value_at(review, "headline.sentence") for side, review in reviewed.reviews.items()
         }
-        summary += headline_blocks(headlines, headline)
-    summary += next_blocks(difference, reviews_by_side)
-    subtitle = f"{names_of_sides['A']} and {names_of_sides['B']} over each other."
-    return render_document(" and ".join(names), subtitle, summary, chapters, back)
+        blocks += headline_blocks(headlines, headline)
+    return Chapter("Lights of both", blocks)
 
 
 def _change_chapter(difference: VehicleDifference) -> Chapter:
     """Returns the chapter on what changed between the flights: a drawing of the changes, and sentences on the others.
 
-    The drawing has each change with its interval. The sentences name the quantities that it leaves out, since they
-    stayed the same, or say how large a change may have been missed.
+    Where nothing could be compared, the sentences say why. The drawing has each change with its interval. The sentences
+    name the quantities that it leaves out, since they stayed the same, or say how large a change may have been missed.
 
     Args:
         difference: comparison of the two flights, quantity by quantity.
     """
+    if not difference.changes:
+        return Chapter("What changed", sentences_on_missing_figures(difference))
     drawing = change_plan(difference)
     groups = [] if drawing is None else [Group.side_by_side([drawing], CHANGES_CAPTION)]
     changes_in_drawing = drawn_changes(difference)
     other_changes = [change for change in difference.changes if change not in changes_in_drawing]
-    sentences = [*bound_sentences(difference), *same_sentences(other_changes)]
-    return Chapter("What changed", sentences, groups)
+    bounds = [] if difference.is_of_same_flight else bound_blocks(difference)
+    return Chapter("What changed", [*bounds, *same_sentences(other_changes)], groups)
 
 
 def _series_charts(
@@ -273,12 +360,6 @@ def _series_chapter(
         if chart.title not in titles_shown_elsewhere:
             groups.append(Group.side_by_side([chart]))
     return Chapter("More time series", remarks, groups, folded=True)
-
-
-def _name_of_side(side: str, name: str, review: Review) -> str:
-    """Returns the name of a side: its letter, file, and the date of its flight if that is known."""
-    date = value_at(review, "identity.date")
-    return f"{side}: {name}, {date[:ISO_DATE_LENGTH]}" if date else f"{side}: {name}"
 
 
 def _table_chapter(title: str, header: str, rows: list[list[str]]) -> Chapter:
@@ -403,55 +484,34 @@ def _spectrum_chart(reviews_by_side: Reviews, legend: Mapping[str, str]) -> Char
     return Chart(title, Axis("frequency (Hz)"), power_axis, tuple(lines))
 
 
-def _trim_chart(
-    reviews_by_side: Reviews, legend: Mapping[str, str], difference: VehicleDifference
-) -> Chart:
+def _trim_chart(legend: Mapping[str, str], difference: VehicleDifference) -> Chart:
     """Returns a chart of how far each motor's trim is from that of the median motor in both flights, %.
 
     These are the quantities that are compared, so a step between two dots is the change that the text states. Each
     motor is a dot with a whisker. What differs from flight to flight and what other lean may do counts in the interval
     of the change, not in that of a flight, and would be missing from whiskers of the flights alone. So both dots of a
     motor have 1/√2 of the change's half width: for independent errors their root sum of squares is what the text
-    states. Where a trim is not compared, the whisker is that of its flight. A side whose trim is not known has no dots;
-    where the numbers of motors differ, the axis has the names that both have.
+    states. Without compared trims the chart has no lines.
 
     Args:
-        reviews_by_side: review documents of both logs, by side.
         legend: name of each side in legends.
-        difference: comparison of both sides, for the intervals of the changes.
+        difference: comparison of both sides.
     """
+    changes = [change for change in difference.changes if change.quantity.kind == SHARE]
     lines = []
-    motor_count = MAX_MOTORS
-    shared_half_widths = {
-        change.quantity: change.half_width / sqrt(2)
-        for change in difference.changes
-        if change.quantity.kind == SHARE
-    }
-    for side, review in reviews_by_side.items():
-        shares = value_at(review, "condition.hover.trim_share")
-        if shares:
-            half_widths = tuple(value_at(review, "condition.share_interval") or [0.0] * len(shares))
-            estimates = relative_to_median_motor(
-                SHARE, motor_log_estimates(tuple(shares), half_widths)
-            )
-            # A line needs a point: with few motors that work, there is no typical one to compare with.
-            if not estimates:
-                continue
-            motor_count = min(motor_count, len(shares))
-            motors = np.array([quantity.motor - 1.0 for quantity in estimates])
-            deviation = 100 * np.array([estimate.value for estimate in estimates.values()])
-            half_width = 100 * np.array(
-                [
-                    shared_half_widths.get(quantity, estimate.sd * HALF_WIDTH_PER_SD)
-                    for quantity, estimate in estimates.items()
-                ]
-            )
+    if changes:
+        # The axis counts motors from 0.
+        motors = np.array([change.quantity.motor - 1.0 for change in changes])
+        half_width = 100 * np.array([change.half_width / sqrt(2) for change in changes])
+        before = 100 * np.array([change.before for change in changes])
+        after = 100 * np.array([change.after for change in changes])
+        for side, deviation in zip(SIDE_COLOURS, (before, after), strict=True):
             colour = SIDE_COLOURS[side]
             lines.append(
                 Line.with_band(legend[side], colour, motors, deviation, half_width, LineStyle.DOTS)
             )
-    motor_names = tuple(str(number + 1) for number in range(motor_count))
-    motor_axis = Axis("motor", names=motor_names)
+    motor_count = max((change.quantity.motor for change in changes), default=0)
+    motor_axis = Axis("motor", names=tuple(str(number + 1) for number in range(motor_count)))
     deviation_axis = Axis("relative trim (%)")
     return Chart("Relative trim (%)", motor_axis, deviation_axis, tuple(lines), (0.0,))
 

@@ -347,6 +347,22 @@ class Head(NamedTuple):
         return any(fact.remedy or evidence_text(fact) for fact in facts)
 
 
+class KeyEntry(NamedTuple):
+    """What a colour stands for in all charts of a page."""
+
+    colour: str
+    """Colour from ``mavdem.report.palette``."""
+
+    name: str
+    """Name in the legends of charts."""
+
+    description: str
+    """What it is."""
+
+    address: str = ""
+    """Address of its own page; empty where there is none."""
+
+
 def render_document(
     title: str,
     subtitle: str,
@@ -355,6 +371,7 @@ def render_document(
     back: PageLink | None = None,
     head: Head | None = None,
     max_points: int = MAX_POINTS,
+    key: Sequence[KeyEntry] = (),
 ) -> str:
     """Renders a page as HTML, with all text escaped.
 
@@ -362,12 +379,13 @@ def render_document(
 
     Args:
         title: heading of the page.
-        subtitle: line below it.
+        subtitle: line below it; empty for none.
         blocks: the result, in sentences and tables.
         chapters: chapters below the result; those without content are left out.
         back: link to the page that leads here; None for no link.
         head: top part of a flight's page; None for other pages.
         max_points: largest number of points of a line in a chart.
+        key: what colours stand for in all charts, which is shown below the title.
 
     Returns:
         The page as HTML.
@@ -385,6 +403,7 @@ def render_document(
         head=head,
         points=max_points,
         has_charts=has_charts,
+        key=key,
     )
 
 

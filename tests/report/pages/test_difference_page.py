@@ -10,16 +10,16 @@ from numpy.testing import assert_allclose
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.quantities import SHARE
+from mavdem.report.blocks import plain_text
 from mavdem.report.charts.change_plan import change_plan
 from mavdem.report.charts.chart import Axis, Chart, Line
-from mavdem.report.difference import (
-    bound_sentences,
-    difference_blocks,
-    headline_of_comparison,
-    light_blocks,
-    motor_table,
-    next_blocks,
-)
+from mavdem.report.difference.changes import bound_blocks, difference_blocks
+from mavdem.report.difference.headline import headline_of_comparison
+from mavdem.report.difference.identity import identity_remarks
+from mavdem.report.difference.lights import light_blocks
+from mavdem.report.difference.motors import motor_table
+from mavdem.report.difference.next_step import next_blocks
+from mavdem.report.difference.reviewed import reviewed_difference
 from mavdem.report.pages.difference_page import (
     _trim_chart,
     _vibration_row,
@@ -44,32 +44,24 @@ def difference():
     return vehicle_difference(*states)
 
 
-def trim_chart(difference):
-    documents = {}
-    for side, shares in SHARES.items():
-        documents[side] = {
-            "condition": {"hover": {"trim_share": [*shares]}, "share_interval": [0.01] * 4}
-        }
-    return _trim_chart(documents, LEGEND, difference)
-
-
 def test_the_chart_of_trims_shows_the_changes_that_are_compared(difference):
-    before, after = trim_chart(difference).lines
-    assert_allclose(after.y - before.y, [0.0, 9.5, 0.0, 0.0], atol=0.1)
+    before, after = _trim_chart(LEGEND, difference).lines
+    assert_allclose(after.y - before.y, [0.0, 10.0, 0.0, 0.0], atol=0.1)
 
 
-def test_a_side_whose_motors_hardly_work_has_no_dots(difference):
-    sides = {"A": [0.25] * 4, "B": [1.0, 0.0, 0.0, 0.0]}
-    documents = {}
-    for side, shares in sides.items():
-        documents[side] = {"condition": {"hover": {"trim_share": shares}}}
-    chart = _trim_chart(documents, LEGEND, difference)
-    assert [line.name for line in chart.lines] == [LEGEND["A"]]
-    assert len(chart.as_json(100)["lines"]) == 1
+def test_trims_of_a_flight_in_which_a_motor_failed_are_not_compared():
+    intervals = {"trim_share_interval": (0.01,) * 4}
+    before = flight_row("quad", 0, trim_share=SHARES["A"], **intervals)
+    after = flight_row("quad", 1, trim_share=SHARES["B"], failed_motor=2, **intervals)
+    difference = vehicle_difference([before], [after])
+    assert not any(change.quantity.is_of_motor for change in difference.changes)
+    text = plain_text(difference_blocks(reviewed_difference(difference)))
+    assert "relative trim of motors and control effectiveness of motors: motor 2 failed" in text
+    assert not _trim_chart(LEGEND, difference).lines
 
 
 def test_whiskers_of_trims_make_the_interval_of_the_change(difference):
-    before, after = trim_chart(difference).lines
+    before, after = _trim_chart(LEGEND, difference).lines
     stated = [100 * one.half_width for one in difference.changes if one.quantity.kind == "share"]
     assert len(stated) == 4
     assert_allclose(np.hypot(before.upper_edge - before.y, after.upper_edge - after.y), stated)
@@ -123,18 +115,35 @@ def test_vehicles_without_a_name_are_called_so():
     px4, ardupilot = (
         flight_row(name, 0, vehicle_basis="system id") for name in ("px4-1", "ardupilotmega-1")
     )
-    first, *_ = headline_of_comparison({}, vehicle_difference([px4], [ardupilot]))
+    first, *_ = headline_of_comparison(reviewed_difference(vehicle_difference([px4], [ardupilot])))
     assert "two vehicles: unnamed PX4 vehicle and unnamed ArduPilot vehicle." in first.text
-    blocks = difference_blocks(vehicle_difference([px4], [flight_row("px4-1", 1)]))
-    assert blocks[0].text.startswith("The logs name no vehicle, only a MAVLink system id (px4-1),")
+    same_id = reviewed_difference(vehicle_difference([px4], [flight_row("px4-1", 1)]))
+    (remark,) = identity_remarks(same_id)
+    assert remark.text.startswith("The logs name no vehicle, only a MAVLink system id (px4-1),")
+
+
+def test_a_simulation_and_a_flight_are_two_vehicles_even_by_the_same_name(difference):
+    reviews = {"A": {"simulated": {"sentence": "Simulated flight."}}, "B": {"simulated": None}}
+    reviewed = reviewed_difference(difference, reviews)
+    first, *_ = headline_of_comparison(reviewed)
+    assert first.text.startswith("A is a simulated flight, B is not")
+    assert identity_remarks(reviewed) == []
+    both = reviewed_difference(difference, {"A": reviews["A"], "B": reviews["A"]})
+    assert "simulated" not in plain_text(headline_of_comparison(both))
+
+
+def test_frames_with_other_numbers_of_motors_are_two_vehicles():
+    quad, hexa = (flight_row("px4-1", 0), flight_row("px4-1", 1, motors=tuple("123456")))
+    first, *_ = headline_of_comparison(reviewed_difference(vehicle_difference([quad], [hexa])))
+    assert "A and B are two vehicles" in first.text
 
 
 def test_two_vehicles_with_serial_numbers_are_told_apart_by_these():
     names = ("003b002f3039511333343932", "0005002f3039511333c19d7")
     first, *_ = headline_of_comparison(
-        {}, vehicle_difference(*([flight_row(name, 0)] for name in names))
+        reviewed_difference(vehicle_difference(*([flight_row(name, 0)] for name in names)))
     )
-    assert "two vehicles: 003b…343932 and 0005…3c19d7." in first.text
+    assert "two vehicles: Vehicle 003b…343932 and Vehicle 0005…3c19d7." in first.text
 
 
 def test_a_crash_that_makes_several_lights_bad_is_stated_once(difference):
@@ -144,7 +153,7 @@ def test_a_crash_that_makes_several_lights_bad_is_stated_once(difference):
         side: {"lights": {"motors": light, "tracking": light}}
         for side, light in {"A": crashed, "B": sound}.items()
     }
-    motors, tracking, *_ = headline_of_comparison(reviews, difference)
+    motors, tracking, *_ = headline_of_comparison(reviewed_difference(difference, reviews))
     assert motors.text == "bad in A, good in B. It crashed."
     assert (tracking.lead, tracking.text) == (
         "Tracking:",
@@ -181,7 +190,7 @@ def test_a_light_to_be_watched_on_one_side_is_in_the_headline(difference):
         reviews[side] = {"lights": lights}
     (sentence,) = [
         one
-        for one in headline_of_comparison(reviews, difference)
+        for one in headline_of_comparison(reviewed_difference(difference, reviews))
         if one.text and "watch" in one.text
     ]
     assert sentence.lead == "Vibration:"
@@ -201,13 +210,12 @@ def test_where_nothing_changed_it_says_what_would_have_been_found():
     states = [
         [flight_row("quad", number, trim_share=SHARES["A"], **intervals)] for number in (0, 1)
     ]
-    (sentence,) = bound_sentences(vehicle_difference(*states))
-    bound, detectable = re.findall(r"(\d+(?:\.\d+)?) %", sentence.text)[:2]
+    table, _explanation = bound_blocks(vehicle_difference(*states))
+    trims, *_ = table.rows
+    assert trims[0] == "relative trim of motors 1, 2, 3 and 4"
     # The quantities may be uncertain: they are not called alike.
-    assert sentence.lead == "Differences, by 90 % intervals:"
-    assert "relative trim of motor 1, motor 2, motor 3 and motor 4 within" in sentence.text
-    assert f"(found from {detectable} %)" in sentence.text
-    assert 0 < float(bound) < float(detectable) < 20
+    bound, detectable = (float(re.search(r"[\d.]+", cell)[0]) for cell in trims[1:])
+    assert 0 < bound < detectable < 20
 
 
 def motor_review(motor, level="bad", **figures):
@@ -236,12 +244,14 @@ def test_two_weak_motors_are_no_equal_lights_and_come_before_figures(difference)
     reviews = {"A": motor_review("motor 3"), "B": motor_review("motor 1")}
     (table,) = light_blocks(reviews)
     assert table.rows == [["motors", "bad", "bad"]]
-    first, *_ = headline_of_comparison(reviews, difference)
+    first, *_ = headline_of_comparison(reviewed_difference(difference, reviews))
     assert (first.lead, first.text) == (
         "Motors:",
         "bad in A and B, of different motors. A: Motor 3 is weak. B: Motor 1 is weak.",
     )
-    steps = [(step.lead, step.text) for step in next_blocks(difference, reviews)]
+    steps = [
+        (step.lead, step.text) for step in next_blocks(reviewed_difference(difference, reviews))
+    ]
     assert steps == [("Next, by B:", "Inspect motor 1."), ("Next, by A:", "Inspect motor 3.")]
 
 
@@ -249,11 +259,13 @@ def test_two_weak_motors_are_no_equal_lights_and_come_before_figures(difference)
 def test_where_another_motor_is_weak_only_other_figures_do_not_differ(level):
     same = unchanged()
     reviews = {"A": motor_review("motor 3", level), "B": motor_review("motor 1", level)}
-    first, second, *_ = headline_of_comparison(reviews, same)
+    first, second, *_ = headline_of_comparison(reviewed_difference(same, reviews))
     assert first.text.startswith(f"{level} in A and B, of different motors. A: Motor 3 is weak.")
     assert second.lead.startswith("No other compared figure changed")
     reviews = {"A": motor_review("motor 3", level), "B": motor_review("motor 3", level)}
-    leads = [sentence.lead for sentence in headline_of_comparison(reviews, same)]
+    leads = [
+        sentence.lead for sentence in headline_of_comparison(reviewed_difference(same, reviews))
+    ]
     assert any(lead.startswith("No compared figure changed") for lead in leads)
 
 
@@ -262,8 +274,8 @@ def test_motors_are_compared_one_by_one_where_one_is_weak(difference):
     (table,) = motor_table(reviews, difference)
     assert table.header[:4] == ["", "A", "B", "relative trim"]
     cells = [row[:3] for row in table.rows]
-    assert cells[0] == ["motor 1", "no warning", "not known"]
-    assert cells[2] == ["motor 3", "lost 19 to 42 % at 47 s", "not known"]
+    assert cells[0] == ["motor 1 (front right)", "no warning", "not known"]
+    assert cells[2] == ["motor 3 (front left)", "lost 19 to 42 % at 47 s", "not known"]
     assert table.rows[2][1].level == "bad"
     assert table.rows[1][3].startswith("+10 % ±")
     assert motor_table({"A": {}, "B": {}}, difference) == []
@@ -284,9 +296,9 @@ def test_the_next_step_of_an_earlier_bad_light_stays_until_it_is_good(difference
         "A": {"lights": {"motors": bad}, "next_step": next_step},
         "B": {"lights": {"motors": later}},
     }
-    first, *_ = headline_of_comparison(reviews, difference)
-    assert first.text == f"bad in A, {level} in B. Motor 3 is weak."
-    steps = next_blocks(difference, reviews)
+    first, *_ = headline_of_comparison(reviewed_difference(difference, reviews))
+    assert first.text.startswith(f"bad in A, {level} in B. Motor 3 is weak.")
+    steps = next_blocks(reviewed_difference(difference, reviews))
     assert [step.lead for step in steps if step.lead != "Next:"] == leads
 
 
@@ -298,7 +310,9 @@ def test_the_vibration_of_each_imu_is_compared_with_its_own(difference):
         return {"lights": {"vibration": light}, "condition": {"vibration": {"level": [5.0]}}}
 
     worse, better = review("IMU 2", 16.2, "watch"), review("IMU 3", 7.9, "good")
-    *_, sentence = headline_of_comparison({"A": worse, "B": better}, difference)
+    *_, sentence = headline_of_comparison(
+        reviewed_difference(difference, {"A": worse, "B": better})
+    )
     assert sentence.text == (
         "watch in A (16.2 m/s² on IMU 2), good in B (7.9 m/s² on IMU 3). "
         "IMU 2 and IMU 3 are different sensors: their difference is no change."
@@ -307,11 +321,13 @@ def test_the_vibration_of_each_imu_is_compared_with_its_own(difference):
     # Where every IMU is known, each is compared with itself.
     worse["lights"]["vibration"]["figures"]["imu_levels"] = [11.0, 16.2, 8.5]
     better["lights"]["vibration"]["figures"]["imu_levels"] = [5.1, 7.4, 7.9]
-    *_, sentence = headline_of_comparison({"A": worse, "B": better}, difference)
+    *_, sentence = headline_of_comparison(
+        reviewed_difference(difference, {"A": worse, "B": better})
+    )
     assert sentence.text.endswith(" IMU 2: 16 → 7.4 m/s²; IMU 3: 8.5 → 7.9 m/s².")
     assert _vibration_row({"A": worse, "B": better}) == ["vibration of IMU 2 (m/s²)", "16", "7.4"]
     same = review("IMU 2", 7.9, "good")
-    *_, sentence = headline_of_comparison({"A": worse, "B": same}, difference)
+    *_, sentence = headline_of_comparison(reviewed_difference(difference, {"A": worse, "B": same}))
     assert "different sensors" not in sentence.text
     assert _vibration_row({"A": worse, "B": same})[0] == "vibration of IMU 2 (m/s²)"
 
@@ -321,5 +337,5 @@ def test_a_motor_that_perhaps_became_weaker_is_inspected_before_the_next_flight(
     doubtful = share._replace(
         difference=0.08, half_width=0.06, outcome=QuantityOutcome.UNCERTAIN, p=0.047
     )
-    (step,) = next_blocks(difference._replace(changes=(doubtful,)))
+    (step,) = next_blocks(reviewed_difference(difference._replace(changes=(doubtful,))))
     assert step.text.startswith(f"Inspect motor {share.quantity.motor} and its propeller. Then fly")

@@ -8,13 +8,12 @@ from pytest import mark
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.quantities import SHARE
-from mavdem.report.difference import (
-    baseline_blocks,
-    difference_blocks,
-    headline_of_comparison,
-    motor_table,
-    next_blocks,
-)
+from mavdem.report.difference.baseline import baseline_blocks
+from mavdem.report.difference.changes import difference_blocks
+from mavdem.report.difference.headline import headline_of_comparison
+from mavdem.report.difference.motors import motor_table
+from mavdem.report.difference.next_step import next_blocks
+from mavdem.report.difference.reviewed import reviewed_difference
 from mavdem.report.pages.difference_page import comparison_page
 from mavdem.report.pages.motor_anomaly import (
     motor_anomaly,
@@ -104,18 +103,18 @@ def test_a_comparison_shows_the_motors_as_they_are_beside_other_flights(health, 
     assert review["lights"]["motors"] is motors and review_with_anomaly(review, None) is review
     flights = [[flight_row("quad", number)] for number in (1, 2)]
     difference = vehicle_difference(*flights)
-    first, second, *_ = headline_of_comparison(reviews, difference)
+    first, second, *_ = headline_of_comparison(reviewed_difference(difference, reviews))
     assert first.lead == "Motors:"
     assert first.text == f"good in A, {level} in B. {weak.reason}"
     assert second.lead.startswith("No other")
     (table,) = motor_table(reviews, difference)
-    assert [row[:2] for row in table.rows][0] == ["motor 1", "no warning"]
+    assert table.rows[0][:2] == ["motor 1 (front right)", "no warning"]
     assert "lost about 22 %" in table.rows[0][2]
     page = comparison_page(("a", "b"), tuple(reviews.values()), difference)
     assert f"Motors: good in A, {level} in B. Motor 1 (front right) lost about" in page
     assert "<strong>B by itself:</strong>" not in page
     if health == "fault":
-        (step,) = next_blocks(difference, reviews)
+        (step,) = next_blocks(reviewed_difference(difference, reviews))
         assert step.text == "Inspect motor 1 and its propeller before the next flight."
 
 
@@ -154,19 +153,21 @@ def texts(sentences):
 def test_a_doubtful_figure_of_the_motor_that_is_weak_is_evidence_and_no_second_verdict():
     difference = doubtful_trim(1, 0.08)
     reviews = judged_reviews(health="drift", suspect_motor=1, fault_probability=0.6)
-    headline = headline_of_comparison(reviews, difference)
+    headline = headline_of_comparison(reviewed_difference(difference, reviews))
     motors, rest, *_ = texts(headline)
     assert motors.startswith("Motors: good in A, watch in B. Motor 1 (front right) lost about 21 %")
     assert motors.endswith("This agrees with motor 1's relative trim +8 % ± 6 %.")
     assert rest == "No other compared figure changed."
     everything = " ".join(
-        texts([*headline, *difference_blocks(difference, headline=headline, reviews=reviews)])
+        texts([*headline, *difference_blocks(reviewed_difference(difference, reviews), headline)])
     )
     assert "Perhaps" not in everything and "Doubtful" not in everything
-    (step,) = texts(next_blocks(difference, reviews))
+    (step,) = texts(next_blocks(reviewed_difference(difference, reviews)))
     assert step == "Next: Inspect motor 1 and its propeller before the next flight."
     # A motor that became stronger is no evidence that it is weak.
-    stronger = " ".join(texts(headline_of_comparison(reviews, doubtful_trim(1, -0.08))))
+    stronger = " ".join(
+        texts(headline_of_comparison(reviewed_difference(doubtful_trim(1, -0.08), reviews)))
+    )
     assert "agrees" not in stronger
 
 
@@ -182,7 +183,9 @@ def test_flights_of_a_fleet_which_has_no_reviews_have_one_verdict_too():
     )
     rows = {"A": sound, "B": weak}
     reviews = {side: review_beside_flights({}, [row]) for side, row in rows.items()}
-    motors, rest = texts(headline_of_comparison(reviews, doubtful_trim(1, 0.08)))
+    motors, rest = texts(
+        headline_of_comparison(reviewed_difference(doubtful_trim(1, 0.08), reviews))
+    )
     assert motors == (
         "Motors: good in A, watch in B. Motor 1 lost thrust. "
         "This agrees with motor 1's relative trim +8 % ± 6 %."
@@ -197,7 +200,7 @@ def test_a_sure_change_of_the_weak_motor_is_evidence_too():
     sure = change._replace(outcome=QuantityOutcome.CHANGED, p=1e-4)
     difference = difference._replace(changes=(sure, *rest))
     reviews = judged_reviews(health="fault", suspect_motor=1, fault_probability=0.97)
-    headline = " ".join(texts(headline_of_comparison(reviews, difference)))
+    headline = " ".join(texts(headline_of_comparison(reviewed_difference(difference, reviews))))
     assert "This agrees with motor 1's relative trim +16 % ± 6 %." in headline
     assert "Changed:" not in headline
 
@@ -207,20 +210,21 @@ def test_a_doubtful_trim_names_no_motor_where_all_together_show_none_that_is_wea
     reviews = judged_reviews(
         health="unknown", fault_probability=0.01, health_reason="Not enough flights."
     )
-    assert texts(headline_of_comparison(reviews, difference)) == [
-        "No compared figure changed significantly."
-    ]
+    (result,) = texts(headline_of_comparison(reviewed_difference(difference, reviews)))
+    assert result.startswith("No compared figure changed significantly. Of 11 figures")
     (doubt,) = [
         text
-        for text in texts(difference_blocks(difference, reviews=reviews))
+        for text in texts(difference_blocks(reviewed_difference(difference, reviews)))
         if text.startswith("Doubtful:")
     ]
     assert "motor 4's relative trim +8 % ± 6 %" in doubt
     assert doubt.endswith("show no motor that works 8 % harder (probability 0.01).")
-    assert next_blocks(difference, reviews) == []
+    assert next_blocks(reviewed_difference(difference, reviews)) == []
     # Without that judgement the trim is all that is known.
-    assert texts(headline_of_comparison({}, difference))[0].startswith("Perhaps changed: motor 4")
-    (step,) = texts(next_blocks(difference))
+    assert texts(headline_of_comparison(reviewed_difference(difference)))[0].startswith(
+        "Perhaps changed: motor 4"
+    )
+    (step,) = texts(next_blocks(reviewed_difference(difference)))
     assert step.startswith("Next: Inspect motor 4")
 
 

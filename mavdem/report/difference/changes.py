@@ -1,0 +1,316 @@
+"""Which compared figures of two states changed, which are doubtful or uncertain, and which stayed the same."""
+
+from collections import Counter
+from collections.abc import Collection, Iterable, Sequence
+from typing import NamedTuple
+
+from mavdem.containers import group_by
+from mavdem.dataset.axes import AXES
+from mavdem.facts.fleet import QuantityOutcome
+from mavdem.fleet.difference import VehicleDifference
+from mavdem.fleet.quantities import LOOP_KINDS, SHARE
+from mavdem.fleet.random_effects import (
+    SD_BETWEEN_FLIGHTS,
+    QuantityChange,
+    significance_of_single_change,
+)
+from mavdem.motors.change_hypotheses import FAULT_RISE
+from mavdem.report.blocks import Blocks, Sentence, Table
+from mavdem.report.difference.lights import bad_lights
+from mavdem.report.difference.parameters import parameter_sentences
+from mavdem.report.difference.quantity_texts import (
+    bound_row,
+    change_text,
+    texts_by_kind,
+    texts_of_equal_changes,
+)
+from mavdem.report.difference.reviewed import ReviewedDifference
+from mavdem.report.numbers import listed
+from mavdem.report.templates import render_section
+
+
+def difference_blocks(
+    reviewed: ReviewedDifference, headline: Sequence[Sentence] = ()
+) -> list[Sentence]:
+    """Returns sentences on all differences between two states of a vehicle, or two vehicles, with their certainty.
+
+    They follow the headline: what changed, what did not and what could not be compared, then parameters and conditions.
+    Where A and B are the same flight, there are none.
+
+    Args:
+        reviewed: comparison of the two states.
+        headline: the sentences that head the comparison, which are shown above: what they name is not repeated.
+    """
+    if reviewed.difference.is_of_same_flight:
+        return []
+    return [*change_sentences(reviewed, headline), *detail_sentences(reviewed)]
+
+
+def detail_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
+    """Returns the sentences after those on what changed: what did not, parameters, conditions, and how sure it is.
+
+    Args:
+        reviewed: comparison of two states.
+    """
+    difference = reviewed.difference
+    conditions_and_method = render_section(
+        "difference",
+        difference,
+        between=SD_BETWEEN_FLIGHTS,
+        tested_count=len(difference.tested),
+        families=difference.tested_families,
+        are_two_vehicles=reviewed.are_two_vehicles,
+    )
+    return [
+        *sentences_without_change(reviewed),
+        *(sentences_on_missing_figures(difference) if difference.changes else ()),
+        *parameter_sentences(reviewed),
+        *conditions_and_method,
+    ]
+
+
+def sentences_on_missing_figures(difference: VehicleDifference) -> list[Sentence]:
+    """Returns a sentence for each reason for which figures could not be compared, with these figures."""
+    missing_by_reason = group_by(difference.incomparable, lambda missing: missing.reason)
+    sentences = []
+    for reason, missing_quantities in missing_by_reason.items():
+        names = listed(missing.quantity for missing in missing_quantities)
+        sentences.append(Sentence(f"{names}: {reason}", "Not compared:"))
+    return sentences
+
+
+def changes_by_relevance(
+    difference: VehicleDifference,
+    axes: Collection[str] = (),
+    without: Collection[QuantityChange] = (),
+) -> list[QuantityChange]:
+    """Returns the quantities that changed, the most relevant first, for the headline and lists of a comparison.
+
+    First come the quantities of the control loops of some axes, then all others; within both groups the change with the
+    lowest p-value, which is the most certain, comes first.
+
+    Args:
+        difference: comparison of two groups of flights of a vehicle, quantity by quantity.
+        axes: axes whose stability margins are bad in one of the groups, so that changes of their loops matter most.
+        without: changes that are left out.
+    """
+    changes_of_bad_loops = []
+    other_changes = []
+    changes = difference.changes_with(QuantityOutcome.CHANGED)
+    for change in sorted(changes, key=lambda change: change.p):
+        if change in without:
+            continue
+        if change.quantity.kind in LOOP_KINDS and change.quantity.axis in axes:
+            changes_of_bad_loops.append(change)
+        else:
+            other_changes.append(change)
+    return [*changes_of_bad_loops, *other_changes]
+
+
+class ChangesByCause(NamedTuple):
+    """Changed quantities, by whether the changed gains of their control loop explain them."""
+
+    unexplained: list[QuantityChange]
+    """Changes that may be signs of a fault."""
+
+    by_gains: list[QuantityChange]
+    """Changes of figures of a rate loop whose gains or filters are known to differ."""
+
+
+def changes_by_cause(
+    difference: VehicleDifference, changes: Iterable[QuantityChange]
+) -> ChangesByCause:
+    """Separates the changes that follow from new controller gains from those that may be signs of a fault.
+
+    Args:
+        difference: comparison of two groups of flights, which knows the changed gains.
+        changes: changed quantities; their order is kept in both groups.
+    """
+    separated = ChangesByCause(unexplained=[], by_gains=[])
+    for change in changes:
+        if difference.follows_from_gains(change):
+            separated.by_gains.append(change)
+        else:
+            separated.unexplained.append(change)
+    return separated
+
+
+def doubtful_changes(reviewed: ReviewedDifference) -> list[QuantityChange]:
+    """Returns the tested quantities whose change is doubtful, the most certain first.
+
+    A change is doubtful if the quantity's own interval excludes "no change", but the test of all quantities together
+    does not confirm it. Those that the judgement of the motors settles are left out.
+
+    Args:
+        reviewed: comparison of two states.
+    """
+    doubtful = [
+        change
+        for change in reviewed.difference.tested
+        if change.is_doubtful and not reviewed.motors.settles(change)
+    ]
+    return sorted(doubtful, key=lambda change: change.p)
+
+
+def result_sentences(
+    reviewed: ReviewedDifference, changes: Sequence[QuantityChange]
+) -> list[Sentence]:
+    """Returns one sentence with the result of a comparison: the change that matters most, or that nothing changed.
+
+    The most certain of the doubtful changes is named after it or, if nothing changed for sure, in its place. Where
+    neither is, the sentence says how many figures were compared, and how many are too uncertain to tell.
+
+    Args:
+        reviewed: comparison of two states, quantity by quantity.
+        changes: the changed quantities, the most relevant first, without those that are evidence for a weak motor.
+    """
+    difference = reviewed.difference
+    unexplained_changes, changes_by_gains = changes_by_cause(difference, changes)
+    doubtful = doubtful_changes(reviewed)
+    # What the sentence names: the first of these, and how many there are besides.
+    candidates = unexplained_changes or doubtful
+    main_change = candidates[0] if candidates else None
+    doubtful_text = ""
+    if unexplained_changes and doubtful:
+        doubtful_text = change_text(doubtful[0], difference)
+    outcomes = Counter(
+        change.outcome for change in difference.changes if change not in reviewed.motors.evidence
+    )
+    tested_outcomes = Counter(
+        change.outcome for change in difference.tested if change not in reviewed.motors.evidence
+    )
+    return render_section(
+        "difference_conclusion",
+        change="" if main_change is None else change_text(main_change, difference),
+        further_count=len(candidates) - 1,
+        is_doubtful=not unexplained_changes,
+        doubtful=doubtful_text,
+        p=None if main_change is None else main_change.p,
+        tested_count=len(difference.tested),
+        uncertain_count=outcomes[QuantityOutcome.UNCERTAIN],
+        same_count=outcomes[QuantityOutcome.SAME],
+        count=tested_outcomes.total(),
+        unsure_count=tested_outcomes[QuantityOutcome.UNCERTAIN],
+        families=difference.tested_families,
+        has_figures=bool(difference.changes),
+        has_changes_by_gains=bool(changes_by_gains),
+        has_bad_light=bool(bad_lights(reviewed.reviews)),
+        has_motor_difference=reviewed.motors.differs,
+        are_two_vehicles=reviewed.are_two_vehicles,
+    )
+
+
+def change_sentences(
+    reviewed: ReviewedDifference, headline: Sequence[Sentence] = ()
+) -> list[Sentence]:
+    """Returns up to three sentences: on all quantities that changed, that changed by other gains, and doubtful ones.
+
+    Where nothing could be compared, the sentences say why.
+
+    Args:
+        reviewed: comparison of two states, quantity by quantity.
+        headline: sentences shown above; changes by gains that they name are left out.
+    """
+    difference = reviewed.difference
+    if not difference.changes:
+        return sentences_on_missing_figures(difference)
+    motors = reviewed.motors
+    unexplained_changes, by_gains = changes_by_cause(
+        difference, changes_by_relevance(difference, without=motors.evidence)
+    )
+    # The headline names the first change, so that a single one is not repeated.
+    listed_changes = unexplained_changes if len(unexplained_changes) > 1 else []
+    texts_above = " ".join(sentence.text for sentence in headline)
+    texts_by_gains = [change_text(change, difference) for change in by_gains]
+    doubtful = [
+        change
+        for change in difference.changes
+        if change.is_doubtful and change not in motors.evidence
+    ]
+    tested_changes = difference.tested
+    surest_change = min(
+        (change for change in doubtful if change in tested_changes),
+        key=lambda change: change.p,
+        default=None,
+    )
+    are_trims_doubtful = any(change.quantity.kind == SHARE for change in doubtful)
+    return render_section(
+        "difference_changes",
+        changed=[change_text(change, difference) for change in listed_changes],
+        by_gains=[text for text in texts_by_gains if text not in texts_above],
+        is_more=any(text in texts_above for text in texts_by_gains),
+        axes=[
+            axis
+            for axis in AXES
+            if axis in difference.axes_with_other_gains
+            or axis in difference.axes_with_other_attitude_gains
+        ],
+        doubtful=[change_text(change, difference) for change in doubtful],
+        # Probability of a weak motor by all trims together, where they show none and a single one is doubtful.
+        fault_rise=FAULT_RISE,
+        fault_probability=motors.fault_probability
+        if are_trims_doubtful and not motors.is_weak
+        else None,
+        are_two_vehicles=reviewed.are_two_vehicles,
+        tested_count=len(tested_changes),
+        surest_p=None if surest_change is None else surest_change.p,
+        # Probability that at least one of so many independent figures has such a p-value by chance.
+        chance_of_any=None
+        if surest_change is None
+        else 1 - (1 - surest_change.p) ** len(tested_changes),
+    )
+
+
+def sentences_without_change(reviewed: ReviewedDifference) -> list[Sentence]:
+    """Returns the sentences on uncertain quantities, and on those that stayed the same.
+
+    Uncertain are those whose interval allows for a change as for none.
+
+    Args:
+        reviewed: comparison of two states, quantity by quantity.
+    """
+    difference = reviewed.difference
+    uncertain = [
+        change
+        for change in difference.changes_with(QuantityOutcome.UNCERTAIN)
+        if not change.is_doubtful and change not in reviewed.motors.evidence
+    ]
+    sentences = render_section(
+        "difference_uncertain",
+        uncertain=[*texts_of_equal_changes(uncertain, difference)],
+        are_two_vehicles=reviewed.are_two_vehicles,
+        has_trims=any(change.quantity.kind == SHARE for change in difference.changes),
+    )
+    return [*sentences, *same_sentences(difference.changes_with(QuantityOutcome.SAME))]
+
+
+def bound_blocks(difference: VehicleDifference) -> Blocks:
+    """Returns, where no change was found, a table of how large a change may have been missed, and its explanation.
+
+    It has two numbers for each kind of quantity: the largest change that its intervals still contain, and the change
+    that nine of ten such comparisons would find.
+
+    Args:
+        difference: comparison of two states, quantity by quantity.
+
+    Returns:
+        Table and sentence; empty if a tested quantity changed or is doubtful, or if nothing was tested.
+    """
+    tested_changes = difference.tested
+    for change in tested_changes:
+        if change.outcome is QuantityOutcome.CHANGED or change.is_doubtful:
+            return []
+    if not tested_changes:
+        return []
+    changes_by_kind = group_by(tested_changes, lambda change: change.quantity.kind)
+    rows = []
+    for kind, changes in changes_by_kind.items():
+        significance = significance_of_single_change(tested_changes, kind)
+        rows.append(bound_row(kind, changes, significance))
+    header = ["no change found in", "within", "found from"]
+    return [Table(header, rows), *render_section("difference_bounds")]
+
+
+def same_sentences(same: Sequence[QuantityChange]) -> list[Sentence]:
+    """Returns the sentence on the quantities that stayed the same; none without any."""
+    return render_section("difference_same", same=[*texts_by_kind(same)])

@@ -1,0 +1,237 @@
+"""The sentences at the head of a comparison of two states: the differences that matter."""
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+
+from mavdem.facts import Level
+from mavdem.facts.lights import Light
+from mavdem.fleet.difference import VehicleDifference
+from mavdem.fleet.parameter_changes import axes_of_parameter
+from mavdem.fleet.quantities import LOOP_KINDS
+from mavdem.fleet.random_effects import QuantityChange
+from mavdem.report.blocks import Blocks, Sentence, shortened
+from mavdem.report.difference.changes import (
+    changes_by_cause,
+    changes_by_relevance,
+    result_sentences,
+)
+from mavdem.report.difference.identity import identity_cautions
+from mavdem.report.difference.lights import (
+    BadLight,
+    Review,
+    bad_lights,
+    levels_and_reason,
+    lights_of_both,
+    remark_on_imus,
+)
+from mavdem.report.difference.motors import MotorVerdict, has_motor_difference
+from mavdem.report.difference.parameters import changed_rate_gains, parameter_text
+from mavdem.report.difference.quantity_texts import change_text
+from mavdem.report.difference.reviewed import ReviewedDifference
+from mavdem.report.numbers import listed
+from mavdem.report.templates import render_section, without_full_stop
+
+MAX_LIGHT_CHARACTERS = 60
+"""Largest length of what a light of one flight says in the headline, without its details: a choice."""
+
+MAX_HEADLINE_GAINS = 4
+"""Largest number of changed gains that the headline names: a choice."""
+
+MAX_HEADLINE_EFFECTS = 3
+"""Largest number of figures of loops that the headline names with the gains: a choice."""
+
+
+def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
+    """Returns the sentences at the head of a comparison, on the terminal and on pages: the differences that matter.
+
+    They come in this order; where A and B are the same flight, only that is said.
+
+    1. Whether the states are of two vehicles, or one of a simulation.
+    2. The lights (judgements of one subject each, such as the motors) that are bad on a side, and that of the motors
+       where both sides warn of different motors, or one side does and the other does not. Figures of the motor that it
+       names are its evidence, and no result of their own.
+    3. Whether compared figures changed. One change is named: of a loop with a bad margin, or else the surest one.
+    4. The changed gains of loops with a bad margin or a changed figure, or else all changed gains, and their effects.
+       Where no figure changed that they do not explain, they come first.
+    5. The other lights of the vehicle that are to be watched on one side, and good on the other.
+
+    Args:
+        reviewed: comparison of the two states, with the reviews of both logs and changed parameters.
+
+    Returns:
+        The sentences with their leads.
+    """
+    difference = reviewed.difference
+    if difference.is_of_same_flight:
+        return render_section("difference_same_flight", flights=difference.flights.before)
+    lights = bad_lights(reviewed.reviews)
+    light_sentences = _sentences_on_bad_lights(lights)
+    if not any(light.name == Light.MOTORS for light in lights):
+        light_sentences += _sentence_on_watched_motors(reviewed.reviews)
+    light_sentences = with_evidence(light_sentences, reviewed.motors, difference)
+    bad_axes = {light.axis for light in lights if light.name == Light.MARGINS}
+    changes = changes_by_relevance(difference, bad_axes, reviewed.motors.evidence)
+    changed_axes = {
+        change.quantity.axis for change in changes if change.quantity.kind in LOOP_KINDS
+    }
+    gain_sentences = _sentences_on_gains(reviewed, changes, bad_axes | changed_axes)
+    result = result_sentences(reviewed, changes)
+    sentences: list[Sentence] = []
+    if reviewed.are_two_vehicles:
+        sentences += identity_cautions(reviewed)
+    sentences += light_sentences
+    if changes_by_cause(difference, changes).unexplained:
+        sentences += [*result, *gain_sentences]
+    else:
+        # The result is then that no figure changed which the gains do not explain, so that it follows them.
+        sentences += [*gain_sentences, *result]
+    return [*sentences, *sentences_on_watched_lights(reviewed.reviews)]
+
+
+def _sentences_on_gains(
+    reviewed: ReviewedDifference,
+    changes: Sequence[QuantityChange],
+    relevant_axes: Collection[str],
+) -> list[Sentence]:
+    """Returns the sentence of the headline on changed gains, and on the changes of quantities that follow from them.
+
+    Args:
+        reviewed: comparison of the two states, with the changed parameters.
+        changes: the changed quantities, the most relevant first.
+        relevant_axes: axes of loops with a bad margin or a changed quantity, whose gains are named; if none of these
+            changed, all changed gains are.
+
+    Returns:
+        A list with one sentence; empty if no parameter changed.
+    """
+    difference = reviewed.difference
+    parameters = reviewed.parameters
+    gains = changed_rate_gains(parameters, relevant_axes)
+    if not gains:
+        gains = changed_rate_gains(parameters, ())
+    shown_gains = [parameter_text(gain) for gain in gains[:MAX_HEADLINE_GAINS]]
+    axes_of_gains = {axis for gain in gains for axis in axes_of_parameter(gain.name)}
+    effects = []
+    for change in changes:
+        if difference.follows_from_gains(change) and change.quantity.axis in axes_of_gains:
+            effects.append(change_text(change, difference))
+    return render_section(
+        "difference_gains",
+        gains=shown_gains,
+        further_count=len(parameters) - len(shown_gains),
+        effects=effects[:MAX_HEADLINE_EFFECTS],
+        are_two_vehicles=reviewed.are_two_vehicles,
+    )
+
+
+def _sentences_on_bad_lights(lights: Iterable[BadLight]) -> list[Sentence]:
+    """Returns one sentence for each status light that is bad: its levels in both logs, and the reason.
+
+    One reason, such as a crash, may make several lights bad. It is written out for the first of them only, and the
+    others refer to it.
+
+    Args:
+        lights: the bad lights, in the order of their sentences.
+    """
+    sentences = []
+    stated_reasons = set[str]()
+    for light in lights:
+        if light.reason in stated_reasons:
+            text = f"{light.levels}; bad for the reason above."
+        else:
+            text = f"{light.levels}. {light.reason}"
+            stated_reasons.add(light.reason)
+        sentences.append(Sentence(text, lead=f"{light.name.capitalize()}:"))
+    return sentences
+
+
+def with_evidence(
+    sentences: Sequence[Sentence], motors: MotorVerdict, difference: VehicleDifference
+) -> list[Sentence]:
+    """Adds the measured evidence for a weak motor to the sentence of the headline that names it.
+
+    Args:
+        sentences: sentences on status lights, such as that of the motors.
+        motors: what is known of the motors, with the changes that are evidence.
+        difference: comparison of the two states, with the names of the motors.
+
+    Returns:
+        The sentences; that of the motors ends with "This agrees with …" if there is evidence.
+    """
+    if not motors.evidence:
+        return [*sentences]
+    changes = listed(change_text(change, difference) for change in motors.evidence)
+    lead_of_motors = f"{Light.MOTORS.capitalize()}:"
+    extended_sentences = []
+    for sentence in sentences:
+        if sentence.lead == lead_of_motors:
+            text = f"{sentence.text} This agrees with {changes}."
+            sentence = Sentence(text, lead=lead_of_motors)
+        extended_sentences.append(sentence)
+    return extended_sentences
+
+
+def _sentence_on_watched_motors(reviews: Mapping[str, Review]) -> list[Sentence]:
+    """Returns the headline's sentence on the motors where the two logs judge them differently.
+
+    It is for motors whose status light is bad in neither log: bad lights have their own sentences.
+
+    Args:
+        reviews: review documents of both logs, by side, "A" and "B"; one without lights, such as that of a fleet, is
+            compared with nothing.
+
+    Returns:
+        A list with one sentence; empty if the lights of the motors agree.
+    """
+    if not has_motor_difference(reviews):
+        return []
+    motor_lights = lights_of_both(reviews)[Light.MOTORS]
+    levels, reason = levels_and_reason(motor_lights)
+    return [Sentence(f"{levels}. {reason}", lead=f"{Light.MOTORS.capitalize()}:")]
+
+
+def sentences_on_watched_lights(reviews: Mapping[str, Review]) -> list[Sentence]:
+    """Returns a sentence on each status light that has the level "watch" in one log and "good" in the other.
+
+    Left out are the lights of the wind and of the log, which judge the day and the recording and not the vehicle, and
+    that of the motors, which has its own sentence (:func:`_sentence_on_watched_motors`).
+
+    Args:
+        reviews: review documents of both logs, by side, "A" and "B"; one without lights, such as that of a fleet, is
+            compared with nothing.
+    """
+    sentences = []
+    for name, lights_by_side in lights_of_both(reviews).items():
+        if name in (Light.MOTORS, Light.WIND, Light.LOG):
+            continue
+        levels = {light["level"] for light in lights_by_side.values()}
+        if levels != {Level.GOOD, Level.WATCH}:
+            continue
+        texts = []
+        for side, light in lights_by_side.items():
+            # The sentence of a light may begin with its name, which is the lead of the new sentence already.
+            reason = light["sentence"].removeprefix(f"{name.capitalize()} ")
+            short_reason = without_full_stop(shortened(reason, MAX_LIGHT_CHARACTERS))
+            texts.append(f"{light['level']} in {side} ({short_reason})")
+        text = f"{', '.join(texts)}.{remark_on_imus(lights_by_side)}"
+        sentences.append(Sentence(text, lead=f"{name.capitalize()}:"))
+    return sentences
+
+
+def headline_blocks(
+    headlines: Mapping[str, str | None], comparison_headline: Sequence[Sentence] = ()
+) -> Blocks:
+    """Returns the headline of each log's own review, as a sentence that begins "A by itself:" or "B by itself:".
+
+    Args:
+        headlines: headline of the review of each log, by side, "A" and "B"; None for a side without one.
+        comparison_headline: the sentences above, which head the comparison of both logs.
+
+    Returns:
+        A sentence for each side whose headline the comparison does not contain already.
+    """
+    blocks = Blocks()
+    for side, headline in headlines.items():
+        is_stated = any(headline and headline in above.text for above in comparison_headline)
+        if headline and not is_stated:
+            blocks.append(Sentence(headline, lead=f"{side} by itself:"))
+    return blocks

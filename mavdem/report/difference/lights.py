@@ -1,0 +1,274 @@
+"""The status lights of two logs side by side: which are bad or differ, and why."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+from mavdem.containers import JsonValues, Names
+from mavdem.facts import Level
+from mavdem.facts.margins import MarginsLight
+from mavdem.facts.motors import motor_number
+from mavdem.fleet.comparability import STATE_NAMES
+from mavdem.fleet.report_columns import value_at
+from mavdem.report.blocks import Blocks, Rated, Table, shortened
+from mavdem.report.numbers import rounded
+from mavdem.report.templates import render_section
+
+Review = Mapping[str, Any]
+"""The document of a review, as ``report.json`` has it; any of its keys may be missing."""
+
+NO_REVIEWS: Mapping[str, Review] = MappingProxyType({})
+"""No review documents, as of fleets."""
+
+MAX_REASON_CHARACTERS = 80
+"""Largest length of the reason for which a light is unknown, where the other side has one: a line of a terminal."""
+
+WARNING_LEVELS = (Level.BAD, Level.WATCH)
+"""Levels of a light that warns, the worse first."""
+
+
+class BadLight(NamedTuple):
+    """A light that is bad on at least one side."""
+
+    name: str
+    """Name of the light, such as "margins"."""
+
+    bad_sides: Names
+    """Sides on which it is bad: "A", "B", or both."""
+
+    axis: str
+    """Axis that makes it bad; empty where it is none."""
+
+    levels: str
+    """Levels of both sides, such as "bad in A, good in B"."""
+
+    reason: str
+    """Sentence of the bad light; sentences of both lights where both are bad for different reasons."""
+
+
+def bad_lights(reviews: Mapping[str, Review]) -> list[BadLight]:
+    """Returns the status lights that are bad in at least one of the two compared logs.
+
+    A status light is the judgement of one subject, such as the motors, with a level (good, watch, bad or unknown). A
+    bad light matters more to the reader than a measured quantity that changed.
+
+    Args:
+        reviews: review documents of both logs, by side, "A" and "B"; one without lights, such as that of a fleet, is
+            compared with nothing.
+
+    Returns:
+        The bad lights, in the order of the review of A.
+    """
+    lights = []
+    for name, lights_by_side in lights_of_both(reviews).items():
+        bad_sides = []
+        for side, light in lights_by_side.items():
+            if light["level"] == Level.BAD:
+                bad_sides.append(side)
+        if not bad_sides:
+            continue
+        first_bad_light = lights_by_side[bad_sides[0]]
+        axis = value_at(first_bad_light, "figures.axis") or ""
+        levels, reason = levels_and_reason(lights_by_side)
+        lights.append(BadLight(name, tuple(bad_sides), axis, levels, reason))
+    return lights
+
+
+def lights_of_both(reviews: Mapping[str, Review]) -> dict[str, dict[str, JsonValues]]:
+    """Returns the lights that both logs have: by name the light of each side, "A" before "B", in the order of A.
+
+    Args:
+        reviews: review documents of both logs, by side; one without lights, as of a fleet, has none in common.
+    """
+    first_lights, second_lights = (
+        reviews.get(side, {}).get("lights") or {} for side in STATE_NAMES
+    )
+    lights_of_both = {}
+    for name, first_light in first_lights.items():
+        if name in second_lights:
+            pair = (first_light, second_lights[name])
+            lights_of_both[name] = dict(zip(STATE_NAMES, pair, strict=True))
+    return lights_of_both
+
+
+def levels_and_reason(lights_by_side: Mapping[str, JsonValues]) -> tuple[str, str]:
+    """Returns two texts on a status light in both logs: its levels, and the reason for the worse one.
+
+    Args:
+        lights_by_side: the light in the review document of each log, by side, "A" and "B"; at least one is bad or to be
+            watched.
+
+    Returns:
+        The levels, such as "bad in A, good in B", and the reason, such as "Motor 3 lost 19 to 41 % of its thrust at
+        47 s.". If both lights have the same level for different reasons, both reasons are in the text; and if one is
+        unknown, why it is.
+    """
+    first_side, second_side = STATE_NAMES
+    first, second = lights_by_side[first_side], lights_by_side[second_side]
+    if first["level"] != second["level"]:
+        # The lights have different levels, and one of them is bad or "watch". The second is worse if it is bad, or if
+        # it is to be watched and the first is good or unknown.
+        second_is_worse = second["level"] == Level.BAD or first["level"] not in WARNING_LEVELS
+        worse_light = second if second_is_worse else first
+        levels = f"{first['level']} in {first_side}, {second['level']} in {second_side}"
+        reason = worse_light["sentence"] + remark_on_imus(lights_by_side)
+        for side, light in lights_by_side.items():
+            if light["level"] == Level.UNKNOWN:
+                reason += f" {side}: {shortened(light['sentence'], MAX_REASON_CHARACTERS)}"
+        return levels, reason
+    levels = f"{first['level']} in {first_side} and {second_side}"
+    if first["sentence"] == second["sentence"]:
+        return levels, first["sentence"]
+    first_motor = motor_number(first.get("subject") or "")
+    second_motor = motor_number(second.get("subject") or "")
+    are_of_motors = first_motor is not None and second_motor is not None
+    if are_of_motors and first_motor != second_motor:
+        levels += ", of different motors"
+    reasons = f"{first_side}: {first['sentence']} {second_side}: {second['sentence']}"
+    return levels, reasons + remark_on_imus(lights_by_side)
+
+
+def vibrations_of_same_imu(
+    lights_by_side: Mapping[str, JsonValues],
+) -> dict[str, tuple[float, float]]:
+    """Returns the vibration of the same IMU in two logs, for each IMU that the status light of one of them names.
+
+    The light on vibration names the IMU that vibrates most, which may be another one in each log. IMUs are mounted in
+    different ways, so that a difference between two of them does not mean that the vehicle changed.
+
+    Args:
+        lights_by_side: the light on vibration in the review document of each log, by side, "A" and "B".
+
+    Returns:
+        By the name of the IMU, such as "IMU 2", its mean vibration in A and in B, m/s², along the axis that vibrates
+        most. IMUs that were not recorded in both logs are left out.
+    """
+    first_levels, second_levels = (_vibration_by_imu(light) for light in lights_by_side.values())
+    levels_of_both = {}
+    for light in lights_by_side.values():
+        imu = light.get("subject") or ""
+        if imu in first_levels and imu in second_levels:
+            levels_of_both[imu] = (first_levels[imu], second_levels[imu])
+    return levels_of_both
+
+
+def _vibration_by_imu(light: JsonValues) -> dict[str, float]:
+    """Returns the mean vibration of each IMU of a log, m/s², by its name, such as "IMU 1".
+
+    Args:
+        light: the light on vibration in the review document of the log. Documents of earlier versions have only the
+            vibration of the IMU that vibrates most.
+    """
+    figures = light.get("figures") or {}
+    levels = {}
+    if light.get("subject") and "vibration" in figures:
+        levels[light["subject"]] = figures["vibration"]
+    for number, level in enumerate(figures.get("imu_levels") or (), start=1):
+        levels[f"IMU {number}"] = level
+    return levels
+
+
+def remark_on_imus(lights_by_side: Mapping[str, JsonValues]) -> str:
+    """Returns a remark for the reader if a status light is about another IMU in each of two logs, as IMU 1 and IMU 3.
+
+    Args:
+        lights_by_side: the same light in the review document of each log, by side, "A" and "B".
+
+    Returns:
+        The remark with a space before it: the vibration of each of these IMUs in both logs or, if neither was recorded
+        in both, that they are different sensors. Empty if both lights are about the same IMU, or about something else
+        than an IMU.
+    """
+    first_subject, second_subject = (
+        light.get("subject") or "" for light in lights_by_side.values()
+    )
+    are_imus = first_subject.startswith("IMU ") and second_subject.startswith("IMU ")
+    if not are_imus or first_subject == second_subject:
+        return ""
+    comparisons = []
+    for imu, (first_level, second_level) in vibrations_of_same_imu(lights_by_side).items():
+        comparisons.append(f"{imu}: {rounded(first_level)} → {rounded(second_level)} m/s²")
+    if not comparisons:
+        sensors = f"{first_subject} and {second_subject}"
+        return f" {sensors} are different sensors: their difference is no change."
+    return f" {'; '.join(comparisons)}."
+
+
+def later_side(reviews: Mapping[str, Review]) -> str:
+    """Returns which of the two compared logs, "A" or "B", was flown later.
+
+    It is "B" unless both dates are known and A has the later one.
+
+    Args:
+        reviews: review documents of both logs, by side, "A" and "B".
+    """
+    first_side, second_side = STATE_NAMES
+    dates = [value_at(reviews.get(side) or {}, "identity.date") for side in STATE_NAMES]
+    if all(dates) and dates[0] > dates[1]:
+        return first_side
+    return second_side
+
+
+def light_blocks(reviews: Mapping[str, Review]) -> Blocks:
+    """Returns the status lights of two logs side by side: a table of those that differ, and a sentence on the others.
+
+    A status light is the judgement of one subject by a review, such as the motors, with a level.
+
+    Args:
+        reviews: review documents of both logs, by side, "A" and "B".
+
+    Returns:
+        The table, with a row for each differing light and a column with level and sentence for each side, and then the
+        sentence. Empty if either log has no lights.
+    """
+    lights_by_side = {side: review.get("lights") or {} for side, review in reviews.items()}
+    if not all(lights_by_side.values()):
+        return []
+    first_lights, second_lights = lights_by_side.values()
+    rows = []
+    # Lights that are equal on both sides are only named.
+    equal_names_by_level = dict[str, list[str]]()
+    for name, first_light in first_lights.items():
+        second_light = second_lights.get(name)
+        if second_light is not None and lights_are_equal(first_light, second_light):
+            equal_names_by_level.setdefault(first_light["level"], []).append(name)
+        else:
+            rows.append([name, _light_cell(first_light), _light_cell(second_light)])
+    blocks: Blocks = []
+    if rows:
+        blocks.append(Table(["light", *reviews], rows, words=True))
+    blocks += render_section("difference_lights", names_by_level=equal_names_by_level)
+    return blocks
+
+
+def lights_are_equal(first_light: JsonValues, second_light: JsonValues) -> bool:
+    """Returns whether a status light means the same in two logs: the same level and, if it warns, the same reason.
+
+    The reason is the same if the code of the finding is, and the motor, IMU or axis that it is about. Its numbers, such
+    as the thrust that was lost, may differ. Margins that are good must be of the same axes.
+
+    Args:
+        first_light, second_light: the same light in the review documents of both logs.
+    """
+    if first_light["level"] != second_light["level"]:
+        return False
+    if first_light["level"] not in WARNING_LEVELS:
+        # Margins that are good on one axis only are not those of three axes.
+        axes_of_margins = [_axes_of_margins(light) for light in (first_light, second_light)]
+        return axes_of_margins[0] == axes_of_margins[1]
+    keys = ("code", "subject", "figures.axis")
+    return all(value_at(first_light, key) == value_at(second_light, key) for key in keys)
+
+
+def _axes_of_margins(light: JsonValues) -> frozenset[str]:
+    """Returns the axes of which a status light states the margins of the loops; none for another light."""
+    if light.get("code") != MarginsLight.LOOP_MARGINS:
+        return frozenset()
+    return frozenset(value_at(light, "figures.names") or ())
+
+
+def _light_cell(light: JsonValues | None) -> Rated | str:
+    """Returns the cell of a light in a table: its level and its sentence; empty if a log does not have the light."""
+    if light is None:
+        return ""
+    return Rated(light["level"], Level(light["level"]), light["sentence"])

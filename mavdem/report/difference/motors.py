@@ -1,0 +1,244 @@
+"""The motors of two states: the judgement of their reviews, the compared figures that agree with it, and a table."""
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+from mavdem.containers import JsonValues
+from mavdem.facts import Level
+from mavdem.facts.ending import Ending
+from mavdem.facts.fleet import QuantityOutcome
+from mavdem.facts.lights import Light
+from mavdem.facts.motors import motor_number
+from mavdem.fleet.comparability import STATE_NAMES
+from mavdem.fleet.difference import VehicleDifference
+from mavdem.fleet.quantities import EFFECT, SHARE
+from mavdem.fleet.random_effects import QuantityChange
+from mavdem.fleet.report_columns import value_at
+from mavdem.report.blocks import Blocks, Rated, Table, shortened
+from mavdem.report.difference.lights import (
+    WARNING_LEVELS,
+    Review,
+    later_side,
+    lights_are_equal,
+    lights_of_both,
+)
+from mavdem.report.difference.quantity_texts import SHOWN_QUANTITIES, change_with_interval
+from mavdem.report.fleet import ANOMALOUS_HEALTHS
+from mavdem.report.templates import render_section, without_full_stop
+
+MOTOR_AT_START = re.compile(r"^[Mm]otor \d+ (\([^()]*\) )?")
+"""The motor at the beginning of a sentence, with its place, such as "Motor 1 (front right) "."""
+
+MAX_MOTOR_CHARACTERS = 32
+"""Largest length of what a table says of a motor in one flight: two of them fit into 80 columns with the changes."""
+
+
+class MotorVerdict(NamedTuple):
+    """What is known of the motors beside the compared figures, which are then no verdicts of their own.
+
+    The motors of a flight are judged by their balance, which is all trims together, after the part that lean makes.
+    That test finds a weak motor where each trim alone is uncertain, and none where lean shifts a trim.
+    """
+
+    evidence: tuple[QuantityChange, ...] = ()
+    """Changes of figures of a motor that is named as weak, as a weak motor makes them, sure or doubtful."""
+
+    fault_probability: float | None = None
+    """Probability of a weak motor in the later flight by the balance of all motors; None if it was not judged."""
+
+    is_weak: bool = False
+    """Whether the later flight differs by its motors from others of the vehicle."""
+
+    differs: bool = False
+    """Whether the motors of the two states are judged differently, with another level or of another motor."""
+
+    def settles(self, change: QuantityChange) -> bool:
+        """Returns whether the motors' own judgement takes the place of the result of a change that is doubtful."""
+        if change in self.evidence:
+            return True
+        return change.quantity.kind == SHARE and self.fault_probability is not None
+
+
+NO_VERDICT = MotorVerdict()
+"""The motors were not judged, as of two vehicles."""
+
+
+def motor_verdict(reviews: Mapping[str, Review], difference: VehicleDifference) -> MotorVerdict:
+    """Collects what a comparison of two logs knows of the motors: which are weak, and how probable a fault is.
+
+    Weak motors are those of which one log's status light warns and the other's does not, or not of the same motor. If
+    both warn of the same motor, its measured quantities show whether it became worse. The probability is that of the
+    later log, from its comparison with other flights of the vehicle.
+
+    Args:
+        reviews: review documents of both logs, by side, "A" and "B"; of a fleet, empty.
+        difference: comparison of the two states, quantity by quantity.
+    """
+    weak_motors = {}
+    if has_motor_difference(reviews):
+        for side, light in lights_of_both(reviews)[Light.MOTORS].items():
+            if light["level"] in WARNING_LEVELS:
+                weak_motors[side] = motor_number(light.get("subject") or "")
+    evidence = tuple(evidence_of_weak_motors(difference, weak_motors))
+    later_review = reviews.get(later_side(reviews)) or {}
+    motor_health = value_at(later_review, "motor_health") or {}
+    return MotorVerdict(
+        evidence,
+        motor_health.get("fault_probability"),
+        is_weak=motor_health.get("health") in ANOMALOUS_HEALTHS,
+        differs=has_motor_difference(reviews),
+    )
+
+
+def has_motor_difference(reviews: Mapping[str, Review]) -> bool:
+    """Returns whether the reviews of two logs judge the motors differently: with another level, or of another motor.
+
+    The status lights of the motors are compared, and not the measured quantities, since what a motor lost during a
+    flight is known of that flight alone. If neither light warns (one is good and the other unknown, for example), the
+    motors count as equal.
+
+    Args:
+        reviews: review documents of both logs, by side, "A" and "B"; one without lights, such as that of a fleet, is
+            compared with nothing.
+    """
+    motor_lights = lights_of_both(reviews).get(Light.MOTORS)
+    if motor_lights is None:
+        return False
+    first_light, second_light = motor_lights.values()
+    warns = first_light["level"] in WARNING_LEVELS or second_light["level"] in WARNING_LEVELS
+    return warns and not lights_are_equal(first_light, second_light)
+
+
+def evidence_of_weak_motors(
+    difference: VehicleDifference, weak_motors: Mapping[str, int | None]
+) -> Iterator[QuantityChange]:
+    """Yields the measured changes that agree with what is known already: that a motor is weak in one of two states.
+
+    Args:
+        difference: comparison of the two states, quantity by quantity.
+        weak_motors: number of the weak motor by the name of the state, "A" or "B"; None for an unknown one.
+
+    Yields:
+        Changes of a weak motor's quantities, such as its trim, in the direction of the weakness.
+    """
+    first_side, second_side = STATE_NAMES
+    for change in difference.changes:
+        if not change.quantity.is_of_motor:
+            continue
+        is_significant = change.outcome is QuantityOutcome.CHANGED or change.is_doubtful
+        weaker_side = second_side if change.shows_weaker_motor else first_side
+        if is_significant and weak_motors.get(weaker_side) == change.quantity.motor:
+            yield change
+
+
+def motor_table(reviews: Mapping[str, Review], difference: VehicleDifference) -> Blocks:
+    """Returns a table that compares the motors of two flights one by one, for a page or the terminal.
+
+    Each row has the name of the motor, then for each flight the worst warning of its review about this motor, such as a
+    loss of thrust, and then the changes of the motor's relative trim and control effectiveness from A to B, with their
+    90 % intervals.
+
+    Args:
+        reviews: review documents of both logs, by side, "A" and "B"; of a fleet, empty.
+        difference: comparison of the two states.
+
+    Returns:
+        A list with the table; empty if neither flight has a warning about a single motor, since the changes alone are
+        shown elsewhere.
+    """
+    warnings_by_side = {side: _motor_warnings(reviews.get(side, {})) for side in STATE_NAMES}
+    if not any(warnings_by_side.values()):
+        return []
+    motors = set[int]()
+    for side, warnings in warnings_by_side.items():
+        motors.update(warnings)
+        if warnings:
+            # All motors of a flight with a warning are listed, so that the sound ones can be compared.
+            hover_motors = value_at(reviews[side], "condition.hover.motors") or ()
+            motors.update(range(1, len(hover_motors) + 1))
+    changes_by_kind: dict[str, dict[int, QuantityChange]] = {SHARE: {}, EFFECT: {}}
+    for change in difference.changes:
+        if change.quantity.is_of_motor:
+            motors.add(change.quantity.motor)
+            changes_by_kind[change.quantity.kind][change.quantity.motor] = change
+    # A quantity that was compared for no motor gets no column.
+    shown_kinds = [kind for kind, changes in changes_by_kind.items() if changes]
+    rows = []
+    for motor in sorted(motors):
+        row = [_motor_with_place(motor, difference)]
+        for side in STATE_NAMES:
+            row.append(_motor_cell(reviews[side], warnings_by_side[side].get(motor)))
+        for kind in shown_kinds:
+            change_of_motor = changes_by_kind[kind].get(motor)
+            row.append("" if change_of_motor is None else change_with_interval(change_of_motor))
+        rows.append(row)
+    titles = [SHOWN_QUANTITIES[kind].name for kind in shown_kinds]
+    return [Table(["", *STATE_NAMES, *titles], rows, words=True)]
+
+
+def _motor_with_place(motor: int, difference: VehicleDifference) -> str:
+    """Returns the name of a motor with its place, such as "motor 1 (front right)"; its number where that is unknown."""
+    if motor > len(difference.motors):
+        return f"motor {motor}"
+    return difference.motors[motor - 1]
+
+
+def _motor_warnings(review: Review) -> dict[int, JsonValues]:
+    """Returns the worst warning of a log's review about each motor, for a table that compares the motors of two logs.
+
+    Warnings are the status light of the motors and the events of the flight. Of equally bad ones the light is taken, or
+    else the first event.
+
+    Args:
+        review: review document of a log; empty for a fleet.
+
+    Returns:
+        The warnings by the number of the motor, from 1 on, as the JSON document has them, with keys such as "level",
+        "subject" and "sentence". Motors without a warning are left out.
+    """
+    motor_light = value_at(review, f"lights.{Light.MOTORS}")
+    findings = [] if motor_light is None else [motor_light]
+    findings += review.get("events", ())
+    warnings: dict[int, JsonValues] = {}
+    # The worst level comes first, so that a later and milder warning does not replace the one that is there.
+    for level in WARNING_LEVELS:
+        for finding in findings:
+            motor = motor_number(finding.get("subject") or "")
+            if motor is not None and finding["level"] == level:
+                warnings.setdefault(motor, finding)
+    return warnings
+
+
+def _motor_cell(review: Review, warning: JsonValues | None) -> str:
+    """Returns the table cell of one motor in one flight: its warning in few words, or that it has none.
+
+    Args:
+        review: review document of the log; empty for a fleet.
+        warning: the worst warning about the motor (:func:`_motor_warnings`); None without one.
+
+    Returns:
+        The text, with the level of the warning for its colour. Without a warning it says so, or that the motors were
+        not judged.
+    """
+    if warning is None:
+        motors_level = value_at(review, f"lights.{Light.MOTORS}.level") or Level.UNKNOWN
+        [sentence] = render_section(
+            "difference_motor",
+            is_known=Level(motors_level) is not Level.UNKNOWN,
+            loss=None,
+            is_control_lost=False,
+        )
+        return sentence.text
+    # The row has the name of the motor already.
+    sentence_without_motor = MOTOR_AT_START.sub("", warning["sentence"])
+    [sentence] = render_section(
+        "difference_motor",
+        is_known=True,
+        loss=value_at(warning, "figures.loss"),
+        is_control_lost=warning.get("code") == Ending.CONTROL_LOST,
+        time=warning.get("time"),
+        sentence=sentence_without_motor,
+    )
+    text = without_full_stop(shortened(sentence.text, MAX_MOTOR_CHARACTERS))
+    return Rated(text, Level(warning["level"]))

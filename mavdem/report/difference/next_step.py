@@ -1,0 +1,156 @@
+"""The next step after a comparison of two states."""
+
+from collections.abc import Mapping, Sequence
+
+from mavdem.facts import Level
+from mavdem.facts.lights import Light
+from mavdem.facts.motors import motor_number
+from mavdem.fleet.comparability import STATE_NAMES
+from mavdem.fleet.difference import VehicleDifference
+from mavdem.fleet.random_effects import QuantityChange
+from mavdem.fleet.report_columns import value_at
+from mavdem.report.blocks import Sentence
+from mavdem.report.difference.changes import (
+    changes_by_cause,
+    changes_by_relevance,
+    doubtful_changes,
+)
+from mavdem.report.difference.lights import (
+    Review,
+    bad_lights,
+    later_side,
+    lights_are_equal,
+    lights_of_both,
+)
+from mavdem.report.difference.motors import has_motor_difference
+from mavdem.report.difference.quantity_texts import motor_name
+from mavdem.report.difference.reviewed import ReviewedDifference
+from mavdem.report.templates import render_section
+
+
+def next_blocks(reviewed: ReviewedDifference) -> list[Sentence]:
+    """Returns the next steps after a comparison.
+
+    The first of these conditions that applies decides:
+
+    1. A and B are the same flight: no step.
+    2. A light is bad: the next step of that log's own review; for the earlier log, only if the later one does not show
+       that its fault was mended.
+    3. The states are of two vehicles: no step, since their differences are no faults.
+    4. A light warns of a motor that the later log does not show to be mended: to inspect it.
+    5. A quantity changed that new gains do not explain: to check the part that this points to.
+    6. A change is doubtful: to inspect the motor that perhaps became weaker, if there is one that the judgement of all
+       motors together does not exclude, and to fly again.
+    7. Otherwise: no step.
+
+    Args:
+        reviewed: comparison of two states, beside the reviews of both logs.
+
+    Returns:
+        A list with one sentence, two if both logs have a bad light, or an empty one.
+    """
+    difference = reviewed.difference
+    if difference.is_of_same_flight:
+        return []
+    steps = _steps_of_bad_logs(reviewed)
+    if steps:
+        return steps
+    if reviewed.are_two_vehicles:
+        return []
+    motor_steps = _step_of_watched_motor(reviewed.reviews)
+    if motor_steps:
+        return motor_steps
+    changes = changes_by_relevance(difference, without=reviewed.motors.evidence)
+    unexplained_changes = changes_by_cause(difference, changes).unexplained
+    if unexplained_changes:
+        return _what_to_check(unexplained_changes, difference)
+    doubtful = doubtful_changes(reviewed)
+    if not doubtful:
+        return []
+    # The most certain change comes first.
+    weaker_motors = [change for change in doubtful if change.shows_weaker_motor]
+    motor = motor_name(weaker_motors[0], difference) if weaker_motors else ""
+    return render_section("difference_doubt", motor=motor)
+
+
+def _steps_of_bad_logs(reviewed: ReviewedDifference) -> list[Sentence]:
+    """Returns the next step that each log's own review advises, for the logs with a bad status light.
+
+    The step of the log that was flown later comes first. That of the earlier log is left out if the later log of the
+    same vehicle has settled all its bad lights: each is good there, or is bad for the same reason, for which the later
+    log's own step stands.
+
+    Args:
+        reviewed: comparison of two states. If they are of two vehicles, one does not show whether the other was mended.
+    """
+    reviews = reviewed.reviews
+    later = later_side(reviews)
+    (earlier,) = set(STATE_NAMES) - {later}
+    is_later_bad = False
+    has_earlier_open_fault = False
+    for light in bad_lights(reviews):
+        if later in light.bad_sides:
+            is_later_bad = True
+        earlier_light = reviews[earlier]["lights"][light.name]
+        later_light = reviews[later]["lights"][light.name]
+        is_settled = later_light["level"] == Level.GOOD or lights_are_equal(
+            earlier_light, later_light
+        )
+        if earlier in light.bad_sides and (reviewed.are_two_vehicles or not is_settled):
+            has_earlier_open_fault = True
+    sides = []
+    if is_later_bad:
+        sides.append(later)
+    if has_earlier_open_fault:
+        sides.append(earlier)
+    steps: list[Sentence] = []
+    for side in sides:
+        next_step = value_at(reviews[side], "next_step.sentence")
+        # Both logs may advise the same step.
+        if next_step and next_step not in [step.text for step in steps]:
+            steps.append(Sentence(next_step, lead=f"Next, by {side}:"))
+    return steps
+
+
+def _step_of_watched_motor(reviews: Mapping[str, Review]) -> list[Sentence]:
+    """Returns the step to inspect a motor that the reviews of two logs of one vehicle say is to be watched.
+
+    A motor of the earlier log alone needs no step if the motors of the later one are good.
+
+    Args:
+        reviews: review documents of both logs, by side, "A" and "B".
+
+    Returns:
+        A list with one sentence; empty if no motor is named.
+    """
+    if not has_motor_difference(reviews):
+        return []
+    later = later_side(reviews)
+    lights = lights_of_both(reviews)[Light.MOTORS]
+    for side, light in lights.items():
+        is_mended = side != later and lights[later]["level"] == Level.GOOD
+        number = motor_number(light.get("subject") or "")
+        if light["level"] == Level.WATCH and number is not None and not is_mended:
+            return render_section("difference_next", motor=f"motor {number}", is_weaker=True)
+    return []
+
+
+def _what_to_check(
+    changes: Sequence[QuantityChange], difference: VehicleDifference
+) -> list[Sentence]:
+    """Returns the sentence that says which part to check after a change that new gains do not explain.
+
+    A motor that became weaker comes before all other changes; of several candidates the most certain change, with the
+    lowest p-value, is named.
+
+    Args:
+        changes: the changed quantities that new gains do not explain, at least one.
+        difference: comparison of the vehicle, with the names of its motors.
+    """
+    weaker_motors = [change for change in changes if change.shows_weaker_motor]
+    candidates = weaker_motors or changes
+    surest_change = min(candidates, key=lambda change: change.p)
+    motor = ""
+    if surest_change.quantity.is_of_motor:
+        motor = motor_name(surest_change, difference)
+    return render_section("difference_next", motor=motor, is_weaker=bool(weaker_motors))

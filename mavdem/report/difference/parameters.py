@@ -1,0 +1,73 @@
+"""Changed parameters of the autopilot in words, the gains of rate control first."""
+
+from collections.abc import Collection, Sequence
+from math import inf, log
+
+from mavdem.fleet.parameter_changes import ParameterChange, axes_of_parameter
+from mavdem.ingest.vocabulary import RATE_PID_GAINS
+from mavdem.report.blocks import Sentence
+from mavdem.report.difference.reviewed import ReviewedDifference
+from mavdem.report.templates import render_section
+
+
+def parameter_sentences(
+    reviewed: ReviewedDifference, headline: Sequence[Sentence] = ()
+) -> list[Sentence]:
+    """Returns the sentences on changed parameters, and on the sides whose parameters are not known.
+
+    Args:
+        reviewed: comparison of two states, with the changed parameters.
+        headline: sentences shown above; parameters that they name are left out.
+    """
+    texts_above = " ".join(sentence.text for sentence in headline)
+    parameters = []
+    for parameter in _gains_first(reviewed.parameters):
+        text = parameter_text(parameter)
+        if text not in texts_above:
+            parameters.append(text)
+    return render_section(
+        "difference_parameters",
+        parameters=parameters,
+        are_two_vehicles=reviewed.are_two_vehicles,
+        sides_without_parameters=reviewed.sides_without_parameters,
+    )
+
+
+def changed_rate_gains(
+    parameters: Sequence[ParameterChange], axes: Collection[str]
+) -> list[ParameterChange]:
+    """Returns the gains of the rate controllers that changed, the one with the largest factor of change first.
+
+    Args:
+        parameters: all parameters of the autopilot that changed.
+        axes: only gains that act on one of these axes are returned; empty for those of all axes.
+    """
+    gains = []
+    for parameter in parameters:
+        is_of_axes = not axes or not set(axes).isdisjoint(axes_of_parameter(parameter.name))
+        if RATE_PID_GAINS.match(parameter.name) and is_of_axes:
+            gains.append(parameter)
+    return sorted(gains, key=_log_factor, reverse=True)
+
+
+def _log_factor(parameter: ParameterChange) -> float:
+    """Returns the magnitude of the logarithm of the factor by which a parameter changed; infinite from or to 0."""
+    if parameter.before == 0 or parameter.after == 0:
+        return inf
+    return abs(log(abs(parameter.after / parameter.before)))
+
+
+def parameter_text(parameter: ParameterChange) -> str:
+    """Returns a changed parameter as text, such as "ATC_RAT_RLL_P 0.135 → 0.108"."""
+    before, after = value_text(parameter.before), value_text(parameter.after)
+    return f"{parameter.name} {before} → {after}"
+
+
+def value_text(value: float) -> str:
+    """Returns the value of a parameter as text: whole numbers with all digits, others with four."""
+    return f"{value:.0f}" if float(value).is_integer() else f"{value:.4g}"
+
+
+def _gains_first(parameters: Sequence[ParameterChange]) -> list[ParameterChange]:
+    """Returns the changed parameters with the gains of rate control before all others."""
+    return sorted(parameters, key=lambda parameter: not RATE_PID_GAINS.match(parameter.name))

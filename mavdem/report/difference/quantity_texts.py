@@ -1,0 +1,204 @@
+"""Compared quantities in words: their names, changes with intervals, and limits."""
+
+from collections.abc import Iterator, Sequence
+from math import ceil, degrees
+from typing import NamedTuple
+
+from mavdem.containers import group_by
+from mavdem.fleet.difference import VehicleDifference
+from mavdem.fleet.quantities import (
+    ATTITUDE_GAIN_MARGIN,
+    ATTITUDE_PHASE_MARGIN,
+    DAMPING,
+    EFFECT,
+    GAIN_MARGIN,
+    LAG,
+    LOGARITHMIC_KINDS,
+    MAX_SENSITIVITY,
+    MEAN_EFFECT,
+    OVERSHOOT,
+    PHASE_MARGIN,
+    RISE,
+    SHARE,
+)
+from mavdem.fleet.random_effects import EQUIVALENCE_LIMITS, QuantityChange
+from mavdem.report.numbers import listed, plus_minus, rounded, without_remark
+
+MIN_WHOLE_PERCENT = 3.0
+"""Half width, %, from which on a relative change is shown without decimals, which would mean nothing: a choice."""
+
+
+class ShownQuantity(NamedTuple):
+    """How a kind of quantity is shown."""
+
+    name: str
+    """Name in a sentence."""
+
+    scale: float
+    """Factor from the compared unit to the shown one."""
+
+    unit: str
+    """Shown unit."""
+
+
+SHOWN_QUANTITIES = {
+    SHARE: ShownQuantity("relative trim", 100.0, "%"),
+    EFFECT: ShownQuantity("control effectiveness", 100.0, "%"),
+    MEAN_EFFECT: ShownQuantity("mean control effectiveness", 100.0, "%"),
+    DAMPING: ShownQuantity("rate damping", 1.0, "1/s"),
+    LAG: ShownQuantity("motor time constant", 1e3, "ms"),
+    PHASE_MARGIN: ShownQuantity("phase margin", degrees(1.0), "°"),
+    GAIN_MARGIN: ShownQuantity("gain margin", 1.0, "dB"),
+    MAX_SENSITIVITY: ShownQuantity("Ms", 1.0, ""),
+    ATTITUDE_PHASE_MARGIN: ShownQuantity("phase margin of the attitude", degrees(1.0), "°"),
+    ATTITUDE_GAIN_MARGIN: ShownQuantity("gain margin of the attitude", 1.0, "dB"),
+    OVERSHOOT: ShownQuantity("overshoot of the rate", 100.0, "%"),
+    RISE: ShownQuantity("rise time of the rate", 1e3, "ms"),
+}
+"""How quantities are shown, by their kind."""
+
+
+def change_text(change: QuantityChange, difference: VehicleDifference) -> str:
+    """Returns a change as text, such as "motor 3's relative trim −18 % ± 6 %" or "Ms on roll 1.4 → 1.6 (+0.2 ± 0.1)".
+
+    For shares and effects of motors only the change is shown, and for all other quantities both values before it. The
+    change has the half width of its 90 % interval. Quantities that are compared as ratios change by percent.
+
+    Args:
+        change: change of one quantity between two states, with its interval.
+        difference: comparison of the vehicle, with the names of its motors.
+    """
+    quantity = change.quantity
+    shown_form = SHOWN_QUANTITIES[quantity.kind]
+    if quantity.is_of_motor:
+        name = f"{motor_name(change, difference)}'s {shown_form.name}"
+    else:
+        name = f"{shown_form.name} on {quantity.axis}"
+    interval_text = change_with_interval(change)
+    if quantity.kind in (SHARE, EFFECT, MEAN_EFFECT):
+        return f"{name} {interval_text}"
+    value_before = rounded(shown_form.scale * change.before)
+    value_after = rounded(shown_form.scale * change.after)
+    space = _space_before(shown_form.unit)
+    return f"{name} {value_before} → {value_after}{space}{shown_form.unit} ({interval_text})"
+
+
+def motor_name(change: QuantityChange, difference: VehicleDifference) -> str:
+    """Returns the name of the motor of a change, without its position; its number where names are not known."""
+    motor = change.quantity.motor
+    if motor > len(difference.motors):
+        return f"motor {motor}"
+    return without_remark(difference.motors[motor - 1])
+
+
+def change_with_interval(change: QuantityChange) -> str:
+    """Returns a change with the half width of its 90 % interval, such as "−18 % ± 6 %" or "+1.2 ± 0.8", without unit.
+
+    Args:
+        change: change of one quantity; that of a quantity which is compared as a ratio is in percent.
+    """
+    if change.quantity.kind in LOGARITHMIC_KINDS:
+        percent = 100 * change.half_width
+        decimals = 0 if percent >= MIN_WHOLE_PERCENT else 1
+        increase = _signed(f"{100 * change.difference:z.{decimals}f}")
+        return f"{increase} % ± {percent:.{decimals}f} %"
+    scale = SHOWN_QUANTITIES[change.quantity.kind].scale
+    return _signed(plus_minus(scale * change.difference, scale * change.half_width))
+
+
+def _signed(number: str) -> str:
+    """Returns a formatted number with its sign, a minus sign in the place of a hyphen."""
+    if number.startswith(("-", "(-")):
+        return number.replace("-", "−")
+    return f"+{number}"
+
+
+def texts_of_equal_changes(
+    changes: Sequence[QuantityChange], difference: VehicleDifference
+) -> Iterator[str]:
+    """Yields the text of each change. Motors with the same change share one: "motor 1 and motor 2's effect −5 % ± 2 %".
+
+    Args:
+        changes: changes of quantities of motors or axes.
+        difference: comparison of the vehicle, with the names of its motors.
+    """
+    motors_by_text = dict[str, list[str]]()
+    for change in changes:
+        text = change_text(change, difference)
+        motors = []
+        if change.quantity.is_of_motor:
+            motor = motor_name(change, difference)
+            motors = [motor]
+            # The name of the motor is put before the shared text again, with the names of the others.
+            text = text.removeprefix(f"{motor}'s ")
+        motors_by_text.setdefault(text, []).extend(motors)
+    for text, motors in motors_by_text.items():
+        yield f"{listed(motors)}'s {text}" if motors else text
+
+
+def texts_by_kind(changes: Sequence[QuantityChange]) -> Iterator[str]:
+    """Yields a text for each kind of quantity, such as "relative trim of motors 1 and 2 (± 2 %)".
+
+    The uncertainty is the widest half width of the 90 % intervals of one kind, so that the text holds for each of its
+    quantities.
+
+    Args:
+        changes: changes of quantities that stayed the same within their uncertainty.
+    """
+    changes_by_kind = group_by(changes, lambda change: change.quantity.kind)
+    for kind, changes_of_kind in changes_by_kind.items():
+        widest_half_width = max(change.half_width for change in changes_of_kind)
+        names = _names_of_quantities(changes_of_kind)
+        uncertainty = _amount_text(kind, widest_half_width)
+        yield f"{SHOWN_QUANTITIES[kind].name} of {names} (± {uncertainty})"
+
+
+def bound_row(kind: str, changes: Sequence[QuantityChange], significance: float) -> list[str]:
+    """Returns the row of a table on quantities of a kind that did not change: 90 % bound, and detectable change.
+
+    Args:
+        kind: kind of the quantities, such as ``DAMPING``.
+        changes: changes of all quantities of this kind, at least one; the widest bound counts.
+        significance: p-value below which one of them is called changed if it is the only one.
+
+    Returns:
+        Cells such as "phase margin of pitch and roll", "±14°" and "38°".
+    """
+    bound = max(change.largest_difference for change in changes)
+    detectable = max(change.detectable_difference(significance) for change in changes)
+    name = f"{SHOWN_QUANTITIES[kind].name} of {_names_of_quantities(changes)}"
+    return [name, f"±{_limit_text(kind, bound)}", _limit_text(kind, detectable)]
+
+
+def _names_of_quantities(changes: Sequence[QuantityChange]) -> str:
+    """Returns the motors or axes of some quantities as text, such as "motors 1 and 2" or "pitch and roll"."""
+    motors = [str(change.quantity.motor) for change in changes if change.quantity.is_of_motor]
+    if motors:
+        return f"{'motor' if len(motors) == 1 else 'motors'} {listed(motors)}"
+    return listed(change.quantity.axis for change in changes)
+
+
+def _limit_text(kind: str, limit: float) -> str:
+    """Returns an upper limit of a kind of quantity with its unit; whole percent, rounded up, from 3 % on."""
+    percent = 100 * limit
+    if kind in LOGARITHMIC_KINDS and percent >= MIN_WHOLE_PERCENT:
+        return f"{ceil(percent)} %"
+    return _amount_text(kind, limit)
+
+
+def _amount_text(kind: str, amount: float) -> str:
+    """Returns an amount of a kind of quantity with its unit, such as "2 %"; a logarithm is given as a ratio."""
+    shown_form = SHOWN_QUANTITIES[kind]
+    if kind in LOGARITHMIC_KINDS:
+        return f"{rounded(100 * amount)} %"
+    return f"{rounded(shown_form.scale * amount)}{_space_before(shown_form.unit)}{shown_form.unit}"
+
+
+def equivalence_limit_text(kind: str) -> str:
+    """Returns the largest difference of a kind of quantity that is called the same, with its unit, such as "6 %"."""
+    return _amount_text(kind, EQUIVALENCE_LIMITS[kind])
+
+
+def _space_before(unit: str) -> str:
+    """Returns the space between a number and its unit; none before degrees, nor without a unit."""
+    return "" if unit in ("°", "") else " "

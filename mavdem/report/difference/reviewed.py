@@ -1,0 +1,67 @@
+"""What the report on two states is made of: the compared figures, the reviews of both logs, and changed parameters."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from mavdem.containers import Names
+from mavdem.fleet.comparability import STATE_NAMES
+from mavdem.fleet.difference import VehicleDifference
+from mavdem.fleet.parameter_changes import ParameterChange
+from mavdem.report.difference.lights import NO_REVIEWS, Review
+from mavdem.report.difference.motors import NO_VERDICT, MotorVerdict, motor_verdict
+
+
+class ReviewedDifference(NamedTuple):
+    """The comparison of two states, A and B, beside what the reviews of their logs say."""
+
+    difference: VehicleDifference
+    """The compared figures."""
+
+    motors: MotorVerdict = NO_VERDICT
+    """What is known of the motors beside these."""
+
+    reviews: Mapping[str, Review] = NO_REVIEWS
+    """Review documents of both logs, by side, "A" and "B"; of a fleet, empty."""
+
+    parameters: Sequence[ParameterChange] = ()
+    """Parameters of the autopilot that changed."""
+
+    sides_without_parameters: Names = ()
+    """Sides, "A" or "B", whose parameters are not known."""
+
+    @property
+    def simulated_sides(self) -> Names:
+        """Sides whose flight was simulated, as far as their logs show it."""
+        return tuple(side for side in STATE_NAMES if self.reviews.get(side, {}).get("simulated"))
+
+    @property
+    def is_simulation_against_flight(self) -> bool:
+        """Whether one of the logs is of a simulated flight, and the other shows nothing of that.
+
+        A fleet does not have whether its flights were simulated.
+        """
+        is_known_of_both = all("simulated" in self.reviews.get(side, {}) for side in STATE_NAMES)
+        return is_known_of_both and len(self.simulated_sides) == 1
+
+    @property
+    def are_two_vehicles(self) -> bool:
+        """Whether the states are known to be of two vehicles, so that differences need not be changes."""
+        return self.difference.is_of_two_vehicles or self.is_simulation_against_flight
+
+
+def reviewed_difference(
+    difference: VehicleDifference,
+    reviews: Mapping[str, Review] = NO_REVIEWS,
+    parameters: Sequence[ParameterChange] = (),
+    sides_without_parameters: Names = (),
+) -> ReviewedDifference:
+    """Returns the comparison of two states beside the reviews of their logs, with the verdict of these on the motors.
+
+    Args:
+        difference: comparison of the two states.
+        reviews: review documents of both logs, by side, "A" and "B"; of a fleet, empty.
+        parameters: parameters of the autopilot that changed.
+        sides_without_parameters: sides, "A" or "B", whose parameters are not known.
+    """
+    motors = motor_verdict(reviews, difference)
+    return ReviewedDifference(difference, motors, reviews, parameters, sides_without_parameters)

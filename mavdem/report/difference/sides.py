@@ -1,0 +1,44 @@
+"""Which flights are compared: the log, the vehicle and the date of each side."""
+
+from collections.abc import Mapping
+
+from mavdem.containers import JsonValues
+from mavdem.fleet.comparability import STATE_NAMES
+from mavdem.fleet.report_columns import value_at
+from mavdem.report.difference.identity import shown_vehicles
+from mavdem.report.difference.reviewed import ReviewedDifference
+from mavdem.report.numbers import counted, listed
+
+ISO_MINUTE_LENGTH = len("2026-01-31T10:00")
+"""Characters of date, hour and minute in a time in UTC, as documents have it."""
+
+
+def side_descriptions(names: tuple[str, str], reviewed: ReviewedDifference) -> dict[str, str]:
+    """Describes the flights of each side of a comparison in one line.
+
+    An example is "monday.bin, Quadrotor 3A0041…2B37, simulated, 2026-01-05 10:00 UTC, 85 s of settled flight".
+
+    Args:
+        names: names of the logs or fleets, A and B.
+        reviewed: comparison of the two states, beside the reviews of their logs.
+
+    Returns:
+        The descriptions by side, "A" and "B".
+    """
+    descriptions = {}
+    states = zip(STATE_NAMES, names, reviewed.difference.flights, strict=True)
+    for side, name, flight_count in states:
+        review: Mapping[str, JsonValues] = reviewed.reviews.get(side, {})
+        parts = [name, listed(shown_vehicles(reviewed, side))]
+        if side in reviewed.simulated_sides:
+            parts.append("simulated")
+        date = value_at(review, "identity.date")
+        if date:
+            parts.append(f"{str(date)[:ISO_MINUTE_LENGTH].replace('T', ' ')} UTC")
+        settled = value_at(review, "condition.hover.seconds")
+        if settled:
+            parts.append(f"{settled:.0f} s of settled flight")
+        if flight_count > 1:
+            parts.append(counted(flight_count, "flight"))
+        descriptions[side] = ", ".join(part for part in parts if part)
+    return descriptions
