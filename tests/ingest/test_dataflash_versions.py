@@ -149,3 +149,25 @@ def test_a_dataflash_log_has_its_board_and_the_time_of_the_first_receiver(tmp_pa
     # The time is that of messages with a fix.
     unix = found.messages["SYSTEM_TIME"]["time_unix_usec"] / 1e6
     assert_allclose(unix, moment.timestamp() + np.arange(1, 5), rtol=1e-12)
+
+
+def log_of_estimator(folder, start):
+    """A vehicle that moves north at 0.5 m/s, of an estimator that is logged with zeros until it starts at a time, s."""
+    lines = [
+        "FMT, 129, 0, ATT, Qfff, TimeUS,Roll,Pitch,Yaw",
+        "FMT, 130, 0, EKF1, Qffffff, TimeUS,VN,VE,VD,PN,PE,PD",
+    ]
+    for time in TIMES:
+        stamp = round(1e6 * time)
+        north = 0.5 if time >= start else 0.0
+        lines += [f"ATT, {stamp}, 0, 0, 0", f"EKF1, {stamp}, {north}, 0, 0, 0, 0, 0"]
+    (folder / "flight.log").write_text("\n".join(lines) + "\n")
+    (vehicle,) = read_dataflash(folder / "flight.log").vehicles
+    return vehicle
+
+
+def test_zeros_of_an_estimator_that_has_not_started_are_no_position(tmp_path):
+    position = log_of_estimator(tmp_path, start=TIMES[50]).messages["LOCAL_POSITION_NED"]
+    assert_allclose(position["time"], TIMES[50:])
+    assert_allclose(position["vx"], 0.5)
+    assert "LOCAL_POSITION_NED" not in log_of_estimator(tmp_path, start=np.inf).messages

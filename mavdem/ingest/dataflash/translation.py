@@ -304,9 +304,12 @@ def _local_position(estimates: FlownEstimates) -> NamedMessage:
         estimates: DataFlash's messages; of those with estimates, the ones of the estimator that was used in flight.
 
     Returns:
-        Columns x, y, z, vx, vy and vz (n,).
+        Columns x, y, z, vx, vy and vz (n,), from the start of the estimator on.
     """
-    position = _renamed_message(estimates, "LOCAL_POSITION_NED")
+    logged_position = _renamed_message(estimates, "LOCAL_POSITION_NED")
+    position = NamedMessage(
+        logged_position.source_name, _rows_of_running_estimator(logged_position.columns)
+    )
     climb = _renamed_message(estimates, "VFR_HUD").columns
     if position.source_name != "EKF1" or not position.columns:
         return position
@@ -315,6 +318,22 @@ def _local_position(estimates: FlownEstimates) -> NamedMessage:
         return position
     climb_rate = resampled(position.columns, climb, climb["climb"][:, None])[:, 0]
     return NamedMessage(position.source_name, {**position.columns, "vz": -climb_rate})
+
+
+def _rows_of_running_estimator(position: Columns) -> Columns:
+    """Returns the rows of LOCAL_POSITION_NED in which the estimator ran; no columns if it never did.
+
+    An estimator that has not started, or has stopped, is logged with zeros: taken for estimates, they say that a
+    vehicle in flight stands still on the ground. An estimator that runs never has all six values exactly 0.
+
+    Args:
+        position: Columns x, y, z, vx, vy and vz (N,); may be empty.
+    """
+    if not message_count(position):
+        return position
+    fields = TRANSLATION_RULES["LOCAL_POSITION_NED"]["fields"]
+    is_running = np.any([position[field] != 0 for field in fields], axis=0)
+    return selected_rows(position, is_running) if is_running.any() else {}
 
 
 def _global_position(messages: Mapping[str, NamedMessage]) -> NamedMessage:
