@@ -105,8 +105,13 @@ def test_without_the_message_it_is_not_known():
     telemetry = HOVER.telemetry(10.0, 10.0)
     found = vibration_light(partial_record(Evidence, signals=Signals(telemetry, inputs="motors")))
     assert (found.code, found.level) == (VibrationLight.VIBRATION_UNKNOWN, "unknown")
-    # Nor where zeros stand for it.
-    assert light([0, 0, 0]).code is VibrationLight.VIBRATION_UNKNOWN
+    assert "was not recorded" in found.sentence
+
+
+def test_a_vibration_of_zero_throughout_was_not_measured():
+    found = light([0, 0, 0])
+    assert (found.code, found.level) == (VibrationLight.VIBRATION_UNKNOWN, "unknown")
+    assert "0 throughout" in found.sentence and "firmware" in found.remedy
 
 
 @mark.parametrize("firmware, is_known", [("PX4 v1.12.3", False), ("PX4 v1.13.0", True), ("", True)])

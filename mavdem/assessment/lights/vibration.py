@@ -1,5 +1,7 @@
 """Status light of vibration: acceleration and clipping of each IMU against the limits of its autopilot."""
 
+import numpy as np
+
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flights import loss_onset, settled_flight
 from mavdem.assessment.limits import LEVELS_BY_SEVERITY, Limits
@@ -7,7 +9,11 @@ from mavdem.dataset.segments import in_segments
 from mavdem.facts import Fact
 from mavdem.facts.vibration import VibrationLight
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.vibration.vibration_message import measures_acceleration, reported_vibration
+from mavdem.vibration.vibration_message import (
+    LEVEL_FIELDS,
+    measures_acceleration,
+    reported_vibration,
+)
 
 ARDUPILOT_LEVELS = Limits(15.0, 30.0)
 """Mean vibration, m/s², of ArduPilot's message VIBE.
@@ -57,7 +63,10 @@ def vibration_light(evidence: Evidence) -> Fact:
         return unknown_vibration.replace(is_of_velocity=True)
     vibration = reported_vibration(signals)
     if vibration is None:
-        return unknown_vibration
+        columns = telemetry.messages.get("VIBRATION", {})
+        levels_of_axes = [columns[field] for field in LEVEL_FIELDS if field in columns]
+        is_zero = bool(levels_of_axes) and not np.any(levels_of_axes)
+        return unknown_vibration.replace(is_zero=True) if is_zero else unknown_vibration
     levels = vibration.levels
     settled_segments = settled_flight(signals)
     free_flight = evidence.flight_segments(levels.boot)
