@@ -12,6 +12,7 @@ class LogLight(Code):
     RECORDED_SLOWLY = "recorded_slowly"
     RECORDED_WITH_GAPS = "recorded_with_gaps"
     RECORDED_WITH_DAMAGE = "recorded_with_damage"
+    COMMANDS_INCOMPLETE = "commands_incomplete"
     RECORDED_OTHER_VEHICLE = "recorded_other_vehicle"
     ATTITUDE_NOT_RECORDED = "attitude_not_recorded"
     MOTION_NOT_RECORDED = "motion_not_recorded"

@@ -525,6 +525,17 @@ def test_the_log_is_judged_by_its_rates_and_gaps():
             assert not fact.remedy
 
 
+@mark.parametrize("last_share, code", [(0.3, "commands_incomplete"), (0.7, "recorded_fast")])
+def test_commands_that_end_early_in_flight_are_incomplete(last_share, code):
+    time = HOVER.stamps(50.0)
+    last_command = 6.0 + last_share * (HOVER.landed - 6.0)
+    telemetry = HOVER.telemetry(50.0, time[time < last_command])
+    landed_state = columns(HOVER.stamps(1.0), landed_state=np.where(HOVER.stamps(1.0) < 6.0, 1, 2))
+    fact = log_light(evidence(changed(telemetry, "EXTENDED_SYS_STATE", **landed_state)))
+    assert fact.code == code
+    assert ("what the motors did" in fact.sentence) is (code == "commands_incomplete")
+
+
 def test_the_log_states_how_often_the_attitude_was_recorded():
     interpolated = Fact(Repair.ATTITUDE_INTERPOLATED, attitude_rate=20.0, rate=50.0)
     fact = log_light(evidence(replace(HOVER.telemetry(50.0, 50.0), repairs=(interpolated,))))

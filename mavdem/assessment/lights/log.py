@@ -25,6 +25,9 @@ from mavdem.ingest.vocabulary import SCENARIO_TEXT, SIH_AIRFRAMES
 MAX_GAP = 1.0
 """Time without attitude in flight, s, that is to be watched: longer than a fall from 5 m."""
 
+MIN_COMMANDED_FRACTION = 0.5
+"""Fraction of the flight, from the first command to the last, below which most of what the motors did is missing."""
+
 MAX_DAMAGED_FRACTION = 0.01
 """Fraction of damaged frames or bytes that is to be watched: a choice.
 
@@ -62,14 +65,15 @@ def log_light(evidence: Evidence) -> Fact:
     A model predicts the attitude from the outputs of the motors. So these two streams are judged, in this order:
 
     1. If one of them is missing, the motion was not recorded.
-    2. If the slower one is below ``MIN_STREAM_RATE``, the log is too slow for a full model. The rate is that in flight
+    2. If the commands cover less than ``MIN_COMMANDED_FRACTION`` of the flight, they are incomplete.
+    3. If the slower one is below ``MIN_STREAM_RATE``, the log is too slow for a full model. The rate is that in flight
        between outages, Hz, so that neither a logger that is slower on the ground nor pauses of the link reduce it. If
        the attitude was logged more slowly than the body rates, it is computed from them in between. Then the rate of
        the body rates is used; the light states both.
-    3. If a gap of the attitude in flight is longer than ``MAX_GAP``, or the logger itself lost messages ("dropouts"),
+    4. If a gap of the attitude in flight is longer than ``MAX_GAP``, or the logger itself lost messages ("dropouts"),
        the log has gaps.
-    4. If damage has cost more than ``MAX_DAMAGED_FRACTION`` of the log, or more than ``MAX_GAP``, it is damaged.
-    5. If the log ends in the air, and no loss of the vehicle explains it, the rest of the flight is missing.
+    5. If damage has cost more than ``MAX_DAMAGED_FRACTION`` of the log, or more than ``MAX_GAP``, it is damaged.
+    6. If the log ends in the air, and no loss of the vehicle explains it, the rest of the flight is missing.
 
     The light also states how much of the file could not be read.
 
@@ -93,8 +97,12 @@ def log_light(evidence: Evidence) -> Fact:
     longest_gap = _longest_gap(evidence, attitude)
     telemetry = signals.telemetry
     damage = _damage_fact(evidence.log, telemetry)
+    flight_seconds = _seconds_in_flight(evidence, attitude)
+    command_seconds = _seconds_in_flight(evidence, model_inputs)
     code = LogLight.RECORDED_FAST
-    if min(rate, motor_rate) < MIN_STREAM_RATE:
+    if command_seconds < MIN_COMMANDED_FRACTION * flight_seconds:
+        code = LogLight.COMMANDS_INCOMPLETE
+    elif min(rate, motor_rate) < MIN_STREAM_RATE:
         code = LogLight.RECORDED_SLOWLY
     elif longest_gap > MAX_GAP or telemetry.dropouts:
         code = LogLight.RECORDED_WITH_GAPS
@@ -113,6 +121,8 @@ def log_light(evidence: Evidence) -> Fact:
         is_received=not telemetry.translated_from,
         remedy=rate_advice(telemetry, components=evidence.log.components),
     )
+    if code is LogLight.COMMANDS_INCOMPLETE:
+        recording = recording.replace(duration=command_seconds, airborne=flight_seconds)
     ends_in_air = [
         event
         for event in evidence.events
@@ -220,15 +230,31 @@ def _rate_in_flight(evidence: Evidence, stream: Attitude | MotorOutputs) -> floa
         evidence: the flights of the vehicle.
         stream: samples of the vehicle.
     """
-    # Only the times are used, so that they are the values of the series too.
-    stamps = TimeSeries(stream.time, stream.boot, values=stream.time)
     # The empty array is for a log without flight, in which there are no steps.
     steps = [np.zeros(0)]
-    for flight in evidence.in_flight(stamps):
+    for flight in evidence.in_flight(_stamps(stream)):
         steps.append(np.diff(flight.time))
     rate_in_flight = rate_without_gaps(np.concatenate(steps))
     # Without steps, the rate is 0.
     return rate_in_flight or rate_between_outages(stream)
+
+
+def _seconds_in_flight(evidence: Evidence, stream: Attitude | MotorOutputs) -> float:
+    """Returns the time, s, from the first to the last sample of a stream in each flight, of all flights together.
+
+    Args:
+        evidence: the flights of the vehicle.
+        stream: samples of the vehicle.
+    """
+    seconds = 0.0
+    for flight in evidence.in_flight(_stamps(stream)):
+        seconds += float(flight.time[-1] - flight.time[0])
+    return seconds
+
+
+def _stamps(stream: Attitude | MotorOutputs) -> TimeSeries:
+    """Returns the times of a stream as a series; they are its values too, since only the times are used."""
+    return TimeSeries(stream.time, stream.boot, values=stream.time)
 
 
 def _longest_gap(evidence: Evidence, attitude: Attitude) -> float:
