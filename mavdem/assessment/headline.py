@@ -57,7 +57,7 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     5. A loss, failsafe or impact of the level "watch", or bad power or a bad estimator as its reason.
     6. A bad light.
     7. The log ends in the air.
-    8. If there was no flight, the reason.
+    8. If there was no flight, the reason or, if nothing shows whether there was one, a warning of the autopilot.
     9. Another fact of the level "watch".
     10. Nothing is wrong with what was checked.
 
@@ -97,7 +97,7 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     if open_ends:
         return open_ends[0]
     if not evidence.has_operated:
-        return _reason_on_ground(evidence)
+        return _headline_without_flight(evidence)
     return _first_fact_to_watch(_facts_to_watch(evidence, vehicle_lights), lights)
 
 
@@ -177,12 +177,23 @@ def with_weak_motor(event: Fact, motors_light: Fact) -> Fact:
     return event.replace(weak_motor=motors_light)
 
 
-def _reason_on_ground(evidence: Evidence) -> Fact:
-    """Returns the fact that says why a log has no flight or, of a vehicle that is not a multirotor, no operation."""
+def _headline_without_flight(evidence: Evidence) -> Fact:
+    """Returns the headline of a log in which no flight shows.
+
+    If nothing shows whether the vehicle flew, it is the first warning that the autopilot reports, which may have been
+    in flight. Otherwise it is the reason why no flight shows or, of a vehicle that is not a multirotor, no operation.
+    """
+    signals = evidence.signals
     if evidence.other_vehicle is not None:
-        armed_signal = evidence.signals.armed
-        if armed_signal is not None and not armed_signal.values.any():
+        if signals.armed is not None and not signals.armed.values.any():
             return NEVER_ARMED
+    shows_flight = any(
+        signal is not None for signal in (signals.motors, signals.landed_state, signals.armed)
+    )
+    if not shows_flight:
+        for event in evidence.events:
+            if event.warns and isinstance(event.code, ReportedEvent):
+                return event
     return evidence.learnability.reason
 
 

@@ -1,5 +1,6 @@
 """The headline is the worst that was found, and the next step fits its reason."""
 
+from hover import Hover
 from made_up_analysis import measured_vibration
 from partial_records import partial_record
 from pytest import mark
@@ -12,6 +13,7 @@ from mavdem.assessment.headline import headline_of
 from mavdem.assessment.next_step import choose_next_step
 from mavdem.dataset.quality import QualityFigures
 from mavdem.dataset.segment_learnability import Learnability
+from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
@@ -26,6 +28,7 @@ from mavdem.facts.watch import WatchFact
 from mavdem.motors.motor_changes import MotorChange, thrust_losses
 
 GROUNDED = Fact(NotLearnableReason.NEVER_ARMED)
+RECORDED = Signals(Hover().telemetry(1.0, 1.0))
 CRASH = prose("Lost control.").replace(Level.BAD)
 
 
@@ -36,7 +39,7 @@ def lights(**levels):
     }
 
 
-def headline(known, ending=None, events=(), airborne=60.0, oscillation=None):
+def headline(known, ending=None, events=(), airborne=60.0, oscillation=None, signals=RECORDED):
     learnability = Learnability("roll", False, GROUNDED, figures=QualityFigures(airborne=airborne))
     evidence = partial_record(
         Evidence,
@@ -46,8 +49,18 @@ def headline(known, ending=None, events=(), airborne=60.0, oscillation=None):
         learnability=learnability,
         condition=Condition(60.0, oscillation=oscillation),
         other_vehicle=None,
+        signals=signals,
     )
     return headline_of(evidence, known)
+
+
+@mark.parametrize("message", ["SERVO_OUTPUT_RAW", "HEARTBEAT", ""])
+def test_a_warning_counts_where_nothing_shows_whether_the_vehicle_flew(message):
+    silent = {"SERVO_OUTPUT_RAW", "HEARTBEAT"} - {message}
+    signals = Signals(Hover().telemetry(1.0, 1.0, without=silent))
+    lost = Fact(ReportedEvent.RADIO_LOST, time=1.0, boot=0)
+    found = headline(lights(), events=(lost,), airborne=0.0, signals=signals)
+    assert found is (GROUNDED if message else lost)
 
 
 def test_a_larger_loss_that_recovered_is_not_hidden_by_a_smaller_that_lasts():
