@@ -14,7 +14,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.watch import WatchFact
 from mavdem.live.samples import DECISION_SECONDS
-from mavdem.motors.saturation import most_limited_motors
+from mavdem.motors.saturation import equally_loaded_motors, most_limited_motors
 
 ALARMING_SHARE = 0.7
 """Share of the last seconds in which a motor is at its upper limit: an alarm.
@@ -40,8 +40,9 @@ def motor_at_upper_limit(motors: MotorOutputs, is_at_upper: Flags, now: float) -
         now: present time on the boot clock, s.
 
     Returns:
-        The fact, with the names of the motors and the time, s, over which they were tested. None if no motor was at its
-        limit for so long, if all thrust is in use, or without outputs in these seconds.
+        The fact, with the names of the motors, those of others that work as hard in the mean (``equally_loaded``), and
+        the time, s, over which they were tested. Its subject is the motor, if a single one stands out. None if no motor
+        was at its limit for so long, if all thrust is in use, or without outputs in these seconds.
     """
     recent_count = int(np.count_nonzero(motors.time >= now - DECISION_SECONDS))
     if not recent_count or len(is_at_upper) < MIN_LIMIT_SAMPLES:
@@ -52,10 +53,18 @@ def motor_at_upper_limit(motors: MotorOutputs, is_at_upper: Flags, now: float) -
     # Where all thrust is in use, as in a climb at full throttle, it is by chance which motor is at its limit.
     mean_outputs = tested_outputs.mean(axis=0)
     has_reserve = mean_outputs.min() < SPENT_THRUST_SHARE * motors.scale.upper_limit
-    limited_motor = _limited_motor(motors.geometry.names, is_at_upper[-tested_count:])
+    motor_names = motors.geometry.names
+    limited_motor = _limited_motor(motor_names, is_at_upper[-tested_count:])
     if limited_motor is None or not has_reserve:
         return None
-    return limited_motor.replace(duration=now - tested_times[0])
+    # Strong wind drives the motors on one side of the vehicle to their limits, and none of them is weak.
+    deviations = dict(zip(motor_names, mean_outputs - mean_outputs.mean(), strict=True))
+    equally_loaded = equally_loaded_motors(deviations, limited_motor.figures["names"])
+    return limited_motor.replace(
+        subject="" if equally_loaded else limited_motor.subject,
+        equally_loaded=equally_loaded,
+        duration=now - tested_times[0],
+    )
 
 
 def sinks_at_limit(
@@ -112,9 +121,14 @@ def with_earlier_motors(limited_motor: Fact, alarm: Fact | None) -> Fact:
         return limited_motor
     # A dictionary keeps each name once, in order.
     names = tuple(dict.fromkeys((*alarm.figures["names"], *limited_motor.figures["names"])))
+    equally_loaded = tuple(
+        name for name in limited_motor.figures["equally_loaded"] if name not in names
+    )
+    stands_out = len(names) == 1 and not equally_loaded
     return limited_motor.replace(
-        subject=names[0] if len(names) == 1 else "",
+        subject=names[0] if stands_out else "",
         names=names,
+        equally_loaded=equally_loaded,
         share=max(alarm.figures["share"], limited_motor.figures["share"]),
     )
 

@@ -1,6 +1,6 @@
-"""Which motors were at their upper limit for the longest time."""
+"""Which motors were at their upper limit for the longest time, and which others were loaded as much."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -35,3 +35,25 @@ def most_limited_motors(names: Names, times_at_limit: Sequence[float] | Array) -
         if time >= ALIKE_RATIO * longest_time:
             limited_motors.append(name)
     return tuple(limited_motors)
+
+
+def equally_loaded_motors(deviations: Mapping[str, float], motors_at_limit: Names) -> Names:
+    """Returns the motors whose mean command is about as high as the command of the motors at their limit.
+
+    A weak motor needs a higher command than every other one. If others need as much, the cause of the limit is the
+    load, the wind, a twisted arm or the yaw trim, and it is chance which motor a gust drives to its limit.
+
+    Args:
+        deviations: Deviation of the mean command of each motor from the mean of all motors, by name, in any unit.
+        motors_at_limit: Names of the motors that are at their limit the most.
+
+    Returns:
+        Names of the other motors whose mean command is above the mean of all motors by at least ``ALIKE_RATIO`` times
+        as much as the command of the limited ones. All other motors if the limited ones do not exceed the mean.
+    """
+    limited_deviation = max(deviations[motor] for motor in motors_at_limit)
+    motors_below_limit = [motor for motor in deviations if motor not in motors_at_limit]
+    if limited_deviation <= 0:
+        return tuple(motors_below_limit)
+    min_deviation = ALIKE_RATIO * limited_deviation
+    return tuple(motor for motor in motors_below_limit if deviations[motor] >= min_deviation)

@@ -11,7 +11,7 @@ from mavdem.facts.assessment import Override
 from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE, Oscillation
 from mavdem.motors.hover import HoverFigures
 from mavdem.motors.motor_changes import MotorChange, thrust_losses
-from mavdem.motors.saturation import ALIKE_RATIO, most_limited_motors
+from mavdem.motors.saturation import equally_loaded_motors, most_limited_motors
 
 
 class LimitedMotors(NamedTuple):
@@ -146,30 +146,6 @@ def limited_motors(hover: HoverFigures) -> LimitedMotors | None:
     if largest_fraction <= MIN_AT_LIMIT_SHARE:
         return None
     names = most_limited_motors(hover.motors, hover.at_upper_limit)
-    return LimitedMotors(names, largest_fraction, equally_loaded_motors(hover, names))
-
-
-def equally_loaded_motors(hover: HoverFigures, motors_at_limit: Names) -> Names:
-    """Returns the motors whose mean command in hover is about as high as the command of the motors at their limit.
-
-    A weak motor needs a higher command than every other one throughout the hover. If others need as much, the cause of
-    the limit is the load, a twisted arm or the yaw trim, and it is chance which motor a gust drives to its limit.
-
-    Args:
-        hover: figures of the motors in the hover.
-        motors_at_limit: names of the motors that are at their limit the most.
-
-    Returns:
-        Names of the other motors whose mean command is above the mean of all motors by at least ``ALIKE_RATIO`` times
-        as much as the command of the limited ones. All other motors if the limited ones do not exceed the mean.
-    """
     # The imbalance of a motor is the deviation of its mean command from the mean of all motors.
-    deviation_by_motor = dict(zip(hover.motors, hover.imbalance, strict=True))
-    limited_deviation = max(deviation_by_motor[motor] for motor in motors_at_limit)
-    motors_below_limit = [motor for motor in hover.motors if motor not in motors_at_limit]
-    if limited_deviation <= 0:
-        return tuple(motors_below_limit)
-    min_deviation = ALIKE_RATIO * limited_deviation
-    return tuple(
-        motor for motor in motors_below_limit if deviation_by_motor[motor] >= min_deviation
-    )
+    deviations = dict(zip(hover.motors, hover.imbalance, strict=True))
+    return LimitedMotors(names, largest_fraction, equally_loaded_motors(deviations, names))
