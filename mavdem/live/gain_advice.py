@@ -22,9 +22,10 @@ from mavdem.dataset.axes import AXES
 from mavdem.dataset.flight_states import airborne_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.dem.parallel import LOW_PRIORITY, NORMAL_PRIORITY
-from mavdem.errors import Refusal
+from mavdem.errors import Refusal, error_message
 from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import GainFact
+from mavdem.files import atomic_writes
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Log, Telemetry, selected_rows
 from mavdem.loops.advice import Advice
@@ -138,7 +139,7 @@ class GainAdviser:
             # Whatever fails in the other process, or takes too long, must not end the session.
             failure = Fact(
                 GainFact.ADVICE_FAILED,
-                error=error,
+                error=error_message(error),
                 duration=MAX_WAIT_SECONDS,
                 path=str(self._recording),
             )
@@ -187,7 +188,7 @@ def advise_gains(recording: Path, vehicle: str) -> GainAdvice:
 
 
 def _write_gain_files(recording: Path, texts: Mapping[str, str], next_step: Fact) -> Fact:
-    """Writes files with new gains next to a recording, and returns the fact with their path.
+    """Writes files with new gains next to a recording, all or none, and returns the fact with their path.
 
     Args:
         recording: path of the session's recording.
@@ -198,8 +199,11 @@ def _write_gain_files(recording: Path, texts: Mapping[str, str], next_step: Fact
         OSError: a file cannot be written.
     """
     stem = _new_stem(recording, list(texts))
-    for ending, text in texts.items():
-        Path(stem + ending).write_text(text, encoding="utf-8")
+    files = [Path(stem + ending) for ending in texts]
+    # An empty or partial file must never be loaded into a vehicle.
+    with atomic_writes(*files) as unfinished_files:
+        for file, text in zip(unfinished_files, texts.values(), strict=True):
+            file.write_text(text, encoding="utf-8")
     path = stem + " and ".join(texts)
     return Fact(GainFact.GAINS_WRITTEN, path=path, reason=next_step)
 

@@ -1,12 +1,13 @@
 """Gains that are advised after a landing: those of ``mavdem tune`` on the recording, in files that are new."""
 
 from dataclasses import replace
+from pathlib import Path
 from unittest.mock import MagicMock, Mock
 
 import numpy as np
 from command_line import run, strict_json
 from hover import Hover
-from pytest import mark
+from pytest import mark, raises
 from recorded_flights import SLOW
 
 from mavdem.assessment.assess import assess
@@ -22,7 +23,13 @@ from mavdem.facts.loops import GainFact, LoopFact, TwinFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import concatenated_columns, log_of_vehicles, selected_rows
-from mavdem.live.gain_advice import GainAdvice, GainAdviser, advise_gains, last_flown_boot
+from mavdem.live.gain_advice import (
+    GainAdvice,
+    GainAdviser,
+    _write_gain_files,
+    advise_gains,
+    last_flown_boot,
+)
 
 TUNED_BADLY = """
 seed = 5
@@ -130,7 +137,7 @@ def test_advice_that_fails_costs_nothing_else(tmp_path, monkeypatch, error):
     adviser = adviser_of(tmp_path)
     adviser.is_due = True
     (failed,) = adviser.update("1:1", is_busy=True, is_at_end=True)
-    reason = str(error) or "within 60 s"
+    reason = error.strerror or "within 60 s"
     assert failed.code is GainFact.ADVICE_FAILED and reason in failed.sentence
     assert failed.remedy == f"Run `mavdem tune {tmp_path}/flight.tlog --axis all`."
 
@@ -155,3 +162,20 @@ def test_only_the_last_boot_that_flew_is_judged():
         assert not table["boot"].any()
     single = log_of_vehicles((flown,), 0, 0)
     assert last_flown_boot(single).vehicles[0] is flown
+
+
+def test_files_of_gains_that_do_not_fit_on_the_disk_are_not_left_partly_written(
+    tmp_path, monkeypatch
+):
+    write = Path.write_text
+
+    def write_first(path, text, **how):
+        if path.suffix == ".param":
+            raise OSError(28, "No space left on device")
+        write(path, text, **how)
+
+    monkeypatch.setattr(Path, "write_text", write_first)
+    texts = {".stage1.params": "# gains", ".stage1.param": "# gains"}
+    with raises(OSError, match="No space left"):
+        _write_gain_files(tmp_path / "flight.tlog", texts, Fact(NextStep.LOAD_GAINS))
+    assert [*tmp_path.iterdir()] == []
