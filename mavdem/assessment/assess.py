@@ -332,8 +332,8 @@ def loss_of_flight(signals: Signals) -> Fact | None:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
-        The same event as that of the assessment, but without the figures that name what failed first: ``cause``,
-        ``word`` (what the autopilot reported of a motor) and the subject. None if no flight was lost.
+        The same event as in the assessment, but without the figures that name what failed first: ``cause``, ``word``
+        (what the autopilot reported of a motor) and the subject. None if no flight was lost.
     """
     reports = reported_events(signals)
     ending = find_ending(signals, _events_without_motors(signals, reports))

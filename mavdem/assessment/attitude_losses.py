@@ -396,20 +396,18 @@ class _AttitudeLoss(NamedTuple):
             it; None if there are too few samples.
         """
         end = min(self.end, self.start + RECOVERY_SECONDS, self.error.time[-1])
-        angle_changes = []
-        # Integrals of the absolute body rates, rad: how far the vehicle turned by the gyro.
-        gyro_turns = []
+        # Largest change of roll or pitch by the estimated angles, and by the integral of the gyro's body rate, rad.
+        largest_change = 0.0
+        largest_turn = 0.0
         tilts = self.sensors.signals.tilts
         for tilt in tilts:
             is_in_loss = (tilt.boot == self.sensors.boot) & in_intervals(tilt.time, [(onset, end)])
             if np.count_nonzero(is_in_loss) < 2:
                 return None
-            angle_changes.append(float(np.ptp(np.unwrap(tilt.angle[is_in_loss]))))
-            gyro_turns.append(
-                float(np.trapezoid(abs(tilt.rate[is_in_loss]), tilt.time[is_in_loss]))
-            )
-        largest_change = max(angle_changes, default=0.0)
-        largest_turn = max(gyro_turns, default=0.0)
+            change = float(np.ptp(np.unwrap(tilt.angle[is_in_loss])))
+            turn = float(np.trapezoid(abs(tilt.rate[is_in_loss]), tilt.time[is_in_loss]))
+            largest_change = max(largest_change, change)
+            largest_turn = max(largest_turn, turn)
         fastest_rotation = self.sensors.fastest_rotation(tilts, (onset, end))
         if largest_change < ONSET_ANGLE:
             return contradicting_fact(

@@ -78,17 +78,17 @@ def _alternating_peaks(time: Array, angle: Array) -> list[list[int]]:
         angle: (N,) roll or pitch, rad.
 
     Returns:
-        For each run, the rows of its largest leans: at least ``MIN_SWINGS``, each within ``MAX_SWING_SECONDS`` of the
-        one before.
+        For each run, the indices of the samples with its largest leans: at least ``MIN_SWINGS``, each within
+        ``MAX_SWING_SECONDS`` of the lean before.
     """
     runs: list[list[int]] = []
     for peak in _peaks_of_leans(time, angle):
-        follows_run = False
+        continues_run = False
         if runs:
             last_peak = runs[-1][-1]
             is_to_other_side = angle[peak] * angle[last_peak] < 0
-            follows_run = is_to_other_side and time[peak] - time[last_peak] <= MAX_SWING_SECONDS
-        if follows_run:
+            continues_run = is_to_other_side and time[peak] - time[last_peak] <= MAX_SWING_SECONDS
+        if continues_run:
             runs[-1].append(peak)
         else:
             runs.append([peak])

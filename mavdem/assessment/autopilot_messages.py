@@ -342,8 +342,8 @@ def _end_of_error(error: _ErrorMessage, messages: Sequence[_ErrorMessage]) -> fl
 def _problems_of_events(telemetry: Telemetry) -> Iterator[Fact]:
     """Yields the problems that ArduPilot logs as EV messages.
 
-    An EV message has the number of an event. The table ``events`` of ``message_patterns.toml`` has the meaning of those
-    that report a problem; all others, such as "armed", are skipped.
+    An EV message has the number of an event. The table ``events`` of ``message_patterns.toml`` has the meaning of
+    events that report a problem; all others, such as "armed", are skipped.
 
     Args:
         telemetry: messages of the vehicle.

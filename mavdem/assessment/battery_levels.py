@@ -77,9 +77,9 @@ def ardupilot_charge_levels(parameters: Parameters, number: int) -> Limits:
 def voltage_levels(parameters: Parameters, number: int, cells: int) -> Limits:
     """Returns the voltages, V, below which a battery is to be watched (low) or bad (critical).
 
-    Each is the higher one of two voltages: that at which the autopilot acts, by its parameters, and the number of cells
-    times the voltage of a low or critical cell (``CELL_VOLTAGE_LIMITS``). So a parameter that was set too low, or not
-    at all, does not hide an empty battery.
+    Each is the higher one of two voltages: the voltage at which the autopilot acts, by its parameters; and the voltage
+    of a low or critical cell (``CELL_VOLTAGE_LIMITS``) times the number of cells. So a parameter that was set too low,
+    or not at all, does not hide an empty battery.
 
     Args:
         parameters: values of the autopilot's parameters by their names.

@@ -206,7 +206,20 @@ def _signs_of_crash(signals: Signals, report: Fact, losses: Sequence[Fact]) -> F
                 if fact.code is not SensorFact.AUTOPILOT_REPORTED:
                     facts_of_loss.append(fact)
             return tuple(facts_of_loss)
-    sensors = BootSensors(signals, boot)
+    return _sensor_signs_of_crash(BootSensors(signals, boot), interval)
+
+
+def _sensor_signs_of_crash(sensors: BootSensors, interval: TimeInterval) -> Facts:
+    """Collects what each sensor shows of a crash: a knock, a tumble, a fast descent, and a rest on the vehicle's side.
+
+    Args:
+        sensors: sensors of the vehicle in the boot of the crash.
+        interval: start and end of the time in which the crash can have happened, s since boot.
+
+    Returns:
+        The facts of the sensors that show one of these; empty if none does.
+    """
+    earliest_time, latest_time = interval
     signs = list[Fact]()
     knock = sensors.knock_fact(interval)
     if knock is not None:

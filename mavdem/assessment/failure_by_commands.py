@@ -189,8 +189,8 @@ def _start_of_response(commands: _LossCommands) -> float:
     """Returns when the controller began to respond to a failure, before the attitude was lost.
 
     From then to the loss of attitude the command of some motor is outside its usual range in each sample. The usual
-    range is that of the ``RECOVERY_SECONDS`` before the loss without the last ``FIRST_RESPONSE_SECONDS``, in which the
-    response is sought.
+    range is taken from the ``RECOVERY_SECONDS`` before the loss, without the last ``FIRST_RESPONSE_SECONDS``, in which
+    the response is sought.
 
     Args:
         commands: commands of the motors while the vehicle was lost, and before it.
@@ -397,8 +397,8 @@ def is_first_at_limit(at_limit: Flags, motor: int) -> bool:
         at_limit: (N, k) whether each of k motors is at its upper limit in each of N samples, in the order of time.
         motor: index of the motor.
     """
-    limited_rows = np.flatnonzero(at_limit.any(axis=1))
-    return len(limited_rows) > 0 and bool(at_limit[limited_rows[0], motor])
+    limited_samples = np.flatnonzero(at_limit.any(axis=1))
+    return len(limited_samples) > 0 and bool(at_limit[limited_samples[0], motor])
 
 
 def _sinking_at_full_throttle(
@@ -546,6 +546,7 @@ def weak_motor(
     is_only_one = np.count_nonzero(is_aligned) == 1
     if not (is_aligned[motor] and is_only_one):
         return None
+    # The controller also lowers the command of the opposite motor, so that the vehicle does not climb.
     angles_from_motor = abs(np.angle(positions / positions[motor]))
     opposite = int(np.argmax(angles_from_motor))
     if command_changes[opposite] < 0 and angles_from_motor[opposite] > pi - max_angle:

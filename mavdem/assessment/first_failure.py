@@ -80,23 +80,9 @@ def first_failure(
     boot = loss.figures["boot"]
     onset = loss_onset(loss)
     assert onset is not None
-    motors_off = _events_at(events, MotionEvent.MOTOR_OFF, boot, onset)
-    if motors_off:
-        names = tuple(event.subject for event in motors_off)
-        return Fact(
-            FailedFirst.MOTOR_OFF_FIRST,
-            time=motors_off[0].time,
-            subject=names[0] if len(names) == 1 else "",
-            names=names,
-            settings=reassigned_outputs(signals, names),
-        )
-    standing_motor = _standing_motor(events, boot, onset)
-    if standing_motor is not None:
-        return Fact(
-            FailedFirst.MOTOR_STOOD_STILL_FIRST,
-            time=standing_motor.time,
-            subject=standing_motor.subject,
-        )
+    stopped_motor = _stopped_motor_fact(signals, events, boot, onset)
+    if stopped_motor is not None:
+        return stopped_motor
     overturn = commanded_overturn(signals, boot, loss.time or onset)
     if overturn is not None:
         return overturn
@@ -124,6 +110,37 @@ def first_failure(
     if loss_context.fall_direction is not None and _assumed_landing(signals, boot, onset):
         return _assumed_landing_fact(signals, cause, collective)
     return reason_of_stop(signals, events, boot, cause)
+
+
+def _stopped_motor_fact(
+    signals: Signals, events: Sequence[Fact], boot: int, onset: float
+) -> Fact | None:
+    """Returns the fact that motors were off, or that one stood still, when a loss began; None if none did.
+
+    Args:
+        signals: logged time series of the vehicle, with the parameters that assign outputs to motors.
+        events: events of the flight, each a fact (a coded finding) with its time.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
+        onset: time when the loss began, s since boot.
+    """
+    motors_off = _events_at(events, MotionEvent.MOTOR_OFF, boot, onset)
+    if motors_off:
+        names = tuple(event.subject for event in motors_off)
+        return Fact(
+            FailedFirst.MOTOR_OFF_FIRST,
+            time=motors_off[0].time,
+            subject=names[0] if len(names) == 1 else "",
+            names=names,
+            settings=reassigned_outputs(signals, names),
+        )
+    standing_motor = _standing_motor(events, boot, onset)
+    if standing_motor is None:
+        return None
+    return Fact(
+        FailedFirst.MOTOR_STOOD_STILL_FIRST,
+        time=standing_motor.time,
+        subject=standing_motor.subject,
+    )
 
 
 def _context_of_impact(events: Sequence[Fact], boot: int, impact: float) -> LossContext:

@@ -179,18 +179,18 @@ def _path_length(position: TimeSeries) -> float | None:
     Args:
         position: positions (N, 3) of one boot, m north, east and down.
     """
-    # An estimator without any source of a position reports that of its origin all the time.
+    # An estimator without any source of a position reports its origin all the time.
     if not position.values[:, :2].any():
         return None
     # The first sample of each period of ``PATH_STEP`` is used, so that noise between samples adds no length.
     period_numbers = np.floor((position.time - position.time[0]) / PATH_STEP)
-    _, rows = np.unique(period_numbers, return_index=True)
-    if len(rows) < 2:
+    _, first_samples = np.unique(period_numbers, return_index=True)
+    if len(first_samples) < 2:
         return None
-    north_and_east = position.values[rows, :2]
+    north_and_east = position.values[first_samples, :2]
     north_steps, east_steps = np.diff(north_and_east, axis=0).T
     lengths = np.hypot(north_steps, east_steps)
-    durations = np.diff(position.time[rows])
+    durations = np.diff(position.time[first_samples])
     # A faster step is a jump of the estimate.
     is_flown = lengths <= MAX_PATH_SPEED * durations
     return float(lengths[is_flown].sum())

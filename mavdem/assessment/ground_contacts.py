@@ -345,8 +345,8 @@ class _Contact:
         stayed upright, it hit the ground if it was faster than ``HARD_IMPACT_SPEED``, and otherwise landed hard.
 
         Args:
-            time: time at which the vehicle touched the ground, s since boot; that of the largest knock, if there was
-                one.
+            time: time at which the vehicle touched the ground, s since boot; the time of the largest knock, if there
+                was one.
             rest: when and how the vehicle came to lie still afterwards; None if the log ended before.
             sensor_facts: what sensors show for or against the contact.
 

@@ -136,7 +136,7 @@ def _worst_event(bad_events: Sequence[Fact]) -> Fact:
 
     Returns:
         The largest of the events with the code of the first. A spent battery is worse than a critical one: if the first
-        is a critical battery, and a battery was spent too, the event of the spent one.
+        is a critical battery, and a battery was spent too, the event of the spent battery is returned.
     """
     worst_event = _largest_of_first_kind(bad_events)
     if worst_event.code is ReportedEvent.BATTERY_ALARMED:

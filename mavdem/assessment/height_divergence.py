@@ -102,13 +102,8 @@ def _divergence(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
     if climb is None:
         return None
     is_rising = climb.barometer > 0
-    if is_rising:
-        height_change = sensors.height.barometer_change(*interval)
-        motion = supporting_fact(SensorFact.ROSE, source="barometer", height=height_change)
-    else:
-        motion = supporting_fact(SensorFact.SANK, source="barometer", speed=-climb.barometer)
     start, end = interval
-    sensor_facts = [motion.replace(time=start, end_time=end)]
+    sensor_facts = [_motion_by_barometer(sensors, interval, climb.barometer)]
     travel = _median_stick_travel(sensors, interval)
     if travel is not None:
         asks_for_climb = is_rising and travel > CLIMB_STICK
@@ -120,11 +115,11 @@ def _divergence(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
         )
     cause = _accelerometer_error(sensors, interval) or _vibration_fact(sensors, interval)
     if cause is not None:
-        is_error_in_flight = cause.figures.get("part") == "in flight"
-        window_start = start - CONTEXT_SECONDS
-        sensor_facts.append(
-            cause.replace(time=window_start, end_time=end) if is_error_in_flight else cause
-        )
+        sensor_fact = cause
+        if cause.figures.get("part") == "in flight":
+            # This error is measured over the time around the divergence.
+            sensor_fact = cause.replace(time=start - CONTEXT_SECONDS, end_time=end)
+        sensor_facts.append(sensor_fact)
     full_throttle = _full_throttle(sensors, interval)
     # If a vehicle sinks at full throttle, it lacks thrust, and the throttle is not evidence for a diverged estimate.
     if full_throttle is not None and is_rising:
@@ -140,6 +135,23 @@ def _divergence(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
         boot=sensors.boot,
     )
     return checked_event(event, sensor_facts)
+
+
+def _motion_by_barometer(sensors: BootSensors, interval: TimeInterval, climb_rate: float) -> Fact:
+    """Returns the fact that the vehicle rose or sank in an interval by its barometer.
+
+    Args:
+        sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
+        interval: start and end, s since boot.
+        climb_rate: mean speed upward by the barometer, m/s.
+    """
+    start, end = interval
+    if climb_rate > 0:
+        height_change = sensors.height.barometer_change(*interval)
+        motion = supporting_fact(SensorFact.ROSE, source="barometer", height=height_change)
+    else:
+        motion = supporting_fact(SensorFact.SANK, source="barometer", speed=-climb_rate)
+    return motion.replace(time=start, end_time=end)
 
 
 class _ClimbRates(NamedTuple):

@@ -313,7 +313,7 @@ def _barometer_instances(evidence: Evidence) -> Iterator[Instance]:
     """Yields the barometers with their altitude in flight, m, or their pressure, hPa, if the log has no altitude.
 
     ArduPilot's ``BAROMETER_PARAMETER`` names the one in use; without it, that is not known. The altitude of every other
-    barometer is compared with the one in use, or with the first one.
+    barometer is compared with the barometer in use, or with the first one.
 
     Args:
         evidence: signals, events and measurements of the vehicle.

@@ -196,9 +196,10 @@ def _vehicle_values(vehicle: VehicleContents) -> JsonValues:
 def _message_rate(columns: Columns) -> float | None:
     """Returns the rate at which a message was recorded.
 
-    It is the rate between gaps, since an outage of the link does not change how often a message is sent. For a message
-    that comes in bursts, whose mean rate is less than ``MIN_MEAN_RATE_FRACTION`` of that, it is the mean rate. If
-    several instances send the message, each on its port or in its group, only the most frequent one counts.
+    It is the rate between gaps, since an outage of the link does not change how often a message is sent. If the mean
+    rate is less than ``MIN_MEAN_RATE_FRACTION`` of the rate between gaps, the message comes in bursts, and the mean
+    rate is returned. If several instances send the message, each on its port or in its group, only the most frequent
+    one counts.
 
     Args:
         columns: the message, with (N,) times in s, boots and other fields.

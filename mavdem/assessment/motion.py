@@ -48,8 +48,8 @@ def motion_events(signals: Signals, reports: Sequence[Fact] = ()) -> Facts:
     drift in wind, attitudes that are not numbers, barometers that drift, motors at their limit or off, clipping of the
     accelerometers, and a log that ends in the air.
 
-    A boot in which the vehicle did not fly has only the one event that says so. Of vehicles that are not multirotors
-    only clipping and losses of the position are events, since a plane banks and dives on purpose.
+    A boot in which the vehicle did not fly has a single event, which says so. Of vehicles that are not multirotors only
+    clipping and losses of the position are events, since a plane banks and dives on purpose.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.

@@ -73,8 +73,9 @@ class FailureCommands(NamedTuple):
 def failure_commands(signals: Signals, failure: Fact) -> FailureCommands | None:
     """Returns the commands of all motors when one of them failed, and before.
 
-    If the flight was lost, the commands at the failure are those of the ``AVERAGING_SECONDS`` from then on, before an
-    impact; after that the vehicle tumbles. If only thrust was lost, they are those of up to twice ``RECOVERY_SECONDS``.
+    If the flight was lost, the commands at the failure are taken from the ``AVERAGING_SECONDS`` after it, before an
+    impact; after that the vehicle tumbles. If only thrust was lost, they are taken from up to twice
+    ``RECOVERY_SECONDS``.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.

@@ -78,9 +78,9 @@ def _step_against_faults(headline: Fact, lights: NamedFacts) -> Fact:
     """Returns the next step: to do what the fault in the headline needs, and what some other bad lights need.
 
     The advice of another light is added only if the fault in the headline does not explain that light. Bad power always
-    has other causes, and so has bad vibration if power is the headline. If the autopilot reports a battery, and one was
-    measured to be bad, the advice is only about the one that was measured. After a loss of the vehicle, every bad light
-    may be its reason, and a motor that is bad, or was found weak, is named as the suspect.
+    has other causes, and so has bad vibration if power is the headline. If the autopilot reports a battery, and a
+    battery was measured to be bad, the advice is only about the measured one. After a loss of the vehicle, every bad
+    light may be its reason, and a motor that is bad, or was found weak, is named as the suspect.
 
     Args:
         headline: headline of the judgement, with a fault.

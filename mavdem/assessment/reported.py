@@ -391,9 +391,10 @@ def _take_offs_and_landings(signals: Signals, recorded_span: Segment) -> Iterato
                 yield _reported_event(
                     signals, recorded_span, "EXTENDED_SYS_STATE", code, detected_time
                 )
-            elif vehicle in POSSIBLE_MULTIROTORS and not (
-                code is ReportedEvent.ON_GROUND and stopped_in_air(height, landing)
-            ):
+                continue
+            # Motors that stop in the air, for example after a failure, end a flight without a landing.
+            is_stop_in_air = code is ReportedEvent.ON_GROUND and stopped_in_air(height, landing)
+            if vehicle in POSSIBLE_MULTIROTORS and not is_stop_in_air:
                 yield _reported_event(signals, recorded_span, motor_message, code, time)
 
 

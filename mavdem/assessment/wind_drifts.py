@@ -70,7 +70,7 @@ class DriftSample(NamedTuple):
 
 
 def drift_sample(time: float, angles: Numbers, velocity: Numbers) -> DriftSample:
-    """Returns the lean of an attitude, and the part of a velocity against it.
+    """Returns the lean of a vehicle, and the horizontal speed at which it moves against its thrust.
 
     Args:
         time: time on the boot clock, s.
@@ -244,6 +244,37 @@ def wind_drifts(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator
     Yields:
         The events of a :class:`WindDriftDetector`; none of a vehicle whose velocity or yaw was not recorded.
     """
+    parameters = sensors.signals.telemetry.parameters
+    detector = WindDriftDetector(sensors.boot)
+    # The latest state of each drift, by the time at which it began.
+    events = {}
+    latest_time = -inf
+    for sample in _samples_around_large_leans(sensors, flight_interval):
+        detector.add_sample(sample, parameters)
+        latest_time = sample.time
+        if detector.latest is not None:
+            events[detector.latest.start_time] = detector.latest
+    if detector.latest is not None:
+        # A drift that lasts at the end of the flight ends with it.
+        detector.end(latest_time)
+        events[detector.latest.start_time] = detector.latest
+    yield from events.values()
+
+
+def _samples_around_large_leans(
+    sensors: BootSensors, flight_interval: TimeInterval
+) -> Iterator[DriftSample]:
+    """Yields lean and motion of the vehicle around all times of a flight at which it leans near its limit.
+
+    Only these times can show a drift. Most flights have none, and need not be searched.
+
+    Args:
+        sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
+        flight_interval: start and end of the flight, s since boot.
+
+    Yields:
+        Samples at the times of the velocity, with the attitude before each; none if velocity or yaw was not recorded.
+    """
     signals, boot = sensors.signals, sensors.boot
     velocity = series_of_boot(horizontal_velocity(signals), boot)
     if velocity is None:
@@ -260,27 +291,15 @@ def wind_drifts(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator
             has_recent_attitude &= velocity.time - attitude_time < MAX_POSE_AGE
     if len(columns) < len(AXES):
         return
-    # Only times around a lean near the limit can show a drift. Most flights have none, and are not searched.
-    parameters = signals.telemetry.parameters
     roll, pitch, _ = columns
-    is_leaned = np.cos(roll) * np.cos(pitch) <= np.cos(LIMIT_FRACTION * _largest_lean(parameters))
-    moments = [(time, time) for time in velocity.time[is_leaned].tolist()]
-    around_lean = [
-        (start - DRIFT_SECONDS, end + DRIFT_SECONDS)
-        for start, end in merge_close_intervals(moments, 2 * DRIFT_SECONDS)
-    ]
-    rows = np.flatnonzero(has_recent_attitude & in_intervals(velocity.time, around_lean))
-    times = velocity.time[rows].tolist()
-    angles = np.column_stack(columns)[rows].tolist()
-    velocities = velocity.values[rows].tolist()
-    detector = WindDriftDetector(boot)
-    events = {}
-    for sample in map(drift_sample, times, angles, velocities):
-        detector.add_sample(sample, parameters)
-        if detector.latest is not None:
-            events[detector.latest.start_time] = detector.latest
-    if detector.latest is not None:
-        # What lasts at the end of the flight ends with it.
-        detector.end(times[-1])
-        events[detector.latest.start_time] = detector.latest
-    yield from events.values()
+    least_lean = LIMIT_FRACTION * _largest_lean(signals.telemetry.parameters)
+    is_leaned = np.cos(roll) * np.cos(pitch) <= np.cos(least_lean)
+    leaned_moments = [(time, time) for time in velocity.time[is_leaned].tolist()]
+    around_leans = []
+    for start, end in merge_close_intervals(leaned_moments, 2 * DRIFT_SECONDS):
+        around_leans.append((start - DRIFT_SECONDS, end + DRIFT_SECONDS))
+    is_searched = has_recent_attitude & in_intervals(velocity.time, around_leans)
+    times = velocity.time[is_searched].tolist()
+    angles = np.column_stack(columns)[is_searched].tolist()
+    velocities = velocity.values[is_searched].tolist()
+    yield from map(drift_sample, times, angles, velocities)

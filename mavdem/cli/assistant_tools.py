@@ -310,7 +310,7 @@ def _samples_of_field(
         Times, s since boot, and values.
 
     Raises:
-        ToolError: There is no such message, field or instance; the error lists those of the log.
+        ToolError: There is no such message, field or instance; the error lists the fields of the log.
     """
     whole_log = with_all_messages(telemetry, log)
     source = whole_log if message in whole_log.messages else telemetry

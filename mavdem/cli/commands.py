@@ -244,7 +244,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Errors are reported on standard error. ``SystemExit`` is the only exception that leaves this function.
 
     Args:
-        arguments: Arguments after ``mavdem``; those of the process unless given.
+        arguments: Arguments after ``mavdem``; the arguments of the process unless given.
 
     Returns:
         Exit code of the process.

@@ -44,7 +44,7 @@ def json_text(document: Any, name: str | None = None) -> str:
 
 
 def print_json(document: Any, name: str | None = None) -> None:
-    """Prints the document of ``--json`` on standard output; the arguments are those of :func:`json_text`."""
+    """Prints the document of ``--json`` on standard output; the arguments are passed to :func:`json_text`."""
     print_to_stdout(json_text(document, name))
 
 

@@ -43,7 +43,7 @@ def default_result_folder(source: str) -> Path:
 def available_folder(name: str, document_name: str, sources: Mapping[str, str]) -> Path:
     """Returns the first of the folders "name", "name-2", "name-3" and so on that has no results of other sources.
 
-    Results of the same log are replaced when it is read again; those of another log of the same name are not.
+    Results of the same log are replaced when it is read again; results of another log of the same name are not.
 
     Args:
         name: Path of the first folder.

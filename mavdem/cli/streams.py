@@ -54,7 +54,7 @@ def has_known_width(stream: TextIO) -> bool:
 def text_columns() -> int:
     """Returns how many characters a line of standard output has, by which all commands lay out screens and tables.
 
-    The number is that of the environment variable COLUMNS, otherwise of the terminal, limited to ``MIN_COLUMNS`` and
+    The number comes from the environment variable COLUMNS, otherwise from the terminal, limited to ``MIN_COLUMNS`` and
     ``MAX_COLUMNS``; without both it is ``MAX_COLUMNS``.
     """
     if not has_known_width(sys.stdout):

@@ -347,7 +347,7 @@ def _spectrum_document(spectrum: spectra.Spectrum, lines: tuple[SpectralLine, ..
     """Returns the document of a spectrum, with its spectrograms over time and over the throttle.
 
     The document holds the coarse spectrum, with few frequencies and times, so that it stays small enough for a page.
-    ``highest`` and ``windows`` are those of the full spectrum.
+    ``highest`` and ``windows`` describe the full spectrum.
 
     Args:
         spectrum: spectrum of a gyro, an accelerometer or a demand of the motors.

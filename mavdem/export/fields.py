@@ -1,6 +1,7 @@
 """Any field of a log: which messages, fields and instances there are, and the samples of one of them."""
 
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -205,16 +206,16 @@ def extremes_of_intervals(samples: FieldSamples, intervals: int) -> FieldSamples
     if not len(time):
         return FieldSamples(time, values)
     edges = np.linspace(time[0], time[-1], intervals + 1)
-    first_rows = np.searchsorted(time, edges[:-1])
-    end_rows = np.append(first_rows[1:], len(time))
-    kept_rows: list[int] = []
-    for first_row, end_row in zip(first_rows.tolist(), end_rows.tolist(), strict=True):
+    # The index of the first sample of each interval, and the end of the last interval.
+    bounds = np.append(np.searchsorted(time, edges[:-1]), len(time)).tolist()
+    kept_samples: list[int] = []
+    for first, end in pairwise(bounds):
         # An interval may have no sample.
-        if end_row > first_row:
-            lowest_row = first_row + int(values[first_row:end_row].argmin())
-            highest_row = first_row + int(values[first_row:end_row].argmax())
-            kept_rows += sorted({lowest_row, highest_row})
-    return FieldSamples(time=time[kept_rows], values=values[kept_rows])
+        if end > first:
+            lowest = first + int(values[first:end].argmin())
+            highest = first + int(values[first:end].argmax())
+            kept_samples += sorted({lowest, highest})
+    return FieldSamples(time=time[kept_samples], values=values[kept_samples])
 
 
 def _message_columns(telemetry: Telemetry, message: str) -> Columns:

@@ -117,10 +117,12 @@ def wind_columns(signals: Signals, boot: int, time: Array) -> dict[str, Array]:
         "wind north band": wind.band[:, NORTH],
         "wind east band": wind.band[:, EAST],
     }
-    return {
-        column_name(name, "m/s"): np.interp(time, wind.time, values, np.nan, np.nan)
-        for name, values in series.items()
-    }
+    columns = {}
+    for name, values in series.items():
+        columns[column_name(name, "m/s")] = np.interp(
+            time, wind.time, values, left=np.nan, right=np.nan
+        )
+    return columns
 
 
 def write_csv(file: BinaryIO, table: Table, provenance: Mapping[str, Any]) -> None:

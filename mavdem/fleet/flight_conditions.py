@@ -157,7 +157,7 @@ def _measured_voltage(row: FlightRow) -> float | None:
     if mean_voltage is None or row.voltage_end is None:
         return mean_voltage
     has_changed = row.voltage_start != row.voltage_end
-    # The mean of equal samples is that value but for its rounding.
+    # The mean of equal samples equals each of them, except for rounding.
     is_mean_equal = isclose(mean_voltage, row.voltage_end)
     if has_changed or not is_mean_equal:
         return mean_voltage

@@ -18,7 +18,7 @@ def cached_summaries(
 
     Args:
         store: the open SQLite store of the fleet, with the rows of all logs.
-        version: version of the summaries: those of another version, or another version of mavdem, are outdated.
+        version: version of the summaries; summaries of another version, or of another version of mavdem, are outdated.
         outdated_vehicles: names of the vehicles that were judged since their summaries were made.
         make_summary: function that makes the summary of a vehicle, given its name. The store keeps what it returns.
 

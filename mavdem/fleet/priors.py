@@ -90,8 +90,10 @@ def earlier_drag(path: Path, wind_speed: float | None = None) -> EarlierDrag:
         wind = document.get("wind_velocity", document)
         drag = Drag.from_dict(wind["drag"]).for_next_flight()
         identity = document.get("identity") or {}
+        # A name that is made of the system id may be the name of many vehicles.
         is_named = identity.get("basis") != SYSTEM_ID_BASIS
         vehicle = str(identity.get("name", "")) if is_named else ""
+    # Any JSON value may stand in the file, also one that is no object, or is nested too deep.
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         reason = error.strerror if isinstance(error, OSError) else None
         raise Unreadable(NoPrior.DRAG_UNREADABLE, path=file, reason=reason) from error

@@ -74,12 +74,7 @@ def find_logs(
     problems = []
     excluded_path = os.path.realpath(excluded_folder) if excluded_folder else ""
     for name in names:
-        # A file URL is a path of this machine.
-        if name.lower().startswith("file://"):
-            # This module imports Python's HTTP client, which takes long and is needed for nothing else here.
-            from urllib.request import url2pathname
-
-            name = url2pathname(urlsplit(name).path)
+        name = _without_file_scheme(name)
         try:
             if is_url(name):
                 sources = list(remote_logs(name))
@@ -93,6 +88,16 @@ def find_logs(
         for source in sources:
             logs[source.path] = source
     return [logs[path] for path in sorted(logs)], problems
+
+
+def _without_file_scheme(name: str) -> str:
+    """Returns the path of a URL that begins with ``file://``, a file of this machine; any other name as it is."""
+    if not name.lower().startswith("file://"):
+        return name
+    # This module imports Python's HTTP client, which takes long and is needed for nothing else here.
+    from urllib.request import url2pathname
+
+    return url2pathname(urlsplit(name).path)
 
 
 def local_logs(name: str, excluded_path: str) -> Iterator[LogSource]:

@@ -61,8 +61,8 @@ class VehicleState(NamedTuple):
     def telemetry(self) -> Telemetry | None:
         """The messages of the vehicle in its log; None if the flights are of a fleet, which stores no messages.
 
-        A log may have several vehicles. The first row of the flights tells which one is meant, by its MAVLink system
-        and component.
+        A log may have several vehicles. The MAVLink system and component in the first row of the flights say which one
+        is meant.
         """
         first_row = self.rows[0]
         for vehicle in self.vehicles:
@@ -165,7 +165,7 @@ def with_motors_judged(
     """Judges the motors of two logs' flights together, as ``mavdem track`` judges the flights of a vehicle.
 
     A comparison of two logs then has the same verdict on a motor as a fleet of these two. The flights of a fleet are
-    judged already, beside more flights, and those of two vehicles cannot be judged together.
+    judged already, together with more flights. Flights of two vehicles cannot be judged together.
 
     Args:
         before: flights of the first state.

@@ -372,9 +372,9 @@ class Store:
     def update_names(self) -> None:
         """Updates the path of the log in each row of the table, and deletes the rows of logs that no longer exist.
 
-        A log may have several paths, such as those of copies: the first one in alphabetical order is stated. Only logs
-        in the table of the fleet count (column ``tracked``). The text of a row names its file, and is written when the
-        vehicle is judged. So rows whose path changes are marked to be judged again, by an empty column ``judged``.
+        A log may have several paths, for example if it was copied: the first one in alphabetical order is stated. Only
+        logs in the table of the fleet count (column ``tracked``). The text of a row names its file, and is written when
+        the vehicle is judged. So rows whose path changes are marked to be judged again, by an empty column ``judged``.
         """
         # The rows of logs without a path.
         self._delete_rows()

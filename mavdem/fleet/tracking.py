@@ -25,7 +25,7 @@ from mavdem.fleet.sources import LogSource, find_logs
 from mavdem.fleet.store import Store, open_store
 from mavdem.fleet.stored_rows import is_fleet, read_rows
 from mavdem.fleet.workers import Job, JobOutcome, MakePage, WorkerPool
-from mavdem.motors.health import assess_motor_health
+from mavdem.motors.health import HealthAssessment, assess_motor_health
 
 ASSESSMENT_COLUMNS = ("health", "fault_probability", "change_probability", "suspect_motor")
 """Columns that are attributes of the assessment of a flight's motors."""
@@ -85,17 +85,8 @@ def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
         }
         return [replace(row, **columns) if row.is_read else row for row in rows]
 
-    figures = {_flight_key(row): health_figures(row) for row in rows_of_flights}
     baseline_rows = [row for row in baseline if row.is_read]
-    baseline_figures = {}
-    for row in baseline_rows:
-        key = _flight_key(row)
-        # A flight that is in the baseline as well must be the same object, so that it counts once.
-        baseline_figures[key] = figures.get(key) or health_figures(row)
-    health_assessments = assess_motor_health(
-        list(figures.values()), list(baseline_figures.values()) or None
-    )
-    assessments = dict(zip(figures, health_assessments, strict=True))
+    assessments = _health_by_flight(rows_of_flights, baseline_rows)
     if baseline_rows:
         healthy_rows = baseline_rows
     else:
@@ -117,6 +108,30 @@ def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
             )
         assessed_rows.append(row)
     return assessed_rows
+
+
+def _health_by_flight(
+    rows: FlightRows, baseline_rows: FlightRows
+) -> dict[FlightKey, HealthAssessment]:
+    """Judges the health of the motors in each flight, with all flights of the vehicle together.
+
+    Args:
+        rows: rows of all flights of the vehicle.
+        baseline_rows: rows of its healthy flights; empty without a baseline.
+
+    Returns:
+        The judgements by the key of the flight.
+    """
+    figures = {_flight_key(row): health_figures(row) for row in rows}
+    baseline_figures = {}
+    for row in baseline_rows:
+        key = _flight_key(row)
+        # A flight that is in the baseline as well must be the same object, so that it counts once.
+        baseline_figures[key] = figures.get(key) or health_figures(row)
+    assessments = assess_motor_health(
+        list(figures.values()), list(baseline_figures.values()) or None
+    )
+    return dict(zip(figures, assessments, strict=True))
 
 
 def _flight_key(row: FlightRow) -> FlightKey:

@@ -86,7 +86,7 @@ def _messages_by_rate(vehicle: JsonValues) -> dict[str, list[str]]:
 
     Returns:
         Names of messages by the text of their rate, such as "50.0 Hz"; messages below 1 Hz are one group. If the log
-        has another name for a message, that follows in brackets.
+        has another name for a message, that name follows in brackets.
     """
     names_in_log = vehicle["names"]
     messages_by_descending_rate = sorted(

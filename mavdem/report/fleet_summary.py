@@ -56,20 +56,17 @@ def fleet_blocks(
     Returns:
         Sentences and the table.
     """
-    vehicles = vehicles_with_section(summaries)
-    # A bad flight under a shared name counts as a flight and not as a vehicle, unless the health of its motors was
-    # compared, which a user asks for where all flights under this name are of one vehicle.
-    names_without_vehicle = {
-        summary.name
-        for summary in summaries
-        if summary.has_shared_name
-        and summary.name in vehicles
-        and vehicles[summary.name].health not in ANOMALOUS_HEALTHS
-    }
-    vehicles_of_headline = {
-        name: vehicle for name, vehicle in vehicles.items() if name not in names_without_vehicle
-    }
-    # Vehicles whose logs name them, those among them whose motors no flight judges, and flights of other vehicles.
+    shared_names = {summary.name for summary in summaries if summary.has_shared_name}
+    vehicles_of_headline = {}
+    vehicles_without_name = {}
+    for name, vehicle in vehicles_with_section(summaries).items():
+        # A bad flight under a shared name counts as a flight and not as a vehicle, unless the health of its motors was
+        # compared, which a user asks for where all flights under this name are of one vehicle.
+        if name in shared_names and vehicle.health not in ANOMALOUS_HEALTHS:
+            vehicles_without_name[name] = vehicle
+        else:
+            vehicles_of_headline[name] = vehicle
+    # Vehicles whose logs name them, the ones among them whose motors no flight judges, and flights of other vehicles.
     named_count = 0
     unjudged_count = 0
     unnamed_flights = 0
@@ -80,14 +77,8 @@ def fleet_blocks(
             named_count += 1
             if summary.vehicle.health == UNKNOWN:
                 unjudged_count += 1
-    latest_bad = []
-    for name in sorted(names_without_vehicle):
-        last_flight = vehicles[name].last
-        if last_flight.badge_level is Level.BAD:
-            label = vehicle_label(name, last_flight.frame, names, is_shared=True)
-            latest_bad.append(f"{label}: {as_clause(vehicles[name].texts.latest_flight)}")
+    latest_bad = _bad_latest_flights(vehicles_without_name, names)
     bad_count = _count_bad_unnamed_flights(summaries, vehicles_of_headline)
-    shared_names = {summary.name for summary in summaries if summary.has_shared_name}
     blocks = render_section(
         "fleet",
         health=_health_summary(
@@ -107,6 +98,22 @@ def fleet_blocks(
     )
     unused_rows = [row for summary in summaries for row in summary.unused if row.is_first]
     return [*blocks, *_unused_blocks(unused_rows)]
+
+
+def _bad_latest_flights(vehicles: Mapping[str, VehicleFlights], names: GivenNames) -> list[str]:
+    """Returns a text on the latest flight under each shared name, if it was bad, in the order of the names.
+
+    Args:
+        vehicles: summary of the flights under each name that several vehicles may share.
+        names: names that were given to vehicles.
+    """
+    texts = []
+    for name in sorted(vehicles):
+        last_flight = vehicles[name].last
+        if last_flight.badge_level is Level.BAD:
+            label = vehicle_label(name, last_flight.frame, names, is_shared=True)
+            texts.append(f"{label}: {as_clause(vehicles[name].texts.latest_flight)}")
+    return texts
 
 
 def _count_bad_unnamed_flights(
@@ -154,9 +161,9 @@ def fleet_counts(summaries: Sequence[VehicleSummary]) -> JsonValues:
         summaries: summary of the flights under each name.
 
     Returns:
-        Plain JSON values: ``flights``; ``vehicles``, those with a name of their own, which a system id is not;
-        ``tiers`` and ``health``, flights by tier and by health; and ``failed``, the file, status and code of the status
-        of each log without a flight.
+        Plain JSON values: ``flights``; ``vehicles``, whose name is not a mere MAVLink system id; ``tiers`` and
+        ``health``, flights by tier and by health; and ``failed``, the file, status and code of the status of each log
+        without a flight.
     """
     flight_count = 0
     named_vehicles = 0
@@ -302,7 +309,7 @@ def _flown_summary(summaries: Sequence[VehicleSummary]) -> dict[str, object] | N
 
     Returns:
         "flights", their number; "hours" of settled flight; "dates", the first and the last one, or none if no date is
-        known; and "kinds", in words, what the logs allow, with the number of flights. None without a flight.
+        known; and "kinds", in words, which models the logs allow, with the number of flights. None without a flight.
     """
     flight_count = 0
     seconds = 0.0

@@ -213,8 +213,8 @@ def wind_speed_text(speed: float | None, interval: Sequence[float] | None) -> st
         interval: both ends of its 90 % interval; None if they are not known.
 
     Returns:
-        The speed, such as "5.2"; where it is known only roughly, both ends of the interval, such as "1.9 to 8.0"; where
-        still air is likely as well, the upper end, such as "below 2.1"; empty where nothing is known.
+        The speed, such as "5.2". If it is known only roughly, both ends of the interval, such as "1.9 to 8.0". If still
+        air is likely too, the upper end, such as "below 2.1". Empty if nothing is known.
     """
     if interval is None:
         return "" if speed is None else f"{speed:.1f}"

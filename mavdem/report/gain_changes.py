@@ -165,13 +165,13 @@ def _advised_gain_sets(advice: AdviceByAxis) -> Iterator[_GainSet]:
     """Yields the advised gains of all axes as sets to load into the autopilot one after the other.
 
     Rate loops are tuned before the attitude loops around them. So the gains of the first stage of tuning are flown
-    before those of the second are loaded.
+    before the gains of the second stage are loaded.
 
     Args:
         advice: advice by axis, or the fact (coded finding) why there is none.
 
     Yields:
-        A set for each stage; with several stages, each has a suffix for the name of its file.
+        A set for each stage. If there are several stages, each set has a suffix for the name of its file.
     """
     gains_by_stage: dict[Stage, dict[str, Gain]] = {}
     for axis_advice in advice.values():

@@ -26,7 +26,7 @@ def instance_table(instances: Sequence[Instance], *, has_flown: bool) -> Table:
 
     Args:
         instances: at least one, in the order of the rows.
-        has_flown: whether the vehicle flew; otherwise the ranges are those of the whole log.
+        has_flown: whether the vehicle flew; otherwise the ranges are taken from the whole log.
 
     Returns:
         The table.

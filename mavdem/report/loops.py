@@ -501,8 +501,8 @@ def compared_loops(advice: Advice) -> LoopsByAxis:
 def _gain_and_margin_table(advice: Advice, *, is_doubtful: bool) -> Table:
     """Returns a table that compares one axis as it flew with the advised gains: gains, stability margins, wind error.
 
-    The margins are those of the loop that is tuned: the attitude loop in the second stage of tuning, otherwise the rate
-    loop. The last row is the standard deviation of the angle by the wind torque, degrees.
+    The margins are of the loop that is tuned: the attitude loop in the second stage of tuning, otherwise the rate loop.
+    The last row is the standard deviation of the angle by the wind torque, degrees.
 
     Args:
         advice: advice on the axis, with its loops.

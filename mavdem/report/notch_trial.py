@@ -303,7 +303,7 @@ def _filter_forms(filters: Sequence[TriedFilter], gyro_rate: float) -> Iterator[
 def _notch_sliders(tried_filter: TriedFilter, gyro_rate: float) -> tuple[NotchSlider, ...]:
     """Returns the sliders of a notch filter: one for each setting that the filter has as a parameter.
 
-    Ranges are those of ``SLIDER_RANGES``, widened if the log has a value beyond them.
+    A slider has its range in ``SLIDER_RANGES``, widened if the log has a value beyond it.
 
     Args:
         tried_filter: filter with its parameters.

@@ -394,9 +394,9 @@ def _motor_table(
 def torque_blocks(learned: Learned) -> Blocks:
     """Returns the sentence on the wind torque of a model: its standard deviation, its largest gust, and its share.
 
-    The wind torque is the angular acceleration, rad/s², that the motors do not explain; the share is that of the whole
-    angular acceleration. The torque is scaled by the control effectiveness of the motors, so that the sentence calls it
-    uncertain if the interval of the effectiveness is wide.
+    The wind torque is the angular acceleration, rad/s², that the motors do not explain; the share is relative to the
+    whole angular acceleration. The torque is scaled by the control effectiveness of the motors, so that the sentence
+    calls it uncertain if the interval of the effectiveness is wide.
 
     Args:
         learned: the linear model that was learned from a flight, with its training data.
@@ -501,7 +501,7 @@ def _axis_header(axes: Mapping[str, AxisEstimates]) -> list[str]:
     """Returns the header of the table of physical parameters, in which each axis has a row.
 
     The control effectiveness is an angular acceleration per unit of the model's inputs, which the header names. The
-    unit is that of the first axis with a flight, since the header is common to all rows.
+    unit is taken from the first axis with a flight, since the header is common to all rows.
 
     Args:
         axes: physical parameters by axis; an axis whose data could not be used has no flights.
@@ -525,8 +525,8 @@ def _axis_header(axes: Mapping[str, AxisEstimates]) -> list[str]:
 def _axis_cells(figures: AxisEstimates) -> list[str]:
     """Returns an axis' row in the table of physical parameters: effectiveness, damping, time constant, wind torque.
 
-    A parameter has the half width of its 90 % interval and, if the closed loop biases its estimate, "(biased)". Of the
-    wind torque the row has the standard deviation. Units are those of :func:`_axis_header`.
+    A parameter has the half width of its 90 % interval and, if the closed loop biases its estimate, "(biased)". The
+    wind torque is shown by its standard deviation. The units are in the header (:func:`_axis_header`).
 
     Args:
         figures: estimates of the physical parameters and of the wind torque.
@@ -626,7 +626,7 @@ def pole_sentences(A: Array) -> list[Sentence]:
     time constant 1/|p|, s.
 
     Args:
-        A: state matrix (n, n), 1/s; its eigenvalues are the poles, of which the slowest come first.
+        A: state matrix (n, n), 1/s; its eigenvalues are the poles; the slowest come first.
     """
     # A complex pair is represented by the pole with the positive imaginary part.
     poles = [pole for pole in np.linalg.eigvals(A) if pole.imag >= 0]

@@ -132,8 +132,8 @@ def _peak_for(index: int, peaks: Numbers) -> float:
 def strongest_peaks(noise: MeasuredNoise, spectrum: Spectrum) -> tuple[float, ...]:
     """Returns the frequencies of the vibration, Hz, on which a notch filter may be placed, the strongest first.
 
-    They are those of the lines in the spectra of the flight. If there is no line, it is the one frequency above the
-    bandwidth of all rate loops at which the spectrum is largest.
+    They are the frequencies of the lines in the spectra of the flight. If there is no line, it is the one frequency
+    above the bandwidth of all rate loops at which the spectrum is largest.
 
     Args:
         noise: spectra of the flight with their lines.
@@ -207,7 +207,7 @@ def _px4_filter(
 ) -> TriedFilter:
     """Returns one of PX4's static notches, with the settings that the page shows first.
 
-    They are those of the log if the notch is on there. Otherwise they are the advised ones or, if the advice sets
+    They are the log's own settings if the notch is on there. Otherwise they are the advised ones or, if the advice sets
     another filter, such that the notch attenuates a line of the spectrum.
 
     Args:

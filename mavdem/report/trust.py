@@ -26,7 +26,7 @@ ANSWERS = {Level.GOOD: "yes", Level.WATCH: "no", Level.UNKNOWN: "not known"}
 
 
 def trust_table(trust_of_boots: Sequence[SensorTrust]) -> Table:
-    """Returns a table with a row for each check of each boot. Of several boots, each row has the number.
+    """Returns a table with a row for each check of each boot. With several boots, a row has the number of its boot.
 
     Args:
         trust_of_boots: checks of the sensors in each boot, at least one.

@@ -24,7 +24,7 @@ def evidence_sentences(fact: Fact) -> list[Sentence]:
     An event, such as a collision, is checked against measurements that are independent of each other: the accelerometer
     should show a shock, and the gyro a fast rotation. What each of them shows is a coded finding (a fact), called a
     witness. If the cause of the event has witnesses too, such as the command of the motor that failed, they come first,
-    since those of the event show only what followed.
+    since the witnesses of the event show only what followed.
 
     Args:
         fact: the event. Its witnesses are its figure ``witnesses``.

@@ -60,7 +60,7 @@ class Server:
             sample_log: a log that visitors may try the server with.
             viewer: shows recordings in a viewer on this machine; None if that is not possible.
             monitor: monitor of a live link; None without one.
-            fields: the columns of the logs whose fields are plotted; None for those of a process of its own.
+            fields: the columns of the logs whose fields are plotted; None for a process of its own.
         """
         self._library = library
         self._reading = reading

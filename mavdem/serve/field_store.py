@@ -241,8 +241,8 @@ class FieldStore:
     def _release_columns(self, version: LogVersion, kept_log: KeptLog) -> None:
         """Ends one use of a log's columns, and removes all columns that are not needed any more.
 
-        These are the columns of a log whose reading was aborted, those that :meth:`remove` took out of the store while
-        they were used, and the least recently used ones if the store has more than ``MAX_KEPT_LOGS`` logs.
+        These are the columns of a log whose reading was aborted, columns that :meth:`remove` took out of the store
+        while they were used, and the least recently used columns if the store has more than ``MAX_KEPT_LOGS`` logs.
 
         Args:
             version: path of the log, with its size and time of change.
@@ -254,6 +254,7 @@ class FieldStore:
             was_aborted = kept_log.columns is None and not kept_log.problem
             if was_aborted and not kept_log.users and self._logs.get(version) is kept_log:
                 del self._logs[version]
+            # The dictionary has the least recently used log first.
             for old_version, old_log in list(self._logs.items()):
                 if len(self._logs) <= MAX_KEPT_LOGS:
                     break
@@ -286,8 +287,8 @@ class FieldStore:
             )
         try:
             with kept_log.reading:
-                # Another request may have had it read while this one waited for the lock. A log with a problem is not
-                # tried again.
+                # Another request may have had the log read while this one waited for the lock. A log with a problem is
+                # not tried again.
                 if kept_log.columns is None and not kept_log.problem:
                     with self._reader_lock:
                         self._read_log(kept_log, log, document)

@@ -147,18 +147,25 @@ class Guard:
                 response = Response(
                     status_code=HTTPStatus.SERVICE_UNAVAILABLE, headers=RETRY_HEADERS
                 )
-            policy_of_page = response.headers.get(POLICY_HEADER, "")
-            response.headers.update(self._response_headers)
-            if policy_of_page:
-                response.headers[POLICY_HEADER] = _policy_text(
-                    self._policy | _policy_directives(policy_of_page)
-                )
+            self._add_security_headers(response)
             # A browser that has the cookie of an earlier token waits only once. The answer may bring the right one.
             if self._rights.has_wrong_cookie(request) and "Set-Cookie" not in response.headers:
                 response.delete_cookie(COOKIE_NAME)
             return response
 
         return answer
+
+    def _add_security_headers(self, response: Response) -> None:
+        """Adds the headers of all responses; a content security policy of the page itself extends the common one.
+
+        Args:
+            response: the response of an endpoint, which is modified.
+        """
+        policy_of_page = response.headers.get(POLICY_HEADER, "")
+        response.headers.update(self._response_headers)
+        if policy_of_page:
+            directives = self._policy | _policy_directives(policy_of_page)
+            response.headers[POLICY_HEADER] = _policy_text(directives)
 
     def _answer_to_refusal(self, request: HttpRequest, fact: Fact) -> Response:
         """Returns the response to a refused request: JSON for programs, or an HTML page for browsers.

@@ -28,7 +28,7 @@ LINK_BYTES = 16
 class LibraryEntry:
     """One row of the index: a log of the library, how far it is read, and what lists and searches need of it.
 
-    The names of the fields are those of the columns. A value that is not known is empty or None.
+    The fields have the names of the columns. A value that is not known is empty or None.
     """
 
     id: str
@@ -310,7 +310,8 @@ def columns_of_flight(rows: Sequence[FlightRow]) -> JsonValues:
     """Returns the columns of the index that follow from the fleet's rows of a log.
 
     Args:
-        rows: rows of the log, one per vehicle and axis, at least one. All values but the motor are those of the first.
+        rows: rows of the log, one per vehicle and axis, at least one. All values but the motor are taken from the
+            first.
 
     Returns:
         Values by the names of the columns.

@@ -414,7 +414,7 @@ class Library:
     def vehicle_names(self) -> list[str]:
         """Returns the names of all vehicles, in alphabetical order.
 
-        A name that is made of a MAVLink system id may be that of several vehicles. It is left out unless a user has
+        A name that is made of a MAVLink system id may belong to several vehicles. It is left out unless a user has
         given a name to that vehicle.
         """
         query = """select distinct vehicle from entries where vehicle not in ('', ?) and
@@ -463,11 +463,11 @@ class Library:
         return read_names(self.db)
 
     def known_scripts(self, scripts: Iterable[str]) -> Names:
-        """Returns the hashes of all scripts that pages of this library may run, and adds those of this version.
+        """Returns the hashes of all scripts that pages of this library may run, and adds the scripts of this version.
 
         The server's content security policy permits scripts by their hashes. A stored page has the scripts of the
-        version of mavdem that wrote it. If only those of the present version were permitted, pages of earlier versions
-        would show no charts.
+        version of mavdem that wrote it. If only scripts of the present version were permitted, pages of earlier
+        versions would show no charts.
 
         Args:
             scripts: hashes of the scripts of this version.

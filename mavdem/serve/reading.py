@@ -74,7 +74,7 @@ class AssessedVehicle(NamedTuple):
 
     @property
     def severity(self) -> tuple[bool, int]:
-        """Sorts vehicles: those that flew above the others, then those with worse headlines above better ones."""
+        """Sorts vehicles: vehicles that flew above the others, then worse headlines above better ones."""
         level = self.assessment.headline.level
         return self.rows[0].has_flight, LEVELS_BY_SEVERITY.index(level)
 
@@ -207,8 +207,8 @@ def publish_table(path: Path, key: str, page: object) -> LogRows:
 def _write_first_plots(log: Log, path: Path) -> None:
     """Writes plots of a flight over time, which are shown until its assessment is complete.
 
-    The assessment takes ten times as long as the reading. The plots are those of the first vehicle with a time history;
-    without one, no file is written.
+    The assessment takes ten times as long as the reading. The plots show the first vehicle with a time history; without
+    one, no file is written.
 
     Args:
         log: the log of a flight, with the messages of each vehicle.

@@ -198,7 +198,7 @@ def _unfinished_folder(results: Path) -> Path:
 
 
 def vehicle_of_page(log: Log, document_path: Path) -> Telemetry:
-    """Returns the vehicle of a log that is shown on its page.
+    """Returns the vehicle of a log that the page of its flight shows.
 
     Args:
         log: a log with at least one vehicle.

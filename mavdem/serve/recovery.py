@@ -145,7 +145,7 @@ def _add_recordings(library: RecoverableLibrary, server: str) -> None:
 
 
 def _restore_digests(db: sqlite3.Connection) -> None:
-    """Sets the digest of each entry to that in the path of its log, in case the index was tampered with.
+    """Sets the digest of each entry to the digest in the path of its log, in case the index was tampered with.
 
     Args:
         db: the fleet's database.

@@ -255,8 +255,8 @@ class VisibleLibrary:
         Returns:
             Values by the names in the templates: ``may_read``, whether the visitor may read all flights; ``key`` for
             changes; ``has_token``, whether visitors can sign in with a token; ``has_library``; ``address`` of the
-            server, and that for uploads (``upload``); the names that were ``given`` to vehicles; and the type of each
-            vehicle's frame (``frames``).
+            server, and the address for uploads (``upload``); the names that were ``given`` to vehicles; and the type of
+            each vehicle's frame (``frames``).
         """
         may_read = self.rights.allows(request, Permission.READ)
         address = str(request.base_url).rstrip("/")

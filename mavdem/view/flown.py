@@ -148,13 +148,13 @@ def write_pose(path: PathName, name: str, pose: Pose) -> None:
     span = float(pose.time[0]), float(pose.time[-1])
     with recording_to_file(path, name) as recording:
         log_axes(recording)
-        rows = pose.drawn_samples()
-        time = pose.time[rows]
-        log_motion(recording, time, pose.position[rows], pose.attitude[rows])
+        drawn = pose.drawn_samples()
+        time = pose.time[drawn]
+        log_motion(recording, time, pose.position[drawn], pose.attitude[drawn])
         log_body(recording, pose.rotors)
         _log_thrust(recording, pose)
-        log_wind(recording, time, pose.wind[rows], pose.arm)
-        log_path(recording, pose.position[rows], PATH_RADIUS * pose.arm)
+        log_wind(recording, time, pose.wind[drawn], pose.arm)
+        log_path(recording, pose.position[drawn], PATH_RADIUS * pose.arm)
         plots = []
         charts = motion_charts(pose)
         for number, chart in enumerate(charts):
@@ -175,16 +175,16 @@ def motion_charts(pose: Pose) -> list[Chart]:
         Charts of angles (°), rates (°/s), motor outputs as deviations from the mean of all motors (µs), wind (m/s) and
         disturbance moment (mN m).
     """
-    rows = np.flatnonzero(pose.airborne_samples())
-    time = pose.time[rows]
-    roll, pitch, yaw = euler_angles(pose.attitude[rows])
-    outputs = pose.outputs[rows]
+    airborne = pose.airborne_samples()
+    time = pose.time[airborne]
+    roll, pitch, yaw = euler_angles(pose.attitude[airborne])
+    outputs = pose.outputs[airborne]
     # The mean of the motors carries the vehicle; the differences between them rotate it, and are plotted.
     output_deviations = outputs - outputs.mean(axis=1, keepdims=True)
     angles = np.degrees([roll, pitch, np.unwrap(yaw)])
     return [
         _chart("Angles", "°", AXES, time, angles),
-        _chart("Rates", "°/s", AXES, time, np.degrees(pose.rates[rows].T)),
+        _chart("Rates", "°/s", AXES, time, np.degrees(pose.rates[airborne].T)),
         _chart(
             "Motor outputs, deviation from their mean", "µs", pose.motors, time, output_deviations.T
         ),
@@ -193,9 +193,9 @@ def motion_charts(pose: Pose) -> list[Chart]:
             "m/s",
             ("north", "east", "down"),
             time,
-            pose.wind[rows].T,
+            pose.wind[airborne].T,
         ),
-        _chart("Disturbance moment", "mN m", AXES, time, 1e3 * pose.moment[rows].T),
+        _chart("Disturbance moment", "mN m", AXES, time, 1e3 * pose.moment[airborne].T),
     ]
 
 
@@ -241,18 +241,20 @@ def _log_thrust(recording: rr.RecordingStream, pose: Pose) -> None:
         recording: Rerun recording to draw into.
         pose: motion, rotor thrust and wind of the simulated flight, with its rotors.
     """
-    rows = pose.drawn_samples()
-    count = len(pose.rotors)
+    drawn = pose.drawn_samples()
+    rotor_count = len(pose.rotors)
     arm = pose.arm
     style = rr.Arrows3D.from_fields(
         origins=rotor_hubs(pose.rotors), radii=[0.025 * arm], labels=pose.motors
     )
     recording.log(f"{VEHICLE_FRAME}/thrust", style, static=True)
     hover_speed = np.median(pose.rotor_speeds[pose.airborne_samples()])
-    thrusts = (pose.rotor_speeds[rows] / max(hover_speed, SMALLEST_SPEED)) ** 2
-    vectors = np.zeros((len(rows), count, 3))
-    # The third axis of the body points down.
-    vectors[:, :, 2] = -arm * thrusts
-    arrows = rr.Arrows3D.columns(vectors=vectors.reshape(-1, 3)).partition([count] * len(rows))
-    index = [rr.TimeColumn(BOOT_CLOCK, duration=pose.time[rows])]
+    relative_thrusts = (pose.rotor_speeds[drawn] / max(hover_speed, SMALLEST_SPEED)) ** 2
+    time = pose.time[drawn]
+    # An arrow for each sample and rotor. The third axis of the body points down.
+    vectors = np.zeros((len(time), rotor_count, 3))
+    vectors[:, :, 2] = -arm * relative_thrusts
+    arrows_of_all_samples = rr.Arrows3D.columns(vectors=vectors.reshape(-1, 3))
+    arrows = arrows_of_all_samples.partition([rotor_count] * len(time))
+    index = [rr.TimeColumn(BOOT_CLOCK, duration=time)]
     recording.send_columns(f"{VEHICLE_FRAME}/thrust", index, arrows)

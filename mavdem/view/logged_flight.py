@@ -79,6 +79,19 @@ def flight_scene(
         log_wind(recording, time[:1], velocity[None], arm)
         length = rounded(WIND_ARROW_SCALE * arm)
         title += f"; mean wind from {compass_text(wind.direction)}, {length} m for 1 m/s"
+    return _view_of_path(path, extent, title)
+
+
+def _view_of_path(path: Array, extent: float, title: str) -> rrb.View:
+    """Returns a 3D view with its eye on the middle of a path, and a grid on the ground where the path begins.
+
+    Height and direction are seen by the grid.
+
+    Args:
+        path: (N, 3) positions, m north, east and down.
+        extent: size of the path, m, which decides the distance of the eye and the spacing of the grid.
+        title: title of the view, to which the spacing is added.
+    """
     middle = (path.min(axis=0) + path.max(axis=0)) / 2
     controls = rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital,
@@ -86,7 +99,6 @@ def flight_scene(
         look_target=middle,
         eye_up=(0, 0, -1),
     )
-    # The ground where the path begins, by which height and direction are seen.
     spacing = 10.0 ** floor(log10(extent / MIN_GROUND_LINES))
     ground = rrb.LineGrid3D(
         plane=rr.components.Plane3D((0.0, 0.0, 1.0), float(path[0, 2])),

@@ -156,14 +156,7 @@ def draw_chart(
     low, high = value_range
     for mark in marks:
         if len(mark.times):
-            # NaN separates one upright line from the next.
-            upright = np.tile([low, high, np.nan], len(mark.times))
-            time = np.repeat(mark.times, 3)
-            drawn_lines.append(
-                _DrawnLine(
-                    mark.name, colour=mark.colour, width=MARK_WIDTH, time=time, values=upright
-                )
-            )
+            drawn_lines.append(_upright_lines(mark, value_range))
     for number, drawn_line in enumerate(drawn_lines):
         # A unit such as 1/s is no folder.
         name = f"{number} {drawn_line.name.replace('/', ' per ')}"
@@ -187,6 +180,20 @@ def draw_chart(
         axis_y=rrb.ScalarAxis(range=(low - margin, high + margin)),
         plot_legend=LEGEND if len(drawn_lines) > 1 else rrb.PlotLegend(visible=False),
     )
+
+
+def _upright_lines(mark: EventMarks, value_range: Interval) -> _DrawnLine:
+    """Returns one line that consists of an upright stroke at the time of each event, over the range of a plot.
+
+    Args:
+        mark: name, colour and times of the events, at least one.
+        value_range: lower and upper end of the range.
+    """
+    low, high = value_range
+    # A third sample, NaN, separates one stroke from the next.
+    strokes = np.tile([low, high, np.nan], len(mark.times))
+    time = np.repeat(mark.times, 3)
+    return _DrawnLine(mark.name, colour=mark.colour, width=MARK_WIDTH, time=time, values=strokes)
 
 
 def _finite_bounds(chart: Chart) -> Iterator[Array]:

@@ -72,7 +72,7 @@ def write_recording(target: Target, assessment: Assessment) -> None:
 
     The recording contains its layout, a row of tabs. The first one has the same plots as the first tab of a live
     session. The others are motion, space, vehicle, wind, loops, free energy, forecasts, learning, and the report as
-    text. Angles are in degrees, and alarms are marked in every plot.
+    text. Angles are in degrees. Alarms are marked in every plot.
 
     Args:
         target: a file, which appears completely or not at all, or a stream.

@@ -27,18 +27,18 @@ from mavdem.report.screen import analysis_blocks
 @fixture(scope="module")
 def slow():
     """A flight at 100 Hz as a link of 10 Hz would send it."""
-    whole = read_log(FLIGHT)
-    (vehicle,) = whole.vehicles
+    log = read_log(FLIGHT)
+    (vehicle,) = log.vehicles
     streams = ("ATTITUDE", "SERVO_OUTPUT_RAW")
     messages = {
-        name: selected_rows(one, slice(None, None, 10)) if name in streams else one
-        for name, one in vehicle.messages.items()
+        name: selected_rows(columns, slice(None, None, 10)) if name in streams else columns
+        for name, columns in vehicle.messages.items()
     }
-    return assess(replace(whole, vehicles=(replace(vehicle, messages=messages),)), axis="roll")
+    return assess(replace(log, vehicles=(replace(vehicle, messages=messages),)), axis="roll")
 
 
 @mark.slow
-def test_the_slow_motion_is_learnt_where_it_predicts_better(slow):
+def test_a_model_of_slow_motion_is_learned_if_it_predicts_better(slow):
     told = plain_text(analysis_blocks(slow))
     slow = slow.analysis
     assert slow.tier.tier == "b" and slow.learned is not None and slow.held_out is not None
@@ -88,24 +88,24 @@ def test_each_axis_is_as_by_itself_and_that_of_a_model_of_it(tmp_path, monkeypat
     path = short_flight(tmp_path)
     # Pitch and yaw are computed in a second process, where there can be one.
     monkeypatch.setattr(parallel, "available_workers", lambda: 2)
-    found = assess(read_log(path))
+    assessment = assess(read_log(path))
     monkeypatch.setattr(parallel, "available_workers", lambda: 1)
     in_one_process = assess(read_log(path))
     # So are advised gains and their trial, for a page.
     monkeypatch.setattr(parallel, "available_workers", lambda: 2)
-    found.compute_for_page()
-    assert {"advised_gains", "responses", "noise"} <= vars(found).keys()
-    assert advised_parameters(found.advised_gains) == advised_parameters(
+    assessment.compute_for_page()
+    assert {"advised_gains", "responses", "noise"} <= vars(assessment).keys()
+    assert advised_parameters(assessment.advised_gains) == advised_parameters(
         in_one_process.advised_gains
     )
-    axes = found.analysis.axes
+    axes = assessment.analysis.axes
     for axis, figures in in_one_process.analysis.axes.items():
         assert_array_equal(figures.physical.covariance, axes[axis].physical.covariance)
-        assert str(found.loops[axis].refusal) == str(in_one_process.loops[axis].refusal)
+        assert str(assessment.loops[axis].refusal) == str(in_one_process.loops[axis].refusal)
     assert list(axes) == ["roll", "pitch", "yaw"]
     alone = physical(mavdem.read_segments(path, axis="yaw"))
     assert_allclose(axes["yaw"].physical.effect, alone.effect)
     assert axes["yaw"].physical.status == alone.status
-    pitch = found.with_axis("pitch").analyses["pitch"].learned
+    pitch = assessment.with_axis("pitch").analyses["pitch"].learned
     assert pitch.physical is axes["pitch"].physical
     assert_allclose(pitch.wind_torque.torque, axes["pitch"].wind.torque)

@@ -63,9 +63,9 @@ def test_the_emptiest_of_several_batteries_is_judged_and_named_first():
     fact = power_light(evidence(telemetry))
     assert (fact.code, fact.level, fact.subject) == (PowerLight.BATTERY_LOW, "bad", "battery 2")
     assert fact.figures["voltage"] == approx(10.5) and fact.figures["cells"] == 4
-    (other,) = fact.figures["batteries"]
-    assert (other.subject, other.level) == ("battery 1", "good")
-    assert other.figures["voltage"] == approx(16.39)
+    (other_battery,) = fact.figures["batteries"]
+    assert (other_battery.subject, other_battery.level) == ("battery 1", "good")
+    assert other_battery.figures["voltage"] == approx(16.39)
     assert fact.time == approx(20.0, abs=2.0)
     assert "first at 2" in fact.sentence and "battery 2" in fact.remedy
     assert "Battery 2 down to 10.5 V" in str(fact) and "; battery 1 down to 16.4 V" in str(fact)
@@ -77,8 +77,8 @@ def test_the_emptiest_of_several_batteries_is_judged_and_named_first():
 def test_sound_batteries_are_all_shown_with_their_voltage():
     fact = power_light(evidence(with_batteries({0: FULL, 1: FULL - 0.5, 2: FULL - 0.2})))
     assert (fact.level, fact.subject) == ("good", "battery 2")
-    others = [other.subject for other in fact.figures["batteries"]]
-    assert others == ["battery 3", "battery 1"]
+    other_subjects = [other_battery.subject for other_battery in fact.figures["batteries"]]
+    assert other_subjects == ["battery 3", "battery 1"]
 
 
 def test_the_second_battery_of_old_firmware_is_the_second():
@@ -89,7 +89,7 @@ def test_the_second_battery_of_old_firmware_is_the_second():
     )
     fact = power_light(evidence(telemetry))
     assert (fact.level, fact.subject) == ("bad", "battery 2")
-    assert [other.subject for other in fact.figures["batteries"]] == ["battery 1"]
+    assert [other_battery.subject for other_battery in fact.figures["batteries"]] == ["battery 1"]
 
 
 def test_a_single_battery_has_no_number():
@@ -125,11 +125,11 @@ def test_a_second_battery_that_never_changes_is_shown_and_not_judged():
 def test_a_resistance_that_no_battery_has_is_not_stated():
     amperes = 20.0 + 5 * np.sin(5 * TIME)
     telemetry = HOVER.telemetry(20.0, 20.0)
-    for resistance, known in ((0.04, approx(0.04, abs=0.01)), (0.6, None)):
+    for resistance, expected_resistance in ((0.04, approx(0.04, abs=0.01)), (0.6, None)):
         volts = 16.4 - resistance * (amperes - 20.0)
         battery = columns(TIME, voltage_battery=1e3 * volts, current_battery=1e2 * amperes)
         fact = power_light(evidence(changed(telemetry, "SYS_STATUS", **battery)))
-        assert fact.figures["resistance"] == known
+        assert fact.figures["resistance"] == expected_resistance
 
 
 def test_a_battery_that_is_not_connected_is_left_out():
@@ -168,8 +168,8 @@ def test_a_battery_that_the_autopilot_calls_critical_is_bad_and_named(state, is_
     code = ReportedEvent.BATTERY_SPENT if state == EMERGENCY else ReportedEvent.BATTERY_ALARMED
     assert (fact.code, fact.subject) == (code, "battery 2")
     assert fact.level == "bad" and fact.time == approx(20.2)
-    words = "is at its end: emergency" if state == EMERGENCY else "is critical"
-    assert f"that battery 2 {words}" in str(fact)
+    statement = "is at its end: emergency" if state == EMERGENCY else "is critical"
+    assert f"that battery 2 {statement}" in str(fact)
     assert "battery 2 and its cells" in fact.remedy
     assert len(fact.figures["batteries"]) == 2
 

@@ -30,7 +30,7 @@ HOVER = Hover(hovering=60.0)
 BEAT = HOVER.stamps(1.0)
 
 
-def powered(current):
+def telemetry_with_current(current):
     """A hover on a battery that gives a ``current``, A, and sags by it."""
     volts = 16.0 - 0.01 * BEAT - 0.05 * current
     battery = columns(BEAT, voltage_battery=1e3 * volts, current_battery=1e2 * current)
@@ -38,26 +38,26 @@ def powered(current):
 
 
 def test_a_vehicle_that_never_armed_has_its_battery_and_how_long_it_stood():
-    found = measure_condition(Signals(disarmed(powered(15.0))))
-    assert found.armed == found.settled == 0
-    assert not found.hover
-    assert not found.lean
-    assert found.duration == approx(HOVER.end, abs=1.5)
-    assert found.battery.voltage_start > found.battery.voltage_end
+    condition = measure_condition(Signals(disarmed(telemetry_with_current(15.0))))
+    assert condition.armed == condition.settled == 0
+    assert not condition.hover
+    assert not condition.lean
+    assert condition.duration == approx(HOVER.end, abs=1.5)
+    assert condition.battery.voltage_start > condition.battery.voltage_end
 
 
 def test_without_motor_outputs_the_lean_is_known_all_the_same():
     telemetry = HOVER.telemetry(4.0, without=("SERVO_OUTPUT_RAW",))
     flown = columns(BEAT, landed_state=1 + (abs(BEAT - 40) < 34))
     leaning = changed(telemetry, "ATTITUDE", roll=0.05)
-    found = measure_condition(Signals(changed(leaning, "EXTENDED_SYS_STATE", **flown)))
-    assert found.hover is None and found.settled > 50
-    assert found.lean["roll"].mean == approx(0.05)
+    condition = measure_condition(Signals(changed(leaning, "EXTENDED_SYS_STATE", **flown)))
+    assert condition.hover is None and condition.settled > 50
+    assert condition.lean["roll"].mean == approx(0.05)
 
 
 def test_a_current_sensor_that_reads_nothing_in_flight_has_no_figures():
-    found = measure_condition(Signals(powered(1.0 * (BEAT < 20)))).battery
-    assert found.voltage_mean == approx(15.6, abs=0.2) and found.current_mean is None
+    condition = measure_condition(Signals(telemetry_with_current(1.0 * (BEAT < 20)))).battery
+    assert condition.voltage_mean == approx(15.6, abs=0.2) and condition.current_mean is None
 
 
 def test_the_interval_is_by_cosines_slower_than_a_twentieth_of_a_hertz():
@@ -79,20 +79,20 @@ def test_motors_are_at_the_stop_that_the_autopilot_sets_or_the_outputs_show(stop
     telemetry = HOVER.telemetry(parameters=parameters)
     sent = pulses(telemetry)
     time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
-    wanted = 1650.0 + 100 * default_rng(3).standard_normal(sent.shape)
-    wanted[1] += 400.0 * (np.sin(0.5 * time) > 0.6)
-    outputs = np.where(sent > 1000, wanted.clip(low, stop).round(), low)
-    found = hover_of(Signals(with_pulses(telemetry, outputs), inputs="motors"))
-    assert found.headroom[1] == 0 and 0 < found.headroom[0] < 0.1
-    assert found.at_upper_limit[1] == approx(0.3, abs=0.05)
-    assert max(found.at_upper_limit[::2]) < 0.02
+    commands = 1650.0 + 100 * default_rng(3).standard_normal(sent.shape)
+    commands[1] += 400.0 * (np.sin(0.5 * time) > 0.6)
+    outputs = np.where(sent > 1000, commands.clip(low, stop).round(), low)
+    hover = hover_of(Signals(with_pulses(telemetry, outputs), inputs="motors"))
+    assert hover.headroom[1] == 0 and 0 < hover.headroom[0] < 0.1
+    assert hover.at_upper_limit[1] == approx(0.3, abs=0.05)
+    assert max(hover.at_upper_limit[::2]) < 0.02
 
 
 def test_a_stop_that_a_parameter_states_is_not_guessed_from_the_outputs():
     """A motor that stays at one output, such as on the ground after a loss, is at no limit."""
     parameters = {"MOT_PWM_MIN": 1000.0, "MOT_PWM_MAX": 2000.0, "MOT_SPIN_MAX": 0.95}
-    for known, stop in ((parameters, 0.95), ({}, 0.75)):
-        telemetry = HOVER.telemetry(parameters=known)
+    for stated_parameters, stop in ((parameters, 0.95), ({}, 0.75)):
+        telemetry = HOVER.telemetry(parameters=stated_parameters)
         outputs = pulses(telemetry)
         outputs[0, -200:] = 1750.0
         assert Signals(with_pulses(telemetry, outputs)).motors.scale.upper_limit == approx(stop)
@@ -118,16 +118,16 @@ def with_version(telemetry, **fields):
 
 
 def name_of(telemetry):
-    found = identify_vehicle(Signals(telemetry))
-    return found.name, found.basis
+    identity = identify_vehicle(Signals(telemetry))
+    return identity.name, identity.basis
 
 
 def test_the_boards_number_is_the_same_from_the_text_and_from_autopilot_version():
-    said = with_texts(flown(), TEXT.encode())
-    words = np.array([int(word, 16) for word in TEXT.split()[1:]], "<u4")
-    uid2 = np.append(words, [0, 0]).astype("<u4").view(np.uint8)[None, :18]
+    telemetry_with_text = with_texts(flown(), TEXT.encode())
+    serial_words = np.array([int(word, 16) for word in TEXT.split()[1:]], "<u4")
+    uid2 = np.append(serial_words, [0, 0]).astype("<u4").view(np.uint8)[None, :18]
     sent = with_version(flown(), uid2=uid2)
-    assert name_of(said) == name_of(sent) == ("001a002f3039511333333539", "board")
+    assert name_of(telemetry_with_text) == name_of(sent) == ("001a002f3039511333333539", "board")
 
 
 def test_without_a_number_the_calibration_names_the_vehicle_and_defaults_do_not():
@@ -151,8 +151,8 @@ def test_the_date_is_when_the_settled_flight_began():
     beat = Hover().stamps(1.0)
     clock = np.where(beat < 3, 0, 1e6 * (unix.timestamp() + beat)).astype(np.uint64)
     dated = changed(flown(), "SYSTEM_TIME", **columns(beat, time_unix_usec=clock))
-    found = identify_vehicle(Signals(dated)).date
-    assert 11 <= (found - unix).total_seconds() <= 13  # level from 11 s on
+    date = identify_vehicle(Signals(dated)).date
+    assert 11 <= (date - unix).total_seconds() <= 13  # level from 11 s on
     assert identify_vehicle(Signals(flown())).date is None
     assert identify_vehicle(Signals(flown()), unix.timestamp()).date == unix
     assert identify_vehicle(Signals(disarmed(dated))).date.second == 3
@@ -160,7 +160,7 @@ def test_the_date_is_when_the_settled_flight_began():
     damaged_clock = clock.copy()
     damaged_clock[3] ^= np.uint64(1 << 48)
     damaged = changed(flown(), "SYSTEM_TIME", **columns(beat, time_unix_usec=damaged_clock))
-    assert identify_vehicle(Signals(damaged)).date == found
+    assert identify_vehicle(Signals(damaged)).date == date
     of_receiver = identify_vehicle(Signals(flown()), unix.timestamp())
     assert of_receiver.date_basis == "clock of the receiving computer"
 
@@ -168,11 +168,11 @@ def test_the_date_is_when_the_settled_flight_began():
 def test_a_flight_without_a_clock_has_the_date_by_which_px4_named_its_log():
     text = b"[logger] Opened full log file: /fs/microsd/log/2026-03-09/11_02_35.ulg"
     offset = {"SDLOG_UTC_OFFSET": 60.0}
-    found = identify_vehicle(Signals(with_texts(flown(offset, "PX4"), text)))
+    identity = identify_vehicle(Signals(with_texts(flown(offset, "PX4"), text)))
     began = datetime(2026, 3, 9, 10, 2, 35, tzinfo=UTC)
     # The settled flight began ten seconds after the text.
-    assert 9 <= (found.date - began).total_seconds() <= 13
-    assert found.date_basis == "name that the autopilot gave its log"
+    assert 9 <= (identity.date - began).total_seconds() <= 13
+    assert identity.date_basis == "name that the autopilot gave its log"
     impossible = with_texts(flown(), b"/fs/microsd/log/2026-13-39/11_02_35.ulg")
     assert identify_vehicle(Signals(impossible)).date is None
 
@@ -195,30 +195,35 @@ def test_a_day_in_a_file_name_is_read(name, day):
 
 def test_the_place_is_that_of_the_first_fix():
     places = columns([1.0, 2.0, 3.0], lat=[0, 500000012, 51e7], lon=[0, 80000049, 9e7])
-    found = identify_vehicle(Signals(changed(flown(), "GPS_RAW_INT", fix_type=[0, 3, 3], **places)))
-    assert found.place == (50.0, 8.0)
+    identity = identify_vehicle(
+        Signals(changed(flown(), "GPS_RAW_INT", fix_type=[0, 3, 3], **places))
+    )
+    assert identity.place == (50.0, 8.0)
 
 
 def test_firmware_is_what_the_autopilot_says_or_sends():
-    said = with_texts(flown(), b"ArduCopter V4.5.7 (2a3dc4b7)")
-    assert identify_vehicle(Signals(said)).firmware == "ArduCopter V4.5.7 (2a3dc4b7)"
+    telemetry_with_text = with_texts(flown(), b"ArduCopter V4.5.7 (2a3dc4b7)")
+    assert identify_vehicle(Signals(telemetry_with_text)).firmware == "ArduCopter V4.5.7 (2a3dc4b7)"
     version = np.array([(1 << 24) + (16 << 16) + 255], dtype=np.uint32)
     sent = with_version(flown(autopilot="PX4"), flight_sw_version=version)
     assert identify_vehicle(Signals(sent)).firmware == "PX4 v1.16.0"
-    own = replace(sent, firmware="PX4 v1.2.3 (abc)")
-    assert identify_vehicle(Signals(own)).firmware == own.firmware
+    telemetry_with_version = replace(sent, firmware="PX4 v1.2.3 (abc)")
+    assert (
+        identify_vehicle(Signals(telemetry_with_version)).firmware
+        == telemetry_with_version.firmware
+    )
 
 
 def test_what_the_autopilot_warned_of_comes_once_and_the_worst_first():
     low = b"Battery 1 is low"
     telemetry = with_texts(flown(), low, b"Takeoff", b"EKF variance", low, severity=(4, 6, 2, 4))
-    found = [tuple(one.values()) for one in autopilot_alarms(telemetry)]
-    assert found == [
+    alarms = [tuple(alarm.values()) for alarm in autopilot_alarms(telemetry)]
+    assert alarms == [
         ("critical", "EKF variance", 3.0, 0, 1),
         ("warning", "Battery 1 is low", 1.0, 0, 2),
     ]
     released = autopilot_alarms(changed(flown(), "EV", **columns([4.0], Id=[51])))
-    assert [one["severity"] for one in released] == ["warning"]
+    assert [alarm["severity"] for alarm in released] == ["warning"]
     old = with_texts(flown(), b"GROUND START", b"ARMING MOTORS", severity=(1, 3))
     assert autopilot_alarms(old) == autopilot_alarms(flown()) == []
 
@@ -241,19 +246,22 @@ def tier(telemetry):
     ],
 )
 def test_the_slower_stream_decides_the_tier(attitude, motors, name, following):
-    found = tier(HOVER.telemetry(attitude, motors))
-    assert (found.tier, found.next_tier and found.next_tier.tier) == (name, following)
+    tier_of_flight = tier(HOVER.telemetry(attitude, motors))
+    assert (tier_of_flight.tier, tier_of_flight.next_tier and tier_of_flight.next_tier.tier) == (
+        name,
+        following,
+    )
     if name != "a":
-        assert found.tier_reason.remedy
-        assert found.tier_reason.code is NotLearnableReason.STREAMS_TOO_SLOW
+        assert tier_of_flight.tier_reason.remedy
+        assert tier_of_flight.tier_reason.code is NotLearnableReason.STREAMS_TOO_SLOW
     else:
-        assert not found.tier_reason.remedy
+        assert not tier_of_flight.tier_reason.remedy
 
 
 def test_without_settled_flight_there_is_no_tier_but_what_it_takes():
-    found = tier(disarmed(HOVER.telemetry(10.0, 10.0)))
-    assert found.tier is None and found.next_tier.tier == "c"
-    assert found.tier_reason.code is NotLearnableReason.NEVER_ARMED
+    tier_of_flight = tier(disarmed(HOVER.telemetry(10.0, 10.0)))
+    assert tier_of_flight.tier is None and tier_of_flight.next_tier.tier == "c"
+    assert tier_of_flight.tier_reason.code is NotLearnableReason.NEVER_ARMED
     submarine = tier(HOVER.telemetry(100.0, 100.0, vehicle="SUBMARINE"))
     assert submarine.tier is None and submarine.tier_reason.code is NotLearnableReason.NO_MULTIROTOR
     assert not tier(disarmed(HOVER.telemetry())).next_tier.is_slow
@@ -262,30 +270,35 @@ def test_without_settled_flight_there_is_no_tier_but_what_it_takes():
 STATION = Component(255, 190, "GCS", "INVALID", {"HEARTBEAT": 60}, lost=100)
 
 
-def told(*vehicles, speaker=None):
+def inventory_of(*vehicles, speaker=None):
     speaker = speaker or Component(1, 1, "QUADROTOR", "PX4", {"ATTITUDE": 1000}, lost=4000)
     return inventory(Log("made-up.tlog", vehicles, (speaker, STATION), (), 0, 0, (1.6e9, 2e9)))
 
 
 def test_a_log_of_some_kinds_misses_nothing_of_what_it_keeps():
     stamps_of_8_and_12 = np.cumsum(np.resize([0.008, 0.012], round(LONG.end * 100)))
-    vehicle, station = told(LONG.telemetry(stamps_of_8_and_12, 50.0))["speakers"]
+    vehicle, station = inventory_of(LONG.telemetry(stamps_of_8_and_12, 50.0))["speakers"]
     assert vehicle["lost_share"] == approx(0.8)
     assert vehicle["missing_share"] == 0
     assert station["missing_share"] is None
-    few = told(replace(LONG.telemetry(), messages={"PING": columns(2.0 ** np.arange(49))}))
-    assert few["speakers"][0]["missing_share"] is None
-    assert few["vehicles"][0]["identity"].date.year == 2020
+    contents_of_pings = inventory_of(
+        replace(LONG.telemetry(), messages={"PING": columns(2.0 ** np.arange(49))})
+    )
+    assert contents_of_pings["speakers"][0]["missing_share"] is None
+    assert contents_of_pings["vehicles"][0]["identity"].date.year == 2020
 
 
 def test_who_sends_no_heartbeat_is_shown_as_such():
     camera = Component(1, 100, UNNAMED, UNNAMED, {"ATTITUDE": 5}, lost=0)
-    shown = [f"{one.lead} {one.text}" for one in stream_contents(told(speaker=camera))]
-    assert "1:100 (no heartbeat)" in shown[0] and "255:190 (GCS)" in shown[1]
+    paragraphs = [
+        f"{sentence.lead} {sentence.text}"
+        for sentence in stream_contents(inventory_of(speaker=camera))
+    ]
+    assert "1:100 (no heartbeat)" in paragraphs[0] and "255:190 (GCS)" in paragraphs[1]
 
 
 def rate_of(telemetry, message):
-    return told(telemetry)["vehicles"][0]["messages"][message]["rate"]
+    return inventory_of(telemetry)["vehicles"][0]["messages"][message]["rate"]
 
 
 @mark.parametrize("seconds, rate", [(0.8, 100), (0.7, 24)])

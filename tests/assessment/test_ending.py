@@ -41,16 +41,19 @@ def flight(rate=10.0):
     time = stamps(telemetry, "ATTITUDE")
     level = quaternion(*3 * [0 * time])
     telemetry = changed(telemetry, "ATTITUDE_TARGET", **columns(time, **attitude_target(level)))
-    place = telemetry.messages["LOCAL_POSITION_NED"]
-    z = np.cumsum(place["vz"]) * 0.1
+    position = telemetry.messages["LOCAL_POSITION_NED"]
+    z = np.cumsum(position["vz"]) * 0.1
     telemetry = changed(telemetry, "LOCAL_POSITION_NED", x=0.0, y=0.0, vx=0.0, vy=0.0, z=z)
     return changed(
-        telemetry, "VIBRATION", **columns(place["time"], **dict.fromkeys(CLIPPING_FIELDS, 0.0))
+        telemetry, "VIBRATION", **columns(position["time"], **dict.fromkeys(CLIPPING_FIELDS, 0.0))
     )
 
 
-def leaning(telemetry, towards, angle, seconds):
-    """The attitude leaves at ``FAILS`` in the direction ``towards`` (2,), forward and right, by so many degrees."""
+def with_lean(telemetry, towards, angle, seconds):
+    """Returns telemetry whose attitude leans from ``FAILS`` on, by an ``angle`` in degrees, for some seconds.
+
+    ``towards`` is the direction of the lean, forward and right.
+    """
     columns = telemetry.messages["ATTITUDE"]
     seconds_since_failure = columns["time"] - FAILS
     lean = (
@@ -66,8 +69,11 @@ def leaning(telemetry, towards, angle, seconds):
     return changed(telemetry, "ATTITUDE", roll=roll, pitch=pitch, **rates)
 
 
-def falling(telemetry, speed=9.0, braked=9.0):
-    """It falls from ``FAILS`` on, at so many m/s, in the end at no more than it ``braked`` to, and stops."""
+def with_fall(telemetry, speed=9.0, braked=9.0):
+    """Returns telemetry of a vehicle that falls from ``FAILS`` on with up to ``speed``, m/s, and then stops.
+
+    Just before the stop it is no faster than ``braked``, m/s.
+    """
     columns = telemetry.messages["LOCAL_POSITION_NED"]
     seconds_since_failure = columns["time"] - FAILS
     vz = np.interp(
@@ -76,13 +82,13 @@ def falling(telemetry, speed=9.0, braked=9.0):
     return changed(telemetry, "LOCAL_POSITION_NED", vz=vz, z=columns["z"] + np.cumsum(vz) * 0.1)
 
 
-def ended_after(telemetry, seconds):
-    """The log ends so many seconds after ``FAILS``."""
+def with_end_of_log(telemetry, seconds):
+    """Returns telemetry that ends some seconds after ``FAILS``."""
     return only(telemetry, lambda time: time < FAILS + seconds)
 
 
-def driven(telemetry, motor, output, start_time=FAILS):
-    """The outputs of a motor, from 0, or of several are this from ``start_time`` on."""
+def with_motor_output(telemetry, motor, output, start_time=FAILS):
+    """Returns telemetry in which the output of one motor (from 0), or of several, is constant from a time on, µs."""
     outputs = pulses(telemetry)
     recorded = outputs[motor]
     is_driven = (stamps(telemetry, "SERVO_OUTPUT_RAW") >= start_time) & (recorded > 1000)
@@ -90,15 +96,20 @@ def driven(telemetry, motor, output, start_time=FAILS):
     return with_pulses(telemetry, outputs)
 
 
-def lost(motor, rate=10.0):
-    """Motor ``motor``, from 0, loses its thrust in flight, and its autopilot fights; what lies there drives another."""
-    telemetry = falling(leaning(flight(rate), QUAD[motor], 120.0, 100.0))
-    telemetry = driven(driven(telemetry, motor, 2000.0), OPPOSITE[motor], 1100.0)
-    return driven(telemetry, OPPOSITE[motor], 2000.0, FAILS + 3.0)
+def telemetry_of_lost_motor(motor, rate=10.0):
+    """Returns telemetry in which a motor, from 0, loses its thrust: the vehicle leans to its side and falls.
+
+    The controller drives this motor to its limit. When the vehicle lies on the ground, it drives the opposite one.
+    """
+    telemetry = with_fall(with_lean(flight(rate), QUAD[motor], 120.0, 100.0))
+    telemetry = with_motor_output(
+        with_motor_output(telemetry, motor, 2000.0), OPPOSITE[motor], 1100.0
+    )
+    return with_motor_output(telemetry, OPPOSITE[motor], 2000.0, FAILS + 3.0)
 
 
-def judged(telemetry, *reported):
-    """The last event of each code, and the ending."""
+def events_and_ending(telemetry, *reported):
+    """Returns the last event of each code, by its code, and the event with which the flight was lost."""
     signals = Signals(telemetry, inputs="motors")
     events = *motion_events(signals), *reported
     assert all(event.sentence for event in events)
@@ -107,8 +118,8 @@ def judged(telemetry, *reported):
 
 @mark.parametrize("rate", [10.0, 50.0])
 @mark.parametrize("motor", range(4))
-def test_names_the_motor_to_whose_side_it_fell_though_it_was_driven_hardest(motor, rate):
-    events, ending = judged(lost(motor, rate))
+def test_a_loss_names_the_motor_on_the_side_of_the_fall_that_was_driven_hardest(motor, rate):
+    events, ending = events_and_ending(telemetry_of_lost_motor(motor, rate))
     assert events[MotionEvent.ATTITUDE_LOST].figures["angle"] > np.radians(80)
     assert events[MotionEvent.FELL].figures["speed"] == approx(9.0, abs=0.5)
     assert events[MotionEvent.MOTOR_AT_ITS_STOP].subject == NAMES[motor]
@@ -122,14 +133,14 @@ def test_names_the_motor_to_whose_side_it_fell_though_it_was_driven_hardest(moto
 @mark.parametrize("motor", range(4))
 def test_the_answer_of_the_motors_before_the_attitude_left_names_the_motor(motor):
     """A controller answers the rate, and once the attitude has left, it works against its own first answer."""
-    telemetry = falling(leaning(flight(50.0), QUAD[motor], 120.0, 100.0))
+    telemetry = with_fall(with_lean(flight(50.0), QUAD[motor], 120.0, 100.0))
     neighbours = [other for other in range(4) if other not in (motor, OPPOSITE[motor])]
-    telemetry = driven(telemetry, motor, 2000.0, FAILS - 0.1)
-    telemetry = driven(telemetry, OPPOSITE[motor], 1100.0, FAILS - 0.1)
-    telemetry = driven(telemetry, motor, 1300.0, FAILS + 0.05)
-    telemetry = driven(telemetry, OPPOSITE[motor], 1300.0, FAILS + 0.05)
-    telemetry = driven(telemetry, neighbours[0], 1900.0, FAILS + 0.05)
-    _, ending = judged(telemetry)
+    telemetry = with_motor_output(telemetry, motor, 2000.0, FAILS - 0.1)
+    telemetry = with_motor_output(telemetry, OPPOSITE[motor], 1100.0, FAILS - 0.1)
+    telemetry = with_motor_output(telemetry, motor, 1300.0, FAILS + 0.05)
+    telemetry = with_motor_output(telemetry, OPPOSITE[motor], 1300.0, FAILS + 0.05)
+    telemetry = with_motor_output(telemetry, neighbours[0], 1900.0, FAILS + 0.05)
+    _, ending = events_and_ending(telemetry)
     assert ending.figures["cause"].code is FailedFirst.LIMIT_FIRST
     assert ending.figures["cause"].time == approx(FAILS - 0.1, abs=0.03)
     assert ending.subject == NAMES[motor]
@@ -143,7 +154,7 @@ def test_the_answer_of_the_motors_before_the_attitude_left_names_the_motor(motor
     ],
 )  # fmt: skip
 def test_a_motor_below_its_limit_was_not_there_first(output, code, words):
-    _, ending = judged(driven(lost(1, 50.0), 1, output))
+    _, ending = events_and_ending(with_motor_output(telemetry_of_lost_motor(1, 50.0), 1, output))
     assert (ending.figures["cause"].code, ending.subject) == (code, NAMES[1])
     assert f": {NAMES[1]} {words}." in str(ending)
 
@@ -154,51 +165,63 @@ def test_the_first_motor_at_its_limit_is_first():
     assert not is_first_at_limit(at_limit[:1], 0)
 
 
-def test_names_none_where_the_controller_threw_it_over_or_swung_it():
-    assert judged(leaning(lost(1), QUAD[0], 120.0, 100.0))[1].subject == ""
-    swung = driven(driven(lost(1), 0, 2000.0, FAILS - 1.0), 0, 1100.0)
-    assert judged(swung)[1].subject == ""
+def test_a_loss_names_no_motor_if_the_controller_overturned_or_swung_the_vehicle():
+    assert (
+        events_and_ending(with_lean(telemetry_of_lost_motor(1), QUAD[0], 120.0, 100.0))[1].subject
+        == ""
+    )
+    swung = with_motor_output(
+        with_motor_output(telemetry_of_lost_motor(1), 0, 2000.0, FAILS - 1.0), 0, 1100.0
+    )
+    assert events_and_ending(swung)[1].subject == ""
 
 
-def test_names_none_where_places_are_unknown():
-    assert judged(replace(lost(1), vehicle="HEXAROTOR", parameters={}))[1].subject == ""
+def test_a_loss_names_no_motor_if_the_positions_of_motors_are_unknown():
+    assert (
+        events_and_ending(replace(telemetry_of_lost_motor(1), vehicle="HEXAROTOR", parameters={}))[
+            1
+        ].subject
+        == ""
+    )
 
 
 def test_a_boot_without_motor_outputs_has_no_events_of_motors():
-    assert not judged(changed(flight(), "SERVO_OUTPUT_RAW", boot=1))[0]
+    assert not events_and_ending(changed(flight(), "SERVO_OUTPUT_RAW", boot=1))[0]
 
 
-def test_names_motors_without_output():
-    telemetry = falling(leaning(flight(), QUAD[2], 120.0, 100.0))
+def test_a_loss_names_the_motors_whose_output_is_off():
+    telemetry = with_fall(with_lean(flight(), QUAD[2], 120.0, 100.0))
     telemetry = replace(
         telemetry, initial_parameters={"SERVO3_FUNCTION": 35.0, "SERVO9_FUNCTION": 0.0}
     )
-    events, ending = judged(driven(telemetry, 2, 1000.0))
+    events, ending = events_and_ending(with_motor_output(telemetry, 2, 1000.0))
     assert events[MotionEvent.MOTOR_OFF].subject == ending.subject == NAMES[2]
     assert ending.figures["cause"].code is FailedFirst.MOTOR_OFF_FIRST
     assert "SERVO3_FUNCTION was set" in str(ending) and "propeller" not in ending.remedy
-    _, ending = judged(driven(telemetry, [2, 3], 1000.0))
+    _, ending = events_and_ending(with_motor_output(telemetry, [2, 3], 1000.0))
     assert ending.subject == ""
     assert ending.figures["cause"].figures["names"] == NAMES[2:]
 
 
 def test_a_motor_is_off_where_the_others_carry_the_vehicle_on_little_of_their_range():
     """PX4's range begins at the idle in the air: this vehicle hovers at a sixth of it."""
-    telemetry = driven(falling(leaning(flight(), QUAD[2], 120.0, 100.0)), 2, 1000.0)
+    telemetry = with_motor_output(with_fall(with_lean(flight(), QUAD[2], 120.0, 100.0)), 2, 1000.0)
     parameters = {"PWM_MAIN_MIN": 1400.0, "PWM_MAIN_MAX": 2000.0}
     time = np.arange(0.0, 40.0, 0.2)
     state = np.where(time < 6.0, ON_GROUND, IN_AIR)
     telemetry = changed(telemetry, "EXTENDED_SYS_STATE", **columns(time, landed_state=state))
-    events, _ = judged(replace(telemetry, autopilot="PX4", parameters=parameters))
+    events, _ = events_and_ending(replace(telemetry, autopilot="PX4", parameters=parameters))
     assert events[MotionEvent.MOTOR_OFF].subject.startswith("motor 3")
 
 
 def test_an_output_that_stands_still_is_no_weak_motor_on_the_other_side():
     """The output of motor 1 freezes a little below its mean in hover: too high, once the vehicle leans away from it."""
-    telemetry = falling(leaning(flight(50.0), QUAD[1], 120.0, 100.0))
+    telemetry = with_fall(with_lean(flight(50.0), QUAD[1], 120.0, 100.0))
     swings = 200.0 * np.sin(40.0 * stamps(telemetry, "SERVO_OUTPUT_RAW"))
     telemetry = with_pulses(telemetry, pulses(telemetry) + swings)
-    _, ending = judged(driven(driven(telemetry, 1, 2000.0), 0, 1590.0))
+    _, ending = events_and_ending(
+        with_motor_output(with_motor_output(telemetry, 1, 2000.0), 0, 1590.0)
+    )
     assert ending.figures["cause"].code is FailedFirst.OUTPUT_FROZE_FIRST
     assert ending.subject == NAMES[0]
 
@@ -224,7 +247,7 @@ def test_an_output_that_stands_still_in_flight_has_frozen(
     telemetry = with_pulses(telemetry, outputs)
     if not are_channels_known:
         telemetry = replace(telemetry, parameters={}, initial_parameters={})
-    events, ending = judged(telemetry)
+    events, ending = events_and_ending(telemetry)
     assert ending is None and (MotionEvent.OUTPUT_FROZE in events) == is_frozen
     if is_frozen:
         frozen = events[MotionEvent.OUTPUT_FROZE]
@@ -232,12 +255,12 @@ def test_an_output_that_stands_still_in_flight_has_frozen(
         assert frozen.time == approx(FAILS, abs=0.15)
 
 
-def test_names_a_motor_whose_output_stands_still():
-    telemetry = falling(leaning(flight(50.0), QUAD[0], 120.0, 100.0))
+def test_a_loss_names_the_motor_whose_output_froze():
+    telemetry = with_fall(with_lean(flight(50.0), QUAD[0], 120.0, 100.0))
     swings = 100.0 * np.sin(40.0 * stamps(telemetry, "SERVO_OUTPUT_RAW"))
     telemetry = with_pulses(telemetry, pulses(telemetry) + swings)
     telemetry = replace(telemetry, initial_parameters={"SERVO1_FUNCTION": 33.0})
-    _, ending = judged(driven(telemetry, 0, 1500.0))
+    _, ending = events_and_ending(with_motor_output(telemetry, 0, 1500.0))
     assert ending.figures["cause"].code is FailedFirst.OUTPUT_FROZE_FIRST
     assert ending.subject == NAMES[0]
     assert "SERVO1_FUNCTION was set" in str(ending) and "propeller" not in ending.remedy
@@ -252,9 +275,9 @@ def test_names_a_motor_whose_output_stands_still():
         (1910.0, FAILS - 3.0, FailedFirst.THRUST_SPENT_FIRST),
     ],
 )
-def test_all_motors_together_name_none(output, start_time, code):
-    telemetry = falling(leaning(flight(), ASIDE, 120.0, 100.0))
-    events, ending = judged(driven(telemetry, ALL, output, start_time))
+def test_a_loss_by_all_motors_together_names_no_motor(output, start_time, code):
+    telemetry = with_fall(with_lean(flight(), ASIDE, 120.0, 100.0))
+    events, ending = events_and_ending(with_motor_output(telemetry, ALL, output, start_time))
     cause = ending.figures["cause"]
     assert cause.code is code and MotionEvent.LOG_ENDED_IN_AIR not in events
     assert ending.subject == "" and cause.figures.get("share", 1.0) > 0.9
@@ -263,7 +286,7 @@ def test_all_motors_together_name_none(output, start_time, code):
 
 def test_an_attitude_is_lost_beyond_30_degrees_for_three_tenths_of_a_second():
     for angle, seconds, is_caught in ((29.0, 2.0, False), (31.0, 2.0, True), (40.0, 0.1, False)):
-        events, ending = judged(leaning(flight(), RIGHT, angle, seconds))
+        events, ending = events_and_ending(with_lean(flight(), RIGHT, angle, seconds))
         assert ending is None
         if is_caught:
             assert MotionEvent.ATTITUDE_CAUGHT in events
@@ -277,7 +300,7 @@ def test_a_setpoint_that_is_followed_is_no_loss():
     turns = np.clip((time - FAILS) / 2.0, 0, 1)
     roll = np.angle(np.exp(2j * np.pi * turns))
     telemetry = changed(telemetry, "ATTITUDE_TARGET", q=quaternion(roll, 0 * time, 0 * time))
-    assert not judged(changed(telemetry, "ATTITUDE", roll=np.roll(roll, 3)))[0]
+    assert not events_and_ending(changed(telemetry, "ATTITUDE", roll=np.roll(roll, 3)))[0]
 
 
 FLIP, LOITER = 14, 5
@@ -294,7 +317,7 @@ def test_a_flip_that_the_vehicle_flies_on_from_explains_motors_at_their_limits(m
     outputs = pulses(telemetry)
     motor_time = stamps(telemetry, "SERVO_OUTPUT_RAW")
     outputs[0, (motor_time > FAILS) & (motor_time < FAILS + 1.0)] = 2000.0
-    events, ending = judged(with_pulses(telemetry, outputs))
+    events, ending = events_and_ending(with_pulses(telemetry, outputs))
     assert ending is None
     limited = events[MotionEvent.MOTOR_AT_ITS_STOP]
     assert limited.level is (Level.GOOD if is_flip else Level.WATCH)
@@ -307,9 +330,9 @@ def test_a_flip_that_the_vehicle_flies_on_from_explains_motors_at_their_limits(m
         assert "(mode Flip)" in flip.sentence
 
 
-def overturned(lead):
-    """A flip whose setpoint is so many samples before the vehicle, which falls and hits the ground."""
-    telemetry = falling(flight())
+def telemetry_of_overturn(lead):
+    """Returns telemetry of a flip into the ground, whose setpoint is some samples ahead of the vehicle."""
+    telemetry = with_fall(flight())
     time = stamps(telemetry, "ATTITUDE")
     angle = np.radians(200.0) * np.clip((time - FAILS - 1.0) / 0.8, 0, 1)
     roll = np.angle(np.exp(1j * angle))
@@ -320,7 +343,7 @@ def overturned(lead):
 
 @mark.parametrize("lead, is_commanded", [(1, True), (-1, False)])
 def test_a_setpoint_that_turns_the_vehicle_over_is_what_failed_first(lead, is_commanded):
-    signals = Signals(overturned(lead), inputs="motors")
+    signals = Signals(telemetry_of_overturn(lead), inputs="motors")
     loss = Fact(MotionEvent.HIT, Level.BAD, time=FAILS + 2.0, boot=0)
     cause = first_failure(signals, (), loss, None)
     if is_commanded:
@@ -333,27 +356,27 @@ def test_a_setpoint_that_turns_the_vehicle_over_is_what_failed_first(lead, is_co
 
 
 def test_where_only_rates_are_asked_for_no_attitude_is_lost():
-    telemetry = leaning(flight(), RIGHT, 120.0, 100.0)
+    telemetry = with_lean(flight(), RIGHT, 120.0, 100.0)
     rates = attitude_target(np.zeros((len(stamps(telemetry, "ATTITUDE")), 3)))
-    assert not judged(changed(telemetry, "ATTITUDE_TARGET", **rates))[0]
+    assert not events_and_ending(changed(telemetry, "ATTITUDE_TARGET", **rates))[0]
 
 
 def test_without_setpoints_only_a_flight_that_ends_so_is_lost():
-    telemetry = only(lost(1), lambda time: time < 0.0, "ATTITUDE_TARGET")
-    assert judged(telemetry)[1].code is Ending.CONTROL_LOST
-    caught = leaning(telemetry, RIGHT, 70.0, 1.0)
+    telemetry = only(telemetry_of_lost_motor(1), lambda time: time < 0.0, "ATTITUDE_TARGET")
+    assert events_and_ending(telemetry)[1].code is Ending.CONTROL_LOST
+    caught = with_lean(telemetry, RIGHT, 70.0, 1.0)
     caught = changed(caught, "LOCAL_POSITION_NED", **flight().messages["LOCAL_POSITION_NED"])
-    events, ending = judged(with_pulses(caught, pulses(flight())))
+    events, ending = events_and_ending(with_pulses(caught, pulses(flight())))
     assert events[MotionEvent.ATTITUDE_CAUGHT].level is Level.UNKNOWN
     assert ending is None
 
 
 @mark.parametrize("highest, code", [(0.9, Ending.TIPPED_OVER), (1.1, Ending.CRASHED)])
 def test_what_never_rose_tipped_over_at_take_off_and_names_none(highest, code):
-    telemetry = lost(1)
-    at = stamps(telemetry, "LOCAL_POSITION_NED")
-    z = -highest * ((at > 20.0) & (at < 25.0))
-    events, ending = judged(changed(telemetry, "LOCAL_POSITION_NED", z=z))
+    telemetry = telemetry_of_lost_motor(1)
+    time = stamps(telemetry, "LOCAL_POSITION_NED")
+    z = -highest * ((time > 20.0) & (time < 25.0))
+    events, ending = events_and_ending(changed(telemetry, "LOCAL_POSITION_NED", z=z))
     assert (ending.code, ending.subject) == (code, "")
     if code is Ending.TIPPED_OVER:
         assert MotionEvent.TIPPED in events
@@ -364,12 +387,12 @@ def test_what_never_rose_tipped_over_at_take_off_and_names_none(highest, code):
 
 @mark.parametrize("height", [0.9, 2.5])
 def test_what_topples_in_a_landing_falls_no_further(height):
-    telemetry = lost(1)
-    at = stamps(telemetry, "LOCAL_POSITION_NED")
-    z = np.select([at < 20.0, at < FAILS - 1.0], [0.0, -3.0], -height)
-    vz = 8.0 * (at > FAILS + 1.0)
+    telemetry = telemetry_of_lost_motor(1)
+    time = stamps(telemetry, "LOCAL_POSITION_NED")
+    z = np.select([time < 20.0, time < FAILS - 1.0], [0.0, -3.0], -height)
+    vz = 8.0 * (time > FAILS + 1.0)
     z += np.cumsum(vz) * 0.1
-    events, ending = judged(changed(telemetry, "LOCAL_POSITION_NED", z=z, vz=vz))
+    events, ending = events_and_ending(changed(telemetry, "LOCAL_POSITION_NED", z=z, vz=vz))
     if height < 2.0:
         assert ending.code is Ending.TOPPLED_AT_LANDING
         assert MotionEvent.FELL not in events
@@ -381,7 +404,10 @@ def test_what_topples_in_a_landing_falls_no_further(height):
 @mark.parametrize("angle, name", [(27.0, NAMES[1]), (33.0, "")])
 def test_a_motor_is_named_within_two_thirds_of_half_the_way_to_the_next(angle, name):
     towards = np.cos(np.radians([225 + angle, 135 + angle]))  # motor 2 is at 225°
-    assert judged(leaning(lost(1), towards, 60.0, 100.0))[1].subject == name
+    assert (
+        events_and_ending(with_lean(telemetry_of_lost_motor(1), towards, 60.0, 100.0))[1].subject
+        == name
+    )
 
 
 def test_of_two_motors_at_one_place_none_is_named():
@@ -391,7 +417,7 @@ def test_of_two_motors_at_one_place_none_is_named():
 
 @mark.parametrize("force, hit", [(27.0, False), (29.0, True)])
 def test_a_knock_is_18_metres_per_second_squared_above_the_weight(force, hit):
-    events, ending = judged(felt(lost(1), FAILS + 2.0, force))
+    events, ending = events_and_ending(with_knock(telemetry_of_lost_motor(1), FAILS + 2.0, force))
     if hit:
         assert events[MotionEvent.HIT].time == approx(FAILS + 2.0, abs=0.05)
     else:
@@ -400,8 +426,8 @@ def test_a_knock_is_18_metres_per_second_squared_above_the_weight(force, hit):
 
 
 @mark.parametrize("speed", [4.7, 5.7])
-def test_faster_than_five_metres_a_second_it_falls(speed):
-    events, _ = judged(falling(leaning(flight(), ASIDE, 120.0, 100.0), speed))
+def test_a_descent_faster_than_five_metres_a_second_is_a_fall(speed):
+    events, _ = events_and_ending(with_fall(with_lean(flight(), ASIDE, 120.0, 100.0), speed))
     if speed > 5.0:
         assert MotionEvent.FELL in events
     else:
@@ -410,8 +436,8 @@ def test_faster_than_five_metres_a_second_it_falls(speed):
 
 @mark.parametrize("seconds, caught", [(4.0, False), (6.0, True)])
 def test_an_attitude_is_caught_by_five_seconds_of_flight(seconds, caught):
-    telemetry = leaning(flight(50.0), RIGHT, 70.0, 1.0)
-    _, ending = judged(ended_after(telemetry, 1.3 + seconds))
+    telemetry = with_lean(flight(50.0), RIGHT, 70.0, 1.0)
+    _, ending = events_and_ending(with_end_of_log(telemetry, 1.3 + seconds))
     if caught:
         assert ending is None
     else:
@@ -419,37 +445,40 @@ def test_an_attitude_is_caught_by_five_seconds_of_flight(seconds, caught):
 
 
 def test_a_fall_that_stops_at_once_is_a_crash_only_by_a_second_witness():
-    telemetry = ended_after(falling(flight()), 4.0)
-    events, ending = judged(telemetry)
+    telemetry = with_end_of_log(with_fall(flight()), 4.0)
+    events, ending = events_and_ending(telemetry)
     assert events[MotionEvent.HIT].time == approx(FAILS + 2.0, abs=0.4)
     assert events[MotionEvent.HIT].level is Level.WATCH
     assert ending is None
-    _, ending = judged(felt(telemetry, FAILS + 2.0))
+    _, ending = events_and_ending(with_knock(telemetry, FAILS + 2.0))
     assert ending.code is Ending.CRASHED
     assert ending.time == approx(FAILS + 2.0, abs=0.4)
     assert ending.figures["speed"] == approx(9.0, abs=1.5)
-    assert MotionEvent.HIT not in judged(ended_after(falling(flight(), 3.6, 2.8), 4.0))[0]
+    assert (
+        MotionEvent.HIT
+        not in events_and_ending(with_end_of_log(with_fall(flight(), 3.6, 2.8), 4.0))[0]
+    )
 
 
 def test_a_dive_that_the_motors_end_is_no_impact():
-    telemetry = felt(ended_after(falling(flight()), 4.0), FAILS + 2.0, most=20.0)
-    assert MotionEvent.HIT not in judged(telemetry)[0]
+    telemetry = with_knock(with_end_of_log(with_fall(flight()), 4.0), FAILS + 2.0, most=20.0)
+    assert MotionEvent.HIT not in events_and_ending(telemetry)[0]
 
 
 def test_a_landing_that_was_only_assumed_is_what_came_first():
-    telemetry = driven(falling(leaning(flight(), ASIDE, 120.0, 100.0)), ALL, 1100.0)
+    telemetry = with_motor_output(with_fall(with_lean(flight(), ASIDE, 120.0, 100.0)), ALL, 1100.0)
     time = np.arange(0.0, 40.0, 0.2)
     state = np.where((time < 6.0) | (abs(time - FAILS + 0.3) < 0.15), ON_GROUND, IN_AIR)
     telemetry = changed(telemetry, "EXTENDED_SYS_STATE", **columns(time, landed_state=state))
     parameters = {"MPC_THR_HOVER": 0.35, "MPC_THR_MIN": 0.12, "MPC_USE_HTE": 1.0}
-    _, ending = judged(replace(telemetry, parameters=parameters))
+    _, ending = events_and_ending(replace(telemetry, parameters=parameters))
     assert ending.figures["cause"].code is FailedFirst.LANDING_ASSUMED_FIRST
     assert "now MPC_THR_MIN 0.12 and MPC_THR_HOVER 0.35. Set MPC_THR_MIN to 0.05" in ending.remedy
     assert "MPC_THR_HOVER to 0.14, at which it hovers (that counts only until" in ending.remedy
 
 
-def felt(telemetry, time, most=100.0):
-    """Its accelerometers feel so much, m/s², at that time, and the weight at others."""
+def with_knock(telemetry, time, most=100.0):
+    """Returns telemetry whose accelerometer measures a knock at a time, ``most`` m/s², and gravity otherwise."""
     at = np.arange(0.0, stamps(telemetry, "ATTITUDE")[-1], 0.04)
     force = np.where(abs(at - time) < 0.03, most, 9.8)
     return changed(telemetry, "HIGHRES_IMU", **columns(at, xacc=0.0, yacc=0.0, zacc=-force))
@@ -458,65 +487,65 @@ def felt(telemetry, time, most=100.0):
 @mark.parametrize("speed, is_stopped", [(6.0, True), (0.0, False)])
 def test_what_hits_something_first_is_not_said_to_have_lost_a_motor(speed, is_stopped):
     """A knock that takes the speed is an obstacle; one of a vehicle that hovers may be a propeller that breaks."""
-    telemetry = felt(lost(1), FAILS - 0.2)
+    telemetry = with_knock(telemetry_of_lost_motor(1), FAILS - 0.2)
     flies_on = stamps(telemetry, "LOCAL_POSITION_NED") < FAILS - 0.2
     telemetry = changed(telemetry, "LOCAL_POSITION_NED", vx=np.where(flies_on, speed, 0.0))
-    _, ending = judged(telemetry)
+    _, ending = events_and_ending(telemetry)
     assert ending.code is (Ending.CRASHED if is_stopped else Ending.CONTROL_LOST)
     assert ending.time == approx(FAILS - 0.2, abs=0.05)
     assert ending.subject == ("" if is_stopped else NAMES[1])
 
 
-def thrust_lost(motor):
+def report_of_lost_thrust(motor):
     return Fact(
         ReportedEvent.THRUST_LOST, Level.BAD, time=FAILS + 1.0, subject=f"motor {motor}", boot=0
     )
 
 
 def test_the_autopilots_own_word_names_a_motor_or_is_said_beside_another():
-    _, agreed = judged(lost(1), thrust_lost(2))
+    _, agreed = events_and_ending(telemetry_of_lost_motor(1), report_of_lost_thrust(2))
     assert (agreed.subject, agreed.figures["word"]) == (NAMES[1], None)
-    _, apart = judged(lost(1), thrust_lost(3))
+    _, apart = events_and_ending(telemetry_of_lost_motor(1), report_of_lost_thrust(3))
     named = [apart.figures[name].subject for name in ("cause", "word")]
     assert (apart.subject, named) == ("", [NAMES[1], NAMES[2]])
-    between = leaning(lost(1), (-1.0, 0.0), 120.0, 100.0)
-    _, alone = judged(between, thrust_lost(4))
+    between = with_lean(telemetry_of_lost_motor(1), (-1.0, 0.0), 120.0, 100.0)
+    _, alone = events_and_ending(between, report_of_lost_thrust(4))
     assert alone.figures["cause"] is None
     assert alone.subject == alone.figures["word"].subject == NAMES[3]
 
 
 def test_a_crash_that_only_the_autopilot_reports_is_an_ending():
     crash = Fact(ReportedEvent.CRASH_DETECTED, Level.BAD, time=FAILS, height=2.0, boot=0)
-    _, ending = judged(flight(), crash)
+    _, ending = events_and_ending(flight(), crash)
     assert ending.code is Ending.LOSS_REPORTED
     assert ending.figures["cause"] is crash
-    assert judged(flight(), crash.replace(Level.WATCH))[1] is None
+    assert events_and_ending(flight(), crash.replace(Level.WATCH))[1] is None
 
 
 def test_a_log_that_ends_in_the_air_and_clips_are_events_and_no_ending():
-    telemetry = ended_after(flight(), 0.0)
+    telemetry = with_end_of_log(flight(), 0.0)
     time = stamps(telemetry, "VIBRATION")
     counts = 3.0 * (time > 20.0) + 4.0 * (time > 22.0)
     clipped = changed(
         telemetry, "VIBRATION", **dict.fromkeys((*LEVEL_FIELDS, *CLIPPING_FIELDS), counts)
     )
-    events, ending = judged(clipped)
+    events, ending = events_and_ending(clipped)
     assert ending is None
     assert events[MotionEvent.LOG_ENDED_IN_AIR].figures["height"] == approx(10.0, abs=0.5)
     assert " 7 times " in str(events[MotionEvent.CLIPPED])
     assert "a crash that it does not show" in events[MotionEvent.LOG_ENDED_IN_AIR].remedy
     ended = replace(telemetry, is_ended_on_purpose=True)
-    assert MotionEvent.LOG_ENDED_IN_AIR not in judged(ended)[0]
+    assert MotionEvent.LOG_ENDED_IN_AIR not in events_and_ending(ended)[0]
     restarted = changed(telemetry, "ATTITUDE", boot=1 * (stamps(telemetry, "ATTITUDE") > 29.8))
-    assert MotionEvent.LOG_ENDED_IN_AIR not in judged(restarted)[0]
+    assert MotionEvent.LOG_ENDED_IN_AIR not in events_and_ending(restarted)[0]
 
 
 @mark.parametrize("landed_at, words", [(39.0, "came back"), (FAILS + 1.0, "at the landing")])
 def test_what_lies_askew_after_its_landing_did_not_come_back(landed_at, words):
-    telemetry = leaning(flight(), RIGHT, 35.0, 2.0)
+    telemetry = with_lean(flight(), RIGHT, 35.0, 2.0)
     time = np.arange(0.0, 40.0, 0.2)
     state = np.where((time < 6.0) | (time > landed_at), ON_GROUND, IN_AIR)
-    events, _ = judged(
+    events, _ = events_and_ending(
         changed(telemetry, "EXTENDED_SYS_STATE", **columns(time, landed_state=state))
     )
     assert words in str(events[MotionEvent.ATTITUDE_CAUGHT])
@@ -529,15 +558,15 @@ def test_heights_above_a_take_off_before_the_log_are_no_witnesses():
 
 
 def test_a_log_that_ends_after_the_loss_shows_why():
-    events, ending = judged(ended_after(lost(1), 1.0))
+    events, ending = events_and_ending(with_end_of_log(telemetry_of_lost_motor(1), 1.0))
     assert ending.code is Ending.CONTROL_LOST
     assert str(events[MotionEvent.LOG_ENDED_IN_AIR]).endswith(", after control was lost.")
     assert events[MotionEvent.LOG_ENDED_IN_AIR].remedy == ""
 
 
 def test_a_loss_is_stated_without_its_cause_where_nothing_else_is_computed():
-    telemetry = lost(1)
-    _, ending = judged(telemetry)
+    telemetry = telemetry_of_lost_motor(1)
+    _, ending = events_and_ending(telemetry)
     loss = loss_of_flight(Signals(telemetry))
     assert (loss.code, loss.time) == (ending.code, ending.time)
     assert str(ending).startswith(str(loss).rstrip(".")) and "motor" not in str(loss)
@@ -545,7 +574,7 @@ def test_a_loss_is_stated_without_its_cause_where_nothing_else_is_computed():
 
 
 def test_every_witness_says_when_and_agrees_with_its_event():
-    events, ending = judged(lost(1))
+    events, ending = events_and_ending(telemetry_of_lost_motor(1))
     for event in (*events.values(), ending):
         for witness in event.figures.get("witnesses", ()):
             assert re.search(r"\d\.\d s\b", str(witness)), str(witness)
@@ -558,10 +587,10 @@ def test_every_witness_says_when_and_agrees_with_its_event():
 @mark.parametrize("at_end", [True, False])
 def test_what_falls_on_its_back_is_lost_whatever_is_asked(at_end):
     """Its setpoint follows it, as in rate modes."""
-    telemetry = falling(leaning(flight(), RIGHT, 120.0, 100.0 if at_end else 1.0))
+    telemetry = with_fall(with_lean(flight(), RIGHT, 120.0, 100.0 if at_end else 1.0))
     roll = telemetry.messages["ATTITUDE"]["roll"]
     telemetry = changed(telemetry, "ATTITUDE_TARGET", q=quaternion(roll, 0 * roll, 0 * roll))
-    events, ending = judged(telemetry)
+    events, ending = events_and_ending(telemetry)
     if at_end:
         assert MotionEvent.ATTITUDE_LOST in events
         assert ending.code is Ending.CONTROL_LOST
@@ -571,11 +600,11 @@ def test_what_falls_on_its_back_is_lost_whatever_is_asked(at_end):
 
 
 def test_an_estimate_that_runs_away_gives_no_speed():
-    telemetry = lost(1)  # at 9 m/s in the end
-    place = telemetry.messages["LOCAL_POSITION_NED"]
-    away = place["time"] > FAILS + 1.5
-    ran = {name: np.where(away, most, place[name]) for name, most in (("vz", 20.0), ("z", 50.0))}
-    events, _ = judged(changed(telemetry, "LOCAL_POSITION_NED", **ran))
+    telemetry = telemetry_of_lost_motor(1)  # at 9 m/s in the end
+    position = telemetry.messages["LOCAL_POSITION_NED"]
+    away = position["time"] > FAILS + 1.5
+    ran = {name: np.where(away, most, position[name]) for name, most in (("vz", 20.0), ("z", 50.0))}
+    events, _ = events_and_ending(changed(telemetry, "LOCAL_POSITION_NED", **ran))
     fell = events[MotionEvent.FELL].figures
     assert fell["speed"] < 8.0
     assert fell["speed"] in [witness.figures["speed"] for witness in fell["witnesses"]]
@@ -583,14 +612,14 @@ def test_an_estimate_that_runs_away_gives_no_speed():
 
 def evidence_of_cause(telemetry):
     """The ending with the evidence for its cause, and the facts of that evidence."""
-    events, ending = judged(telemetry)
+    events, ending = events_and_ending(telemetry)
     ending = with_evidence_of_cause(Signals(telemetry, inputs="motors"), ending, [*events.values()])
     return ending, ending.figures["cause"].figures["witnesses"]
 
 
 def test_the_climb_of_its_command_is_the_first_evidence_for_a_weak_motor():
     """The controller drives motor 2 up over the last 6 s, before it reaches its limit."""
-    telemetry = lost(1)
+    telemetry = telemetry_of_lost_motor(1)
     outputs = pulses(telemetry)
     seconds = stamps(telemetry, "SERVO_OUTPUT_RAW") - FAILS
     outputs[1] += np.where(seconds < 0, 200.0 * np.clip(1 + seconds / 6.0, 0, 1), 0.0)
@@ -610,7 +639,9 @@ def test_the_climb_of_its_command_is_the_first_evidence_for_a_weak_motor():
 
 
 def test_of_a_motor_without_output_the_evidence_is_that_its_command_fell():
-    telemetry = driven(falling(leaning(flight(), QUAD[2], 120.0, 100.0)), 2, 1000.0, FAILS - 4.0)
+    telemetry = with_motor_output(
+        with_fall(with_lean(flight(), QUAD[2], 120.0, 100.0)), 2, 1000.0, FAILS - 4.0
+    )
     _, (fall,) = evidence_of_cause(telemetry)
     assert (fall.time, fall.end_time) == (approx(FAILS - 4.0, abs=0.15), None)
     assert fall.figures["share"] == 0.0 < fall.figures["share_before"]
@@ -620,7 +651,7 @@ def test_of_a_motor_without_output_the_evidence_is_that_its_command_fell():
 
 
 def test_motors_that_idled_together_show_it_in_their_mean_command():
-    telemetry = driven(falling(leaning(flight(), ASIDE, 120.0, 100.0)), ALL, 1100.0)
+    telemetry = with_motor_output(with_fall(with_lean(flight(), ASIDE, 120.0, 100.0)), ALL, 1100.0)
     ending, (fall,) = evidence_of_cause(telemetry)
     assert ending.figures["cause"].code is FailedFirst.ALL_OFF_FIRST
     assert fall.figures["share"] < 0.5 * fall.figures["share_before"]
@@ -638,9 +669,9 @@ def test_a_height_that_diverged_brings_its_own_evidence():
 
 
 def test_a_motor_that_failed_is_drawn_as_it_was_commanded_then():
-    telemetry = lost(1)
+    telemetry = telemetry_of_lost_motor(1)
     signals = Signals(telemetry, inputs="motors")
-    _, ending = judged(telemetry)
+    _, ending = events_and_ending(telemetry)
     failure = failure_commands(signals, ending)
     assert failure.interval == approx((FAILS, FAILS + 2.0), abs=0.2)
     plan = frame_plan(signals.motors, None, ending, failure)

@@ -41,13 +41,17 @@ GOOD, LIMITED, NONE = Grade
 EFFECT, MOTION, WIND, PREDICTION, RESIDUALS = Purpose
 
 
-def found(purpose, *known, **more):
-    """The finding on a purpose."""
-    return next(one for one in model_findings(*known, **more).purposes if one.purpose is purpose)
+def purpose_finding_of(purpose, *known, **more):
+    """Returns the finding on one purpose; the other arguments are those of ``model_findings``."""
+    return next(
+        purpose_finding
+        for purpose_finding in model_findings(*known, **more).purposes
+        if purpose_finding.purpose is purpose
+    )
 
 
-def of_vehicle(oscillation=None, **hover):
-    """The condition of a vehicle with other figures of its motors."""
+def condition_with(oscillation=None, **hover):
+    """Returns the condition of a vehicle whose hover has other figures of its motors."""
     return Condition(60.0, hover=replace(HOVER, **hover), oscillation=oscillation)
 
 
@@ -67,7 +71,7 @@ def of_vehicle(oscillation=None, **hover):
 def test_prediction_is_good_only_beside_the_better_baseline_with_a_band_that_holds(
     figures, grade, ratio
 ):
-    finding = found(PREDICTION, model(physical()), held_out(**figures))
+    finding = purpose_finding_of(PREDICTION, model(physical()), held_out(**figures))
     assert (finding.grade, finding.reason.code) == (grade, GradeReason.FORECASTS_COMPARED)
     assert finding.reason.figures["ratio"] == (ratio and approx(ratio, abs=0.001))
     if ratio is not None:
@@ -86,7 +90,7 @@ def test_a_few_worse_windows_and_a_band_that_holds_most_are_still_good(share, co
     band = np.where(samples < covered * windows.band.size, 2.0, 0.0)
     forecasts = windows.forecasts | {"forecast": forecast}
     windows = replace(windows, forecasts=forecasts, band=band)
-    assert found(PREDICTION, model(physical()), windows).grade is grade
+    assert purpose_finding_of(PREDICTION, model(physical()), windows).grade is grade
 
 
 @mark.parametrize(
@@ -100,13 +104,16 @@ def test_a_few_worse_windows_and_a_band_that_holds_most_are_still_good(share, co
 )
 def test_parameters_are_good_up_to_a_width_of_their_intervals(share, expected):
     learned = model(physical(share))
-    assert (found(EFFECT, learned).grade, found(MOTION, learned).grade) == expected
+    assert (
+        purpose_finding_of(EFFECT, learned).grade,
+        purpose_finding_of(MOTION, learned).grade,
+    ) == expected
 
 
 def test_parameters_doubted_for_one_reason_are_named_together_and_the_reason_once():
     parameters = physical(damping=Status.BIASED, lag=Status.BIASED)
     parameters.reasons.update(dict.fromkeys(("damping", "lag"), prose("Why.")))
-    doubted = found(MOTION, model(parameters))
+    doubted = purpose_finding_of(MOTION, model(parameters))
     assert doubted.grade is LIMITED
     (doubt,) = doubted.reason.figures["doubts"]
     assert (doubt.code, doubt.figures["names"]) == (
@@ -115,7 +122,7 @@ def test_parameters_doubted_for_one_reason_are_named_together_and_the_reason_onc
     )
     parameters = physical(**dict.fromkeys(("effect", "damping", "lag"), Status.NOT_IDENTIFIABLE))
     parameters.reasons["damping"] = parameters.reasons["effect"]
-    assert found(MOTION, model(parameters)).reason.code is GradeReason.SAME_AS_EFFECT
+    assert purpose_finding_of(MOTION, model(parameters)).reason.code is GradeReason.SAME_AS_EFFECT
 
 
 @mark.parametrize(
@@ -127,21 +134,21 @@ def test_parameters_doubted_for_one_reason_are_named_together_and_the_reason_onc
     ],
 )
 def test_the_wind_is_good_only_where_it_is_resolved_and_its_size_known(changes, grade, code):
-    finding = found(WIND, model(physical(), **changes))
+    finding = purpose_finding_of(WIND, model(physical(), **changes))
     assert (finding.grade, finding.reason.code) == (grade, code)
     # It is what is left when the motors' torque is taken away.
     for doubtful in ("effect", "damping", "lag"):
-        biased = found(WIND, model(physical(**{doubtful: Status.BIASED}), **changes))
+        biased = purpose_finding_of(WIND, model(physical(**{doubtful: Status.BIASED}), **changes))
         assert biased.grade is (NONE if grade is NONE else LIMITED)
         if grade is not NONE:
             assert biased.reason.code is GradeReason.FOLLOWS_FROM_DOUBTED
         else:
             assert biased.reason.code is not GradeReason.FOLLOWS_FROM_DOUBTED
-    unknown = found(WIND, model(physical(effect=Status.NOT_IDENTIFIABLE), **changes))
+    unknown = purpose_finding_of(WIND, model(physical(effect=Status.NOT_IDENTIFIABLE), **changes))
     assert (unknown.grade, unknown.reason.code) == (NONE, GradeReason.EFFECT_UNKNOWN)
     learned = model(physical())
     learned = learned.with_wind_torque(None)
-    assert found(WIND, learned).reason.code is GradeReason.WIND_NOT_ESTIMATED
+    assert purpose_finding_of(WIND, learned).reason.code is GradeReason.WIND_NOT_ESTIMATED
 
 
 @mark.parametrize(
@@ -156,7 +163,7 @@ def test_the_wind_is_good_only_where_it_is_resolved_and_its_size_known(changes, 
 )
 def test_the_next_step_is_that_of_the_first_purpose_that_is_not_served(grades, code):
     purposes = zip(Purpose, grades, strict=False)
-    assert next_step_for_model([Finding(*one, prose("")) for one in purposes]).code is code
+    assert next_step_for_model([Finding(*finding, prose("")) for finding in purposes]).code is code
 
 
 CYCLE = Oscillation(
@@ -174,26 +181,26 @@ TWISTED = Fact(
     "known, code, subject",
     [
         ({"alarms": (WEAK,)}, Override.MOTORS, "motor 1 (front right)"),
-        ({"condition": of_vehicle(**SATURATED)}, Override.SATURATION, "motor 3 (front left)"),
+        ({"condition": condition_with(**SATURATED)}, Override.SATURATION, "motor 3 (front left)"),
         ({"trim": TWISTED}, Override.TRIM, ""),
         ({"consistency": 0.7}, Override.DATA, ""),
         (
-            {"condition": of_vehicle(CYCLE, **SATURATED), "trim": TWISTED},
+            {"condition": condition_with(CYCLE, **SATURATED), "trim": TWISTED},
             Override.OSCILLATION,
             "roll",
         ),
     ],
 )
 def test_what_overrides_leaves_nothing_good_and_decides_what_to_do(known, code, subject):
-    free = {"condition": of_vehicle()}
+    free = {"condition": condition_with()}
     sound = model_findings(model(physical()), held_out(), **free)
-    assert {one.grade for one in sound.purposes} == {GOOD}
+    assert {purpose_finding.grade for purpose_finding in sound.purposes} == {GOOD}
     assert next_step_for_model(sound.purposes).code is NextStep.KEEP_MODEL
     doubted = model_findings(model(physical()), held_out(), **(free | known))
     (override,) = doubted.overrides  # which explains what else is wrong
     assert (override.code, override.subject) == (code, subject)
-    said = str(Fact(InShort.OVERRIDDEN, reason=override))
-    assert vehicle.Override.model_validate(override).headline == said
+    summary = str(Fact(InShort.OVERRIDDEN, reason=override))
+    assert vehicle.Override.model_validate(override).headline == summary
     for before, after in zip(sound.purposes, doubted.purposes, strict=True):
         assert (after.grade, after.reason.code) == (LIMITED, GradeReason.FLIGHT_DOUBTED)
         reason = None if code is Override.OSCILLATION else before.reason
@@ -203,10 +210,10 @@ def test_what_overrides_leaves_nothing_good_and_decides_what_to_do(known, code, 
 def test_the_largest_of_what_a_motor_lost_is_said_with_its_own_time_and_its_end():
     worse = WEAK._replace(time=90.0, onset_time=80.0, size=0.4, loss=(0.3, 0.5))
     sound = WEAK._replace(time=95.0, onset_time=94.0, size=0.0)
-    other = WEAK._replace(motor=2, name="motor 2 (rear left)", size=0.3)
-    first, second = model_findings(alarms=(WEAK, worse, other, sound)).overrides
+    smaller_loss = WEAK._replace(motor=2, name="motor 2 (rear left)", size=0.3)
+    first, second = model_findings(alarms=(WEAK, worse, smaller_loss, sound)).overrides
     assert (first.time, first.end_time, first.figures["loss"]) == (80.0, 94.0, (0.3, 0.5))
-    assert (second.subject, second.end_time) == (other.name, None)
+    assert (second.subject, second.end_time) == (smaller_loss.name, None)
 
 
 @mark.parametrize(
@@ -217,14 +224,14 @@ def test_the_largest_of_what_a_motor_lost_is_said_with_its_own_time_and_its_end(
         ({"trim_share": (0.98, 0.98, 1.06, 0.98)}, False),
     ],
 )
-def test_limits_of_saturation_and_trim(hover, overridden):
+def test_saturation_and_trim_override_grades_beyond_their_limits(hover, overridden):
     if overridden:
-        assert model_findings(condition=of_vehicle(**hover)).overrides
+        assert model_findings(condition=condition_with(**hover)).overrides
     else:
-        assert not model_findings(condition=of_vehicle(**hover)).overrides
+        assert not model_findings(condition=condition_with(**hover)).overrides
 
 
-def test_residuals_that_are_far_from_white_are_said():
+def test_residuals_far_from_white_are_a_finding():
     learned = model(physical())
     slow = np.convolve(learned.record.outputs[:, 1], np.ones(10) / 3, "same")
     learned.record.outputs[:, 1] = slow
@@ -249,14 +256,14 @@ def test_residuals_are_not_white_beyond_three_times_the_bound(size, outcome):
 
 
 def test_under_what_overrides_reasons_keep_their_figures_and_ask_for_nothing():
-    known = physical(effect=Status.BIASED)
-    known.reasons["effect"] = prose("Wind has 46 % of it.", "Fly in calm air.")
-    assert "calm air" in str(parameter_reasons(known))
-    assert parameter_reasons(known, is_doubtful=True) == [
+    biased = physical(effect=Status.BIASED)
+    biased.reasons["effect"] = prose("Wind has 46 % of it.", "Fly in calm air.")
+    assert "calm air" in str(parameter_reasons(biased))
+    assert parameter_reasons(biased, is_doubtful=True) == [
         "Control effectiveness biased: Wind has 46 % of it."
     ]
-    doubted = found(EFFECT, model(known), None, of_vehicle(**SATURATED)).reason
-    assert doubted.figures["reason"] == known.reasons["effect"] and doubted.remedy == ""
+    doubted = purpose_finding_of(EFFECT, model(biased), None, condition_with(**SATURATED)).reason
+    assert doubted.figures["reason"] == biased.reasons["effect"] and doubted.remedy == ""
 
 
 def test_warnings_are_only_where_they_mean_something():
@@ -271,9 +278,11 @@ def test_warnings_are_only_where_they_mean_something():
     assert larger.code is Caveat.ERRORS_LARGER_THAN_EXPECTED
     assert larger.figures["ratio"] == approx(3.0, abs=0.01)
     failed = replace(held_out(), failures=(prose("It is too short."),))
-    assert [one.code for one in model_warnings(learned, failed)] == [ForecastFact.PART_NOT_LEARNED]
+    assert [warning.code for warning in model_warnings(learned, failed)] == [
+        ForecastFact.PART_NOT_LEARNED
+    ]
     unstable = partial_record(Learned, stable=False, physical=None)
-    assert [one.code for one in model_warnings(unstable, None)] == [Caveat.UNSTABLE_MODEL]
+    assert [warning.code for warning in model_warnings(unstable, None)] == [Caveat.UNSTABLE_MODEL]
 
 
 def test_the_torque_of_a_vehicle_that_oscillates_is_not_the_winds():

@@ -25,8 +25,8 @@ def with_positions(telemetry, north):
     return changed(telemetry, "GPS_RAW_INT", **fix)
 
 
-def flagged(is_flagged, north):
-    """A flight whose filter flags a glitch of GPS by PX4's bit, with all innovations below their limits."""
+def telemetry_with_glitch(is_flagged, north):
+    """Returns a flight whose estimator flags a glitch of GPS by PX4's bit, with all innovations below their limits."""
     status = dict.fromkeys(INNOVATION_FIELDS["ESTIMATOR_STATUS"], 0.7)
     flags = np.where(is_flagged, PX4_GLITCH, 831)
     telemetry = HOVER.telemetry(20.0, 20.0)
@@ -51,7 +51,7 @@ def fast_flight():
 )
 def test_a_flag_is_a_jump_only_where_the_positions_jump(is_flagged, jump, code):
     north = fast_flight() + np.where(THREE_SECONDS, jump, 0.0)
-    fact = estimator_light(evidence_of(Signals(flagged(is_flagged, north))))
+    fact = estimator_light(evidence_of(Signals(telemetry_with_glitch(is_flagged, north))))
     assert fact.code is code
     if jump:
         assert fact.figures["distance"] == approx(jump, abs=1.0)
@@ -61,13 +61,13 @@ def test_a_flag_is_a_jump_only_where_the_positions_jump(is_flagged, jump, code):
 def test_repeated_and_late_fixes_do_not_jump():
     north = fast_flight()
     repeated = np.repeat(north[::2], 2)[: len(TIME)]
-    assert not len(position_jumps(flagged(ONE_SAMPLE, repeated)).time)
+    assert not len(position_jumps(telemetry_with_glitch(ONE_SAMPLE, repeated)).time)
     random = np.random.default_rng(1)
     late = north + random.normal(0.0, MIN_JUMP / 10, len(TIME))
-    assert not len(position_jumps(flagged(ONE_SAMPLE, late)).time)
+    assert not len(position_jumps(telemetry_with_glitch(ONE_SAMPLE, late)).time)
 
 
 def test_a_jump_elsewhere_is_not_that_of_the_flag():
     north = fast_flight() + np.where(TIME > 50.0, 40.0, 0.0)
-    fact = estimator_light(evidence_of(Signals(flagged(ONE_SAMPLE, north))))
+    fact = estimator_light(evidence_of(Signals(telemetry_with_glitch(ONE_SAMPLE, north))))
     assert fact.code is EstimatorLight.FILTER_AGREED

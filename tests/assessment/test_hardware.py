@@ -37,8 +37,8 @@ def test_controllers_are_judged_by_the_errors_that_they_count_alone():
     uncounted = controllers_fact(evidence_with("ESC", **speeds))
     assert (uncounted.level, uncounted.figures["temperature"]) == ("unknown", 60.0)
     assert controllers_fact(evidence_with("ESC", ErrorCount=7, **speeds)).level == "good"
-    many = controllers_fact(evidence_with("ESC", ErrorCount=20 * (TIME - TIME[0]), **speeds))
-    assert (many.level, many.figures["current"]) == ("watch", None)
+    many_errors = controllers_fact(evidence_with("ESC", ErrorCount=20 * (TIME - TIME[0]), **speeds))
+    assert (many_errors.level, many_errors.figures["current"]) == ("watch", None)
 
 
 @mark.parametrize(
@@ -108,8 +108,8 @@ def test_the_processor_is_judged_by_the_limits_of_its_autopilot():
 def test_gaps_in_flight_are_found_with_their_time():
     assert recording_fact(evidence_of(Signals(TELEMETRY))).level == "good"
     attitude = TELEMETRY.messages["ATTITUDE"]
-    kept = (attitude["time"] < 15.0) | (attitude["time"] > 16.5)
-    cut = {name: values[kept] for name, values in attitude.items()}
+    is_recorded = (attitude["time"] < 15.0) | (attitude["time"] > 16.5)
+    cut = {name: values[is_recorded] for name, values in attitude.items()}
     fact = recording_fact(evidence_of(Signals(changed(TELEMETRY, "ATTITUDE", **cut))))
     assert (fact.level, fact.time) == ("watch", approx(15.0, abs=0.1))
     assert fact.figures["longest_gap"] == approx(1.6)
@@ -177,9 +177,9 @@ def test_px4_has_parameters_of_calibrated_sensors_alone():
 
 def test_errors_of_the_position_are_those_at_its_setpoints():
     time = TELEMETRY.messages["LOCAL_POSITION_NED"]["time"]
-    place = {"x": np.sin(time), "y": np.cos(time), "z": -0.1 * time}
-    target = place | {"x": place["x"] + 3.0, "y": place["y"] + 4.0}
-    telemetry = changed(TELEMETRY, "LOCAL_POSITION_NED", **place)
+    position = {"x": np.sin(time), "y": np.cos(time), "z": -0.1 * time}
+    target = position | {"x": position["x"] + 3.0, "y": position["y"] + 4.0}
+    telemetry = changed(TELEMETRY, "LOCAL_POSITION_NED", **position)
     telemetry = changed(telemetry, "POSITION_TARGET_LOCAL_NED", **columns(time, **target))
     fact = command_facts(evidence_of(Signals(telemetry)))["position and velocity"]
     assert fact.figures["horizontal"] == approx(5.0)

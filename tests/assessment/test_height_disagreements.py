@@ -23,20 +23,21 @@ def event(*knots):
 
 @mark.parametrize("drift", [10.0, -10.0])
 def test_a_drift_by_more_than_receivers_wander_is_an_event(drift):
-    found = event((20.0, 0.0), (40.0, drift))
-    assert found.warns and found.end_time is None
-    assert found.figures["height"] == approx(drift, abs=0.5)
-    assert found.time == approx(20.0, abs=2.0)
-    assert "judge the height by eye" in found.sentence
-    assert ("more" if drift > 0 else "less") in found.sentence
+    disagreement = event((20.0, 0.0), (40.0, drift))
+    assert disagreement.warns and disagreement.end_time is None
+    assert disagreement.figures["height"] == approx(drift, abs=0.5)
+    assert disagreement.time == approx(20.0, abs=2.0)
+    assert "judge the height by eye" in disagreement.sentence
+    assert ("more" if drift > 0 else "less") in disagreement.sentence
 
 
 def test_heights_that_meet_again_end_the_event():
-    found = event((20.0, 0.0), (30.0, 12.0), (50.0, 12.0), (60.0, 0.0))
-    assert found.end_time == approx(57.0, abs=1.0)
+    disagreement = event((20.0, 0.0), (30.0, 12.0), (50.0, 12.0), (60.0, 0.0))
+    assert disagreement.end_time == approx(57.0, abs=1.0)
     # The time is that of the drift's beginning, when both still agree.
     assert (
-        f"drifted apart in height from {found.time:.1f} s on, and disagreed until" in found.sentence
+        f"drifted apart in height from {disagreement.time:.1f} s on, and disagreed until"
+        in disagreement.sentence
     )
 
 

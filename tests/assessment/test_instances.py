@@ -180,12 +180,12 @@ def test_further_sensors_of_px4_are_instances_of_a_topic():
 
 def with_accelerometers(parameters=None, gravities=(9.8, 9.0, 8.0)):
     """Three IMUs that measure this force at rest, m/s²."""
-    made = instrumented()
-    made = replace(made, parameters={**made.parameters, **(parameters or {})})
-    time = made.messages["HIGHRES_IMU"]["time"]
+    telemetry = instrumented()
+    telemetry = replace(telemetry, parameters={**telemetry.parameters, **(parameters or {})})
+    time = telemetry.messages["HIGHRES_IMU"]["time"]
     first, second, third = gravities
     noise = 0.01 * np.random.default_rng(4).standard_normal(len(time))
-    made = changed(made, "HIGHRES_IMU", zacc=noise - first)
+    telemetry = changed(telemetry, "HIGHRES_IMU", zacc=noise - first)
     further = columns(
         np.repeat(time, 2),
         instance=np.tile([1, 2], len(time)),
@@ -193,7 +193,7 @@ def with_accelerometers(parameters=None, gravities=(9.8, 9.0, 8.0)):
         yacc=0.0,
         zacc=np.tile([-second, -third], len(time)),
     )
-    return changed(made, ACCELEROMETERS_MESSAGE, **further)
+    return changed(telemetry, ACCELEROMETERS_MESSAGE, **further)
 
 
 @mark.slow
@@ -237,7 +237,9 @@ def test_the_imus_of_a_stream_are_messages_of_their_own():
     del messages["HIGHRES_IMU"]
     telemetry = replace(telemetry, messages=messages)
     trust = sensor_trust(Signals(telemetry), 0)
-    gravities = {one.name: one.gravity_at_rest for one in trust.accelerometers}
+    gravities = {
+        accelerometer.name: accelerometer.gravity_at_rest for accelerometer in trust.accelerometers
+    }
     assert gravities == approx({"IMU 1": 9.81, "IMU 2": 8.83}, abs=0.01)
 
 
@@ -262,8 +264,8 @@ def test_a_compass_that_is_not_used_is_not_judged_and_a_used_one_is_named():
 
 def test_the_barometer_that_is_used_counts_and_one_that_stands_still_gives_way():
     telemetry = instrumented()
-    place = telemetry.messages["SCALED_PRESSURE"]
-    second = columns(place["time"], altitude=2 * place["altitude"])
+    pressure = telemetry.messages["SCALED_PRESSURE"]
+    second = columns(pressure["time"], altitude=2 * pressure["altitude"])
     telemetry = changed(telemetry, "SCALED_PRESSURE2", **second)
     telemetry = replace(telemetry, parameters={**telemetry.parameters, "BARO_PRIMARY": 1.0})
     used = barometer_altitude(Signals(telemetry))

@@ -31,14 +31,14 @@ class FailingFlight(Flight):
             yield time, name, values | {"z": -2.0 * min(max(time - 6.0, 0.0), 5.0)}
 
 
-def flown(**options):
+def frames_of_flight(**options):
     return FailingFlight(Hover(hovering=30.0), attitude=20.0, motors=20.0, **options).frames(
         end=24.0
     )
 
 
 def test_a_log_and_a_live_flight_say_that_the_attitude_is_not_a_number():
-    frames = flown()
+    frames = frames_of_flight()
     live = replay(frames)
     [alarm] = [fact for fact in live.facts if fact.code is SessionFact.ALARM]
     event = alarm.figures["reason"]
@@ -57,7 +57,7 @@ def test_a_log_and_a_live_flight_say_that_the_attitude_is_not_a_number():
 
 @mark.parametrize("end_time", [15.5, 18.0])
 def test_the_event_ends_with_the_next_number_and_needs_a_second(end_time):
-    live = replay(flown(end_time=end_time))
+    live = replay(frames_of_flight(end_time=end_time))
     alarms = [fact for fact in live.facts if fact.code is SessionFact.ALARM]
     assert len(alarms) == (0 if end_time < 16.0 else 1)
     if alarms:

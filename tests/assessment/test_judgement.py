@@ -66,8 +66,8 @@ def test_a_warning_counts_where_nothing_shows_whether_the_vehicle_flew(message):
 def test_a_larger_loss_that_recovered_is_not_hidden_by_a_smaller_that_lasts():
     large = MotorChange(10, 10, 2, "motor 2", 0.5, 1, loss=(0.3, 0.5))
     small = large._replace(motor=4, name="motor 4", size=0.1)
-    found = thrust_losses([large, large._replace(onset_time=30.0, size=0.0), small])
-    assert headline(lights(), events=found[::-1]).remedy.startswith(
+    losses = thrust_losses([large, large._replace(onset_time=30.0, size=0.0), small])
+    assert headline(lights(), events=losses[::-1]).remedy.startswith(
         "Do not fly before motor 2 and motor 4"
     )
 
@@ -95,22 +95,22 @@ WARNING = prose("A warning.").replace(Level.WATCH)
     ],
 )
 def test_the_headline_is_the_worst_that_was_found(levels, more, said):
-    known = lights(**levels)
-    worst = headline(known, **more)
+    status_lights = lights(**levels)
+    worst = headline(status_lights, **more)
     assert worst.sentence == said
-    following = choose_next_step(worst, known, Fact(NextStep.KEEP_MODEL))
+    following = choose_next_step(worst, status_lights, Fact(NextStep.KEEP_MODEL))
     assert following.code is NextStep.DO_AS_ADVISED
     assert following.figures["reason"] == worst
-    if known[Light.POWER] in following.figures["also"]:
+    if status_lights[Light.POWER] in following.figures["also"]:
         assert Light.POWER in levels
     else:
         assert Light.POWER not in levels
 
 
 def test_a_bad_battery_does_not_hide_the_advice_on_bad_vibration():
-    known = lights(power="bad", vibration="bad")
-    following = choose_next_step(known[Light.POWER], known, None)
-    assert known[Light.VIBRATION] in following.figures["also"]
+    status_lights = lights(power="bad", vibration="bad")
+    following = choose_next_step(status_lights[Light.POWER], status_lights, None)
+    assert status_lights[Light.VIBRATION] in following.figures["also"]
 
 
 def test_the_next_step_after_a_report_of_a_battery_names_the_one_that_was_measured():
@@ -149,11 +149,13 @@ def test_the_next_step_says_first_not_to_fly_where_the_headline_does_not():
 
 @mark.parametrize("code", [Ending.CONTROL_LOST, Ending.CRASHED])
 def test_after_a_loss_each_bad_light_is_in_the_next_step_and_a_bad_motor_first(code):
-    known = lights(vibration="bad")
-    known[Light.MOTORS] = Fact(MotorsLight.MOTOR_LIMITED, subject="motor 2 (left)", share=0.1)
+    status_lights = lights(vibration="bad")
+    status_lights[Light.MOTORS] = Fact(
+        MotorsLight.MOTOR_LIMITED, subject="motor 2 (left)", share=0.1
+    )
     lost = Fact(code, time=9.0, height=2.0, cause=None, word=None)
-    following = choose_next_step(lost, known, None)
-    assert known[Light.VIBRATION] in following.figures["also"]
+    following = choose_next_step(lost, status_lights, None)
+    assert status_lights[Light.VIBRATION] in following.figures["also"]
     assert "motor 2 first" in str(following) and str(following).count("motor 2") == 1
 
 
@@ -161,9 +163,9 @@ def test_after_a_loss_each_bad_light_is_in_the_next_step_and_a_bad_motor_first(c
     "cause_subject, is_added", [("", True), ("motor 3", True), ("motor 2 (left)", False)]
 )
 def test_the_headline_of_a_crash_has_a_motor_that_was_weak_before(cause_subject, is_added):
-    known = lights()
+    status_lights = lights()
     # A trim is only to be watched, and no bad light.
-    known[Light.MOTORS] = Fact(
+    status_lights[Light.MOTORS] = Fact(
         TrimFact.TRIM_OF_LEADING_MOTOR,
         subject="motor 2 (left)",
         deviation=0.1,
@@ -172,43 +174,47 @@ def test_the_headline_of_a_crash_has_a_motor_that_was_weak_before(cause_subject,
     )
     cause = Fact(FailedFirst.LIMIT_FIRST, subject=cause_subject) if cause_subject else None
     crash = Fact(Ending.CRASHED, time=9.0, height=2.0, cause=cause, word=None)
-    worst = headline(known, ending=crash)
+    worst = headline(status_lights, ending=crash)
     clause = "; the flight before shows that motor 2 works 10 ± 4 % harder than the mean"
     assert (clause in str(worst)) is is_added
     if cause is None:
-        assert "motor 2 first" in str(choose_next_step(worst, known, None))
+        assert "motor 2 first" in str(choose_next_step(worst, status_lights, None))
 
 
 def test_a_light_that_only_repeats_what_to_do_first_is_not_in_the_next_step():
-    known = lights(vibration="bad")
+    status_lights = lights(vibration="bad")
     lost = Fact(Ending.CRASHED, time=9.0, height=2.0, cause=None, word=None)
     first = Fact(LoopAction.DO_FIRST, reason=lost)
-    known[Light.MARGINS] = prose("Too little margin.").replace(Level.BAD).replace(action=first)
-    following = choose_next_step(lost, known, None)
-    assert following.figures["also"] == (known[Light.VIBRATION],)
+    status_lights[Light.MARGINS] = (
+        prose("Too little margin.").replace(Level.BAD).replace(action=first)
+    )
+    following = choose_next_step(lost, status_lights, None)
+    assert following.figures["also"] == (status_lights[Light.VIBRATION],)
 
 
-def test_without_a_flight_it_says_why():
-    known = lights(motors="watch")
-    assert headline(known, airborne=0.0) == GROUNDED
-    assert choose_next_step(GROUNDED, known, None).figures["reason"] == GROUNDED
+def test_without_a_flight_headline_and_next_step_have_the_reason():
+    status_lights = lights(motors="watch")
+    assert headline(status_lights, airborne=0.0) == GROUNDED
+    assert choose_next_step(GROUNDED, status_lights, None).figures["reason"] == GROUNDED
 
 
 def test_nothing_wrong_is_said_of_what_was_checked_only():
-    known = lights(margins="unknown", log="watch", wind="watch")
-    known["motors"] = known["motors"].replace(most_loss=0.36)
-    sound = headline(known)
+    status_lights = lights(margins="unknown", log="watch", wind="watch")
+    status_lights["motors"] = status_lights["motors"].replace(most_loss=0.36)
+    sound = headline(status_lights)
     assert "found: motors (losses over 36 %), tracking" in sound.sentence
     assert (sound.code, sound.level) == (Headline.NOTHING_WRONG, "good")
     assert sound.figures["missing"] == (Light.MARGINS,)
-    assert choose_next_step(sound, known, None).figures["reason"] == known[Light.LOG]
+    assert (
+        choose_next_step(sound, status_lights, None).figures["reason"] == status_lights[Light.LOG]
+    )
     dark = dict.fromkeys(Light, "unknown")
     little = headline(lights(**dark | {"tracking": "good"}))
     assert (little.code, little.level) == (Headline.NOTHING_WRONG, "unknown")
     # Motors alone, or with one light more, are too little as well.
-    known = dark | {"motors": "good", "margins": "good"}
-    assert headline(lights(**known)).level == "unknown"
-    assert headline(lights(**known | {"power": "good"})).level == "good"
+    status_lights = dark | {"motors": "good", "margins": "good"}
+    assert headline(lights(**status_lights)).level == "unknown"
+    assert headline(lights(**status_lights | {"power": "good"})).level == "good"
     nothing = headline(lights(**dark | {"log": "good"}))
     assert nothing.code is Headline.NOTHING_CHECKED
     assert nothing.figures["reason"].level == "unknown"
@@ -223,11 +229,11 @@ def test_what_a_check_has_shown_is_no_reason_why_nothing_was_judged():
 
 
 def test_a_sound_vehicle_is_told_what_its_model_is_worth():
-    known = lights()
-    sound = headline(known)
+    status_lights = lights()
+    sound = headline(status_lights)
     longer = Fact(NextStep.FLY_LONGER)
-    assert choose_next_step(sound, known, longer) is longer
-    assert choose_next_step(sound, known, None).code is NextStep.KEEP_MODEL
+    assert choose_next_step(sound, status_lights, longer) is longer
+    assert choose_next_step(sound, status_lights, None).code is NextStep.KEEP_MODEL
 
 
 def event(code, level=Level.WATCH, **figures):
@@ -271,19 +277,21 @@ def test_losses_failsafes_and_impacts_rank_above_trims_and_vibration(known, even
 
 @mark.parametrize("name", ["power", "motors", "vibration"])
 def test_a_bad_light_ranks_above_a_log_that_ends_in_the_air(name):
-    known = lights(**{name: "bad"})
+    status_lights = lights(**{name: "bad"})
     ended = event(MotionEvent.LOG_ENDED_IN_AIR, height=9.0)
-    assert headline(known, events=(ended,)) is known[name]
+    assert headline(status_lights, events=(ended,)) is status_lights[name]
 
 
 def test_a_hard_landing_ranks_above_lights_to_watch_and_below_those_that_are_bad():
     landed = event(MotionEvent.LANDED_HARD, speed=2.8)
-    known = lights(estimator="watch")
-    worst = headline(known, events=(landed,))
+    status_lights = lights(estimator="watch")
+    worst = headline(status_lights, events=(landed,))
     assert worst is landed
-    assert str(choose_next_step(worst, known, None)).startswith("Check legs, arms and propellers")
-    known = lights(motors="bad")
-    assert headline(known, events=(landed,)) is known[Light.MOTORS]
+    assert str(choose_next_step(worst, status_lights, None)).startswith(
+        "Check legs, arms and propellers"
+    )
+    status_lights = lights(motors="bad")
+    assert headline(status_lights, events=(landed,)) is status_lights[Light.MOTORS]
 
 
 @mark.parametrize(

@@ -44,11 +44,13 @@ def falls_short(at_limit_share):
     return Fact(TrackingLight.RATE_FALLS_SHORT, Level.WATCH, axis="roll", **figures)
 
 
-def decided(loop=NOT_STEERED, tracking=FOLLOWS, parameters=PX4, doubts=(), swing=None, **margins):
+def decision_on_roll(
+    loop=NOT_STEERED, tracking=FOLLOWS, parameters=PX4, doubts=(), swing=None, **margins
+):
     """The decision on roll, with these sources of its margins."""
-    known = {"response": None, "peak": None, "injected": None, **margins}
+    sources = {"response": None, "peak": None, "injected": None, **margins}
     observations = LoopObservations(
-        AxisMargins("roll", loop, **known),
+        AxisMargins("roll", loop, **sources),
         tracking,
         oscillation=None,
         gain_reduction=None,
@@ -82,20 +84,20 @@ def test_an_error_of_a_swinging_attitude_is_remedied_as_the_swing(level, swing, 
     if swing is not None:
         figures = {"angle": 0.4, "count": 4, "period": 3.2, **swing}
         event = Fact(MotionEvent.ATTITUDE_SWUNG, time=5.0, end_time=9.8, subject="roll", **figures)
-    decision = decided(tracking=MISSES.replace(level), swing=event)
+    decision = decision_on_roll(tracking=MISSES.replace(level), swing=event)
     assert decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY
     assert advised in decision.action.sentence
 
 
 def test_a_loop_with_its_margins_stays_as_it_is():
-    decision = decided(made_up())
+    decision = decision_on_roll(made_up())
     assert (decision.diagnosis, decision.action) == (LoopDiagnosis.NOTHING_WRONG, None)
     assert decision.reason.code is MarginsLight.LOOP_MARGINS and not decision.doubts
 
 
 @mark.parametrize("tracking", [FOLLOWS, OVERSHOOTS, falls_short(0.0)])
 def test_a_loop_below_the_goal_gets_advised_gains_whatever_it_does_in_flight(tracking):
-    decision = decided(made_up(4.5), tracking, response=RESONANCE)
+    decision = decision_on_roll(made_up(4.5), tracking, response=RESONANCE)
     assert decision.diagnosis is LoopDiagnosis.BELOW_GOAL and not decision.doubts
     assert decision.action.sentence == (
         "Load the gains that `mavdem tune my.tlog --axis all` advises."
@@ -107,7 +109,7 @@ def test_a_loop_below_the_goal_of_a_biased_effectiveness_gets_advised_gains():
     loop = made_up(4.5)
     caution = Fact(LoopFact.EFFECT_BIASED, reason=NOT_STEERED)
     biased = replace(loop, plant=loop.plant._replace(bias=-0.15), cautions=(caution,))
-    decision = decided(biased)
+    decision = decision_on_roll(biased)
     assert (decision.diagnosis, decision.doubts) == (LoopDiagnosis.BELOW_GOAL, ())
     assert decision.action.code is LoopAction.LOAD_ADVISED_GAINS
 
@@ -115,7 +117,7 @@ def test_a_loop_below_the_goal_of_a_biased_effectiveness_gets_advised_gains():
 def test_a_flight_that_is_no_basis_for_the_advised_gains_is_flown_again_before_they_are_loaded():
     advice = advise(made_up(2.5))
     assert advice.parameters and not advice.is_sound
-    decision = decided(made_up(2.5))
+    decision = decision_on_roll(made_up(2.5))
     assert (decision.diagnosis, decision.doubts) == (LoopDiagnosis.BELOW_GOAL, ())
     assert decision.action.code is LoopAction.FLY_BEFORE_GAINS
     assert decision.action.sentence.startswith("Keep the gains, and fly ten small, quick doublets")
@@ -124,7 +126,7 @@ def test_a_flight_that_is_no_basis_for_the_advised_gains_is_flown_again_before_t
         shares["share"] == advice.sure
         and shares["share_lacking"] == advice.fraction_without_margins_before
     )
-    to_load = decided(made_up(4.5)).action
+    to_load = decision_on_roll(made_up(4.5)).action
     assert to_load.code is LoopAction.LOAD_ADVISED_GAINS
     # What another axis surely needs is not put off.
     assert common_action([decision.action, to_load]) is to_load
@@ -132,7 +134,7 @@ def test_a_flight_that_is_no_basis_for_the_advised_gains_is_flown_again_before_t
 
 
 def test_a_loop_that_meets_the_goal_only_in_many_models_is_flown_first():
-    decision = decided(made_up(1.7))
+    decision = decision_on_roll(made_up(1.7))
     assert (decision.diagnosis, decision.doubts) == (LoopDiagnosis.UNKNOWN, ())
     assert decision.action.code is LoopAction.FLY_DOUBLETS
 
@@ -147,11 +149,11 @@ def test_sure_margins_of_a_contradicted_model_are_watched_and_give_no_gains(fact
     assert fact.level is Level.WATCH
     assert fact.sentence.startswith("Margins in doubt: the roll ")
     assert fact.sentence.endswith("by a model whose response differs from the flight's.")
-    decision = decided(loop, contradiction=contradiction)
+    decision = decision_on_roll(loop, contradiction=contradiction)
     assert (decision.diagnosis, decision.doubts) == (LoopDiagnosis.UNKNOWN, (contradiction,))
     assert decision.action.code is LoopAction.FLY_DOUBLETS
     # What was measured of the tracking needs no model.
-    overshooting = decided(loop, OVERSHOOTS, contradiction=contradiction)
+    overshooting = decision_on_roll(loop, OVERSHOOTS, contradiction=contradiction)
     assert overshooting.diagnosis is LoopDiagnosis.FOLLOWS_BADLY
 
 
@@ -198,14 +200,14 @@ def test_a_response_at_limits_or_of_other_gains_contradicts_no_loop(
 
 def test_a_loop_that_the_flight_refutes_gives_no_gains():
     refusal = Fact(ResponseFact.RESPONSE_DISAGREES, share=0.3, needed=0.8)
-    decision = decided(refusal)
+    decision = decision_on_roll(refusal)
     assert decision.diagnosis is LoopDiagnosis.UNKNOWN and decision.doubts == (refusal,)
     assert decision.fact.remedy == refusal.remedy
 
 
 def test_a_measured_resonance_lowers_p_and_d_unless_the_loop_explains_it():
     for loop in (made_up(), NOT_STEERED):
-        decision = decided(loop, response=RESONANCE)
+        decision = decision_on_roll(loop, response=RESONANCE)
         assert decision.diagnosis is LoopDiagnosis.BELOW_GOAL
         assert changed_gains(decision) == {"MC_ROLLRATE_P": 0.1, "MC_ROLLRATE_D": 0.002}
         assert decision.doubts[0].code is MarginsLight.RESONATES
@@ -228,7 +230,7 @@ def integrating_loop(crossover):
     ],
 )
 def test_an_injected_signal_outranks_the_identified_loop(crossover, diagnosis, gains):
-    decision = decided(made_up(2.5), injected=integrating_loop(crossover))
+    decision = decision_on_roll(made_up(2.5), injected=integrating_loop(crossover))
     assert decision.diagnosis is diagnosis
     assert decision.reason.code is MarginsLight.LOOP_MEASURED
     assert decision.doubts == (decision.reason,), "no gains are computed from such a flight"
@@ -236,27 +238,27 @@ def test_an_injected_signal_outranks_the_identified_loop(crossover, diagnosis, g
 
 
 def test_a_resonance_outranks_an_injected_signal_that_shows_none():
-    decision = decided(made_up(), injected=integrating_loop(5.0), response=RESONANCE)
+    decision = decision_on_roll(made_up(), injected=integrating_loop(5.0), response=RESONANCE)
     assert decision.reason.code is MarginsLight.RESONATES
     assert decision.diagnosis is LoopDiagnosis.BELOW_GOAL
 
 
 def test_an_overshoot_lowers_the_angle_gain_only_where_no_margin_is_small():
     for loop in (made_up(), NOT_STEERED):
-        decision = decided(loop, OVERSHOOTS)
+        decision = decision_on_roll(loop, OVERSHOOTS)
         assert decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY
         assert changed_gains(decision) == {"MC_ROLL_P": 4.333333}
         assert decision.doubts == (decision.reason,)
-    unnamed = decided(NOT_STEERED, OVERSHOOTS, parameters={}).action
+    unnamed = decision_on_roll(NOT_STEERED, OVERSHOOTS, parameters={}).action
     assert unnamed.sentence == "Lower the P gain of the roll angle by a third."
 
 
 def test_an_axis_that_is_too_slow_gets_higher_gains_unless_a_motor_is_at_a_limit():
-    slow = decided(made_up(), falls_short(0.0))
+    slow = decision_on_roll(made_up(), falls_short(0.0))
     assert slow.is_too_slow and slow.action.code is LoopAction.RAISE_AS_ADVISED
-    limited = decided(made_up(), falls_short(0.4))
+    limited = decision_on_roll(made_up(), falls_short(0.4))
     assert not limited.is_too_slow and limited.action.code is LoopAction.SLOWER_TURNS
-    unknown = decided(NOT_STEERED, falls_short(None))
+    unknown = decision_on_roll(NOT_STEERED, falls_short(None))
     assert unknown.action.sentence == NOT_STEERED.remedy
     for decision in (slow, limited, unknown):
         assert decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY
@@ -264,22 +266,22 @@ def test_an_axis_that_is_too_slow_gets_higher_gains_unless_a_motor_is_at_a_limit
 
 @mark.parametrize("factor", [1.0, 2.5])
 def test_an_angle_that_is_missed_asks_for_a_look_at_the_vehicle(factor):
-    decision = decided(made_up(factor), MISSES)
+    decision = decision_on_roll(made_up(factor), MISSES)
     assert decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY and decision.doubts
     assert decision.action.sentence == "Check motors, propellers and load before the next flight."
 
 
 def test_a_peak_of_the_spectrum_alone_decides_nothing():
-    decision = decided(NOT_STEERED, peak=PEAK)
+    decision = decision_on_roll(NOT_STEERED, peak=PEAK)
     assert decision.diagnosis is LoopDiagnosis.UNKNOWN
     trial, logging = decision.fact.remedy.split(" stays. ")
     assert changed_gains(decision) == {"MC_ROLLRATE_P": 0.1, "MC_ROLLRATE_D": 0.002}
     assert trial.startswith("Hover for a minute with MC_ROLLRATE_P 0.1 for 0.15 and MC_ROLLRATE_D")
     assert logging.startswith("Log the rate setpoint")
-    without_gains = decided(NOT_STEERED, peak=PEAK, parameters={})
+    without_gains = decision_on_roll(NOT_STEERED, peak=PEAK, parameters={})
     assert "with P and D of the roll rate controller a third lower:" in without_gains.fact.remedy
     assert not decision.fact.grounded.remedy
-    repaired = decided(NOT_STEERED, peak=PEAK, doubts=(Fact(Ending.CRASHED, time=9.0),))
+    repaired = decision_on_roll(NOT_STEERED, peak=PEAK, doubts=(Fact(Ending.CRASHED, time=9.0),))
     assert repaired.action.code is LoopAction.DO_FIRST
 
 
@@ -297,16 +299,16 @@ def test_a_limit_cycle_comes_first_and_hides_the_other_axes():
 
 def test_a_vehicle_that_must_be_repaired_keeps_its_diagnosis_and_gets_no_gains():
     crashed = Fact(Ending.CRASHED, time=20.0)
-    decision = decided(made_up(2.5), doubts=(crashed,))
+    decision = decision_on_roll(made_up(2.5), doubts=(crashed,))
     assert decision.diagnosis is LoopDiagnosis.BELOW_GOAL and decision.doubts == (crashed,)
     assert decision.action.figures["reason"] == crashed
-    sound_axis = decided(made_up(), doubts=(crashed,))
+    sound_axis = decision_on_roll(made_up(), doubts=(crashed,))
     assert (sound_axis.diagnosis, sound_axis.action) == (LoopDiagnosis.NOTHING_WRONG, None)
     assert sound_axis.doubts == (crashed,)
 
 
 def test_gains_of_several_axes_are_lowered_in_one_sentence():
-    roll = decided(NOT_STEERED, OVERSHOOTS).action
+    roll = decision_on_roll(NOT_STEERED, OVERSHOOTS).action
     pitch = roll.replace(axis="pitch", changes=[("MC_PITCH_P", 6.0, 4.0)])
     assert common_action([None, roll, pitch]).sentence == (
         "Lower MC_ROLL_P from 6.5 to 4.333 and MC_PITCH_P from 6 to 4."

@@ -24,8 +24,11 @@ STABILIZE = 0
 P = "ATC_RAT_RLL_P"
 
 
-def flown(values, modes=()):
-    """What is left of a hover in which parameters were set, by name, time and value, and the fact about it."""
+def sections_and_caution(values, modes=()):
+    """Returns the sections with one set of gains of a hover in which parameters were set, and the caution about them.
+
+    ``values`` has name, time and value of each parameter that was set.
+    """
     telemetry = Hover().telemetry(parameters={name: value for name, _, value in values})
     names, times, set_to = zip(*values, strict=True)
     sent = {"param_id": np.array([name.encode() for name in names])}
@@ -41,45 +44,50 @@ def flown(values, modes=()):
 
 
 def test_the_longest_part_with_one_set_of_gains_has_these():
-    (part,), caution = flown([(P, 1.0, 0.5), (P, 30.0, 0.25), (P, 32.0, 0.125)])
+    (part,), caution = sections_and_caution([(P, 1.0, 0.5), (P, 30.0, 0.25), (P, 32.0, 0.125)])
     assert (part.time[0], part.time[-1]) == approx((32.0, 51.0), abs=1)
     assert part.provenance["parameters"][P] == 0.125
     assert (caution.code, caution.figures["names"]) == (LoopFact.GAINS_OF_PART, (P,))
     durations, values = zip(*caution.figures["parts"], strict=True)
     assert durations == approx((18.0, 2.0), abs=1) and values == (((P, 0.5),), ((P, 0.25),))
     assert caution.figures["duration"] == approx(part.duration)
-    (part,), _ = flown([(P, 1.0, 0.5), (P, 35.0, 0.25)])
+    (part,), _ = sections_and_caution([(P, 1.0, 0.5), (P, 35.0, 0.25)])
     assert part.time[-1] == approx(35.0, abs=0.01)
     assert part.provenance["parameters"][P] == 0.5
 
 
 def spans(parts):
-    return [(round(one.time[0]), round(one.time[-1])) for one in parts]
+    return [(round(part.time[0]), round(part.time[-1])) for part in parts]
 
 
 def test_parts_with_the_same_gains_count_together():
-    parts, _ = flown([(P, 1.0, 0.5), (P, 24.0, 0.25), (P, 39.0, 0.5)])
+    parts, _ = sections_and_caution([(P, 1.0, 0.5), (P, 24.0, 0.25), (P, 39.0, 0.5)])
     assert spans(parts) == [(12, 24), (39, 51)]
 
 
 @mark.parametrize("name", ["ATC_RAT_PIT_P", "MOT_THST_HOVER", "RTL_ALT"])
-def test_what_is_not_of_this_axis_cuts_nothing(name):
-    (part,), caution = flown([(P, 1.0, 0.5), (name, 2.0, 0.5), (name, 30.0, 0.25)])
+def test_parameters_of_other_axes_do_not_divide_the_flight(name):
+    (part,), caution = sections_and_caution([(P, 1.0, 0.5), (name, 2.0, 0.5), (name, 30.0, 0.25)])
     assert caution is None and round(part.duration) == 39
 
 
 def test_a_change_after_the_flight_leaves_the_gains_that_were_flown():
-    (part,), caution = flown([(P, 1.0, 0.5), (P, 70.0, 0.25)])
+    (part,), caution = sections_and_caution([(P, 1.0, 0.5), (P, 70.0, 0.25)])
     assert caution is None and part.provenance["parameters"][P] == 0.5
     assert part.provenance["earlier"] == {}
 
 
 def test_autotune_has_gains_that_no_parameter_has():
-    given = [(P, 1.0, 0.5)]
-    parts, caution = flown(given, [(0.0, STABILIZE), (20.0, AUTOTUNE), (30.0, STABILIZE)])
+    parameter_changes = [(P, 1.0, 0.5)]
+    parts, caution = sections_and_caution(
+        parameter_changes, [(0.0, STABILIZE), (20.0, AUTOTUNE), (30.0, STABILIZE)]
+    )
     assert spans(parts) == [(12, 20), (30, 51)]
     assert (caution.code, caution.figures["names"]) == (LoopFact.GAINS_OF_PART, ())
-    assert refused(flown, given, [(0.0, AUTOTUNE)]).code is LoopFact.GAINS_OF_AUTOTUNE
+    assert (
+        refused(sections_and_caution, parameter_changes, [(0.0, AUTOTUNE)]).code
+        is LoopFact.GAINS_OF_AUTOTUNE
+    )
 
 
 @mark.slow
@@ -93,10 +101,10 @@ def test_a_recorded_autotune_has_its_span_and_what_it_found():
 
 
 def test_autotune_of_yaw_names_what_it_tuned_and_damage_is_no_number():
-    said = "AutoTune: Yaw(E) Rate: P:0.5.1, I:0.05", "AutoTune: Pitch Rate: P:0.2"
-    said += ("AutoTune: Yaw Angle P:36.000, Max Accel:609317",)
+    texts = "AutoTune: Yaw(E) Rate: P:0.5.1, I:0.05", "AutoTune: Pitch Rate: P:0.2"
+    texts += ("AutoTune: Yaw Angle P:36.000, Max Accel:609317",)
     tuned = autotune_fact(
-        Signals(with_texts(Hover().telemetry(), *said), "yaw"), Fact(LoopFact.NOT_STEERED)
+        Signals(with_texts(Hover().telemetry(), *texts), "yaw"), Fact(LoopFact.NOT_STEERED)
     )
     assert tuned.figures["changes"] == (
         ("ATC_RAT_YAW_P", None, 0.5),

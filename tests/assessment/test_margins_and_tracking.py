@@ -63,8 +63,8 @@ def noise(seed=1):
     return lfilter([0.2, 0.4, 0.2], [1.0, -0.3, 0.1], values)
 
 
-def followed(setpoint, damping, omega):
-    """What follows a setpoint by ω² / (s² + 2 ζ ω s + ω²)."""
+def second_order_response(setpoint, damping, omega):
+    """Returns the response to a setpoint, sampled at 100 Hz, of the system ω² / (s² + 2 ζ ω s + ω²)."""
     pole = np.exp((-damping + 1j * np.sqrt(1 - damping**2)) * omega * 0.01)
     denominator = [1.0, -2 * pole.real, abs(pole) ** 2]
     return lfilter([0.0, sum(denominator)], denominator, setpoint)
@@ -73,37 +73,37 @@ def followed(setpoint, damping, omega):
 def closed_loop(margin):
     """A rate at 10 Hz and its setpoint, of a loop that has about so many degrees of phase margin."""
     setpoint = noise()
-    rate = followed(setpoint, np.tan(np.radians(margin)) / 2, 20 * np.pi)
+    rate = second_order_response(setpoint, np.tan(np.radians(margin)) / 2, 20 * np.pi)
     return rate + 0.05 * noise(2), setpoint
 
 
-def asked(telemetry, rate=None, angle=None):
-    """With setpoints of roll at 100 Hz, (N,) rad/s or rad."""
+def with_setpoint(telemetry, rate=None, angle=None):
+    """Returns telemetry with setpoints of roll at 100 Hz, (N,) rad/s or rad, in addition."""
     return asking(telemetry, TIME, RATES if rate is None else ATTITUDE, rate, angle)
 
 
 def flight(rate, setpoint):
     """A hover at 100 Hz with a roll rate and its setpoint, (N,) rad/s."""
-    return asked(changed(HOVER.telemetry(), "ATTITUDE", rollspeed=rate), rate=setpoint)
+    return with_setpoint(changed(HOVER.telemetry(), "ATTITUDE", rollspeed=rate), rate=setpoint)
 
 
 def test_a_resonance_is_seen_by_the_response_to_the_setpoint():
-    found = evidence(flight(*closed_loop(12.0)))
-    light = margins_light(found)
+    flight_evidence = evidence(flight(*closed_loop(12.0)))
+    light = margins_light(flight_evidence)
     assert (light.code, light.level) == (MarginsLight.RESONATES, "bad")
-    seen = found.margins[0].response
-    assert seen.frequency == approx(10.0, abs=1.0) and seen.coherence > 0.9
-    assert seen.peak == approx(0.5 / np.sin(np.radians(6.0)), rel=0.2)
+    response = flight_evidence.margins[0].response
+    assert response.frequency == approx(10.0, abs=1.0) and response.coherence > 0.9
+    assert response.peak == approx(0.5 / np.sin(np.radians(6.0)), rel=0.2)
 
 
 def test_where_no_resonance_shows_it_is_said_up_to_which_frequency():
-    found = evidence(flight(*closed_loop(60.0)))
-    light = margins_light(found)
+    flight_evidence = evidence(flight(*closed_loop(60.0)))
+    light = margins_light(flight_evidence)
     assert (light.code, light.level) == (MarginsLight.NO_RESONANCE, "good")
-    margins = found.margins[0]
+    margins = flight_evidence.margins[0]
     slow = replace(margins.response, max_frequency=19.0)
-    vars(found)["margins"] = (replace(margins, response=slow),)
-    assert margins_light(found).sentence.endswith("No resonance shows up to 19 Hz.")
+    vars(flight_evidence)["margins"] = (replace(margins, response=slow),)
+    assert margins_light(flight_evidence).sentence.endswith("No resonance shows up to 19 Hz.")
 
 
 def test_a_peak_asks_for_no_setpoint_where_one_was_logged():
@@ -122,21 +122,21 @@ def test_a_setpoint_that_only_answers_the_rate_shows_no_response():
 
 
 def test_what_the_autopilot_injects_shows_no_margin():
-    made = flight(*closed_loop(12.0))
-    autotune = changed(made, "CURRENT_MODE", **columns([8.0], custom_mode=[15]))
+    telemetry = flight(*closed_loop(12.0))
+    autotune = changed(telemetry, "CURRENT_MODE", **columns([8.0], custom_mode=[15]))
     assert margins_light(evidence(autotune)).level == "unknown"
 
 
-def oscillating(found):
-    """The same of a vehicle that oscillates."""
+def with_oscillation(found):
+    """Returns evidence with a limit cycle of pitch and roll at 5 Hz in its condition."""
     swinging = Oscillation("pitch", 5.0, 40.0, 0.98, False, 20.0)
     swinging = swinging._replace(other_axes=(swinging._replace(axis="roll", rate=9.0),))
     return replace(found, condition=replace(found.condition, oscillation=swinging))
 
 
 @mark.slow
-def test_a_limit_cycle_goes_before_all():
-    swinging = oscillating(evidence(flight(*closed_loop(60.0))))
+def test_a_limit_cycle_decides_the_lights_of_motors_margins_and_tracking():
+    swinging = with_oscillation(evidence(flight(*closed_loop(60.0))))
     assert motors_light(swinging).sentence.endswith("upper or lower limit 98 % of the time.")
     light = margins_light(swinging)
     assert (light.code, light.level) == (MarginsLight.OSCILLATES, "bad")
@@ -144,12 +144,12 @@ def test_a_limit_cycle_goes_before_all():
     assert light.sentence.startswith("Pitch and roll oscillate: pitch at 5 Hz, by 40 °/s; roll")
     # Wrong motors make a vehicle tumble; 5 Hz are those of gains.
     assert "Lower" in light.remedy and "frame type" not in light.remedy
-    light = tracking_light(oscillating(following(0.1)))
+    light = tracking_light(with_oscillation(evidence_of_delayed_roll(0.1)))
     assert (light.code, light.level) == (TrackingLight.FOLLOWS_SETPOINT, "watch")
 
 
-def test_what_hides_the_margins_is_said_at_any_rate():
-    for refusal, said in (
+def test_the_reason_for_unknown_margins_is_stated_at_any_message_rate():
+    for refusal, statement in (
         (
             Fact(LoopFact.NOT_STEERED, share=0.3),
             "No margins: commands explain only 30 % of the rate's motion, wind and noise the rest.",
@@ -169,7 +169,7 @@ def test_what_hides_the_margins_is_said_at_any_rate():
     ):
         light = margins_light(evidence(HOVER.telemetry(10.0, 10.0), loops={"roll": refusal}))
         assert light.level == "unknown" and light.figures["reason"] is refusal
-        assert light.sentence.endswith(said) and "there are the" not in light.sentence
+        assert light.sentence.endswith(statement) and "there are the" not in light.sentence
         assert light.sentence.lower().count("no margins") <= 1
 
 
@@ -180,50 +180,53 @@ def test_the_worst_loop_of_a_flight_is_rated():
     assert list(loops) == ["roll", "pitch", "yaw"] and isinstance(loops["pitch"], Fact)
     # A vehicle whose control effectiveness is known: a doubtful one gives no gains.
     plant = loops["roll"].plant
-    known = plant._replace(bias=0.0, status={**plant.status, "effect": Status.REPORTED})
-    loops["roll"] = replace(loops["roll"], plant=known, cautions=())
+    identified_plant = plant._replace(bias=0.0, status={**plant.status, "effect": Status.REPORTED})
+    loops["roll"] = replace(loops["roll"], plant=identified_plant, cautions=())
     # Nine of ten models of pitch lack margin with this gain, so that the flight is a basis for new ones.
     tighter = loops["roll"].with_parameters({"ATC_RAT_RLL_P": 1.12 * loops["roll"].controller.p})
     loops["pitch"] = replace(tighter, axis="pitch")
     added = Fact(Repair.PARAMETERS_ADDED, count=1, path="my.param")
     vehicle = replace(log.vehicles[0], repairs=(added,))
     log = replace(log, source="my flight.tlog", vehicles=2 * log.vehicles)
-    found = evidence(vehicle, loops=loops, log=log)
+    flight_evidence = evidence(vehicle, loops=loops, log=log)
     # The grades of a model take time, and are only asked for if nothing is wrong.
     grade_purposes = Mock(return_value=())
-    light = judge(found, grade_purposes).lights["margins"]
+    light = judge(flight_evidence, grade_purposes).lights["margins"]
     grade_purposes.assert_not_called()
     assert (light.code, light.level) == (MarginsLight.LOOP_MARGINS, "watch")
     assert light.remedy == (
         "Load the gains that `mavdem tune 'my flight.tlog' --vehicle 1:1 --params my.param --axis all` advises."
     )
     assert light.figures["axis"] == "pitch"
-    alive = replace(found, log=replace(log, source="", vehicles=log.vehicles[:1]))
+    alive = replace(flight_evidence, log=replace(log, source="", vehicles=log.vehicles[:1]))
     assert "`mavdem tune --params my.param --axis all`" in judge(alive).lights["margins"].remedy
     disagrees = Fact(ResponseFact.RESPONSE_DISAGREES, share=0.3, needed=0.8)
     measured = MeasuredResponse((0.5, 9.0), 30.0, 30.0, 1.0, disagrees)
     loops["roll"] = replace(loops["roll"], measured=measured)
-    light = margins_light(replace(found, loops=loops))
+    light = margins_light(replace(flight_evidence, loops=loops))
     assert light.figures["reason"] is disagrees  # pitch, which nothing confirms, does not count
 
 
-def following(size, late=0.2, error=0.0):
-    """Roll ``late`` s behind a setpoint of this standard deviation, rad, and that many rad off."""
+def evidence_of_delayed_roll(size, late=0.2, error=0.0):
+    """Returns evidence of a roll that follows a moving setpoint ``late`` s later, with a constant ``error``, rad.
+
+    ``size`` is the amplitude of each of the two sines of the setpoint, rad.
+    """
 
     def steered(time):
         return size * (np.sin(1.3 * time) + np.sin(2.9 * time + 1.0))
 
     telemetry = changed(HOVER.telemetry(), "ATTITUDE", roll=steered(TIME - late) + error)
-    return evidence(asked(telemetry, angle=steered(TIME)))
+    return evidence(with_setpoint(telemetry, angle=steered(TIME)))
 
 
 @mark.slow
-def test_tracking_has_the_error_without_the_delay():
-    light = tracking_light(following(0.1))
+def test_the_tracking_error_excludes_the_delay():
+    light = tracking_light(evidence_of_delayed_roll(0.1))
     assert (light.code, light.level) == (TrackingLight.FOLLOWS_SETPOINT, "good")
     assert light.figures["delay"] == approx(0.2, abs=0.021)
     assert light.figures["angle_error"] < 0.01
-    axes = following(0.1, late=0.0, error=0.02).tracking
+    axes = evidence_of_delayed_roll(0.1, late=0.0, error=0.02).tracking
     figures = axes["roll"].figures
     assert figures["offset_angle"] == approx(0.02, rel=0.05)
     assert figures["angle_error"] == approx(0.02, rel=0.05)
@@ -243,13 +246,13 @@ def test_the_axis_nearest_to_bad_is_named():
     tilts = {"roll": missing("roll", 4.0, 10.0), "pitch": missing("pitch", 5.5, 10.0)}
     for level, named in ((Level.WATCH, "yaw"), (Level.GOOD, "pitch")):
         tracking = tilts | {"yaw": missing("yaw", 13.0, 15.0, level)}
-        found = partial_record(
+        flight_evidence = partial_record(
             Evidence,
             tracking=tracking,
             other_vehicle=None,
             condition=Condition(60.0),
         )
-        light = tracking_light(found)
+        light = tracking_light(flight_evidence)
         assert light.figures["axis"] == named
         assert ("bad from 15°" if named == "yaw" else "bad from 10°") in light.sentence
 
@@ -258,12 +261,12 @@ def test_the_axis_nearest_to_bad_is_named():
 def test_an_oscillation_at_half_of_the_sampling_rate_is_an_error(rate):
     """The roll alternates by 2° from sample to sample, about a setpoint that is sampled as often."""
     amplitude = np.radians(2.0)
-    made = HOVER.telemetry(rate, rate)
-    time = made.messages["ATTITUDE"]["time"]
+    telemetry = HOVER.telemetry(rate, rate)
+    time = telemetry.messages["ATTITUDE"]["time"]
     setpoint = 0.05 * np.sin(1.3 * time)
     roll = setpoint + amplitude * (-1.0) ** np.arange(len(time))
-    made = asking(changed(made, "ATTITUDE", roll=roll), time, 7, None, setpoint)
-    figures = evidence(made).tracking["roll"].figures
+    telemetry = asking(changed(telemetry, "ATTITUDE", roll=roll), time, 7, None, setpoint)
+    figures = evidence(telemetry).tracking["roll"].figures
     assert figures["angle_error"] == approx(amplitude, rel=0.05)
 
 
@@ -279,16 +282,18 @@ def test_an_oscillation_at_half_of_the_sampling_rate_is_an_error(rate):
         (0.3, 1.1 * ANGLE_ERROR_LIMITS.bad, "watch"),
     ],
 )
-def test_an_error_counts_beside_what_was_asked(size, error, level):
-    assert tracking_light(following(size, late=0.0, error=error)).level == level
+def test_the_limit_of_the_tracking_error_grows_with_the_setpoint(size, error, level):
+    assert tracking_light(evidence_of_delayed_roll(size, late=0.0, error=error)).level == level
 
 
-def stepped(hover, damping):
-    """Roll that follows steps of 3° with this damping ratio and 9 rad/s, and some noise of the gyro."""
+def evidence_of_steps(hover, damping):
+    """Returns evidence of a roll that follows steps of 3° with this damping ratio and 9 rad/s, and some gyro noise."""
     time = hover.stamps(50.0)
     steps = 0.06 * np.sign(np.sin(0.7 * time) + np.sin(1.9 * time) + np.sin(3.1 * time))
-    # A sample lasts twice as long as that of `followed`.
-    roll = followed(steps, damping, 18.0) + 0.002 * default_rng(1).standard_normal(len(time))
+    # A sample lasts twice as long as in `second_order_response`, so that the natural frequency is half of 18 rad/s.
+    roll = second_order_response(steps, damping, 18.0) + 0.002 * default_rng(1).standard_normal(
+        len(time)
+    )
     telemetry = changed(hover.telemetry(50.0, 50.0), "ATTITUDE", roll=roll)
     return evidence(asking(telemetry, time, RATES, None, steps))
 
@@ -296,19 +301,19 @@ def stepped(hover, damping):
 @mark.slow
 def test_overshoot_is_that_of_the_measured_step_response():
     damping = 0.2
-    found = stepped(Hover(hovering=100.0), damping)
-    light = tracking_light(found)
+    tracking = evidence_of_steps(Hover(hovering=100.0), damping)
+    light = tracking_light(tracking)
     overshoot = light.figures["overshoot"]
     assert (light.code, light.level) == (TrackingLight.OVERSHOOTS_SETPOINT, "watch")
     assert overshoot == approx(np.exp(-np.pi * damping / np.sqrt(1 - damping**2)), abs=0.06)
     assert light.sentence == f"Roll overshoots its setpoint by {100 * overshoot:.0f} % of a step."
-    response = measure_responses(found)["roll"]["attitude"].measured
+    response = measure_responses(tracking)["roll"]["attitude"].measured
     assert response.overshoot.value == overshoot
-    assert tracking_light(stepped(Hover(hovering=100.0), 0.45)).level == "good"
+    assert tracking_light(evidence_of_steps(Hover(hovering=100.0), 0.45)).level == "good"
 
 
 def test_a_resonance_without_a_step_response_is_not_called_overshoot():
-    light = tracking_light(stepped(HOVER, 0.2))
+    light = tracking_light(evidence_of_steps(HOVER, 0.2))
     assert (light.code, light.level) == (TrackingLight.AMPLIFIES_SETPOINT, "watch")
     assert light.figures["overshoot"] is None
     assert light.sentence == "Roll moves 2 times as far as its setpoint at 1.2 Hz."
@@ -317,9 +322,9 @@ def test_a_resonance_without_a_step_response_is_not_called_overshoot():
 def test_a_setpoint_that_holds_a_position_shows_no_resonance():
     """It answers how wind moved the vehicle: the ratio of angle and setpoint is the position controller's."""
     loiter = 5
-    found = stepped(HOVER, 0.2)
+    tracking = evidence_of_steps(HOVER, 0.2)
     telemetry = changed(
-        found.signals.telemetry, "CURRENT_MODE", **columns([0.0], custom_mode=[loiter])
+        tracking.signals.telemetry, "CURRENT_MODE", **columns([0.0], custom_mode=[loiter])
     )
     light = tracking_light(evidence(telemetry))
     assert (light.code, light.level) == (TrackingLight.FOLLOWS_SETPOINT, "good")
@@ -332,8 +337,8 @@ def test_a_large_response_is_sure_only_with_enough_coherence_or_windows():
     assert unsure._replace(windows=5000).lowest_ratio > MAX_RESPONSE_PEAK
 
 
-def turning(turn_rate, asked_rate, outputs=None):
-    """A vehicle that turns for 1 s of 6 about yaw, at this rate, deg/s, where another one is asked."""
+def telemetry_of_turns(turn_rate, asked_rate, outputs=None):
+    """Returns telemetry of a vehicle that yaws for 1 s of 6, at one rate, °/s, while the setpoint is another one."""
     is_turning = (TIME % 6.0 < 1.0) & (TIME > 14.0) & (TIME < 48.0)
     rate = np.radians(turn_rate) * is_turning
     yaw = np.cumsum(rate) * 0.01
@@ -346,7 +351,7 @@ def turning(turn_rate, asked_rate, outputs=None):
         }
         telemetry = changed(telemetry, "SERVO_OUTPUT_RAW", **at_limit)
     telemetry = changed(telemetry, "ATTITUDE", yaw=wrapped_angle(yaw), yawspeed=rate)
-    telemetry = asked(telemetry, angle=0.01 * np.sin(TIME))
+    telemetry = with_setpoint(telemetry, angle=0.01 * np.sin(TIME))
     late_yaw = np.interp(TIME + 0.1, TIME, yaw)
     half = (late_yaw + 2 * np.pi) / 2
     attitude = np.column_stack([np.cos(half), 0 * half, 0 * half, np.sin(half)])
@@ -357,8 +362,8 @@ def turning(turn_rate, asked_rate, outputs=None):
 
 
 def test_yaw_follows_its_setpoint_through_whole_turns():
-    found = evidence(turning(100.0, 100.0))
-    yaw = found.tracking["yaw"]
+    flight_evidence = evidence(telemetry_of_turns(100.0, 100.0))
+    yaw = flight_evidence.tracking["yaw"]
     assert (yaw.code, yaw.level) == (TrackingLight.FOLLOWS_SETPOINT, "good")
     assert yaw.figures["delay"] == approx(0.1, abs=0.021)
     assert yaw.figures["angle_error"] < np.radians(1.0)
@@ -370,14 +375,14 @@ def test_a_heading_that_is_set_at_once_is_no_error_while_the_vehicle_turns_to_it
     """A mission sets the heading of its next leg, 90° off; the vehicle turns there at 20°/s."""
     heading = np.radians(90.0) * ((TIME > 20.0) & (TIME < 34.0))
     yaw = np.radians(90.0) * np.interp(TIME, [20.0, 24.5, 34.0, 38.5], [0.0, 1.0, 1.0, 0.0])
-    telemetry = asked(turning(0.0, 0.0), angle=0.01 * np.sin(TIME))
+    telemetry = with_setpoint(telemetry_of_turns(0.0, 0.0), angle=0.01 * np.sin(TIME))
     attitude = np.column_stack([np.cos(heading / 2), 0 * heading, 0 * heading, np.sin(heading / 2)])
     telemetry = changed(telemetry, "ATTITUDE_TARGET", q=attitude)
     follows = evidence(changed(telemetry, "ATTITUDE", yaw=yaw)).tracking["yaw"]
     assert (follows.code, follows.level) == (TrackingLight.FOLLOWS_SETPOINT, "good")
     # One that stays 30° beside its heading long after the turn misses it.
-    beside = yaw - np.radians(30.0) * (TIME > 24.0)
-    misses = evidence(changed(telemetry, "ATTITUDE", yaw=beside)).tracking["yaw"]
+    setpoint = yaw - np.radians(30.0) * (TIME > 24.0)
+    misses = evidence(changed(telemetry, "ATTITUDE", yaw=setpoint)).tracking["yaw"]
     assert (misses.code, misses.level) == (TrackingLight.MISSES_SETPOINT, "bad")
 
 
@@ -390,24 +395,24 @@ def test_a_heading_that_is_set_at_once_is_no_error_while_the_vehicle_turns_to_it
     ],
 )
 def test_a_yaw_rate_that_falls_short_is_watched_with_its_cause(outputs, cause):
-    light = tracking_light(evidence(turning(70.0, 100.0, outputs)))
+    light = tracking_light(evidence(telemetry_of_turns(70.0, 100.0, outputs)))
     assert (light.code, light.level) == (TrackingLight.RATE_FALLS_SHORT, "watch")
     assert light.sentence.startswith("Yaw turns at 70 °/s where 100 °/s is asked")
     assert light.sentence.endswith(cause)
 
 
 def test_small_rates_that_answer_the_wind_do_not_fall_short():
-    yaw = evidence(turning(10.0, 30.0)).tracking["yaw"]
+    yaw = evidence(telemetry_of_turns(10.0, 30.0)).tracking["yaw"]
     assert yaw.code is not TrackingLight.RATE_FALLS_SHORT and "reached_rate" not in yaw.figures
 
 
 def test_a_yaw_setpoint_that_never_changes_is_none():
-    found = evidence(asked(HOVER.telemetry(), angle=0.1 * np.sin(TIME)))
-    assert found.tracking["yaw"].code is TrackingLight.TRACKING_UNKNOWN
+    flight_evidence = evidence(with_setpoint(HOVER.telemetry(), angle=0.1 * np.sin(TIME)))
+    assert flight_evidence.tracking["yaw"].code is TrackingLight.TRACKING_UNKNOWN
 
 
 def test_a_flight_for_a_model_of_yaw_has_the_setpoint_of_the_rate_only():
-    signals = Signals(turning(100.0, 100.0), "yaw")
+    signals = Signals(telemetry_of_turns(100.0, 100.0), "yaw")
     assert [setpoint.unit for setpoint in signals.setpoints] == ["rad/s", "rad"]
     (segment,) = settled_segments(signals)
     assert aligned_flight(signals, segment).setpoint_names == ("yaw rate setpoint",)
@@ -415,7 +420,7 @@ def test_a_flight_for_a_model_of_yaw_has_the_setpoint_of_the_rate_only():
 
 @mark.slow
 def test_rates_that_are_flown_by_hand_have_no_angle_to_follow():
-    steered = following(0.02, late=0.0, error=0.3).signals.telemetry
+    steered = evidence_of_delayed_roll(0.02, late=0.0, error=0.3).signals.telemetry
     for modes, level in (([1, 2], "bad"), ([1], "unknown")):
         acro = columns([8.0, 30.0][: len(modes)], custom_mode=modes)
         assert tracking_light(evidence(changed(steered, "CURRENT_MODE", **acro))).level == level
@@ -423,7 +428,8 @@ def test_rates_that_are_flown_by_hand_have_no_angle_to_follow():
 
 def test_nothing_after_the_vehicle_was_lost_counts():
     lost = replace(
-        following(0.02, late=0.0, error=0.3), ending=Fact(NotLearnableReason.NEVER_ARMED, time=11.5)
+        evidence_of_delayed_roll(0.02, late=0.0, error=0.3),
+        ending=Fact(NotLearnableReason.NEVER_ARMED, time=11.5),
     )
     assert tracking_light(lost).level == "unknown"
 
@@ -439,8 +445,8 @@ def test_oscillation_a_loss_or_a_motor_at_its_stop_without_hover_grounds_a_vehic
         lost,
         stop,
     )
-    (found,) = oscillating(sound).reasons_not_to_fly
-    assert found.code is Override.OSCILLATION and found.figures["turn_rate"] < 1
+    (reason,) = with_oscillation(sound).reasons_not_to_fly
+    assert reason.code is Override.OSCILLATION and reason.figures["turn_rate"] < 1
     doubt = Fact(NoWind.STUCK, lean=0.5, duration=9.0)
     grounded = without_flight_advice(WindEvidence(None, None, doubt, "PX4"))
     assert grounded == WindEvidence(None, None, doubt.grounded, "PX4")

@@ -57,18 +57,18 @@ def evidence(telemetry, ending=None):
     return evidence_of(signals, wind=wind_evidence(signals), ending=ending)
 
 
-def measured(message, parameters=None, **fields):
-    """The hover at 20 Hz, with a message at 5 Hz."""
+def telemetry_with(message, parameters=None, **fields):
+    """Returns telemetry of the hover at 20 Hz, with a further message at 5 Hz."""
     telemetry = HOVER.telemetry(20.0, 20.0, parameters=parameters)
     return changed(telemetry, message, **columns(TIME, **fields))
 
 
 def battery(volts, parameters=None):
-    return measured("SYS_STATUS", parameters, voltage_battery=1000 * volts)
+    return telemetry_with("SYS_STATUS", parameters, voltage_battery=1000 * volts)
 
 
-def held(cell, seconds=20.0):
-    """The voltage of four cells: nearly full, but ``cell`` each for so many seconds of the flight."""
+def sagging_voltage(cell, seconds=20.0):
+    """Returns the voltage of four cells: nearly full, but ``cell`` V each for some seconds of the flight."""
     low = (TIME >= 30.0) & (30.0 + seconds > TIME)
     return np.where(low, 4 * cell, 16.4)
 
@@ -81,28 +81,28 @@ def test_a_battery_is_judged_by_its_cells_and_its_load():
     assert (fact.code, fact.level) == (PowerLight.BATTERY_HELD, "good")
     assert fact.figures["cells"] == 4 and fact.figures["resistance"] == approx(0.04)
     assert fact.figures["voltage"] == approx(15.8, abs=0.1)
-    other = changed(battery(16.0 - 0.04 * amperes[::-1]), "SYS_STATUS", **drawn)
-    assert power_light(evidence(other)).figures["resistance"] is None
+    telemetry_reversed = changed(battery(16.0 - 0.04 * amperes[::-1]), "SYS_STATUS", **drawn)
+    assert power_light(evidence(telemetry_reversed)).figures["resistance"] is None
 
 
 @mark.slow
 @mark.parametrize(
     "volts, parameters, level",
     [
-        (held(CELL_VOLTAGE_LIMITS.watch + 0.05), {}, "good"),
-        (held(CELL_VOLTAGE_LIMITS.watch - 0.05), {}, "watch"),
-        (held(CELL_VOLTAGE_LIMITS.bad - 0.05), {}, "bad"),
-        (held(CELL_VOLTAGE_LIMITS.bad - 0.05, LOW_VOLTAGE_SECONDS / 2), {}, "good"),
-        (held(CELL_VOLTAGE_LIMITS.bad - 0.05, 12.6), {}, "bad"),
-        (held(3.6), {"BATT_LOW_VOLT": 14.5}, "watch"),
-        (held(3.6), {"BATT_CRT_VOLT": 14.5}, "bad"),
+        (sagging_voltage(CELL_VOLTAGE_LIMITS.watch + 0.05), {}, "good"),
+        (sagging_voltage(CELL_VOLTAGE_LIMITS.watch - 0.05), {}, "watch"),
+        (sagging_voltage(CELL_VOLTAGE_LIMITS.bad - 0.05), {}, "bad"),
+        (sagging_voltage(CELL_VOLTAGE_LIMITS.bad - 0.05, LOW_VOLTAGE_SECONDS / 2), {}, "good"),
+        (sagging_voltage(CELL_VOLTAGE_LIMITS.bad - 0.05, 12.6), {}, "bad"),
+        (sagging_voltage(3.6), {"BATT_LOW_VOLT": 14.5}, "watch"),
+        (sagging_voltage(3.6), {"BATT_CRT_VOLT": 14.5}, "bad"),
         # It can have seven cells, and eight.
         (8 * FULL_CELL_VOLTAGES[0] + 0.2 + SAG, {}, "unknown"),
         (7 * FULL_CELL_VOLTAGES[1] - 0.2 + SAG, {}, "unknown"),
         (8 * FULL_CELL_VOLTAGES[0] + 0.2 + SAG, {"BAT1_N_CELLS": 8.0}, "good"),
     ],
 )
-def test_levels_of_the_battery(volts, parameters, level):
+def test_battery_voltages_have_the_levels_of_their_limits(volts, parameters, level):
     fact = power_light(evidence(battery(volts, parameters)))
     assert fact.level == level
     if level in ("watch", "bad"):
@@ -155,11 +155,11 @@ def test_what_follows_a_loss_is_no_fault_of_the_battery():
         (np.nan, np.nan, PowerLight.POWER_UNMEASURED, "unknown"),
     ],
 )
-def test_levels_of_the_supply(usual, least, code, level):
+def test_supply_voltages_of_the_board_have_the_levels_of_their_limits(usual, least, code, level):
     volts = np.where((TIME > 30) & (TIME < 40), least, usual)
     # A board that works is never without a supply: that is a message without a measurement.
     volts[len(volts) // 2] = 0.0
-    fact = power_light(evidence(measured("POWER_STATUS", Vcc=1000 * volts)))
+    fact = power_light(evidence(telemetry_with("POWER_STATUS", Vcc=1000 * volts)))
     assert (fact.code, fact.level) == (code, level)
 
 
@@ -176,20 +176,23 @@ def test_a_voltage_that_changes_is_not_called_one_whatever_the_load():
 
 
 def test_a_vehicle_that_stayed_on_the_ground_has_no_flight_to_judge_the_power_by():
-    known = evidence(battery(16.4 + SAG))
+    flight_evidence = evidence(battery(16.4 + SAG))
     stayed = Fact(MotionEvent.NOT_FLOWN, Level.WATCH, time=12.0, boot=0)
-    fact = power_light(replace(known, events=(stayed,)))
+    fact = power_light(replace(flight_evidence, events=(stayed,)))
     assert fact.sentence == "No flight shows the battery under load."
 
 
-def filtered(flags=831, **ratios):
-    """The hover with a filter's report: its ratios are 0.1, and others for some seconds."""
+def telemetry_with_innovations(flags=831, **ratios):
+    """Returns the hover with reports of the estimator: its innovation ratios are 0.1, and larger for some seconds.
+
+    ``ratios`` has by the name of an innovation its larger ratio, and how many seconds that lasts.
+    """
     fields = dict.fromkeys(INNOVATION_FIELDS["EKF_STATUS_REPORT"], 0.1)
     for name, (value, seconds) in ratios.items():
         is_other = (TIME > 30.0) & (30.1 + seconds > TIME)
         fields[f"{name}_variance"] = np.where(is_other, value, 0.1)
     glitch = np.where((TIME > 30.0) & (TIME < 33.0), flags, 831)
-    return measured("EKF_STATUS_REPORT", flags=glitch, **fields)
+    return telemetry_with("EKF_STATUS_REPORT", flags=glitch, **fields)
 
 
 BEYOND = INNOVATION_LIMIT + 0.05
@@ -201,29 +204,37 @@ IDLE = dict.fromkeys(INNOVATION_FIELDS["EKF_STATUS_REPORT"], 0.0)
 @mark.parametrize(
     "telemetry, code, level",
     [
-        (filtered(), EstimatorLight.FILTER_AGREED, "good"),
+        (telemetry_with_innovations(), EstimatorLight.FILTER_AGREED, "good"),
         (
-            filtered(compass=(BEYOND, FAILSAFE_SECONDS - 0.5)),
+            telemetry_with_innovations(compass=(BEYOND, FAILSAFE_SECONDS - 0.5)),
             EstimatorLight.FILTER_AGREED,
             "good",
         ),
         (
-            filtered(compass=(BEYOND, FAILSAFE_SECONDS + 0.5)),
+            telemetry_with_innovations(compass=(BEYOND, FAILSAFE_SECONDS + 0.5)),
             EstimatorLight.FILTER_DOUBTED,
             "watch",
         ),
         (
-            filtered(compass=(BEYOND, 2.0), velocity=(BEYOND, 2.0)),
+            telemetry_with_innovations(compass=(BEYOND, 2.0), velocity=(BEYOND, 2.0)),
             EstimatorLight.FILTER_DOUBTED,
             "bad",
         ),
-        (filtered(velocity=(2 * BEYOND, 2.0)), EstimatorLight.FILTER_DOUBTED, "bad"),
-        (filtered(flags=831 | 1 << 15), EstimatorLight.GPS_DOUBTED, "watch"),
+        (
+            telemetry_with_innovations(velocity=(2 * BEYOND, 2.0)),
+            EstimatorLight.FILTER_DOUBTED,
+            "bad",
+        ),
+        (telemetry_with_innovations(flags=831 | 1 << 15), EstimatorLight.GPS_DOUBTED, "watch"),
         (HOVER.telemetry(20.0, 20.0), EstimatorLight.ESTIMATOR_UNMEASURED, "unknown"),
-        (measured("EKF_STATUS_REPORT", **IDLE), EstimatorLight.ESTIMATOR_UNMEASURED, "unknown"),
+        (
+            telemetry_with("EKF_STATUS_REPORT", **IDLE),
+            EstimatorLight.ESTIMATOR_UNMEASURED,
+            "unknown",
+        ),
     ],
 )
-def test_levels_of_the_filter(telemetry, code, level):
+def test_innovations_of_the_estimator_have_the_levels_of_their_limits(telemetry, code, level):
     fact = estimator_light(evidence(telemetry))
     assert (fact.code, fact.level) == (code, level)
     if level == "bad":
@@ -238,7 +249,7 @@ def test_levels_of_the_filter(telemetry, code, level):
 
 
 def test_a_barometer_that_froze_is_named_before_the_height_that_the_filter_then_rejects():
-    doubted = evidence(filtered(pos_vert=(BEYOND, 9.0)))
+    doubted = evidence(telemetry_with_innovations(pos_vert=(BEYOND, 9.0)))
     assert estimator_light(doubted).code is EstimatorLight.FILTER_DOUBTED
     frozen = Fact(MotionEvent.BAROMETER_DRIFTED, time=30.0, change=8.0, frozen_since=30.0, boot=0)
     light = estimator_light(replace(doubted, events=(frozen,)))
@@ -248,24 +259,26 @@ def test_a_barometer_that_froze_is_named_before_the_height_that_the_filter_then_
 def test_the_failsafe_may_doubt_a_filter_that_rejects_nothing():
     seconds = FAILSAFE_SECONDS + 1.0
     below_limit = (ARDUPILOT_FAILSAFE_LIMIT + INNOVATION_LIMIT) / 2
-    single = estimator_light(evidence(filtered(compass=(below_limit, seconds))))
+    single = estimator_light(evidence(telemetry_with_innovations(compass=(below_limit, seconds))))
     assert single.is_good and single.figures["ratio"] == approx(below_limit)
     pair = dict.fromkeys(("compass", "velocity"), (below_limit, seconds))
-    fact = estimator_light(evidence(filtered(**pair)))
+    fact = estimator_light(evidence(telemetry_with_innovations(**pair)))
     assert fact.is_bad and fact.figures["failsafe_limit"] == ARDUPILOT_FAILSAFE_LIMIT
     assert "rejected" not in fact.sentence and "(80 %) for 1.8 s: velocity 90 %" in fact.sentence
 
 
 def test_an_innovation_far_beyond_its_limit_is_to_be_watched_however_short_it_is():
-    fact = estimator_light(evidence(filtered(pos_vert=(8.63, 0.1))))
+    fact = estimator_light(evidence(telemetry_with_innovations(pos_vert=(8.63, 0.1))))
     assert (fact.code, fact.level) == (EstimatorLight.FILTER_AGREED, "watch")
     assert "863 %" in fact.sentence and fact.remedy
 
 
 def test_the_largest_innovation_of_all_flights_is_named(monkeypatch):
-    known = evidence(filtered(compass=(0.5, 0.1)))
-    monkeypatch.setattr(type(known), "flights", lambda self, boot: [(10.0, 25.0), (26.0, 60.0)])
-    fact = estimator_light(known)
+    flight_evidence = evidence(telemetry_with_innovations(compass=(0.5, 0.1)))
+    monkeypatch.setattr(
+        type(flight_evidence), "flights", lambda self, boot: [(10.0, 25.0), (26.0, 60.0)]
+    )
+    fact = estimator_light(flight_evidence)
     assert fact.is_good and fact.figures["ratio"] == approx(0.5)
 
 
@@ -273,7 +286,9 @@ def test_a_rejection_with_single_accepted_samples_has_its_total_too():
     """One sample in the middle of 12 s is accepted; ArduPilot's failsafe does not check the height."""
     height = np.where((TIME > 30.0) & (TIME < 42.0) & (abs(TIME - 35.0) > 0.15), 3.0, 0.1)
     fact = estimator_light(
-        evidence(changed(filtered(), "EKF_STATUS_REPORT", pos_vert_variance=height))
+        evidence(
+            changed(telemetry_with_innovations(), "EKF_STATUS_REPORT", pos_vert_variance=height)
+        )
     )
     assert fact.level is Level.WATCH
     assert fact.figures["duration"] < 7.0 and fact.figures["total_duration"] > 10.0
@@ -282,7 +297,9 @@ def test_a_rejection_with_single_accepted_samples_has_its_total_too():
 
 
 def test_where_the_failsafe_acts_an_innovation_that_it_checks_is_named():
-    fact = estimator_light(evidence(filtered(pos_vert=(9.0, 5.0), velocity=(2 * BEYOND, 3.0))))
+    fact = estimator_light(
+        evidence(telemetry_with_innovations(pos_vert=(9.0, 5.0), velocity=(2 * BEYOND, 3.0)))
+    )
     assert (fact.level, fact.figures["name"]) == (Level.BAD, "velocity")
     assert "is_unchecked" not in fact.figures
 
@@ -290,9 +307,11 @@ def test_where_the_failsafe_acts_an_innovation_that_it_checks_is_named():
 def test_poor_fixes_of_one_flight_of_several_have_its_time(monkeypatch):
     dilution = np.where(TIME < 40.0, 200, 260)
     report = columns(TIME, fix_type=3, satellites_visible=7, eph=dilution)
-    known = evidence(changed(filtered(), "GPS_RAW_INT", **report))
-    monkeypatch.setattr(type(known), "flights", lambda self, boot: [(10.0, 39.0), (41.0, 55.0)])
-    fact = estimator_light(known)
+    flight_evidence = evidence(changed(telemetry_with_innovations(), "GPS_RAW_INT", **report))
+    monkeypatch.setattr(
+        type(flight_evidence), "flights", lambda self, boot: [(10.0, 39.0), (41.0, 55.0)]
+    )
+    fact = estimator_light(flight_evidence)
     assert fact.code is EstimatorLight.FIX_POOR
     assert fact.sentence.startswith("GPS was poor in flight from 41.")
 
@@ -301,7 +320,7 @@ def test_a_lost_position_is_the_light_of_the_estimator():
     lost = Fact(
         MotionEvent.POSITION_LOST, Level.BAD, time=30.0, end_time=48.0, duration=18.0, boot=0
     )
-    fact = estimator_light(replace(evidence(filtered()), events=(lost,)))
+    fact = estimator_light(replace(evidence(telemetry_with_innovations()), events=(lost,)))
     assert (fact.code, fact.level) == (MotionEvent.POSITION_LOST, "bad")
 
 
@@ -313,16 +332,18 @@ def test_a_lost_position_is_the_light_of_the_estimator():
         (12, 2.6, EstimatorLight.FIX_POOR),
     ],
 )
-def test_gps(satellites, dilution, code):
+def test_few_satellites_or_a_large_dilution_of_gps_are_a_poor_fix(satellites, dilution, code):
     report = columns(TIME, fix_type=3, satellites_visible=satellites, eph=100 * dilution)
-    fact = estimator_light(evidence(changed(filtered(), "GPS_RAW_INT", **report)))
+    fact = estimator_light(evidence(changed(telemetry_with_innovations(), "GPS_RAW_INT", **report)))
     assert fact.code is code and fact.figures.get("dilution", dilution) == approx(dilution)
 
 
 def test_a_filter_that_assumes_a_standstill_in_flight_has_no_position():
     """Neither vehicle recorded a satellite receiver: by its flags one has a position, and one assumes a standstill."""
-    assert estimator_light(evidence(filtered())).is_good
-    fact = estimator_light(evidence(changed(filtered(), "EKF_STATUS_REPORT", flags=165)))
+    assert estimator_light(evidence(telemetry_with_innovations())).is_good
+    fact = estimator_light(
+        evidence(changed(telemetry_with_innovations(), "EKF_STATUS_REPORT", flags=165))
+    )
     assert (fact.code, fact.level) == (EstimatorLight.FIX_MISSING, "watch")
     assert fact.sentence == (
         "The EKF assumed that the vehicle stands still in flight: nothing measured the position."
@@ -331,7 +352,7 @@ def test_a_filter_that_assumes_a_standstill_in_flight_has_no_position():
 
 def test_a_flight_without_any_fix_is_to_be_watched_unless_the_position_came_from_elsewhere():
     searching = columns(TIME, fix_type=1, satellites_visible=2, eph=9999)
-    telemetry = changed(filtered(), "GPS_RAW_INT", **searching)
+    telemetry = changed(telemetry_with_innovations(), "GPS_RAW_INT", **searching)
     # The bits 3 and 4 say that the filter has a position.
     telemetry = changed(telemetry, "EKF_STATUS_REPORT", flags=831 - 24)
     fact = estimator_light(evidence(telemetry))
@@ -352,12 +373,18 @@ def test_a_flight_without_any_fix_is_to_be_watched_unless_the_position_came_from
 @mark.slow
 def test_what_a_receiver_does_not_know_is_not_printed():
     unknown = columns(TIME, fix_type=3, satellites_visible=255, eph=65535)
-    assert estimator_light(evidence(changed(filtered(), "GPS_RAW_INT", **unknown))).is_good
-    few = columns(TIME, fix_type=3, satellites_visible=4, eph=65535)
-    fact = estimator_light(evidence(changed(filtered(), "GPS_RAW_INT", **few)))
+    assert estimator_light(
+        evidence(changed(telemetry_with_innovations(), "GPS_RAW_INT", **unknown))
+    ).is_good
+    fix_without_dilution = columns(TIME, fix_type=3, satellites_visible=4, eph=65535)
+    fact = estimator_light(
+        evidence(changed(telemetry_with_innovations(), "GPS_RAW_INT", **fix_without_dilution))
+    )
     assert fact.sentence == "GPS was poor in flight: 4 satellites."
     diluted = columns(TIME, fix_type=3, satellites_visible=255, eph=300)
-    fact = estimator_light(evidence(changed(filtered(), "GPS_RAW_INT", **diluted)))
+    fact = estimator_light(
+        evidence(changed(telemetry_with_innovations(), "GPS_RAW_INT", **diluted))
+    )
     assert fact.sentence == "GPS was poor in flight: HDOP 3.0."
 
 
@@ -374,7 +401,7 @@ def test_a_compass_whose_field_is_another_in_flight(change, before, code):
     time = TIME[29 - before :]  # it flies from there on
     field = 400.0 * np.where(time > 5.7, 1 + change, 1.0)
     report = columns(time, xmag=0.6 * field, ymag=0.0, zmag=0.8 * field)
-    fact = estimator_light(evidence(changed(filtered(), "RAW_IMU", **report)))
+    fact = estimator_light(evidence(changed(telemetry_with_innovations(), "RAW_IMU", **report)))
     assert fact.code is code and fact.figures.get("change", change) == approx(change)
 
 
@@ -383,14 +410,17 @@ def test_what_the_autopilot_warns_of_in_flight(time, level):
     warned = Fact(ReportedEvent.ESTIMATOR_SWITCHED, Level.WATCH, time=time, boot=0)
     flagged = Fact(ReportedEvent.BATTERY_WARNED, Level.WATCH, time=time, boot=0)
     powered = columns(TIME, voltage_battery=4000 * (3.8 + SAG))
-    known = evidence(changed(filtered(), "SYS_STATUS", **powered))
-    known = replace(known, events=(warned, flagged))
-    assert estimator_light(known).level == level and power_light(known).level == level
+    flight_evidence = evidence(changed(telemetry_with_innovations(), "SYS_STATUS", **powered))
+    flight_evidence = replace(flight_evidence, events=(warned, flagged))
+    assert (
+        estimator_light(flight_evidence).level == level
+        and power_light(flight_evidence).level == level
+    )
 
 
 def test_a_height_that_diverged_in_flight_makes_the_estimator_bad():
     diverged = Fact(MotionEvent.HEIGHT_DIVERGED, time=30.0, boot=0, climb_rate=-2.0, speed=2.0)
-    light = estimator_light(replace(evidence(filtered()), events=(diverged,)))
+    light = estimator_light(replace(evidence(telemetry_with_innovations()), events=(diverged,)))
     assert (light.code, light.level) == (MotionEvent.HEIGHT_DIVERGED, "bad")
 
 
@@ -407,28 +437,32 @@ def test_an_accelerometer_that_is_wrong_at_rest_is_to_be_watched(force, level):
 
 def with_force_at_rest(force):
     """The hover with a filter's report, whose accelerometer measures a specific force, m/s², all the time."""
-    telemetry = changed(filtered(), "HIGHRES_IMU", **columns(TIME, xacc=0.0, yacc=0.0, zacc=-force))
+    telemetry = changed(
+        telemetry_with_innovations(),
+        "HIGHRES_IMU",
+        **columns(TIME, xacc=0.0, yacc=0.0, zacc=-force),
+    )
     noise = 1e-3 * np.random.default_rng(5).standard_normal(
         len(telemetry.messages["ATTITUDE"]["time"])
     )
     return changed(telemetry, "ATTITUDE", rollspeed=noise)
 
 
-def test_a_constant_supply_is_not_denied():
-    light = power_light(evidence(measured("POWER_STATUS", Vcc=5000.0)))
+def test_a_constant_supply_voltage_is_stated_as_unmeasured():
+    light = power_light(evidence(telemetry_with("POWER_STATUS", Vcc=5000.0)))
     assert light.code is PowerLight.POWER_UNMEASURED
     assert "supply reads 5.00 V throughout" in light.sentence
 
 
 @mark.slow
 def test_wind_that_takes_half_of_the_most_lean_leaves_too_little():
-    known = evidence(recorded("sitl_events/ap_short_with_climb.tlog"))
+    flight_evidence = evidence(recorded("sitl_events/ap_short_with_climb.tlog"))
     limits = {"ANGLE_MAX": 3000.0, "ATC_ANGLE_MAX": 30.0, "MPC_TILTMAX_AIR": 30.0}
     for lean_angle, level in ((14.0, "good"), (16.0, "watch")):
         lean = {"roll": MeanFigure(np.radians(lean_angle), None, 0.0)}
-        leaning = replace(known, condition=replace(known.condition, lean=lean))
+        leaning = replace(flight_evidence, condition=replace(flight_evidence.condition, lean=lean))
         for name, limit in limits.items():
-            strong = replace(known.signals.telemetry, parameters={name: limit})
+            strong = replace(flight_evidence.signals.telemetry, parameters={name: limit})
             evidence_of_lean = replace(leaning, signals=Signals(strong))
             fact = wind_light(evidence_of_lean, estimator_light(evidence_of_lean))
             assert fact.level == level
@@ -460,8 +494,8 @@ def test_the_light_of_a_wind_that_turned_names_the_speed_that_blew(directions, l
         drag=Drag.from_parameters(),
         minutes=tuple(minutes),
     )
-    known = replace(evidence(HOVER.telemetry()), wind=WindEvidence(wind, None, None))
-    light = wind_light(known, Fact(EstimatorLight.FILTER_AGREED, Level.GOOD))
+    flight_evidence = replace(evidence(HOVER.telemetry()), wind=WindEvidence(wind, None, None))
+    light = wind_light(flight_evidence, Fact(EstimatorLight.FILTER_AGREED, Level.GOOD))
     if turn is None:
         assert "turned" not in light.sentence
     else:
@@ -485,24 +519,28 @@ def test_a_wind_is_good_if_its_interval_is_no_wider_than_one_beaufort_number(int
         "minutes": (),
     }
     wind = partial_record(WindVelocity, **figures)
-    known = evidence(HOVER.telemetry())
-    known = replace(known, wind=WindEvidence(wind, None, None))
-    light = wind_light(known, Fact(EstimatorLight.FILTER_AGREED, Level.GOOD))
+    flight_evidence = evidence(HOVER.telemetry())
+    flight_evidence = replace(flight_evidence, wind=WindEvidence(wind, None, None))
+    light = wind_light(flight_evidence, Fact(EstimatorLight.FILTER_AGREED, Level.GOOD))
     assert light.level == level and ", by the drag of typical multirotors" in str(light)
     assert ("known only roughly" in str(light)) is (level == "unknown")
     assert light.remedy.startswith("Fly a box for a minute") is (level == "unknown")
     lean = {"roll": MeanFigure(np.radians(7.0), None, 0.0)}
-    limited = replace(known.signals.telemetry, parameters={"ATC_ANGLE_MAX": 35.0})
+    limited = replace(flight_evidence.signals.telemetry, parameters={"ATC_ANGLE_MAX": 35.0})
     leaning = replace(
-        known, signals=Signals(limited), condition=replace(known.condition, lean=lean)
+        flight_evidence,
+        signals=Signals(limited),
+        condition=replace(flight_evidence.condition, lean=lean),
     )
     light_by_lean = wind_light(leaning, Fact(EstimatorLight.FILTER_AGREED, Level.GOOD))
     assert light_by_lean.level == "good"
     assert ("mean lean is 20 % of" in str(light_by_lean)) is (level == "unknown")
     drag = replace(wind.drag, source=DragSource.FLIGHT)
     own_drag = partial_record(WindVelocity, **(figures | {"drag": drag}))
-    known = replace(known, wind=WindEvidence(own_drag, None, None))
-    assert "typical" not in str(wind_light(known, Fact(EstimatorLight.FILTER_AGREED, Level.GOOD)))
+    flight_evidence = replace(flight_evidence, wind=WindEvidence(own_drag, None, None))
+    assert "typical" not in str(
+        wind_light(flight_evidence, Fact(EstimatorLight.FILTER_AGREED, Level.GOOD))
+    )
 
 
 @mark.slow
@@ -555,7 +593,7 @@ def test_the_light_of_a_log_that_ends_in_the_air_says_so_unless_it_was_lost():
     assert log_light(replace(judged, events=(after_loss,))).code is LogLight.RECORDED_FAST
 
 
-def skipped(count):
+def repair_of_skipped_bytes(count):
     """The repair of a DataFlash log of ten megabytes in which ``count`` bytes belong to no message."""
     return Fact(Repair.BYTES_SKIPPED, count=count, total=10_000_000, part="message")
 
@@ -566,7 +604,11 @@ def test_damage_of_which_only_the_bytes_are_known_is_to_be_watched():
         (90_000, LogLight.RECORDED_FAST),
         (1_200_000, LogLight.RECORDED_WITH_DAMAGE),
     ):
-        light = log_light(evidence(replace(HOVER.telemetry(50.0, 50.0), repairs=(skipped(count),))))
+        light = log_light(
+            evidence(
+                replace(HOVER.telemetry(50.0, 50.0), repairs=(repair_of_skipped_bytes(count),))
+            )
+        )
         assert light.code is code
     assert str(light).startswith("Damaged: 1200000 bytes left out, 12 % of the log. What is left")
 
@@ -580,12 +622,12 @@ def test_the_light_of_the_log_states_what_was_lost_by_damage():
         damaged = log_light(evidence(replace(telemetry, repairs=(damage,))))
         assert damaged.code is sound.code
         assert str(damaged) == f"Damaged: 640 bytes, 0.25 s lost. {sound}"
-    for repairs, words in (
-        ([skipped(5000)], "5000 bytes left out"),
+    for repairs, statement in (
+        ([repair_of_skipped_bytes(5000)], "5000 bytes left out"),
         (
             [
                 Fact(Repair.FRAMES_LEFT_OUT, count=2, flaw=Flaw.DAMAGE),
-                skipped(400),
+                repair_of_skipped_bytes(400),
             ],
             "400 bytes and 2 frames left out",
         ),
@@ -593,8 +635,8 @@ def test_the_light_of_the_log_states_what_was_lost_by_damage():
     ):
         judged = evidence(replace(slow, repairs=tuple(repairs)))
         damaged = log_light(replace(judged, log=replace(judged.log, frames=1000)))
-        assert str(damaged) == f"Damaged: {words}. {log_light(evidence(slow))}"
-    last_message_cut = skipped(MAX_CUT_BYTES)
+        assert str(damaged) == f"Damaged: {statement}. {log_light(evidence(slow))}"
+    last_message_cut = repair_of_skipped_bytes(MAX_CUT_BYTES)
     assert "Damaged" not in str(log_light(evidence(replace(slow, repairs=(last_message_cut,)))))
     other_dialect = Fact(Repair.FRAMES_LEFT_OUT, count=2, flaw=Flaw.ANOTHER_DIALECT)
     assert "Damaged" not in str(log_light(evidence(replace(slow, repairs=(other_dialect,)))))
@@ -612,8 +654,8 @@ def test_the_light_of_the_log_states_what_was_lost_by_damage():
     assert "1 byte was left out" in long_damage.replace(count=1).sentence
 
 
-def standing(change, rate=50.0):
-    """The hover with a roll rate on the ground before that drifts by ``change``, rad/s, in a fiftieth of a second."""
+def telemetry_with_drift_at_rest(change, rate=50.0):
+    """Returns the hover with a roll rate that drifts on the ground by ``change``, rad/s, each fiftieth of a second."""
     telemetry = HOVER.telemetry(rate, 50.0)
     attitude = telemetry.messages["ATTITUDE"]
     ground = 50.0 * change * attitude["time"]
@@ -621,8 +663,8 @@ def standing(change, rate=50.0):
     return changed(telemetry, "ATTITUDE", rollspeed=turning)
 
 
-def said(text):
-    """A hover whose autopilot sends a text at boot."""
+def telemetry_with_text(text):
+    """Returns telemetry of a hover whose autopilot sends a text at boot."""
     time = np.array([1.0])
     texts = columns(time, severity=[6], text=[text.encode()])
     return changed(HOVER.telemetry(20.0, 20.0), "STATUSTEXT", **texts)
@@ -631,17 +673,29 @@ def said(text):
 @mark.slow
 def test_what_shows_that_a_flight_was_simulated():
     telemetry = HOVER.telemetry(20.0, 20.0)
-    other_text = said("Not Simulated by mavdem")
-    for real in (telemetry, standing(5.1e-5), standing(5.1e-5, 100.0), standing(0.0), other_text):
+    other_text = telemetry_with_text("Not Simulated by mavdem")
+    for real in (
+        telemetry,
+        telemetry_with_drift_at_rest(5.1e-5),
+        telemetry_with_drift_at_rest(5.1e-5, 100.0),
+        telemetry_with_drift_at_rest(0.0),
+        other_text,
+    ):
         assert simulation_fact(evidence(real).signals) is None
-    for known, kind in (
+    for differences, kind in (
         ({"parameters": {"SYS_HITL": 1.0}}, Simulator.HARDWARE),
         ({"parameters": {"SIM_WIND_SPD": 5.0}}, Simulator.SOFTWARE),
         ({"parameters": {"SYS_AUTOSTART": 10040.0}}, Simulator.SOFTWARE),
         ({"parameters": {"CAL_GYRO0_ID": 1310988.0}}, Simulator.SOFTWARE),
         ({"hardware": "PX4_SITL"}, Simulator.SOFTWARE),
-        ({"messages": standing(MAX_SIMULATED_RATE_CHANGE / 2).messages}, Simulator.SOFTWARE),
-        ({"messages": said("Simulated by mavdem, frame QUAD_X").messages}, Simulator.SOFTWARE),
+        (
+            {"messages": telemetry_with_drift_at_rest(MAX_SIMULATED_RATE_CHANGE / 2).messages},
+            Simulator.SOFTWARE,
+        ),
+        (
+            {"messages": telemetry_with_text("Simulated by mavdem, frame QUAD_X").messages},
+            Simulator.SOFTWARE,
+        ),
     ):
-        fact = simulation_fact(evidence(replace(telemetry, **known)).signals)
+        fact = simulation_fact(evidence(replace(telemetry, **differences)).signals)
         assert (fact.code, fact.figures["kind"]) == (LogLight.SIMULATED, kind)

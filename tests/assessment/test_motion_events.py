@@ -44,7 +44,7 @@ from mavdem.witnesses.sensor_facts import (
 GRAVITY = 9.8
 
 
-def judged(telemetry):
+def events_and_ending(telemetry):
     """The last event of each code, and the ending."""
     signals = Signals(telemetry, inputs="motors")
     reports = reported_events(signals)
@@ -57,13 +57,13 @@ def witnesses(event, side):
     return {fact.code for fact in event.figures["witnesses"] if fact.figures["side"] == side}
 
 
-def falling(elapsed):
-    """Climb rate of a fall, m/s, at so many seconds after it began."""
+def climb_rate_of_fall(elapsed):
+    """Returns the climb rate of a free fall, m/s, some seconds after it began."""
     return -GRAVITY * elapsed
 
 
 def test_a_sound_flight_has_no_event_of_motion():
-    events, ending = judged(instrumented())
+    events, ending = events_and_ending(instrumented())
     assert ending is None
     assert not [code for code in events if isinstance(code, MotionEvent)]
 
@@ -76,7 +76,7 @@ def height_runaway(mode="Alt hold"):
 
 
 def test_an_estimate_that_falls_while_the_barometer_rises_has_diverged():
-    events, _ = judged(height_runaway())
+    events, _ = events_and_ending(height_runaway())
     diverged = events[MotionEvent.HEIGHT_DIVERGED]
     assert diverged.level is Level.BAD
     assert diverged.time == approx(EVENT, abs=1.5)
@@ -94,7 +94,7 @@ def test_an_estimate_that_falls_while_the_barometer_rises_has_diverged():
 def test_full_throttle_does_not_confirm_an_estimate_that_rises_while_the_vehicle_sinks():
     telemetry = moving(instrumented("Alt hold"), lambda elapsed: -1.5 * (elapsed < 5.0))
     telemetry = estimating(telemetry, lambda elapsed: 2.0 * (elapsed < 5.0))
-    diverged = judged(driven(telemetry, 2000.0, EVENT + 1.0, EVENT + 5.0))[0][
+    diverged = events_and_ending(driven(telemetry, 2000.0, EVENT + 1.0, EVENT + 5.0))[0][
         MotionEvent.HEIGHT_DIVERGED
     ]
     assert SensorFact.SANK in witnesses(diverged, Side.FOR)
@@ -103,7 +103,7 @@ def test_full_throttle_does_not_confirm_an_estimate_that_rises_while_the_vehicle
 
 def test_the_accelerometer_is_the_cause_of_a_height_that_diverges():
     telemetry = changed(height_runaway(), "HIGHRES_IMU", zacc=-8.0)
-    cause = judged(telemetry)[0][MotionEvent.HEIGHT_DIVERGED].figures["cause"]
+    cause = events_and_ending(telemetry)[0][MotionEvent.HEIGHT_DIVERGED].figures["cause"]
     assert (cause.code, cause.figures["part"]) == (SensorFact.GRAVITY_WRONG, "at rest")
     assert cause.figures["acceleration"] == approx(8.0)
 
@@ -113,7 +113,7 @@ def test_vibration_is_the_cause_where_the_error_at_rest_does_not_explain_that_in
     time = stamps(telemetry, "HIGHRES_IMU")
     is_shaken = (time > EVENT - 5.0) & (time < EVENT + 5.0)
     telemetry = changed(telemetry, "HIGHRES_IMU", zacc=np.where(is_shaken, -2.0, -8.8))
-    cause = judged(telemetry)[0][MotionEvent.HEIGHT_DIVERGED].figures["cause"]
+    cause = events_and_ending(telemetry)[0][MotionEvent.HEIGHT_DIVERGED].figures["cause"]
     assert cause.figures["part"] == "in flight"
     assert cause.figures["acceleration"] == approx(2.0, abs=1.0)
     assert "from 8.8 m/s² at rest" in cause.sentence
@@ -126,7 +126,7 @@ def test_vibration_is_a_cause_beyond_the_limit_of_the_autopilot(autopilot, is_ca
     levels = {f"vibration_{axis}": 15.0 for axis in "xyz"}
     clips = {f"clipping_{imu}": 0.0 for imu in range(3)}
     telemetry = changed(telemetry, "VIBRATION", **columns(time, **levels, **clips))
-    diverged = judged(telemetry)[0][MotionEvent.HEIGHT_DIVERGED]
+    diverged = events_and_ending(telemetry)[0][MotionEvent.HEIGHT_DIVERGED]
     assert (SensorFact.VIBRATED in witnesses(diverged, Side.FOR)) is is_cause
 
 
@@ -146,7 +146,7 @@ def test_a_throttle_closed_after_a_divergence_is_named_beside_it():
         stick(driven(telemetry, 1000.0, fell), STICK_CLOSED, fell), (EVENT + 5.5, "Stabilize")
     )
     telemetry = rolled(knocked(telemetry, fell + 1.9, 150.0), 120.0, fell + 0.5)
-    cause = judged(telemetry)[1].figures["cause"]
+    cause = events_and_ending(telemetry)[1].figures["cause"]
     assert cause.code is FailedFirst.HEIGHT_DIVERGED_FIRST
     assert cause.figures["later_cause"].time == approx(fell, abs=0.1)
     assert "; then the pilot closed the throttle at 36.5 s" in cause.sentence
@@ -154,12 +154,12 @@ def test_a_throttle_closed_after_a_divergence_is_named_beside_it():
 
 @mark.parametrize("mode", ["Stabilize"])
 def test_where_the_stick_is_the_thrust_no_height_is_followed(mode):
-    assert MotionEvent.HEIGHT_DIVERGED not in judged(height_runaway(mode))[0]
+    assert MotionEvent.HEIGHT_DIVERGED not in events_and_ending(height_runaway(mode))[0]
 
 
 def test_a_climb_that_the_pilot_asks_for_is_no_divergence():
     telemetry = stick(height_runaway(), 1900)
-    assert MotionEvent.HEIGHT_DIVERGED not in judged(telemetry)[0]
+    assert MotionEvent.HEIGHT_DIVERGED not in events_and_ending(telemetry)[0]
 
 
 def landing_that_topples():
@@ -173,7 +173,7 @@ def landing_that_topples():
 
 
 def test_a_vehicle_that_topples_as_the_throttle_closes_has_landed():
-    events, ending = judged(landing_that_topples())
+    events, ending = events_and_ending(landing_that_topples())
     assert ending.code is Ending.TOPPLED_AT_LANDING
     assert ending.figures["cause"].code is FailedFirst.THROTTLE_CLOSED_FIRST
     assert ending.time == approx(EVENT + 9.8, abs=0.3)
@@ -190,12 +190,12 @@ def test_a_vehicle_may_topple_between_two_reports_of_its_landed_state():
     time = np.arange(0.3, 76.0, 1.0)
     state = np.where((time > 6.0) & (time < touch_down - 1.0), 2, 1)
     reported = changed(telemetry, "EXTENDED_SYS_STATE", **columns(time, landed_state=state))
-    assert MotionEvent.TOPPLED in judged(reported)[0]
+    assert MotionEvent.TOPPLED in events_and_ending(reported)[0]
 
 
 def failsafe_in_the_air():
     """A radio failsafe stops the motors at 10 m; the vehicle rolls over as it falls."""
-    telemetry = moving(instrumented(), falling)
+    telemetry = moving(instrumented(), climb_rate_of_fall)
     telemetry = driven(telemetry, 1000.0)
     telemetry = rolled(telemetry, 110.0, EVENT + 0.3, 1.0)
     telemetry = knocked(telemetry, EVENT + 1.43, 150.0)
@@ -203,7 +203,7 @@ def failsafe_in_the_air():
 
 
 def test_a_failsafe_that_stops_the_motors_in_the_air_is_the_cause():
-    _, ending = judged(failsafe_in_the_air())
+    _, ending = events_and_ending(failsafe_in_the_air())
     cause = ending.figures["cause"]
     assert cause.code is FailedFirst.FAILSAFE_FIRST
     assert cause.figures["cause"].code is ReportedEvent.RADIO_LOST
@@ -219,10 +219,10 @@ def test_a_radio_that_was_lost_until_the_motors_stopped_is_the_reason():
         telemetry, "RC_CHANNELS", **columns(time, chan3_raw=pulse, rssi=np.where(is_lost, 0, 200))
     )
     lost = columns(time, onboard_control_sensors_health=np.where(is_lost, 0, 1 << 16))
-    known = dict.fromkeys(
+    sensor_masks = dict.fromkeys(
         ("onboard_control_sensors_present", "onboard_control_sensors_enabled"), 1 << 16
     )
-    _, ending = judged(changed(telemetry, "SYS_STATUS", **lost, **known))
+    _, ending = events_and_ending(changed(telemetry, "SYS_STATUS", **lost, **sensor_masks))
     cause = ending.figures["cause"]
     assert cause.code is FailedFirst.FAILSAFE_FIRST
     assert cause.figures["cause"].code is ReportedEvent.RADIO_LOST
@@ -230,20 +230,20 @@ def test_a_radio_that_was_lost_until_the_motors_stopped_is_the_reason():
 
 def test_a_throttle_that_the_pilot_closes_in_the_air_is_the_cause():
     telemetry = changed(failsafe_in_the_air(), "STATUSTEXT", text=np.array(["Hello"]))
-    _, ending = judged(stick(telemetry, STICK_CLOSED))
+    _, ending = events_and_ending(stick(telemetry, STICK_CLOSED))
     assert ending.figures["cause"].code is FailedFirst.THROTTLE_CLOSED_FIRST
 
 
 @mark.parametrize("text", ["Hello", "Battery 1 low voltage"])
 def test_a_throttle_closed_after_the_motors_stopped_is_no_cause(text):
     telemetry = stick(saying(failsafe_in_the_air(), EVENT, text), STICK_CLOSED, EVENT + 1.2)
-    _, ending = judged(telemetry)
+    _, ending = events_and_ending(telemetry)
     assert ending.figures["cause"].code is not FailedFirst.THROTTLE_CLOSED_FIRST
 
 
 def test_a_warning_of_a_low_battery_does_not_outrank_the_closed_throttle():
     telemetry = saying(failsafe_in_the_air(), EVENT, "Battery 1 low voltage")
-    _, ending = judged(stick(telemetry, STICK_CLOSED))
+    _, ending = events_and_ending(stick(telemetry, STICK_CLOSED))
     assert ending.figures["cause"].code is FailedFirst.THROTTLE_CLOSED_FIRST
 
 
@@ -252,7 +252,7 @@ def test_a_pilot_who_closes_the_throttle_once_it_topples_is_no_cause():
     touch_down = EVENT + 9.8
     telemetry = driven(stick(telemetry, STICK_CLOSED, touch_down + 1.0), 1000.0, touch_down + 1.0)
     telemetry = rolled(knocked(telemetry, touch_down + 0.1, 40.0), 95.0, touch_down)
-    _, ending = judged(telemetry)
+    _, ending = events_and_ending(telemetry)
     assert (ending.code, ending.figures["cause"]) == (Ending.TOPPLED_AT_LANDING, None)
 
 
@@ -267,7 +267,7 @@ def test_a_throttle_closed_after_the_contact_does_not_loosen_the_limits_of_a_lan
         )
         telemetry = driven(stick(telemetry, STICK_CLOSED, touch_down + closing), 1000.0, touch_down)
         telemetry = rolled(knocked(telemetry, touch_down + 0.1, 40.0), 95.0, touch_down)
-        codes.append(judged(telemetry)[1].code)
+        codes.append(events_and_ending(telemetry)[1].code)
     assert codes == [Ending.TOPPLED_AT_LANDING, Ending.CRASHED]
 
 
@@ -279,7 +279,7 @@ def test_an_alarm_of_the_battery_explains_a_stop_only_with_an_empty_battery(volt
     voltage = np.where(time < EVENT - 10.0, 16.6, volts)
     charge = np.where(time < EVENT, 1, 3)
     battery = columns(time, voltage_battery=1000 * voltage, charge_state=charge)
-    cause = judged(changed(telemetry, "SYS_STATUS", **battery))[1].figures["cause"]
+    cause = events_and_ending(changed(telemetry, "SYS_STATUS", **battery))[1].figures["cause"]
     code = FailedFirst.FAILSAFE_FIRST if is_cause else FailedFirst.ALL_OFF_FIRST
     assert cause.code is code
 
@@ -294,7 +294,7 @@ def dive():
 
 
 def test_a_dive_that_the_pilot_ends_is_no_crash():
-    events, ending = judged(dive())
+    events, ending = events_and_ending(dive())
     assert ending is None
     assert MotionEvent.HIT not in events
     dived = events[MotionEvent.DIVED]
@@ -304,15 +304,17 @@ def test_a_dive_that_the_pilot_ends_is_no_crash():
 
 
 def test_without_a_stick_nobody_knows_that_the_pilot_dived():
-    dived = judged(only(dive(), lambda time: time < 0, "RC_CHANNELS"))[0][MotionEvent.DIVED]
+    dived = events_and_ending(only(dive(), lambda time: time < 0, "RC_CHANNELS"))[0][
+        MotionEvent.DIVED
+    ]
     assert SensorFact.MOTORS_THROTTLED in witnesses(dived, Side.FOR)
     assert SensorFact.THROTTLE_CLOSED not in witnesses(dived, Side.FOR)
 
 
 def test_a_pose_by_the_attitude_is_no_second_witness_of_the_attitude():
-    left = supporting_fact(SensorFact.ATTITUDE_LEFT_SETPOINT, angle=1.0)
+    attitude_left_setpoint = supporting_fact(SensorFact.ATTITUDE_LEFT_SETPOINT, angle=1.0)
     poses = [Rest(0.0, 1.5, source).pose_facts[0] for source in (ATTITUDE, ACCELEROMETER)]
-    assert [support_count([left, pose]) for pose in poses] == [1, 2]
+    assert [support_count([attitude_left_setpoint, pose]) for pose in poses] == [1, 2]
     assert "by the attitude" in poses[0].sentence
 
 
@@ -324,7 +326,7 @@ def impact(speed=6.0):
 
 
 def test_an_impact_has_a_knock_a_descent_and_rest_as_witnesses():
-    events, ending = judged(impact())
+    events, ending = events_and_ending(impact())
     assert ending.code is Ending.CRASHED
     assert ending.figures["speed"] == approx(6.0, abs=1.0)
     hit = events[MotionEvent.HIT]
@@ -342,7 +344,7 @@ def test_the_speed_of_an_impact_is_the_one_at_its_end_and_not_of_the_fall_before
         ),
     )
     telemetry = driven(knocked(telemetry, EVENT + 1.6, 60.0), 1000.0, EVENT + 1.6)
-    events, ending = judged(telemetry)
+    events, ending = events_and_ending(telemetry)
     assert events[MotionEvent.HIT].figures["speed"] == approx(4.5, abs=1.1)
     assert ending.figures["speed"] == events[MotionEvent.HIT].figures["speed"]
 
@@ -357,7 +359,7 @@ def test_a_throttle_lowered_before_an_impact_is_its_cause(mode, pulse, is_cause)
     telemetry = moving(instrumented(mode), lambda elapsed: -6.0 * (elapsed < 10.0 / 6.0))
     telemetry = stick(telemetry, pulse, EVENT - 0.5, EVENT + 0.5)
     telemetry = driven(knocked(telemetry, ground), 1000.0, ground)
-    _, ending = judged(telemetry)
+    _, ending = events_and_ending(telemetry)
     assert ending.code is Ending.CRASHED
     cause = ending.figures["cause"]
     if is_cause:
@@ -381,7 +383,7 @@ def test_an_impact_is_at_the_first_knock_and_its_event_and_ending_agree():
     telemetry = stick(driven(telemetry, 1000.0, tumble + 0.6), 1800)
     telemetry = rolled(telemetry, 170.0, tumble, 0.8)
     telemetry = knocked(knocked(telemetry, tumble + 0.6, 50.0), tumble + 0.9, 90.0)
-    events, ending = judged(telemetry)
+    events, ending = events_and_ending(telemetry)
     hit = events[MotionEvent.HIT]
     assert hit.time == ending.time == approx(tumble + 0.6, abs=0.05)
     assert ending.figures["onset"] == approx(tumble, abs=0.3)
@@ -391,13 +393,13 @@ def test_an_impact_is_at_the_first_knock_and_its_event_and_ending_agree():
 
 def test_the_slope_of_a_barometer_does_not_contradict_a_short_fall():
     """It falls freely for 1.4 s from 10 m, and its estimate goes on falling."""
-    telemetry = moving(instrumented(), falling)
+    telemetry = moving(instrumented(), climb_rate_of_fall)
     telemetry = rolled(driven(telemetry, 1000.0), 110.0, EVENT + 0.3, 1.0)
     telemetry = knocked(telemetry, EVENT + 1.43, 150.0)
-    place = telemetry.messages["LOCAL_POSITION_NED"]
-    goes_on = place["time"] > EVENT + 1.43
-    telemetry = changed(telemetry, "LOCAL_POSITION_NED", vz=np.where(goes_on, 12.0, place["vz"]))
-    events, _ = judged(telemetry)
+    position = telemetry.messages["LOCAL_POSITION_NED"]
+    goes_on = position["time"] > EVENT + 1.43
+    telemetry = changed(telemetry, "LOCAL_POSITION_NED", vz=np.where(goes_on, 12.0, position["vz"]))
+    events, _ = events_and_ending(telemetry)
     for code in (MotionEvent.HIT, MotionEvent.FELL):
         assert events[code].figures["speed"] == approx(13.5, abs=1.0)
 
@@ -415,7 +417,7 @@ def test_a_vehicle_that_sinks_at_full_throttle_with_a_motor_at_its_limit_lacks_t
     outputs[1] = np.where(is_sinking, 2000.0, outputs[1])
     telemetry = stick(with_pulses(telemetry, outputs), pulse, EVENT, ground)
     telemetry = driven(knocked(telemetry, ground), 1000.0, ground)
-    _, ending = judged(telemetry)
+    _, ending = events_and_ending(telemetry)
     cause = ending.figures["cause"]
     assert (cause is not None and "sank at full throttle" in cause.sentence) is is_spent
 
@@ -432,17 +434,19 @@ def test_a_motor_at_its_limit_at_full_throttle_is_to_be_watched_only_without_a_c
     time = stamps(telemetry, "SERVO_OUTPUT_RAW")
     outputs[1] = np.where((time > EVENT) & (time < EVENT + 2.0), 2000.0, outputs[1])
     telemetry = stick(with_pulses(telemetry, outputs), pulse, EVENT, EVENT + 2.0)
-    limit = judged(telemetry)[0][MotionEvent.MOTOR_AT_ITS_STOP]
+    limit = events_and_ending(telemetry)[0][MotionEvent.MOTOR_AT_ITS_STOP]
     assert (limit.level, "at full throttle" in limit.sentence) == (level, is_full)
     assert ("motor 2" in limit.remedy) is not is_full
 
 
 def test_a_descent_faster_than_a_free_fall_from_that_height_is_no_witness():
     telemetry = impact()
-    place = telemetry.messages["LOCAL_POSITION_NED"]
-    runs_away = (place["time"] > EVENT + 1.2) & (place["time"] < EVENT + 2.5)
-    telemetry = changed(telemetry, "LOCAL_POSITION_NED", vz=np.where(runs_away, 41.0, place["vz"]))
-    hit = judged(telemetry)[0][MotionEvent.HIT]
+    position = telemetry.messages["LOCAL_POSITION_NED"]
+    runs_away = (position["time"] > EVENT + 1.2) & (position["time"] < EVENT + 2.5)
+    telemetry = changed(
+        telemetry, "LOCAL_POSITION_NED", vz=np.where(runs_away, 41.0, position["vz"])
+    )
+    hit = events_and_ending(telemetry)[0][MotionEvent.HIT]
     sources = [
         fact.figures["source"] for fact in hit.figures["witnesses"] if fact.code is SensorFact.SANK
     ]
@@ -466,7 +470,7 @@ def test_a_vehicle_that_an_automatic_mode_leans_to_and_fro_swings(mode, angle, p
     lean = np.radians(angle) * np.sin(2 * np.pi * elapsed / period) * is_swinging
     telemetry = changed(telemetry, "ATTITUDE", pitch=lean, pitchspeed=np.gradient(lean, elapsed))
     telemetry = changed(telemetry, "ATTITUDE_TARGET", q=quaternion(0 * lean, lean, 0 * lean))
-    events, ending = judged(telemetry)
+    events, ending = events_and_ending(telemetry)
     assert ending is None
     assert (MotionEvent.ATTITUDE_SWUNG in events) is swings
     if swings:
@@ -485,7 +489,7 @@ def test_a_swing_far_from_the_setpoint_is_no_matter_of_the_position_controller()
     is_swinging = (elapsed > 0) & (elapsed < 9.6)
     lean = np.radians(50.0) * np.sin(2 * np.pi * elapsed / 2.4) * is_swinging
     telemetry = changed(telemetry, "ATTITUDE", pitch=lean, pitchspeed=np.gradient(lean, elapsed))
-    swung = judged(telemetry)[0][MotionEvent.ATTITUDE_SWUNG]
+    swung = events_and_ending(telemetry)[0][MotionEvent.ATTITUDE_SWUNG]
     assert np.degrees(swung.figures["angle_error"]) == approx(50.0, abs=1.0)
     assert swung.is_bad
     assert "up to 50° beyond its setpoints of the second before" in swung.sentence
@@ -496,20 +500,22 @@ def test_a_swing_far_from_the_setpoint_is_no_matter_of_the_position_controller()
 @mark.parametrize("speed, code", [(0.0, Ending.CONTROL_LOST), (6.0, Ending.CRASHED)])
 def test_a_knock_in_the_air_is_a_contact_only_where_it_takes_the_speed(speed, code):
     """At 10 m a propeller breaks with a knock, or the vehicle flies at 6 m/s against a tree; then it falls."""
-    telemetry = moving(instrumented(), lambda elapsed: falling(np.maximum(elapsed - 0.5, 0)))
-    place = telemetry.messages["LOCAL_POSITION_NED"]
+    telemetry = moving(
+        instrumented(), lambda elapsed: climb_rate_of_fall(np.maximum(elapsed - 0.5, 0))
+    )
+    position = telemetry.messages["LOCAL_POSITION_NED"]
     telemetry = changed(
-        telemetry, "LOCAL_POSITION_NED", vx=np.where(place["time"] < EVENT + 0.1, speed, 0.0)
+        telemetry, "LOCAL_POSITION_NED", vx=np.where(position["time"] < EVENT + 0.1, speed, 0.0)
     )
     telemetry = rolled(driven(telemetry, 1000.0, EVENT + 0.6), 110.0, EVENT + 0.1, 0.8)
     telemetry = knocked(knocked(telemetry, EVENT + 0.1, 90.0), EVENT + 1.93, 60.0)
-    _, ending = judged(telemetry)
+    _, ending = events_and_ending(telemetry)
     assert ending.code is code
     assert ending.time == approx(EVENT + 0.1, abs=0.4)
 
 
 def test_a_hard_landing_upright_is_to_be_watched():
-    events, ending = judged(impact(2.5))
+    events, ending = events_and_ending(impact(2.5))
     assert ending is None
     assert events[MotionEvent.LANDED_HARD].level is Level.WATCH
     assert "sinking" in events[MotionEvent.LANDED_HARD].sentence
@@ -519,7 +525,7 @@ def test_a_hard_landing_upright_is_to_be_watched():
 def test_a_knock_at_the_take_off_does_not_hide_a_hard_landing():
     """The vehicle is knocked harder when it lands than 21 s before, by a force that no vibration reaches."""
     telemetry = knocked(impact(2.5), 9.0, 35.0)
-    events, _ = judged(knocked(telemetry, EVENT + 4.0, 40.0))
+    events, _ = events_and_ending(knocked(telemetry, EVENT + 4.0, 40.0))
     assert MotionEvent.LANDED_HARD in events
 
 
@@ -532,7 +538,7 @@ def test_the_largest_force_of_strong_vibration_is_no_hard_landing(knock, is_hard
     is_shaking = (time > 8.0) & (time < EVENT + 4.0)
     force = telemetry.messages["HIGHRES_IMU"]["zacc"]
     shaken = changed(telemetry, "HIGHRES_IMU", zacc=np.where(is_shaking, -peaks, force))
-    events, _ = judged(knocked(shaken, EVENT + 4.0, knock))
+    events, _ = events_and_ending(knocked(shaken, EVENT + 4.0, knock))
     assert (MotionEvent.LANDED_HARD in events) is is_hard
 
 
@@ -551,7 +557,7 @@ def test_a_setpoint_that_nothing_follows_is_no_tumble():
     telemetry = only(
         changed(telemetry, "ATTITUDE_TARGET", q=targets), lambda time: time < EVENT + 4.0
     )
-    events, ending = judged(telemetry)
+    events, ending = events_and_ending(telemetry)
     assert ending is None
     lost = events[MotionEvent.ATTITUDE_LOST]
     assert lost.level is Level.WATCH
@@ -568,7 +574,7 @@ def without_position(telemetry, seconds):
 
 def test_a_position_that_is_lost_for_long_and_a_blind_land_is_bad():
     telemetry = in_mode(without_position(instrumented(), 18.0), (EVENT + 1.0, "Land"))
-    lost = judged(telemetry)[0][MotionEvent.POSITION_LOST]
+    lost = events_and_ending(telemetry)[0][MotionEvent.POSITION_LOST]
     assert lost.level is Level.BAD
     assert (lost.time, lost.figures["duration"]) == approx((EVENT, 18.0), abs=0.3)
     assert SensorFact.MODE_CHANGED in witnesses(lost, Side.FOR)
@@ -576,7 +582,7 @@ def test_a_position_that_is_lost_for_long_and_a_blind_land_is_bad():
 
 @mark.parametrize("seconds, is_lost", [(4.0, False), (6.0, True)])
 def test_a_position_that_is_lost_for_five_seconds_is_an_event(seconds, is_lost):
-    events, _ = judged(without_position(instrumented(), seconds))
+    events, _ = events_and_ending(without_position(instrumented(), seconds))
     assert (MotionEvent.POSITION_LOST in events) is is_lost
     if is_lost:
         assert events[MotionEvent.POSITION_LOST].level is Level.WATCH
@@ -586,18 +592,22 @@ def test_a_position_that_never_comes_back_is_lost_to_the_end_of_the_flight():
     telemetry = without_position(instrumented(), 1000.0)
     no_fix = columns(stamps(telemetry, "LOCAL_POSITION_NED"), fix_type=0)
     no_fix["fix_type"] = np.where(no_fix["time"] >= EVENT, 1, 3)
-    lost = judged(changed(telemetry, "GPS_RAW_INT", **no_fix))[0][MotionEvent.POSITION_LOST]
+    lost = events_and_ending(changed(telemetry, "GPS_RAW_INT", **no_fix))[0][
+        MotionEvent.POSITION_LOST
+    ]
     assert f"from {lost.time:.1f} s to the end of the flight" in lost.sentence
     # Its reasons do not end with the landing either.
     assert [reason.end_time for reason in lost.figures["witnesses"]] == [None, None]
-    assert all(f"from {lost.time:.1f} s on" in str(one) for one in lost.figures["witnesses"])
+    assert all(
+        f"from {lost.time:.1f} s on" in str(witness) for witness in lost.figures["witnesses"]
+    )
 
 
 def test_flags_that_flicker_before_a_loss_do_not_hide_it():
     telemetry = without_position(instrumented(), 18.0)
     is_valid = telemetry.messages["LOCAL_POSITION_NED"]["valid"].copy()
     is_valid[abs(stamps(telemetry, "LOCAL_POSITION_NED") - (EVENT - 2.0)) < 0.5] = False
-    lost = judged(changed(telemetry, "LOCAL_POSITION_NED", valid=is_valid))[0][
+    lost = events_and_ending(changed(telemetry, "LOCAL_POSITION_NED", valid=is_valid))[0][
         MotionEvent.POSITION_LOST
     ]
     assert (lost.time, lost.figures["duration"]) == approx((EVENT, 18.0), abs=0.3)
@@ -615,28 +625,28 @@ def without_fix(*receivers):
 
 
 def test_receivers_without_a_fix_alone_do_not_speak_for_the_estimator():
-    lost = judged(without_fix("GPS_RAW_INT", "GPS2_RAW"))[0][MotionEvent.POSITION_LOST]
+    lost = events_and_ending(without_fix("GPS_RAW_INT", "GPS2_RAW"))[0][MotionEvent.POSITION_LOST]
     assert lost.level is Level.WATCH
     assert witnesses(lost, Side.FOR) == {SensorFact.NO_FIX}
 
 
 def test_a_second_receiver_with_a_fix_holds_the_position():
-    assert MotionEvent.POSITION_LOST not in judged(without_fix("GPS_RAW_INT"))[0]
+    assert MotionEvent.POSITION_LOST not in events_and_ending(without_fix("GPS_RAW_INT"))[0]
 
 
 def test_a_crash_that_only_the_autopilot_reports_is_to_be_watched():
     telemetry = saying(instrumented(), EVENT, "Crash: Disarming")
-    events, ending = judged(telemetry)
+    events, ending = events_and_ending(telemetry)
     assert ending is None
     assert events[ReportedEvent.CRASH_DETECTED].level is Level.WATCH
-    _, ending = judged(saying(impact(), EVENT + 3.0, "Crash: Disarming"))
+    _, ending = events_and_ending(saying(impact(), EVENT + 3.0, "Crash: Disarming"))
     assert ending.code is Ending.CRASHED
 
 
 def test_a_reported_crash_that_no_sensor_could_show_counts():
     sensors = ("ATTITUDE", "LOCAL_POSITION_NED", "SCALED_PRESSURE", "HIGHRES_IMU")
     telemetry = only(instrumented(), lambda time: time < EVENT - 11.0, *sensors)
-    events, _ = judged(saying(telemetry, EVENT, "Crash: Disarming"))
+    events, _ = events_and_ending(saying(telemetry, EVENT, "Crash: Disarming"))
     assert events[ReportedEvent.CRASH_DETECTED].level is Level.BAD
 
 
@@ -650,7 +660,7 @@ def bench():
 
 def test_what_never_flew_has_no_other_event():
     telemetry = knocked(bench(), EVENT)
-    events, ending = judged(telemetry)
+    events, ending = events_and_ending(telemetry)
     assert ending is None
     assert [code for code in events if isinstance(code, MotionEvent)] == [MotionEvent.NOT_FLOWN]
     assert "barometer stayed within" in events[MotionEvent.NOT_FLOWN].sentence
@@ -660,7 +670,7 @@ def test_what_never_flew_took_not_off_whatever_the_estimator_says():
     telemetry = bench()
     time = stamps(telemetry, "LOCAL_POSITION_NED")
     telemetry = changed(telemetry, "LOCAL_POSITION_NED", vz=-0.6, z=-0.6 * time)
-    events, _ = judged(telemetry)
+    events, _ = events_and_ending(telemetry)
     assert MotionEvent.NOT_FLOWN in events
     assert ReportedEvent.OFF_GROUND not in events and ReportedEvent.ON_GROUND not in events
 
@@ -690,7 +700,7 @@ def test_a_lean_that_was_caught_is_stated_whole_where_no_setpoint_was_logged():
     without_setpoint = {
         name: table for name, table in telemetry.messages.items() if name != "ATTITUDE_TARGET"
     }
-    events, _ = judged(replace(telemetry, messages=without_setpoint))
+    events, _ = events_and_ending(replace(telemetry, messages=without_setpoint))
     caught = events[MotionEvent.ATTITUDE_CAUGHT]
     assert np.degrees(caught.figures["angle"]) == approx(70.0)
     assert caught.sentence.startswith("The vehicle leant from")

@@ -43,7 +43,7 @@ def lost_motor():
     return knocked(telemetry, EVENT + 1.43, 150.0)
 
 
-def judged(telemetry):
+def events_and_ending(telemetry):
     signals = Signals(telemetry, inputs="motors")
     events = motion_events(signals)
     assert all(event.sentence for event in events)
@@ -56,7 +56,7 @@ def codes(event, side):
 
 @mark.parametrize("rate", [10.0, 4.0])
 def test_a_motor_that_stands_still_while_commanded_is_lost_with_a_second_witness(rate):
-    events, ending = judged(with_speeds(lost_motor(), rate=rate))
+    events, ending = events_and_ending(with_speeds(lost_motor(), rate=rate))
     stood_still = events[MotionEvent.MOTOR_STOOD_STILL]
     assert stood_still.is_bad
     assert stood_still.subject == "motor 2 (rear left)"
@@ -74,7 +74,7 @@ def test_a_motor_that_stands_still_while_commanded_is_lost_with_a_second_witness
 
 
 def test_a_controller_that_reports_0_in_a_sound_hover_is_to_be_watched():
-    events, ending = judged(with_speeds(instrumented()))
+    events, ending = events_and_ending(with_speeds(instrumented()))
     stood_still = events[MotionEvent.MOTOR_STOOD_STILL]
     assert stood_still.level == "watch"
     assert codes(stood_still, Side.AGAINST) == {
@@ -86,12 +86,12 @@ def test_a_controller_that_reports_0_in_a_sound_hover_is_to_be_watched():
 
 
 def test_a_lost_motor_that_turns_in_the_wind_for_most_of_the_flight_stands_still():
-    events, _ = judged(with_speeds(instrumented(), speed_of_failing=100.0))
+    events, _ = events_and_ending(with_speeds(instrumented(), speed_of_failing=100.0))
     assert events[MotionEvent.MOTOR_STOOD_STILL].time == approx(EVENT, abs=0.2)
 
 
 def test_motors_that_all_turn_are_no_event():
-    events, _ = judged(with_speeds(instrumented(), 5000.0))
+    events, _ = events_and_ending(with_speeds(instrumented(), 5000.0))
     assert MotionEvent.MOTOR_STOOD_STILL not in events
 
 
@@ -123,20 +123,20 @@ def test_a_loss_states_what_else_of_the_flight_agrees_with_it():
     subject = "motor 2 (rear left)"
     loss = Fact(MotorWatchFact.MOTOR_SATURATED, time=EVENT, subject=subject, excess=0.4, boot=0)
     report = Fact(ReportedEvent.THRUST_LOST, time=EVENT + 1.0, subject="motor 2", boot=0)
-    other = Fact(MotorWatchFact.STEADY_TORQUE_CHANGED, time=EVENT, boot=0)
-    witnessed, unnamed = with_sensor_evidence(signals, [loss, other], [report])
+    torque_change = Fact(MotorWatchFact.STEADY_TORQUE_CHANGED, time=EVENT, boot=0)
+    witnessed, unnamed = with_sensor_evidence(signals, [loss, torque_change], [report])
     assert {
         SensorFact.COMMAND_ABOVE_OTHERS,
         SensorFact.ATTITUDE_LEFT_SETPOINT,
         SensorFact.SANK,
         SensorFact.AUTOPILOT_REPORTED,
     } == codes(witnessed, Side.FOR)
-    assert unnamed == other
+    assert unnamed == torque_change
 
 
 def test_the_table_names_the_motor_of_a_controller_and_that_it_stood_still():
     signals = Signals(with_speeds(instrumented()), inputs="motors")
     evidence = evidence_of(signals, events=motion_events(signals))
-    states = {one.name: one.state for one in list_instances(evidence)}
+    states = {instance.name: instance.state for instance in list_instances(evidence)}
     assert "stood still" in states["ESC 2 (motor 2)"].sentence
     assert states["ESC 1 (motor 1)"].level == "good"

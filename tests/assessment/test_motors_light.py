@@ -80,19 +80,19 @@ def test_the_more_probable_cause_of_shifted_trims_is_to_be_checked_first(
         (lambda time: 600.0 * (time % 10 < 0.35), MotorsLight.HEADROOM_LITTLE, "watch"),
     ],
 )
-def test_the_worst_is_said(pulses, code, level):
-    found = motors_light(evidence(pulses))
-    assert (found.code, found.level) == (code, level)
+def test_the_light_of_motors_is_the_worst_fact_about_them(pulses, code, level):
+    light_fact = motors_light(evidence(pulses))
+    assert (light_fact.code, light_fact.level) == (code, level)
     if code is MotorsLight.HEADROOM_LITTLE:
         # All motors are alike.
-        assert len(found.figures["names"]) == 4 and " have " in str(found)
+        assert len(light_fact.figures["names"]) == 4 and " have " in str(light_fact)
     if code is MotorWatchFact.MOTOR_LOST_THRUST:
         if level == "bad":
-            assert found.end_time is None
-            assert found.time == approx(40, abs=1.5)
+            assert light_fact.end_time is None
+            assert light_fact.time == approx(40, abs=1.5)
         else:
-            assert [found.time, found.end_time] == approx([30, 50], abs=1.5)
-        assert found.subject == "motor 2 (rear left)"
+            assert [light_fact.time, light_fact.end_time] == approx([30, 50], abs=1.5)
+        assert light_fact.subject == "motor 2 (rear left)"
 
 
 def test_a_motor_that_is_weak_in_the_descent_alone_is_named():
@@ -107,8 +107,8 @@ def test_a_motor_that_alone_was_long_at_its_limit_is_not_good():
     limit = Fact(MotionEvent.MOTOR_AT_ITS_STOP, Level.WATCH, time=72.0, subject=FRONT_LEFT, boot=0)
     for duration, is_shown in ((3.0, False), (15.0, True)):
         event = limit.replace(end_time=72.0 + duration, duration=duration)
-        found = motors_light(replace(even, events=(event,)))
-        assert (found == event) is is_shown
+        light_fact = motors_light(replace(even, events=(event,)))
+        assert (light_fact == event) is is_shown
 
 
 def test_where_one_motor_alone_lacks_headroom_the_remedy_is_about_that_motor():
@@ -135,10 +135,10 @@ def test_a_motor_that_differs_as_the_others_do_is_not_to_be_checked_alone(
 
 
 def test_an_uneven_trim_does_not_hide_a_small_headroom():
-    found = motors_light(evidence(lambda time: np.array([[420], [420], [180], [180]])))
-    assert (found.code, found.level) == (TrimFact.TRIM_OF_YAW, "watch")
-    assert found.figures["headroom"] < 0.1
-    assert found.sentence.count("% of headroom") == 1
+    light_fact = motors_light(evidence(lambda time: np.array([[420], [420], [180], [180]])))
+    assert (light_fact.code, light_fact.level) == (TrimFact.TRIM_OF_YAW, "watch")
+    assert light_fact.figures["headroom"] < 0.1
+    assert light_fact.sentence.count("% of headroom") == 1
     plenty = motors_light(evidence(lambda time: np.array([[80], [80], [-80], [-80]])))
     assert "headroom" not in plenty.figures
 
@@ -158,7 +158,7 @@ def test_a_motor_without_headroom_works_harder_where_the_trim_is_not_known(monke
 @mark.slow
 def test_what_names_a_motor_before_its_balance_goes_first():
     even = evidence()
-    named, failed, other = (
+    named, failed, other_event = (
         Fact(code, Level.BAD, time=50.0, subject=subject, boot=0)
         for code, subject in (
             (MotionEvent.MOTOR_OFF, FRONT_LEFT),
@@ -168,8 +168,8 @@ def test_what_names_a_motor_before_its_balance_goes_first():
     )
     first, largest = named.replace(rise=0.2), named.replace(rise=0.4)
     assert motors_light(replace(even, ending=named)) == named
-    for *others, said in ((other, named), (failed,), (first, largest)):
-        assert motors_light(replace(even, events=(*others, said))) == said
+    for *later_events, expected_event in ((other_event, named), (failed,), (first, largest)):
+        assert motors_light(replace(even, events=(*later_events, expected_event))) == expected_event
     # After control was lost the balance says nothing.
     after = motors_light(evidence(weak(40.0), ending=Fact(SessionFact.ALARM, time=30.0)))
     assert after.code is not MotorWatchFact.MOTOR_LOST_THRUST and not after.subject
@@ -181,16 +181,16 @@ def test_a_motor_that_the_autopilot_names_by_its_number_is_in_the_light():
     assert motors_light(replace(even, events=(report,))) == report
     measured = Fact(MotionEvent.MOTOR_OFF, Level.BAD, time=51.0, subject=FRONT_LEFT, boot=0)
     assert motors_light(replace(even, events=(report, measured))) == measured
-    other = report.replace(subject="motor 9")
-    assert motors_light(replace(even, events=(other,))).is_good
+    report_of_no_motor = report.replace(subject="motor 9")
+    assert motors_light(replace(even, events=(report_of_no_motor,))).is_good
 
 
 def test_without_settled_flight_or_outputs_it_is_not_known():
     flight = evidence()
     bare = replace(flight, condition=replace(flight.condition, hover=None), events=())
-    found = motors_light(bare)
-    assert (found.code, found.level) == (MotorsLight.MOTORS_NOT_SEEN, "unknown")
-    assert "10 s" in found.sentence and found.grounded.remedy.startswith("Check motors")
+    light_fact = motors_light(bare)
+    assert (light_fact.code, light_fact.level) == (MotorsLight.MOTORS_NOT_SEEN, "unknown")
+    assert "10 s" in light_fact.sentence and light_fact.grounded.remedy.startswith("Check motors")
     stop, shorter, longer = (
         Fact(MotionEvent.MOTOR_AT_ITS_STOP, Level.WATCH, subject=FRONT_LEFT, boot=0, **times)
         for times in (
@@ -201,7 +201,7 @@ def test_without_settled_flight_or_outputs_it_is_not_known():
     )
     assert motors_light(replace(bare, events=(shorter, longer, stop))) == longer
     # In a flight without a hover, a moment at the limit is no need of thrust.
-    assert motors_light(replace(bare, events=(shorter, stop))) == found
+    assert motors_light(replace(bare, events=(shorter, stop))) == light_fact
     lost = replace(bare, events=(stop,), ending=Fact(SessionFact.ALARM, time=40.0))
     assert motors_light(lost).code is MotorsLight.MOTORS_NOT_SEEN
     assert motors_light(replace(flight, events=(stop,))).level == "good"
@@ -291,9 +291,9 @@ def test_limits_of_a_diverged_height_or_after_a_dive_are_no_motor_s(code, level)
 
 
 def test_outputs_that_never_change_are_not_called_missing():
-    made = Hover(hovering=20.0).telemetry(20.0, 20.0)
+    telemetry = Hover(hovering=20.0).telemetry(20.0, 20.0)
     constant = {f"servo{number}_raw": 1000 for number in range(1, 5)}
-    fact = motors_light(evidence_of(Signals(changed(made, "SERVO_OUTPUT_RAW", **constant))))
+    fact = motors_light(evidence_of(Signals(changed(telemetry, "SERVO_OUTPUT_RAW", **constant))))
     assert fact.code is MotorsLight.MOTORS_NOT_SEEN
     assert "no output in SERVO_OUTPUT_RAW ever changes." in fact.sentence
 

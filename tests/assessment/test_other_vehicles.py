@@ -78,7 +78,7 @@ def test_a_sound_vehicle_has_nothing_to_be_done(vehicle):
 
 
 @mark.parametrize("vibration, volts, light", [(40.0, 12.4, "vibration"), (2.0, 8.5, "power")])
-def test_what_is_bad_is_the_headline(vehicle, vibration, volts, light):
+def test_the_bad_light_of_another_vehicle_is_its_headline(vehicle, vibration, volts, light):
     full_at_first = np.where(TIME < 8.0, 12.4, volts)
     judgement = assess(log_of(telemetry(vehicle, vibration, full_at_first))).judgement
     assert judgement.headline == judgement.lights[light]
@@ -127,7 +127,7 @@ def test_the_headline_of_a_sound_vehicle_names_what_was_judged_and_its_type(vehi
 
 
 def test_outputs_of_other_vehicles_are_no_motors_in_the_table_either(vehicle):
-    names = [one.name for one in assess(log_of(telemetry(vehicle))).instances]
+    names = [instance.name for instance in assess(log_of(telemetry(vehicle))).instances]
     assert "output 1" in names
     assert not [name for name in names if "motor" in name]
 

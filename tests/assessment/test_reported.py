@@ -61,7 +61,7 @@ TEXTS = {
 
 
 @mark.parametrize("text", TEXTS)
-def test_a_text_says_what_happened(text):
+def test_texts_of_the_autopilot_become_facts_with_code_level_and_subject(text):
     (fact,) = reported_problems(with_texts(FLOWN, text.encode(), severity=(NO_SEVERITY,)))
     assert (fact.code, fact.level, fact.subject) == TEXTS[text]
     assert fact.time == 1.0 and fact.figures["basis"] == ("STATUSTEXT",)
@@ -80,18 +80,18 @@ def test_a_warning_that_nobody_knows_is_quoted_and_what_is_no_warning_is_not():
     )
 
 
-def test_a_text_in_chunks_is_one():
+def test_a_status_text_in_chunks_is_joined():
     telemetry = with_texts(FLOWN, b"Potential Thr", b"other", b"ust Loss (2)", severity=(2, 6, 2))
     telemetry = changed(telemetry, "STATUSTEXT", id=[7, 0, 7], chunk_seq=[0, 0, 1])
     (fact,) = reported_problems(telemetry)
     assert (fact.code, fact.subject, fact.time) == (ReportedEvent.THRUST_LOST, "motor 2", 1.0)
 
 
-def test_what_is_said_again_soon_is_once_with_its_count_and_span():
+def test_repeated_reports_are_one_event_with_count_and_interval():
     times = np.array([1.0, 1.0 + REPEAT_SECONDS, 1.1 + 2 * REPEAT_SECONDS])
     glitches = columns(times, text=b"GPS Glitch", severity=4)
-    found = merge_repeats(reported_problems(changed(FLOWN, "STATUSTEXT", **glitches)))
-    spans = [(fact.time, fact.end_time, fact.figures["count"]) for fact in found]
+    problems = merge_repeats(reported_problems(changed(FLOWN, "STATUSTEXT", **glitches)))
+    spans = [(fact.time, fact.end_time, fact.figures["count"]) for fact in problems]
     assert spans == [(1.0, 1.0 + REPEAT_SECONDS, 2), (times[2], None, 1)]
 
 
@@ -101,15 +101,15 @@ def test_what_is_said_again_soon_is_once_with_its_count_and_span():
 def test_a_state_that_was_over_is_not_reported_through_the_pause(second_loss, spans):
     gps_failsafe = 7
     rows = columns([10.0, 11.0, second_loss, 30.0], Subsys=[gps_failsafe] * 4, ECode=[1, 0, 1, 0])
-    found = merge_repeats(reported_problems(changed(FLOWN, "ERR", **rows)))
-    assert [(fact.code, fact.time, fact.end_time) for fact in found] == [
+    problems = merge_repeats(reported_problems(changed(FLOWN, "ERR", **rows)))
+    assert [(fact.code, fact.time, fact.end_time) for fact in problems] == [
         (ReportedEvent.GPS_LOST, start, end) for start, end in spans
     ]
 
 
-def test_of_two_that_say_the_same_the_worse_level_holds():
-    told = columns([0.5], Id=[62])
-    telemetry = with_texts(changed(FLOWN, "EV", **told), b"EKF3 IMU0 emergency yaw reset")
+def test_of_two_equal_reports_the_worse_level_holds():
+    error_events = columns([0.5], Id=[62])
+    telemetry = with_texts(changed(FLOWN, "EV", **error_events), b"EKF3 IMU0 emergency yaw reset")
     (fact,) = merge_repeats(reported_problems(telemetry))
     assert (fact.time, fact.level, fact.subject) == (0.5, "watch", "yaw")
     assert fact.figures["basis"] == ("EV", "STATUSTEXT")
@@ -133,19 +133,19 @@ def test_errors_of_dataflash_have_their_name_and_last_until_they_are_over():
         Subsys=[16, 5, 5, 13, 24],
         ECode=[2, 1, 0, 2, 0],
     )
-    told = columns([45.0], Id=[51])
-    telemetry = changed(changed(FLOWN, "ERR", **rows), "EV", **told)
-    found = merge_repeats(reported_problems(telemetry))
-    assert [(fact.code, fact.time, fact.end_time) for fact in found] == [
+    event_codes = columns([45.0], Id=[51])
+    telemetry = changed(changed(FLOWN, "ERR", **rows), "EV", **event_codes)
+    problems = merge_repeats(reported_problems(telemetry))
+    assert [(fact.code, fact.time, fact.end_time) for fact in problems] == [
         (ReportedEvent.ESTIMATOR_DIVERGED, 30.0, None),
         (ReportedEvent.RADIO_LOST, 31.0, 34.0),
         (ReportedEvent.AUTOPILOT_ERROR, 40.0, None),
         (ReportedEvent.PARACHUTE_RELEASED, 45.0, None),
         (ReportedEvent.ESTIMATOR_SWITCHED, 50.0, None),
     ]
-    assert {fact.figures.get("severity") for fact in found} == {"error", None}
-    assert found[2].subject == "flip" and found[2].figures["error_code"] == 2
-    assert found[4].subject == "lane 0"
+    assert {fact.figures.get("severity") for fact in problems} == {"error", None}
+    assert problems[2].subject == "flip" and problems[2].figures["error_code"] == 2
+    assert problems[4].subject == "lane 0"
 
 
 def test_the_land_detector_dates_the_take_off_of_what_climbed():
@@ -156,10 +156,10 @@ def test_the_land_detector_dates_the_take_off_of_what_climbed():
     assert not events(held, ReportedEvent.OFF_GROUND)
 
 
-def test_a_mode_has_its_cause():
+def test_a_change_of_mode_has_ardupilots_reason_and_its_level():
     modes = columns([5.0, 20.0, 30.0], custom_mode=[5.0, 6.0, 9.0], Rsn=[1, 3, 17])
-    found = events(changed(FLOWN, "CURRENT_MODE", **modes), ReportedEvent.MODE_CHANGED)
-    assert [(fact.subject, fact.figures["cause"], fact.level) for fact in found] == [
+    mode_changes = events(changed(FLOWN, "CURRENT_MODE", **modes), ReportedEvent.MODE_CHANGED)
+    assert [(fact.subject, fact.figures["cause"], fact.level) for fact in mode_changes] == [
         ("Loiter", "pilot", "good"),
         ("RTL", "radio failsafe", "watch"),
         ("Land", "termination", "bad"),
@@ -188,7 +188,7 @@ DETECTED = {
 
 
 @mark.parametrize("message", STATES)
-def test_what_is_lost_or_low_while_armed_has_its_span(message):
+def test_faults_while_armed_have_start_and_end(message):
     field, sound, bad, code = STATES[message]
     telemetry = changed(FLOWN, message, **columns(TIMES, **{field: np.where(LOST, bad, sound)}))
     (fact,) = events(telemetry, code)
@@ -235,14 +235,14 @@ def test_a_fix_that_is_missing_when_the_motors_stop_has_no_end():
 
 
 @mark.parametrize("field", DETECTED)
-def test_what_the_failure_detector_found(field):
+def test_faults_of_px4s_failure_detector_become_events(field):
     code, level, subject = DETECTED[field]
     detected = columns(TIMES, **{field: LOST * (4 if "mask" in field else 1)})
     (fact,) = events(changed(FLOWN, "failure_detector_status", **detected), code)
     assert (fact.level, fact.subject, fact.time, fact.end_time) == (level, subject, 20.0, 24.0)
 
 
-def test_what_is_said_while_disarmed_is_not_bad():
+def test_reports_while_disarmed_are_not_bad():
     telemetry = with_texts(FLOWN, b"Preflight Fail: Attitude failure (roll)")
     (fact,) = events(telemetry, ReportedEvent.ATTITUDE_FAILED)
     assert fact.level == "watch"
@@ -259,8 +259,8 @@ def test_a_failsafe_and_a_lane_are_states_too():
     assert (fact.time, fact.end_time) == (31.0, 39.0)
     lanes = columns(TIMES, primary_instance=1 * LOST)
     switched = changed(FLOWN, "estimator_selector_status", **lanes)
-    found = events(switched, ReportedEvent.ESTIMATOR_SWITCHED)
-    assert [(fact.time, fact.subject) for fact in found] == [(20.0, "lane 1"), (25.0, "lane 0")]
+    switches = events(switched, ReportedEvent.ESTIMATOR_SWITCHED)
+    assert [(fact.time, fact.subject) for fact in switches] == [(20.0, "lane 1"), (25.0, "lane 0")]
     resets = 255 * (np.arange(len(CLIMB)) < 300)
     telemetry = changed(FLOWN, "LOCAL_POSITION_NED", resets=resets)
     (fact,) = events(telemetry, ReportedEvent.ESTIMATOR_RESET)
@@ -362,8 +362,8 @@ def test_a_failsafe_that_ends_between_two_flights_is_not_that_of_the_next():
         base_mode=np.where(disarmed, 0, beats["base_mode"]),
         system_status=np.where(in_failsafe, 5, 4),
     )
-    found = events(telemetry, ReportedEvent.FAILSAFE)
-    assert [(fact.time, fact.end_time) for fact in found] == [(12.0, 18.0), (next_start, None)]
+    failsafes = events(telemetry, ReportedEvent.FAILSAFE)
+    assert [(fact.time, fact.end_time) for fact in failsafes] == [(12.0, 18.0), (next_start, None)]
 
 
 @mark.parametrize("pause, count", [(4.0, 1), (16.0, 2)])
@@ -372,9 +372,9 @@ def test_two_failsafes_of_one_flight_are_two_events(pause, count):
     second_start = 15.0 + pause
     in_failsafe = (time >= 12.0) & (time <= 15.0) | (time >= second_start) & (time <= 34.0)
     telemetry = changed(FLOWN, "HEARTBEAT", system_status=np.where(in_failsafe, 5, 4))
-    found = events(telemetry, ReportedEvent.FAILSAFE)
-    assert len(found) == count
-    assert (found[0].time, found[-1].end_time) == (12.0, 34.0)
+    failsafes = events(telemetry, ReportedEvent.FAILSAFE)
+    assert len(failsafes) == count
+    assert (failsafes[0].time, failsafes[-1].end_time) == (12.0, 34.0)
 
 
 @mark.parametrize("time, is_trigger", [(30.9, True), (28.5, False), (31.5, False)])

@@ -47,8 +47,11 @@ def flight(height=10.0):
     )
 
 
-def drifting(telemetry, motor, seconds, highest=2000.0, end_time=np.inf):
-    """The output of a motor, from 0, rises over so many seconds to ``SATURATES``, and stays there."""
+def with_rising_output(telemetry, motor, seconds, highest=2000.0, end_time=np.inf):
+    """Returns telemetry in which the output of a motor, from 0, rises to ``highest`` within some seconds, and stays.
+
+    It is at its highest from the time ``SATURATES`` on.
+    """
     time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
     outputs = pulses(telemetry)
     rise = np.clip((time - SATURATES) / seconds + 1, 0, 1) * (time < end_time)
@@ -56,15 +59,15 @@ def drifting(telemetry, motor, seconds, highest=2000.0, end_time=np.inf):
     return with_pulses(telemetry, np.minimum(outputs, 2000.0))
 
 
-def leaning(telemetry, towards, degrees):
-    """The attitude leans from ``SATURATES`` on in the direction ``towards`` (2,), forward and right."""
+def with_lean(telemetry, towards, degrees):
+    """Returns telemetry whose attitude leans from ``SATURATES`` on in the direction ``towards``, forward and right."""
     attitude = telemetry.messages["ATTITUDE"]
     lean = np.radians(degrees) * (attitude["time"] > SATURATES)
     return changed(telemetry, "ATTITUDE", roll=lean * towards[1], pitch=-lean * towards[0])
 
 
 def sinking(telemetry, speed):
-    """The vehicle sinks from ``SATURATES`` on."""
+    """Returns telemetry of a vehicle that sinks from ``SATURATES`` on."""
     position = telemetry.messages["LOCAL_POSITION_NED"]
     vz = np.where(position["time"] > SATURATES, speed, position["vz"])
     return changed(
@@ -80,7 +83,9 @@ def losses(telemetry, ending=None):
 @mark.parametrize("motor", range(4))
 @mark.parametrize("seconds", [1.0, 5.0])
 def test_a_motor_at_its_limit_to_whose_side_the_vehicle_leans_is_named(motor, seconds):
-    [loss] = losses(leaning(drifting(flight(), motor, seconds, 2100.0), QUAD[motor], 15.0))
+    [loss] = losses(
+        with_lean(with_rising_output(flight(), motor, seconds, 2100.0), QUAD[motor], 15.0)
+    )
     assert (loss.code, loss.level) == (MotorWatchFact.MOTOR_SATURATED, "bad")
     assert loss.subject == NAMES[motor]
     assert loss.time == approx(SATURATES, abs=1.3)
@@ -88,7 +93,7 @@ def test_a_motor_at_its_limit_to_whose_side_the_vehicle_leans_is_named(motor, se
 
 
 def test_a_loss_over_40_s_is_named_before_the_fall():
-    telemetry = drifting(flight(), 2, 30.0, 2100.0)
+    telemetry = with_rising_output(flight(), 2, 30.0, 2100.0)
     position = telemetry.messages["LOCAL_POSITION_NED"]
     vz = np.where(position["time"] > SATURATES, 1.5, position["vz"])
     [loss] = losses(changed(telemetry, "LOCAL_POSITION_NED", vz=vz))
@@ -96,7 +101,7 @@ def test_a_loss_over_40_s_is_named_before_the_fall():
 
 
 def test_a_limit_that_holds_the_vehicle_is_no_loss():
-    telemetry = drifting(flight(), 1, 2.0, 2100.0)
+    telemetry = with_rising_output(flight(), 1, 2.0, 2100.0)
     assert any(
         event.code is MotionEvent.MOTOR_AT_ITS_STOP for event in motion_events(Signals(telemetry))
     )
@@ -104,36 +109,36 @@ def test_a_limit_that_holds_the_vehicle_is_no_loss():
 
 
 def test_a_lean_to_another_side_is_no_loss_of_that_motor():
-    assert not losses(leaning(drifting(flight(), 1, 2.0, 2100.0), QUAD[0], 15.0))
+    assert not losses(with_lean(with_rising_output(flight(), 1, 2.0, 2100.0), QUAD[0], 15.0))
 
 
 def test_a_limit_just_before_an_impact_is_no_loss():
-    telemetry = leaning(drifting(flight(), 1, 2.0, 2100.0), QUAD[1], 15.0)
+    telemetry = with_lean(with_rising_output(flight(), 1, 2.0, 2100.0), QUAD[1], 15.0)
     impact = Fact(Ending.CRASHED, time=SATURATES + 0.5, boot=0)
     assert not losses(telemetry, impact)
     assert losses(telemetry, impact.replace(time=SATURATES + 5.0))
 
 
 def test_a_short_limit_is_no_loss():
-    telemetry = drifting(flight(), 1, 0.5, 2100.0, end_time=SATURATES + 2.0)
-    assert not losses(leaning(telemetry, QUAD[1], 15.0))
+    telemetry = with_rising_output(flight(), 1, 0.5, 2100.0, end_time=SATURATES + 2.0)
+    assert not losses(with_lean(telemetry, QUAD[1], 15.0))
 
 
 def test_all_motors_at_their_limit_are_no_loss_of_one():
     telemetry = flight()
     for motor in range(4):
-        telemetry = drifting(telemetry, motor, 2.0, 2100.0)
-    assert not losses(leaning(telemetry, QUAD[1], 15.0))
+        telemetry = with_rising_output(telemetry, motor, 2.0, 2100.0)
+    assert not losses(with_lean(telemetry, QUAD[1], 15.0))
 
 
-def test_a_limit_on_a_stand_is_none():
-    telemetry = drifting(flight(height=0.3), 1, 2.0, 2100.0)
+def test_a_motor_at_its_limit_near_the_ground_is_no_event():
+    telemetry = with_rising_output(flight(height=0.3), 1, 2.0, 2100.0)
     codes = [event.code for event in motion_events(Signals(telemetry))]
     assert MotionEvent.MOTOR_AT_ITS_STOP not in codes
 
 
 def test_a_diverged_height_explains_every_limit():
-    telemetry = leaning(drifting(flight(), 1, 2.0, 2100.0), QUAD[1], 15.0)
+    telemetry = with_lean(with_rising_output(flight(), 1, 2.0, 2100.0), QUAD[1], 15.0)
     signals = Signals(telemetry, inputs="motors")
     diverged = Fact(MotionEvent.HEIGHT_DIVERGED, time=30.0, boot=0)
     assert not saturation_losses(signals, [diverged, *motion_events(signals)], None)
@@ -141,7 +146,7 @@ def test_a_diverged_height_explains_every_limit():
 
 @mark.parametrize("reported, named", [("", NAMES[1]), (NAMES[1], NAMES[1]), (NAMES[0], NAMES[0])])
 def test_a_loss_without_a_cause_names_the_motor_that_saturated(reported, named):
-    losses_of_motor = losses(leaning(drifting(flight(), 1, 2.0, 2100.0), QUAD[1], 15.0))
+    losses_of_motor = losses(with_lean(with_rising_output(flight(), 1, 2.0, 2100.0), QUAD[1], 15.0))
     lost = Fact(Ending.CONTROL_LOST, time=45.0, subject=reported, cause=None, word=None, boot=0)
     ending = with_saturated_motor(lost, losses_of_motor)
     assert ending.subject == named
@@ -152,7 +157,7 @@ def test_a_loss_without_a_cause_names_the_motor_that_saturated(reported, named):
 
 
 def test_a_motor_was_not_at_its_limit_first_after_another_one():
-    losses_of_motor = losses(leaning(drifting(flight(), 1, 2.0, 2100.0), QUAD[1], 15.0))
+    losses_of_motor = losses(with_lean(with_rising_output(flight(), 1, 2.0, 2100.0), QUAD[1], 15.0))
     lost = Fact(Ending.CONTROL_LOST, time=45.0, subject="", cause=None, word=None, boot=0)
     limit = Fact(MotionEvent.MOTOR_AT_ITS_STOP, time=SATURATES - 1.0, subject=NAMES[0], boot=0)
     ending = with_saturated_motor(lost, losses_of_motor, [limit])
@@ -178,8 +183,8 @@ def test_a_motor_at_its_limit_long_before_all_thrust_was_used_up_is_named(limit_
     assert with_motors_limited_before(crashed.replace(cause=None), [limit]).figures["cause"] is None
 
 
-def test_a_known_cause_and_an_impact_stay():
-    losses_of_motor = losses(leaning(drifting(flight(), 1, 2.0, 2100.0), QUAD[1], 15.0))
+def test_a_saturated_motor_replaces_no_known_cause_and_no_impact():
+    losses_of_motor = losses(with_lean(with_rising_output(flight(), 1, 2.0, 2100.0), QUAD[1], 15.0))
     frozen = Fact(FailedFirst.OUTPUT_FROZE_FIRST, subject=NAMES[0])
     lost = Fact(Ending.CONTROL_LOST, time=45.0, subject=NAMES[0], cause=frozen, boot=0)
     crashed = Fact(Ending.CRASHED, time=45.0, cause=None, boot=0)
@@ -202,6 +207,6 @@ def test_a_limit_that_began_before_the_record_has_a_duration_but_no_start_in_wor
     assert event.sentence.endswith(
         f"was at its upper limit 100 % of the time until {event.latest_time:.1f} s."
     )
-    whole = event.replace(end_time=None)
-    assert whole.sentence.endswith("throughout the record.")
+    lasting_event = event.replace(end_time=None)
+    assert lasting_event.sentence.endswith("throughout the record.")
     assert events_text([Event(event.start_time, event)]).count("inf") == 0

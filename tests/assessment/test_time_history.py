@@ -39,7 +39,7 @@ def armed_from_20_to_40_s():
     return changed(HOVER.telemetry(), "HEARTBEAT", base_mode=base_mode)
 
 
-def test_it_lasts_from_before_arming_to_after_disarming():
+def test_a_time_history_lasts_from_before_arming_to_after_disarming():
     history = history_of(armed_from_20_to_40_s())
     assert history.segment.start == approx(20.0 - SECONDS_AROUND_FLIGHT, abs=HEARTBEAT_PERIOD)
     assert history.segment.end == approx(40.0 + SECONDS_AROUND_FLIGHT, abs=HEARTBEAT_PERIOD)
@@ -68,9 +68,9 @@ def test_motors_are_in_percent_of_their_range_and_of_their_mean():
 
 def test_the_barometer_begins_at_the_height_and_shows_where_that_diverged():
     telemetry = instrumented()
-    place = telemetry.messages["LOCAL_POSITION_NED"]
-    runaway = np.where(place["time"] > 30.0, 3.0 * (place["time"] - 30.0), 0.0)
-    history = history_of(changed(telemetry, "LOCAL_POSITION_NED", z=place["z"] + runaway))
+    position = telemetry.messages["LOCAL_POSITION_NED"]
+    runaway = np.where(position["time"] > 30.0, 3.0 * (position["time"] - 30.0), 0.0)
+    history = history_of(changed(telemetry, "LOCAL_POSITION_NED", z=position["z"] + runaway))
     height, barometer = history.height, history.barometer_height
     assert barometer.values[0] == approx(height.values[0], abs=0.5)
     assert barometer.value_at(29.0) == approx(height.value_at(29.0), abs=0.5)
@@ -98,10 +98,10 @@ def test_the_flights_of_all_boots_are_drawn_one_after_the_other():
     ]
     one_flight = time_history(signals, settled, NO_WIND, events)
     history = time_history(signals, settled, NO_WIND, events, has_all_flights=True)
-    shown = history.segment
-    assert (shown.boot, shown.end) == (1, one_flight.segment.end)
+    segment = history.segment
+    assert (segment.boot, segment.end) == (1, one_flight.segment.end)
     period = one_flight.segment.duration + SECONDS_BETWEEN_BOOTS
-    assert shown.start == approx(one_flight.segment.start - period)
+    assert segment.start == approx(one_flight.segment.start - period)
     angle = history.axes["roll"].angle.measured
     assert set(angle.boot) == {1} and (np.diff(angle.time) > 0).all()
     earlier = angle.select(angle.time < one_flight.segment.start - 1.0)
@@ -119,9 +119,9 @@ def test_a_signal_with_a_single_sample_in_flight_is_left_out():
 
 def test_voltages_are_named_by_their_battery():
     time = HOVER.stamps(1.0)
-    one = changed(HOVER.telemetry(), "SYS_STATUS", **columns(time, voltage_battery=16000))
-    (voltage,) = history_of(one).voltages.values()
-    assert list(history_of(one).voltages) == ["battery"]
+    telemetry = changed(HOVER.telemetry(), "SYS_STATUS", **columns(time, voltage_battery=16000))
+    (voltage,) = history_of(telemetry).voltages.values()
+    assert list(history_of(telemetry).voltages) == ["battery"]
     assert_allclose(voltage.values, 16.0)
     assert not history_of(HOVER.telemetry()).voltages
 

@@ -34,8 +34,8 @@ def shaken_signals(levels, clips=0, autopilot="ARDUPILOTMEGA", firmware=""):
     fields |= {"clipping_2": fields["clipping_1"] // 2}
     fields |= {"vibration_z": shaken[:, 0]} if autopilot == "PX4" else {}
     fields |= {"levels": shaken} if len(levels) != 3 else {}
-    made = changed(telemetry, "VIBRATION", **columns(time, **fields))
-    return Signals(replace(made, firmware=firmware), inputs="motors")
+    signals_telemetry = changed(telemetry, "VIBRATION", **columns(time, **fields))
+    return Signals(replace(signals_telemetry, firmware=firmware), inputs="motors")
 
 
 def light(*arguments, **keywords):
@@ -51,17 +51,21 @@ def test_the_limits_are_the_autopilot_s(autopilot, limits):
 
 
 def test_the_worst_axis_of_the_worst_imu_is_named():
-    found = light([1, 2, 3, 4, 16, 5])
-    assert (found.subject, found.figures["axis"], found.level) == ("IMU 2", "y", "watch")
-    assert found.figures["vibration"] == approx(16)
+    light_fact = light([1, 2, 3, 4, 16, 5])
+    assert (light_fact.subject, light_fact.figures["axis"], light_fact.level) == (
+        "IMU 2",
+        "y",
+        "watch",
+    )
+    assert light_fact.figures["vibration"] == approx(16)
     assert light([1, 2], autopilot="PX4").subject == "IMU 2"
 
 
-def test_clips_are_counted():
+def test_clips_of_the_accelerometer_have_the_levels_of_their_limits():
     assert "no clips in settled flight" in light([1, 1, 1]).sentence
     assert {light([1, 1, 1], clips=count).level for count in (1, CLIP_LIMITS.bad)} == {"watch"}
-    many = light([1, 1, 1], clips=CLIP_LIMITS.bad + 1)
-    assert many.level == "bad" and f" {CLIP_LIMITS.bad + 1} clips " in many.sentence
+    many_clips = light([1, 1, 1], clips=CLIP_LIMITS.bad + 1)
+    assert many_clips.level == "bad" and f" {CLIP_LIMITS.bad + 1} clips " in many_clips.sentence
 
 
 @mark.parametrize("clips, level", [(CLIP_LIMITS.bad, "good"), (CLIP_LIMITS.bad + 1, "bad")])
@@ -70,18 +74,22 @@ def test_many_clips_besides_settled_flight_count(clips, level):
     telemetry = HOVER.telemetry(10.0, 10.0)
     time = HOVER.stamps(5.0)
     fields = dict.fromkeys(LEVEL_FIELDS, 0.5) | dict.fromkeys(CLIPPING_FIELDS, 0)
-    made = changed(
+    telemetry_with_clips = changed(
         telemetry, "VIBRATION", **columns(time, **fields | {"clipping_0": clips * (time > 33.0)})
     )
-    attitude_time = made.messages["ATTITUDE"]["time"]
+    attitude_time = telemetry_with_clips.messages["ATTITUDE"]["time"]
     roll = np.radians(70.0) * np.sin(6.0 * attitude_time) * (attitude_time > 30.0)
-    flight = evidence_of(Signals(changed(made, "ATTITUDE", roll=roll), inputs="motors"), events=())
-    found = vibration_light(flight)
-    assert (found.level, found.figures["is_settled"]) == (level, True)
+    flight = evidence_of(
+        Signals(changed(telemetry_with_clips, "ATTITUDE", roll=roll), inputs="motors"), events=()
+    )
+    light_fact = vibration_light(flight)
+    assert (light_fact.level, light_fact.figures["is_settled"]) == (level, True)
     if level == "good":
-        assert found.sentence.endswith("(axis x; below 15.0), no clips in settled flight.")
+        assert light_fact.sentence.endswith("(axis x; below 15.0), no clips in settled flight.")
     else:
-        assert "in settled flight; " in found.sentence and found.sentence.endswith("in all flight.")
+        assert "in settled flight; " in light_fact.sentence and light_fact.sentence.endswith(
+            "in all flight."
+        )
 
 
 def test_clips_of_an_impact_do_not_count():
@@ -90,35 +98,37 @@ def test_clips_of_an_impact_do_not_count():
     time = HOVER.stamps(5.0)
     fields = dict.fromkeys(LEVEL_FIELDS, 0.5) | dict.fromkeys(CLIPPING_FIELDS, 0)
     fields |= {"clipping_0": 50 * (time > 38.5)}
-    made = changed(telemetry, "VIBRATION", **columns(time, **fields))
+    telemetry_with_clips = changed(telemetry, "VIBRATION", **columns(time, **fields))
     # It rolls to and fro by more than a settled flight does.
-    roll = np.radians(70.0) * np.sin(6.0 * made.messages["ATTITUDE"]["time"])
-    made = changed(made, "ATTITUDE", roll=roll)
-    flight = evidence_of(Signals(made, inputs="motors"), events=())
+    roll = np.radians(70.0) * np.sin(6.0 * telemetry_with_clips.messages["ATTITUDE"]["time"])
+    telemetry_with_clips = changed(telemetry_with_clips, "ATTITUDE", roll=roll)
+    flight = evidence_of(Signals(telemetry_with_clips, inputs="motors"), events=())
     lost = replace(flight, ending=Fact(Ending.CONTROL_LOST, time=38.0, boot=0))
     assert vibration_light(flight).figures["clips"] == 50
     assert vibration_light(lost).figures["clips"] == 0
     assert vibration_light(lost).sentence.endswith("no clips in flight until 38.0 s.")
 
 
-def test_without_the_message_it_is_not_known():
+def test_vibration_is_unknown_without_its_message():
     telemetry = HOVER.telemetry(10.0, 10.0)
-    found = vibration_light(partial_record(Evidence, signals=Signals(telemetry, inputs="motors")))
-    assert (found.code, found.level) == (VibrationLight.VIBRATION_UNKNOWN, "unknown")
-    assert "was not recorded" in found.sentence
+    light_fact = vibration_light(
+        partial_record(Evidence, signals=Signals(telemetry, inputs="motors"))
+    )
+    assert (light_fact.code, light_fact.level) == (VibrationLight.VIBRATION_UNKNOWN, "unknown")
+    assert "was not recorded" in light_fact.sentence
 
 
 def test_a_vibration_of_zero_throughout_was_not_measured():
-    found = light([0, 0, 0])
-    assert (found.code, found.level) == (VibrationLight.VIBRATION_UNKNOWN, "unknown")
-    assert "0 throughout" in found.sentence and "firmware" in found.remedy
+    light_fact = light([0, 0, 0])
+    assert (light_fact.code, light_fact.level) == (VibrationLight.VIBRATION_UNKNOWN, "unknown")
+    assert "0 throughout" in light_fact.sentence and "firmware" in light_fact.remedy
 
 
 @mark.parametrize("firmware, is_known", [("PX4 v1.12.3", False), ("PX4 v1.13.0", True), ("", True)])
 def test_increments_of_the_velocity_are_no_vibration(firmware, is_known):
-    found = light([0.05], autopilot="PX4", firmware=firmware)
-    assert (found.code is VibrationLight.VIBRATION_MEASURED) is is_known
-    assert ("increments of the velocity" in found.sentence) is not is_known
+    light_fact = light([0.05], autopilot="PX4", firmware=firmware)
+    assert (light_fact.code is VibrationLight.VIBRATION_MEASURED) is is_known
+    assert ("increments of the velocity" in light_fact.sentence) is not is_known
 
 
 def test_the_version_is_also_that_of_the_message():
@@ -140,6 +150,6 @@ def test_clips_are_those_of_the_imu_that_clipped_most():
     for field, clips in zip(CLIPPING_FIELDS, (3.0, 5.0, 0.0), strict=True):
         # One sample alone would count as damaged.
         fields[field] = np.array([0.0, 0.0, clips, clips])
-    made = changed(HOVER.telemetry(), "VIBRATION", **columns(np.arange(4.0), **fields))
-    vibration = reported_vibration(Signals(made, inputs="motors"))
+    telemetry = changed(HOVER.telemetry(), "VIBRATION", **columns(np.arange(4.0), **fields))
+    vibration = reported_vibration(Signals(telemetry, inputs="motors"))
     assert vibration.most_clips(np.ones(4, np.bool_)) == 5

@@ -50,7 +50,7 @@ def test_a_vehicle_that_moves_against_its_thrust_is_carried_away():
         (45.0, -2.0, 0.0, {"ANGLE_MAX": 6000.0}),
     ],
 )
-def test_what_is_not_carried_away(roll, east, yaw, parameters):
+def test_motions_that_are_no_drift_by_wind_give_no_event(roll, east, yaw, parameters):
     assert drift_of(roll, east, yaw, **parameters) is None
 
 
@@ -62,7 +62,7 @@ def test_a_drift_ends_before_a_long_gap():
     assert detector.latest.figures["distance"] == approx(19.5)
 
 
-def test_a_limit_that_is_known_counts():
+def test_a_lean_limit_in_the_parameters_replaces_the_usual_one():
     assert drift_of(25.0, -2.0, ATC_ANGLE_MAX=25.0) is not None
 
 

@@ -15,9 +15,9 @@ from mavdem.results import convert_to_recording
 
 def convert(capsys, *words):
     assert run("convert", *words, "--json") == 0
-    said = capsys.readouterr()
-    assert said.err == ""
-    return strict_json(said.out)
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    return strict_json(captured.out)
 
 
 @mark.slow
@@ -25,12 +25,12 @@ def convert(capsys, *words):
 def test_through_mcap_a_telemetry_log_comes_back_byte_by_byte(log, tmp_path, capsys):
     mcap = tmp_path / "flight.mcap"
     back = tmp_path / "back.tlog"
-    told = convert(capsys, log, mcap)
-    assert told["frames"] > 1000
-    assert told["repairs"] == []
+    document = convert(capsys, log, mcap)
+    assert document["frames"] > 1000
+    assert document["repairs"] == []
     counts = "left_out", "unread", "stamps_filled", "bytes_skipped"
-    assert {told[count] for count in counts} == {0}
-    assert convert(capsys, mcap, back)["frames"] == told["frames"]
+    assert {document[count] for count in counts} == {0}
+    assert convert(capsys, mcap, back)["frames"] == document["frames"]
     assert back.read_bytes() == log.read_bytes()
     assert {path.name for path in tmp_path.iterdir()} == {"flight.mcap", "back.tlog"}
 
@@ -39,16 +39,16 @@ def test_through_mcap_a_telemetry_log_comes_back_byte_by_byte(log, tmp_path, cap
 @mark.parametrize("axis", ["roll", "yaw"])
 def test_a_table_is_the_flight(axis, tmp_path, capsys):
     out = tmp_path / "flight.csv"
-    told = convert(capsys, FLIGHT, out, "--axis", axis, "--vehicle", "1")
+    document = convert(capsys, FLIGHT, out, "--axis", axis, "--vehicle", "1")
     flight = read_flight(FLIGHT, axis)
     with out.open(newline="", encoding="utf-8") as file:
         head, *rows = csv.reader(file)
     values = np.array(rows, dtype=np.float64)
-    assert head == told["columns"]
+    assert head == document["columns"]
     steps = {"time_s": 1e-6, **{f"motor_{number}_us": 0.01 for number in range(1, 5)}}
     steps |= {"roll_rad": 1e-6} if axis == "roll" else {}
     steps[f"{axis}_rate_rad_s"] = 1e-5
-    assert head == [*steps] and told["samples"] == len(values)
+    assert head == [*steps] and document["samples"] == len(values)
     exact = np.column_stack([flight.time, flight.inputs, flight.outputs])
     assert (abs(values - exact) <= 0.5 * np.array([*steps.values()]) * (1 + 1e-6)).all()
 

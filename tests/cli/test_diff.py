@@ -20,7 +20,8 @@ from mavdem.report.difference.reviewed import reviewed_difference
 from mavdem.report.pages.difference_page import comparison_page
 
 
-def flown(vehicle, numbers, **changed):
+def rows_of_flights(vehicle, numbers, **changed):
+    """Returns the rows of some flights of a vehicle, two axes each; ``changed`` has the columns that differ."""
     return [
         flight_row(vehicle, number, axis, **changed)
         for number in numbers
@@ -33,48 +34,59 @@ pytestmark = mark.usefixtures("here")
 
 @fixture
 def fleets(tmp_path):
-    fleet_of(tmp_path / "old", [*flown("alpha", range(4)), *flown("beta", range(2))])
-    fleet_of(tmp_path / "new", [*flown("alpha", range(4, 8), **WEAK), *flown("gamma", range(2))])
+    fleet_of(
+        tmp_path / "old", [*rows_of_flights("alpha", range(4)), *rows_of_flights("beta", range(2))]
+    )
+    fleet_of(
+        tmp_path / "new",
+        [*rows_of_flights("alpha", range(4, 8), **WEAK), *rows_of_flights("gamma", range(2))],
+    )
     return str(tmp_path / "old"), str(tmp_path / "new")
 
 
 @mark.slow
 def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
     assert run("diff", *fleets) == 0
-    said = capsys.readouterr().out
-    changed_line = next(line for line in said.splitlines() if line.startswith("Changed:"))
-    assert "motor 3" in changed_line and "; motor 3's relative trim +12" in said
-    assert said.startswith("A: old, alpha, 4 flights.\nB: new, alpha, 4 flights.\n")
-    *_, next_step, page = said.splitlines()
+    output = capsys.readouterr().out
+    changed_line = next(line for line in output.splitlines() if line.startswith("Changed:"))
+    assert "motor 3" in changed_line and "; motor 3's relative trim +12" in output
+    assert output.startswith("A: old, alpha, 4 flights.\nB: new, alpha, 4 flights.\n")
+    *_, next_step, page = output.splitlines()
     assert next_step == "Next: Inspect motor 3 and its propeller before the next flight."
     assert page == "Page: old_and_new/diff.html"
     assert "Motor 3&#39;s " in Path("old_and_new/diff.html").read_text(encoding="utf-8")
     assert run("diff", *fleets, "--verbose") == 0
     assert "4 flights of A and 4 flights of B" in unwrapped(capsys.readouterr().out)
     changes = document_of(capsys, "diff", *fleets, "--vehicle", "alpha")["changes"]
-    changed = [one["quantity"] for one in changes if one["outcome"] == "changed"]
-    assert [(one["kind"], one["motor"]) for one in changed] == [("share", 3), ("effect", 3)]
+    changed = [change["quantity"] for change in changes if change["outcome"] == "changed"]
+    assert [(change["kind"], change["motor"]) for change in changed] == [
+        ("share", 3),
+        ("effect", 3),
+    ]
 
 
 @mark.slow
 def test_two_weeks_of_one_fleet_are_compared(tmp_path, capsys):
-    fleet_of(tmp_path / "fleet", [*flown("alpha", range(4)), *flown("alpha", range(7, 10), **WEAK)])
-    words = (
+    fleet_of(
+        tmp_path / "fleet",
+        [*rows_of_flights("alpha", range(4)), *rows_of_flights("alpha", range(7, 10), **WEAK)],
+    )
+    arguments = (
         f"{tmp_path}/fleet {tmp_path}/fleet --vehicle alpha --days-a 2026-01-05..2026-01-11".split()
     )
-    document = document_of(capsys, "diff", *words, "--days-b", "2026-01-12..2026-01-13")
+    document = document_of(capsys, "diff", *arguments, "--days-b", "2026-01-12..2026-01-13")
     assert document["flights"] == [4, 2]
     assert "changed" in {change["outcome"] for change in document["changes"]}
-    said = refused(capsys, 1, "diff", *words, "--days-b", "2027-01-01")
-    assert "B has no flight with figures" in said
+    error_text = refused(capsys, 1, "diff", *arguments, "--days-b", "2027-01-01")
+    assert "B has no flight with figures" in error_text
     for wrong in ("monday", "2026-01-12..2026-01-11"):
-        refused(capsys, 2, "diff", *words, "--days-b", wrong)
+        refused(capsys, 2, "diff", *arguments, "--days-b", wrong)
 
 
 def test_a_page_that_something_is_in_the_way_of_is_refused(fleets, capsys):
     Path("out/diff.html").mkdir(parents=True)
-    said = refused(capsys, 2, "diff", *fleets, "--out", "out")
-    assert "out/diff.html cannot be written (it is a folder)" in said
+    error_text = refused(capsys, 2, "diff", *fleets, "--out", "out")
+    assert "out/diff.html cannot be written (it is a folder)" in error_text
 
 
 @mark.slow
@@ -91,16 +103,16 @@ def test_a_vehicle_that_cannot_be_chosen_is_refused_with_those_that_can(
     line, reason, fleets, monkeypatch, capsys
 ):
     monkeypatch.chdir(Path(fleets[0]).parent)
-    fleet_of(Path("nobody"), flown("unknown", range(3)))
+    fleet_of(Path("nobody"), rows_of_flights("unknown", range(3)))
     assert reason in refused(capsys, 1, "diff", *line.split())
 
 
 def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path, capsys):
     rows = {
-        "a.bin": flown("alpha", [0], system=4, collective=0.4),
-        "two.bin": flown("alpha", [0, 1], system=4, collective=0.4),
+        "a.bin": rows_of_flights("alpha", [0], system=4, collective=0.4),
+        "two.bin": rows_of_flights("alpha", [0, 1], system=4, collective=0.4),
         "b.bin": [FlightRow(file="b.bin", status="It is empty.")],
-        "c.bin": flown("alpha", [1], trim_share_interval=(0.2,) * 4),
+        "c.bin": rows_of_flights("alpha", [1], trim_share_interval=(0.2,) * 4),
     }
     monkeypatch.setattr("mavdem.fleet.state.rows_of_log", lambda path, *_: (rows[path.name], {}))
     assert run("diff", "a.bin", "a.bin", "--vehicle", "4:1") == 0
@@ -115,13 +127,13 @@ def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path
         assert run("diff", "a.bin", "other/c.bin", "--vehicle", "alpha") == 0
         assert "a_and_c-2/diff.html" in capsys.readouterr().out
     assert {path.name for path in Path().iterdir()} == {"a_and_a", "two", "a_and_c", "a_and_c-2"}
-    said = refused(capsys, 1, "diff", "a.bin", "b.bin")
-    assert "B has no flight with figures. It is empty." in said
+    error_text = refused(capsys, 1, "diff", "a.bin", "b.bin")
+    assert "B has no flight with figures. It is empty." in error_text
 
 
 def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_by_their_files():
     before, after = (
-        flown("alpha", [number], phase_margin=margin, phase_margin_interval=0.1)
+        rows_of_flights("alpha", [number], phase_margin=margin, phase_margin_interval=0.1)
         for number, margin in enumerate((1.0, 0.3))
     )
     step = {"time": [0.0, 1.0], "step": [0.0, 1.0], "step_half": [0.0, 0.1]}
@@ -187,7 +199,9 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
     ],
 )
 def test_page_and_terminal_conclude_alike_where_nothing_changed(half_widths, conclusion):
-    difference = vehicle_difference(flown("alpha", [0]), flown("alpha", [1], **half_widths))
+    difference = vehicle_difference(
+        rows_of_flights("alpha", [0]), rows_of_flights("alpha", [1], **half_widths)
+    )
     assert conclusion in [
         sentence.lead for sentence in headline_of_comparison(reviewed_difference(difference))
     ]

@@ -38,14 +38,14 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
     out = tmp_path / "out"
     if BROKEN[name] is not None:
         source.write_bytes(BROKEN[name])
-    words = {"learn": ["--out", str(out)], "convert": [f"{out}.csv"]}.get(command, [])
-    assert run(command, source, "--json", *words) == 2
-    said = capsys.readouterr()
-    assert strict_json(said.out)["error"]["reason"]
-    assert said.err.startswith("mavdem: ")
-    assert said.err.count("\n") == 1
-    assert str(source) in said.err
-    assert "should not have happened" not in said.err
+    arguments = {"learn": ["--out", str(out)], "convert": [f"{out}.csv"]}.get(command, [])
+    assert run(command, source, "--json", *arguments) == 2
+    captured = capsys.readouterr()
+    assert strict_json(captured.out)["error"]["reason"]
+    assert captured.err.startswith("mavdem: ")
+    assert captured.err.count("\n") == 1
+    assert str(source) in captured.err
+    assert "should not have happened" not in captured.err
     assert not list(tmp_path.glob("out*"))
 
 
@@ -91,8 +91,8 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
     }.items(),
 )
 def test_bad_usage_names_what_is_wrong(line, named, here, capsys):
-    words = shlex.split(line.format(flight=FLIGHT, logs=LOGS))
-    assert named in refused(capsys, 2, *words)
+    arguments = shlex.split(line.format(flight=FLIGHT, logs=LOGS))
+    assert named in refused(capsys, 2, *arguments)
     assert list(here.iterdir()) == []
 
 
@@ -100,8 +100,8 @@ def test_bad_usage_names_what_is_wrong(line, named, here, capsys):
 def test_a_result_is_distinguished_from_a_log(tmp_path, capsys):
     path = tmp_path / "flight.mcap"
     write_channels(path, [read_flight(FLIGHT)[:100]])
-    said = refused(capsys, 2, "info", path)
-    assert "was written by `mavdem learn`" in said and "Name the log" in said
+    error_text = refused(capsys, 2, "info", path)
+    assert "was written by `mavdem learn`" in error_text and "Name the log" in error_text
 
 
 FULL = Path("/dev/full")
@@ -167,28 +167,29 @@ def test_a_closed_stream_or_pipe_is_as_one_that_nobody_reads(closed):
     assert (done.returncode, done.stderr) == (128 + signal.SIGPIPE, b"")
 
 
-def offered(monkeypatch, capsys, *words):
+def completions(monkeypatch, capsys, *words):
+    """Returns what a shell offers to complete after these words of a command line."""
     monkeypatch.setenv("COMP_WORDS", " ".join(("mavdem", *words)).rstrip())
     monkeypatch.setenv("COMP_CWORD", str(len(words)))
     monkeypatch.setenv("_MAVDEM_COMPLETE", "bash_complete")
     assert main([]) == 0
-    said = capsys.readouterr()
-    assert said.err == ""
-    return said.out.split()
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    return captured.out.split()
 
 
 def test_commands_options_and_values_are_offered(monkeypatch, capsys):
-    assert offered(monkeypatch, capsys, "le") == ["plain,learn"]
-    assert offered(monkeypatch, capsys, "learn", "x.tlog", "--o") == [
+    assert completions(monkeypatch, capsys, "le") == ["plain,learn"]
+    assert completions(monkeypatch, capsys, "learn", "x.tlog", "--o") == [
         "plain,--out",
         "plain,--order",
     ]
-    assert offered(monkeypatch, capsys, "info", "--axis", "") == [
+    assert completions(monkeypatch, capsys, "info", "--axis", "") == [
         "plain,roll",
         "plain,pitch",
         "plain,yaw",
     ]
-    assert offered(monkeypatch, capsys, "info", "fli") == ["file,fli"]
+    assert completions(monkeypatch, capsys, "info", "fli") == ["file,fli"]
 
 
 @mark.parametrize(
@@ -203,12 +204,12 @@ def test_a_fault_and_an_interrupt_are_one_sentence(fault, code, told, monkeypatc
     monkeypatch.delenv("MAVDEM_TRACEBACK", raising=False)
     monkeypatch.setattr(command_line.mavdem, "invoke", Mock(side_effect=fault))
     assert run("info", FLIGHT) == code
-    said = capsys.readouterr().err
+    error_output = capsys.readouterr().err
     assert (
-        told in said
-        and said.startswith("mavdem: ")
-        and said.count("\n") == 1
-        and "Traceback" not in said
+        told in error_output
+        and error_output.startswith("mavdem: ")
+        and error_output.count("\n") == 1
+        and "Traceback" not in error_output
     )
     monkeypatch.setenv("MAVDEM_TRACEBACK", "1")
     assert run("info", FLIGHT) == code
@@ -229,7 +230,9 @@ def test_no_warning_about_numbers_reaches_the_terminal(monkeypatch, capsys, recw
     [(signal.SIGINT, KeyboardInterrupt, None), (signal.SIGTERM, SystemExit, 143)],
 )
 def test_the_first_signal_ends_a_command_and_later_ones_change_nothing(number, exception, code):
-    handlers = {one: signal.getsignal(one) for one in TERMINATION_SIGNALS}
+    handlers = {
+        signal_number: signal.getsignal(signal_number) for signal_number in TERMINATION_SIGNALS
+    }
     signal.signal(number, signal.SIG_DFL)
     try:
         raise_on_termination_signals()
@@ -237,6 +240,6 @@ def test_the_first_signal_ends_a_command_and_later_ones_change_nothing(number, e
             signal.raise_signal(number)
         signal.raise_signal(number)
     finally:
-        for one, handler in handlers.items():
-            signal.signal(one, handler)
+        for signal_number, handler in handlers.items():
+            signal.signal(signal_number, handler)
     assert getattr(ended.value, "code", None) == code

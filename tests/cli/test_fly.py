@@ -22,7 +22,9 @@ def test_the_list_is_one_a_line_name_first(capsys):
     assert run("fly", "--list") == 0
     listed = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in listed] == list(names())
-    assert {"hover_blower", "paper_1"} < {one["name"] for one in fly(capsys, "--list")["scenarios"]}
+    assert {"hover_blower", "paper_1"} < {
+        scenario["name"] for scenario in fly(capsys, "--list")["scenarios"]
+    }
 
 
 @mark.slow
@@ -42,23 +44,23 @@ def test_a_description_is_a_file_that_is_the_same_scenario(name, tmp_path):
 def test_a_description_of_any_characters_reads_back_and_sends_none_to_the_terminal(
     text, tmp_path, capsys
 ):
-    mine = tmp_path / "mine.toml"
+    own_file = tmp_path / "mine.toml"
     again = tmp_path / "again.toml"
     escaped = "".join(f"\\U{ord(character):08x}" for character in text)
-    mine.write_text(f'description = "{escaped}"\n')
-    assert load(mine).description == text
-    assert run("fly", mine, "--describe") == 0
+    own_file.write_text(f'description = "{escaped}"\n')
+    assert load(own_file).description == text
+    assert run("fly", own_file, "--describe") == 0
     output = capsys.readouterr().out
     assert output.replace("\n", "").isprintable()
     again.write_text(output)
-    assert load(again) == load(mine)
+    assert load(again) == load(own_file)
 
 
 @mark.parametrize("speed, flown, slow", [(2, 18.0004, True), (2, 19.2, False), (0.5, 4.7, True)])
 def test_a_live_flight_says_how_it_went_and_if_the_machine_is_too_slow(
     speed, flown, slow, monkeypatch, capsys
 ):
-    shown = []
+    shown_texts = []
 
     def fly_live(scenario, simulation, ground, speed, show):
         for now in (5.0, 1e9):
@@ -66,17 +68,17 @@ def test_a_live_flight_says_how_it_went_and_if_the_machine_is_too_slow(
         return Mock(flown=flown, took=10.0004, sent=7, commands=2, stopped=False)
 
     monkeypatch.setattr("mavdem.cli.fly.fly_live", fly_live)
-    monkeypatch.setattr("mavdem.cli.fly.progress", lambda _: nullcontext(shown.append))
-    words = ["fly", "calm", "--udp", "127.0.0.1:9", "--speed", speed, "--duration", "20"]
-    assert run(*words, "--json") == 0
-    said = capsys.readouterr()
+    monkeypatch.setattr("mavdem.cli.fly.progress", lambda _: nullcontext(shown_texts.append))
+    arguments = ["fly", "calm", "--udp", "127.0.0.1:9", "--speed", speed, "--duration", "20"]
+    assert run(*arguments, "--json") == 0
+    captured = capsys.readouterr()
     if slow:
-        assert "This machine is too slow" in said.err
+        assert "This machine is too slow" in captured.err
     else:
-        assert "This machine is too slow" not in said.err
-    told = strict_json(said.out)
-    assert (told["flown"], told["took"]) == (round(flown, 3), 10.0)
-    assert 0 < shown[0] <= 0.25 and shown[1] == 1.0
+        assert "This machine is too slow" not in captured.err
+    document = strict_json(captured.out)
+    assert (document["flown"], document["took"]) == (round(flown, 3), 10.0)
+    assert 0 < shown_texts[0] <= 0.25 and shown_texts[1] == 1.0
 
 
 @mark.slow
@@ -84,8 +86,8 @@ def test_files_that_fail_to_be_written_leave_those_that_were_there(tmp_path, cap
     full = Mock(side_effect=OSError(28, "No space left on device"))
     monkeypatch.setattr("mavdem.cli.fly.write_truth", full)
     (tmp_path / "f.rrd").write_bytes(b"old")
-    words = ["hover_blower", "--out", tmp_path / "f.tlog", "--rrd", tmp_path / "f.rrd", *SHORT]
-    assert "No space left" in refused(capsys, 2, "fly", *words)
+    arguments = ["hover_blower", "--out", tmp_path / "f.tlog", "--rrd", tmp_path / "f.rrd", *SHORT]
+    assert "No space left" in refused(capsys, 2, "fly", *arguments)
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"old"]
 
 

@@ -44,27 +44,27 @@ def names(folder):
 def test_the_document_is_the_report_of_the_library(tmp_path, capsys):
     out = tmp_path / "new" / "folder"
     log = short_flight(tmp_path)
-    words = f"learn {log} --out {out} --preset paper --start 2s --train 2s --test 50".split()
-    words += ["--rrd", "--mcap"]
-    report = document_of(capsys, *words)
+    arguments = f"learn {log} --out {out} --preset paper --start 2s --train 2s --test 50".split()
+    arguments += ["--rrd", "--mcap"]
+    report = document_of(capsys, *arguments)
     train = read_flight(log)[200:400]
     learned = learn_model(train, Settings.paper())
     assert report["model"]["A"] == learned.model.A.tolist()
     assert names(out) == FILES | RECORDINGS
     assert strict_json((out / "report.json").read_text()) == report
-    kept = Learned.from_json((out / "model.json").read_text())
-    assert_allclose(kept.forecast(train.inputs), learned.forecast(train.inputs))
+    written_model = Learned.from_json((out / "model.json").read_text())
+    assert_allclose(written_model.forecast(train.inputs), learned.forecast(train.inputs))
 
 
 @mark.slow
 @mark.usefixtures("without_pages")
 def test_people_see_one_screen_and_files_only_where_they_are_wanted(here, capsys):
-    words = ["learn", short_flight(here), "--order", "2", "--train", "400", "--test", "100"]
-    assert run(*words, "--no-files") == 0
+    arguments = ["learn", short_flight(here), "--order", "2", "--train", "400", "--test", "100"]
+    assert run(*arguments, "--no-files") == 0
     screen = capsys.readouterr().out.splitlines()
     assert len(screen) < TERMINAL_LINES and "\nNext:" in "\n".join(screen[-5:])
     assert names(here) == {"ardupilot_wind5_steps.tlog"}
-    assert run(*words) == 0
+    assert run(*arguments) == 0
     assert capsys.readouterr().out.splitlines()[-1].startswith("Page:")
     assert names(here / "ardupilot_wind5_steps") == FILES
 
@@ -98,9 +98,9 @@ def test_names_do_not_reach_the_terminal_as_what_it_obeys(capsys):
         [Sentence("\x1b[31m", "\u202e.tlog:"), Table(["\x9b", "\u2066"], [["\x1b]0;", "\n"]])]
     )
     print_to_stderr("\x1b[0m")
-    said = "".join(capsys.readouterr())
-    assert "\\x1b[31m" in said and "\\x1b]0;" in said and "\\u202e.tlog:" in said
-    assert said.replace("\n", "").isprintable()
+    output = "".join(capsys.readouterr())
+    assert "\\x1b[31m" in output and "\\x1b]0;" in output and "\\u202e.tlog:" in output
+    assert output.replace("\n", "").isprintable()
     print_blocks([Table(["range"], [["12\N{NO-BREAK SPACE}V"]])])
     assert "12 V" in capsys.readouterr().out
 
@@ -116,19 +116,19 @@ def test_a_table_of_more_numbers_than_fit_is_printed_in_parts(capsys):
 @mark.slow
 @mark.usefixtures("without_pages")
 def test_a_flight_too_short_names_the_options_that_fit(tmp_path, capsys):
-    words = ["learn", FLIGHT, "--out", tmp_path / "out", "--start", "57", "--preset", "paper"]
-    assert run(*words) == 1
-    said = capsys.readouterr()
-    assert said.out == ""
+    arguments = ["learn", FLIGHT, "--out", tmp_path / "out", "--start", "57", "--preset", "paper"]
+    assert run(*arguments) == 1
+    captured = capsys.readouterr()
+    assert captured.out == ""
     assert not (tmp_path / "out").exists()
-    assert run(*words, *shlex.split(said.err.split("`")[1])) == 0
+    assert run(*arguments, *shlex.split(captured.err.split("`")[1])) == 0
 
 
 @mark.slow
 @mark.parametrize("start", ["59", "86400"])
 def test_a_start_too_late_is_refused(start, tmp_path, capsys):
-    words = ["learn", FLIGHT, "--out", tmp_path / "out", "--start", start]
-    assert "--start" in document_of(capsys, *words, code=1)["error"]["remedy"]
+    arguments = ["learn", FLIGHT, "--out", tmp_path / "out", "--start", start]
+    assert "--start" in document_of(capsys, *arguments, code=1)["error"]["remedy"]
 
 
 @mark.slow
@@ -136,17 +136,17 @@ def test_a_flight_too_slow_for_a_model_gives_condition_reason_and_remedy(tmp_pat
     for old in ("model.json", "flight.mcap"):
         (tmp_path / old).write_text("of a flight before")
     assert run("learn", SLOW, "--out", tmp_path, "--json") == 1
-    said = capsys.readouterr()
-    report = strict_json(said.out)
+    captured = capsys.readouterr()
+    report = strict_json(captured.out)
     reason = report["error"]["reason"]
-    assert "Hz" in reason and report["error"]["remedy"] in said.err
+    assert "Hz" in reason and report["error"]["remedy"] in captured.err
     assert (report["tier"], report["next_tier"]["tier"]) == ("c", "b")
     assert names(tmp_path) == {"report.json", "report.html"}
     assert strict_json((tmp_path / "report.json").read_text()) == report
     assert reason in (tmp_path / "report.html").read_text()
     assert run("learn", SLOW, "--out", tmp_path) == 1
-    said = capsys.readouterr()
-    assert reason in unwrapped(said.out) and reason not in said.err
+    captured = capsys.readouterr()
+    assert reason in unwrapped(captured.out) and reason not in captured.err
 
 
 @mark.slow
@@ -180,11 +180,11 @@ def test_an_impossible_out_or_a_wrong_truth_file_is_refused_before_the_work(
     out = tmp_path / "file" / "below"
     assert "--out" in refused(capsys, 2, "learn", "missing.tlog", "--out", out)
     assert run("learn", FLIGHT, "--out", tmp_path / "out", "--truth", FLIGHT) == 2
-    said = capsys.readouterr()
+    captured = capsys.readouterr()
     assert (
-        "ardupilot_wind5_steps.tlog is no truth file" in said.err
-        and said.err.count("\n") == 1
-        and said.out == ""
+        "ardupilot_wind5_steps.tlog is no truth file" in captured.err
+        and captured.err.count("\n") == 1
+        and captured.out == ""
     )
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
@@ -204,26 +204,28 @@ def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
     reviewed = " ".join(capsys.readouterr().out.split())
     page = (out / "report.html").read_text()
     document = (out / "report.json").read_text()
-    found = assess(read_log(log), axis="roll", options=Options(settings=Settings.paper()))
-    assert found.headline.subject == alarm.name and found.headline.level is Level.BAD
-    headline = words_of(found.headline)
-    remedy = str(found.next_step)
-    told = [screen, contents, page, document, flight_page(log, found), reviewed]
-    for place in told:
-        read = " ".join(place.replace("&#39;", "'").split())
+    assessment = assess(read_log(log), axis="roll", options=Options(settings=Settings.paper()))
+    assert assessment.headline.subject == alarm.name and assessment.headline.level is Level.BAD
+    headline = words_of(assessment.headline)
+    remedy = str(assessment.next_step)
+    texts = [screen, contents, page, document, flight_page(log, assessment), reviewed]
+    for text in texts:
+        read = " ".join(text.replace("&#39;", "'").split())
         # Parameters have names such as GPS_HDOP_GOOD.
         assert headline in read and not re.search("(?<!_)GOOD(?!_)", read)
-        assert remedy in read and "vehicle's reference" not in place
+        assert remedy in read and "vehicle's reference" not in text
     report = (
-        found.analysis.report_values | found.judgement_values | {"headline_fact": found.headline}
+        assessment.analysis.report_values
+        | assessment.judgement_values
+        | {"headline_fact": assessment.headline}
     )
     row = FlightRow.from_report(report, file=log)
-    assert row.overrides == ("motors",) and row.headline == str(found.headline)
+    assert row.overrides == ("motors",) and row.headline == str(assessment.headline)
     assert row.light_motors == "bad"
     # A session's page is made of the same record.
     status = SessionStatus("1:1", motor_alarms=(alarm,))
     live = live_page(
-        "udpin:0", "roll", LiveHistory(), status, dict.fromkeys(TimeUse, 0.0), found.model
+        "udpin:0", "roll", LiveHistory(), status, dict.fromkeys(TimeUse, 0.0), assessment.model
     )
     assert (
         headline in live.replace("\N{NO-BREAK SPACE}", " ")

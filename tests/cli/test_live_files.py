@@ -27,7 +27,7 @@ def test_each_written_file_has_a_line_with_what_opens_it():
     assert written_file_lines(record=None, frame_count=0, rrd=None, page=None, model=None) == []
 
 
-def test_where_no_gains_come_the_reason_is_said():
+def test_without_advised_gains_the_reason_is_printed():
     flown = NOTHING | {TimeUse.UNSETTLED: 9.0}
     reason = Fact(GainFact.STEP_BOUND)
     left = Fact(GainFact.GAINS_LEFT, reason=Fact(GainFact.ADVICE_WAITS))

@@ -12,7 +12,7 @@ def test_the_ending_of_a_log_stands_for_its_review(name):
 
 
 @mark.parametrize("name", ["zip", "reviw", "a.csv", "a.params"])
-def test_another_word_is_no_log(name):
+def test_a_word_that_is_no_file_name_of_a_log_is_not_taken_for_one(name):
     assert not looks_like_log_name(name)
 
 

@@ -95,8 +95,8 @@ def test_errors_are_sentences(answers):
     assert "ATTITUDE has no field lift" in results["no field"].content[0].text
     assert "nothing.tlog does not exist." in results["no log"].content[0].text
     assert results["no arguments"].content[0].text == "samples needs log, message and field."
-    said = results["no number"].content[0].text
-    assert said.startswith("start should be a valid number") and "pydantic" not in said
+    error_text = results["no number"].content[0].text
+    assert error_text.startswith("start should be a valid number") and "pydantic" not in error_text
 
 
 def test_a_log_of_many_messages_is_described_as_far_as_it_is_listed(monkeypatch):

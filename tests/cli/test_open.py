@@ -37,14 +37,14 @@ def test_a_log_is_written_as_a_dashboard_or_as_the_reason_why_there_is_no_model(
     ]
     command = [sys.executable, "-c", LOADING, json.dumps(jobs)]
     subprocess.run(command, timeout=PATIENCE, check=True)
-    for path, shown, application, blueprints in (
+    for path, shown_path, application, blueprints in (
         (dashboard, "/flight/angle/", "dropped", 2),
         (reason, "/report", "mavdem", 1),
     ):
         read = RrdReader(path)
         assert len(read.blueprints()) == blueprints
         assert [entry.application_id for entry in read.recordings()] == [application]
-        assert any(str(chunk.entity_path).startswith(shown) for chunk in read.stream())
+        assert any(str(chunk.entity_path).startswith(shown_path) for chunk in read.stream())
 
 
 @mark.parametrize("name, content", [("a.png", b"\x89PNG\r\n"), ("a.mcap", b"\x89MCAP0\r\n")])

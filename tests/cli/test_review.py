@@ -45,21 +45,21 @@ def test_a_log_of_no_vehicle_that_can_be_judged_has_its_page(tmp_path, capsys):
 
 
 def test_the_library_returns_what_is_printed(tmp_path):
-    other = mavdem.review(SLOW, vehicle="9")
-    assert other.headline.code is NotLearnableReason.NO_SUCH_VEHICLE
-    assert {light.code for light in other.lights.values()} == {Unjudged.NOT_JUDGED}
-    assert other.model is other.wind is None and other.events == ()
-    assert other.loops["roll"].refusal == other.headline and not other.spectra
-    assert str(other).count("\n") < 15
-    assert other.lights["log"].level is Level.UNKNOWN
+    other_review = mavdem.review(SLOW, vehicle="9")
+    assert other_review.headline.code is NotLearnableReason.NO_SUCH_VEHICLE
+    assert {light.code for light in other_review.lights.values()} == {Unjudged.NOT_JUDGED}
+    assert other_review.model is other_review.wind is None and other_review.events == ()
+    assert other_review.loops["roll"].refusal == other_review.headline and not other_review.spectra
+    assert str(other_review).count("\n") < 15
+    assert other_review.lights["log"].level is Level.UNKNOWN
     with raises(TypeError):
-        other.lights["log"] = other.headline
+        other_review.lights["log"] = other_review.headline
     command = "`mavdem tune 'my flight.tlog' --axis all`"
     following = prose(f"What to do, in so many words that they do not fit on the line: {command}.")
-    judgement = replace(other.judgement, next_step=following)
-    assert f"\n{command}." in str(replace(other, judgement=judgement))
-    other.page(tmp_path / "page.html")
-    assert other.sentence(other.headline) in (tmp_path / "page.html").read_text()
+    judgement = replace(other_review.judgement, next_step=following)
+    assert f"\n{command}." in str(replace(other_review, judgement=judgement))
+    other_review.page(tmp_path / "page.html")
+    assert other_review.sentence(other_review.headline) in (tmp_path / "page.html").read_text()
 
 
 def test_a_screen_in_two_parts_has_the_lines_of_the_whole_screen():
@@ -68,9 +68,9 @@ def test_a_screen_in_two_parts_has_the_lines_of_the_whole_screen():
     (first_findings,) = findings
     first = first_lines(first_findings).splitlines()
     further = further_lines(assessment, first_findings).splitlines()
-    whole = review_screen(assessment).splitlines()
+    whole_screen = review_screen(assessment).splitlines()
     # The lights have one order, on a terminal and in a file.
-    assert first + further == whole
+    assert first + further == whole_screen
     assert further[0].startswith("tracking")
 
 
@@ -106,11 +106,11 @@ def test_two_logs_of_one_flight_are_one_review(here, capsys):
     first.write_bytes(content[:middle])
     second.write_bytes(content[middle:])
     assert run(SLOW) == 0
-    whole = capsys.readouterr().out.splitlines()
+    whole_screen = capsys.readouterr().out.splitlines()
     assert run(first, second, "--verbose") == 0
     screen = capsys.readouterr().out.splitlines()
     (title,) = (line for line in screen if line.startswith("first.tlog: "))
-    assert title.partition(": ")[2] == whole[0].partition(": ")[2]
+    assert title.partition(": ")[2] == whole_screen[0].partition(": ")[2]
     assert (here / "first" / "report.json").is_file()
     assert run(first, LOGS / "px4_wind5_steps.tlog") == 2
     assert "not known to be of one flight" in capsys.readouterr().err
@@ -143,7 +143,7 @@ def test_a_light_that_has_no_short_sentence_is_shown_whole():
     assert "…" not in screen and reason.sentence in " ".join(screen.split())
 
 
-def test_a_warning_of_two_lights_is_said_once():
+def test_a_warning_of_two_lights_is_printed_once():
     assessment = assess(read_log(SLOW))
     stop = Fact(MotionEvent.MOTOR_OFF, Level.BAD, time=60.0, boot=0, subject="motor 3")
     lights = {"motors": stop, "tracking": stop}

@@ -27,12 +27,12 @@ def test_a_fleet_in_one_command(tmp_path, capsys, monkeypatch):
     out = tmp_path / "fleet"
     assert run("track", flights, "--out", out, "--jobs", "1", "--json") == 0
     printed = capsys.readouterr()
-    found = json.loads(printed.out)
+    document = json.loads(printed.out)
     first, *lines = printed.err.splitlines()
     assert first == "Reading 2 new logs …"
     assert lines[0].startswith("1 of 2: ") and lines[1].startswith("2 of 2: ")
-    assert {"logs": 2, "read": 2, "flights": 1, "tiers": {"c": 1}}.items() <= found.items()
-    assert [Path(one["file"]).name for one in found["failed"]] == ["damaged.ulg"]
+    assert {"logs": 2, "read": 2, "flights": 1, "tiers": {"c": 1}}.items() <= document.items()
+    assert [Path(failed_log["file"]).name for failed_log in document["failed"]] == ["damaged.ulg"]
     # At the top of the file the import would take every worker of the tests half a second.
     import polars
 
@@ -51,8 +51,8 @@ def test_a_fleet_in_one_command(tmp_path, capsys, monkeypatch):
     assert run("track", flights, "--out", out, "--baseline", log) == 0
     assert "of an earlier run" not in capsys.readouterr().out
     assert run("track", flights, "--out", out) == 0
-    kept = "Baseline: 1 flight of an earlier run, since no --baseline was given: "
-    assert kept + log.name in " ".join(capsys.readouterr().out.split())
+    kept_baseline_text = "Baseline: 1 flight of an earlier run, since no --baseline was given: "
+    assert kept_baseline_text + log.name in " ".join(capsys.readouterr().out.split())
     # Logs without a flight are no success.
     assert run("track", damaged, "--out", tmp_path / "none", "--jobs", "1") == 1
     assert "without the topics of a flight" in capsys.readouterr().out
@@ -114,7 +114,7 @@ def test_a_page_says_what_its_row_says_now(tmp_path):
         "x.bin --out fleet --scheduler tcp://foo:port": "no address",
     }.items(),
 )
-def test_what_cannot_be_tracked_is_said(here, capsys, line, sentence):
+def test_logs_that_cannot_be_tracked_are_reported(here, capsys, line, sentence):
     (here / "x.bin").write_bytes(b"?")
     assert sentence in refused(capsys, 2, "track", *line.split())
     assert not (here / "fleet").exists()

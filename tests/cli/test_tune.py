@@ -22,11 +22,11 @@ def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(
     assert run("fly", "iris_identification", "--duration", "50", "--out", log) == 0
     capsys.readouterr()
     assert "smaller --start" in refused(capsys, 1, "tune", log, "--start", "45", "--out", out)
-    told = document_of(capsys, "tune", FLIGHT, "--axis", "pitch", "--out", out, code=1)
-    assert "no rate setpoint" in told["error"]["reason"]
+    document = document_of(capsys, "tune", FLIGHT, "--axis", "pitch", "--out", out, code=1)
+    assert "no rate setpoint" in document["error"]["reason"]
     assert not out.exists()
-    words = ["tune", log, "--margins", "soft", "--start", "5", "--out", out]
-    found = document_of(capsys, *words, "--more")
+    arguments = ["tune", log, "--margins", "soft", "--start", "5", "--out", out]
+    found = document_of(capsys, *arguments, "--more")
     roll = found["axes"]["roll"]
     gains = found["parameters"]
     assert found["notch"] is None and not roll["filters"]["notches"]
@@ -38,7 +38,7 @@ def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(
     assert page.count('<figure class="chart"') == 13 and 'class="headline"' in page
     assert "Stage 1 of 2, rate P, I and D" in page and roll["stage"] == 1
     monkeypatch.setattr("mavdem.cli.tune.tune_page", Mock(return_value=""))
-    assert run(*words) == 0
+    assert run(*arguments) == 0
     assert [file.name for file in out.iterdir()] == ["tune.html"]  # no gains of the run before
 
 
@@ -58,8 +58,8 @@ def test_a_weak_motor_is_named_in_the_place_of_gains(tmp_path, capsys):
     (tmp_path / "weakened.toml").write_text(WEAKENED)
     assert run("fly", tmp_path / "weakened.toml", "--out", log) == 0
     assert run("tune", log, "--more") == 1
-    said = unwrapped(capsys.readouterr().out)
-    assert "No gains are advised. Motor 1" in said and "Next: Do not fly" in said
+    output = unwrapped(capsys.readouterr().out)
+    assert "No gains are advised. Motor 1" in output and "Next: Do not fly" in output
 
 
 SHAKEN = """
@@ -81,23 +81,26 @@ def test_filters_are_written_with_the_gains_when_asked_for(tmp_path, capsys):
     assert run("fly", tmp_path / "shaken.toml", "--out", log) == 0
     capsys.readouterr()
     out = tmp_path / "out"
-    found = document_of(capsys, "tune", log, "--filters", "--out", out)
-    settings = dict(found["notch"]["figures"]["settings"])
-    assert settings["INS_HNTCH_ENABLE"] == 1 and settings.items() <= found["parameters"].items()
-    assert 0 < found["notch"]["figures"]["phase_cost"] < 3
+    document = document_of(capsys, "tune", log, "--filters", "--out", out)
+    settings = dict(document["notch"]["figures"]["settings"])
+    assert settings["INS_HNTCH_ENABLE"] == 1 and settings.items() <= document["parameters"].items()
+    assert 0 < document["notch"]["figures"]["phase_cost"] < 3
     (written,) = out.glob("gains.*.params")
     assert "INS_HNTCH_FREQ" in written.read_text()
-    assert found["axes"]["roll"]["filters"]["notches"]
+    assert document["axes"]["roll"]["filters"]["notches"]
 
 
-def test_what_must_not_fly_is_said_before_its_loops(capsys):
+def test_a_vehicle_that_must_not_fly_is_reported_before_its_loops(capsys):
     assert run("tune", shared("real/logs/gains_named_before_34.BIN"), "--more") == 1
-    said = capsys.readouterr().out
-    assert said.startswith("The height estimate diverged")
-    assert said.index("No gains are advised.") > 0
-    assert "Next: Do not fly in a mode that holds the height" in said
-    lacking = shared("real/logs/yaw_twist_16_percent.BIN")
-    assert refused(capsys, 1, "tune", lacking, "--axis", "all").count("--params FILE") == 1
+    output = capsys.readouterr().out
+    assert output.startswith("The height estimate diverged")
+    assert output.index("No gains are advised.") > 0
+    assert "Next: Do not fly in a mode that holds the height" in output
+    log_without_parameters = shared("real/logs/yaw_twist_16_percent.BIN")
+    assert (
+        refused(capsys, 1, "tune", log_without_parameters, "--axis", "all").count("--params FILE")
+        == 1
+    )
 
 
 def test_without_a_plant_the_measured_margins_or_what_is_bad_are_shown(capsys, monkeypatch):

@@ -19,21 +19,21 @@ WEIGHT = 1.52 * 9.81 / 4
 
 @fixture(scope="module")
 def folder(tmp_path_factory, coarse_physics):
-    made = tmp_path_factory.mktemp("twin")
-    log = made / "flight.tlog"
-    files = [made / f"mine.{ending}" for ending in ("toml", "json", "params", "sdf")]
+    folder_path = tmp_path_factory.mktemp("twin")
+    log = folder_path / "flight.tlog"
+    files = [folder_path / f"mine.{ending}" for ending in ("toml", "json", "params", "sdf")]
     assert run("fly", "iris_identification", "--duration", "31", "--out", log) == 0
-    words = [
+    arguments = [
         "twin",
         log,
         "--mass",
         "1.52",
         *(word for file in files for word in ("--out", str(file))),
     ]
-    with redirect_stdout(StringIO()) as said:
-        assert run(*words, "--json") == 0
-    (made / "said.json").write_text(said.getvalue())
-    return made
+    with redirect_stdout(StringIO()) as output:
+        assert run(*arguments, "--json") == 0
+    (folder_path / "said.json").write_text(output.getvalue())
+    return folder_path
 
 
 def test_every_file_hovers_and_rolls_as_the_vehicle(folder):
@@ -62,7 +62,7 @@ def test_every_file_hovers_and_rolls_as_the_vehicle(folder):
     assert effects == approx([effects[0]] * 4, rel=1e-3)
 
 
-def test_it_flies_the_setpoints_of_all_axes_again_much_as_the_vehicle_did(folder):
+def test_the_twin_follows_the_recorded_setpoints_much_as_the_vehicle_did(folder):
     alike = json.loads((folder / "said.json").read_text())["alike"]
     assert list(alike) == ["roll", "pitch", "yaw"]
     for axis, compared in alike.items():
@@ -80,11 +80,13 @@ def test_it_flies_the_setpoints_of_all_axes_again_much_as_the_vehicle_did(folder
         ("MC_ROLLRATE_P=-1", "vehicle.parameters.MC_ROLLRATE_P must be from 0 to 10000, not -1"),
     ],
 )
-def test_it_flies_other_gains_or_says_why_not(folder, change, sentence, tmp_path, capsys):
+def test_the_twin_flies_other_gains_or_gives_the_reason_why_not(
+    folder, change, sentence, tmp_path, capsys
+):
     (gains := tmp_path / "gains.param").write_text("MC_PITCH_P 7\n")
     flown = tmp_path / "flown.tlog"
-    words = ["calm", "--duration", "16", "--vehicle", folder / "mine.toml", "--params", gains]
-    code = run("fly", *words, "--out", flown, "--set", "IMU_GYRO_CUTOFF=30", "--set", change)
+    arguments = ["calm", "--duration", "16", "--vehicle", folder / "mine.toml", "--params", gains]
+    code = run("fly", *arguments, "--out", flown, "--set", "IMU_GYRO_CUTOFF=30", "--set", change)
     assert code == (2 if sentence else 0)
     assert sentence in capsys.readouterr().err
     expected = {"MC_PITCH_P": 7, "IMU_GYRO_CUTOFF": 30}

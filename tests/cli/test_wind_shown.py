@@ -27,29 +27,40 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     (tmp_path / "legs.toml").write_text(scenario_toml(legs).replace("\nrate = 20.0", "\nrate = 50"))
     assert run("fly", tmp_path / "legs.toml", "--duration", "62", "--out", log) == 0
     learnt = tmp_path / "learnt"
-    found = wind(log)
+    estimate = wind(log)
     assert (
         run("learn", log, "--out", learnt, "--mcap", "--verbose", "--train", "5s", "--test", "25")
         == 0
     )
-    said = unwrapped(capsys.readouterr().out)
-    (low, high) = found.speed_interval
-    origin = compass_words(found.direction, found.direction_interval)
-    assert f"Wind: {found.speed:.1f} m/s ({low:.1f} to {high:.1f}) from {origin}, gusts" in said
-    assert json.loads((learnt / "report.json").read_text())["wind_velocity"]["speed"] == found.speed
+    output = unwrapped(capsys.readouterr().out)
+    (low, high) = estimate.speed_interval
+    origin = compass_words(estimate.direction, estimate.direction_interval)
+    assert (
+        f"Wind: {estimate.speed:.1f} m/s ({low:.1f} to {high:.1f}) from {origin}, gusts" in output
+    )
+    assert (
+        json.loads((learnt / "report.json").read_text())["wind_velocity"]["speed"] == estimate.speed
+    )
     assert b"wind/velocity" in (learnt / "flight.mcap").read_bytes()
     assert run("convert", log, tmp_path / "legs.csv") == 0
     table = np.genfromtxt(tmp_path / "legs.csv", delimiter=",", names=True)
-    off = np.interp(found.time, table["time_s"], table["wind_north_m_s"]) - found.velocity[:, 0]
+    off = (
+        np.interp(estimate.time, table["time_s"], table["wind_north_m_s"]) - estimate.velocity[:, 0]
+    )
     assert np.nanmax(abs(off)) < 0.02 and np.isnan(table["wind_east_band_m_s"][0])
     (row, *_), _ = rows_of_log(log)
     earlier = earlier_drag(learnt / "model.json").drag
     assert earlier.linear == approx(row.drag[:2]) and earlier.relative_sd(5) < 0.2
-    assert (row.wind_speed, degrees(row.wind_direction)) == approx((found.speed, found.direction))
+    assert (row.wind_speed, degrees(row.wind_direction)) == approx(
+        (estimate.speed, estimate.direction)
+    )
     # A list shows the speed that is known, and the interval of one that is known only roughly.
-    direction = compass_text(found.direction)
+    direction = compass_text(estimate.direction)
     vague = replace(row, wind_speed_interval=(1.9, 8.0))
-    for one, text in ((row, f"{found.speed:.1f} {direction}"), (vague, f"1.9 to 8.0 {direction}")):
+    for one, text in (
+        (row, f"{estimate.speed:.1f} {direction}"),
+        (vague, f"1.9 to 8.0 {direction}"),
+    ):
         assert text in fleet_page(vehicle_summaries([one]))
     assert run("wind", log, "--out", tmp_path / "wind") == 0
     page = (tmp_path / "wind" / "wind.html").read_text()
@@ -61,11 +72,11 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
         "Drag, from",
     ):
         assert title in page
-    assert json.loads((tmp_path / "wind" / "wind.json").read_text())["speed"] == found.speed
+    assert json.loads((tmp_path / "wind" / "wind.json").read_text())["speed"] == estimate.speed
     # A flight's log is a prior for another one, as its documents are.
     for earlier_flight in (log, tmp_path / "wind"):
         drag = earlier_drag(earlier_flight).drag
-        assert drag.mean == approx(found.drag.for_next_flight().mean)
+        assert drag.mean == approx(estimate.drag.for_next_flight().mean)
     for this_flight in (learnt, tmp_path / "wind", log):
         assert run("wind", log, "--prior", this_flight) == 2
         assert "of this very flight" in capsys.readouterr().err

@@ -53,10 +53,10 @@ def test_a_frame_has_the_columns_of_the_csv_file(flight):
 @mark.slow
 def test_a_dataset_has_what_else_a_flight_has():
     time = np.arange(4) * 0.1
-    asked = np.array([np.nan, 1, 1, 2])
-    flight = mavdem.Flight(time, time, time, setpoints=asked, effect_directions=[1.0])
+    setpoint = np.array([np.nan, 1, 1, 2])
+    flight = mavdem.Flight(time, time, time, setpoints=setpoint, effect_directions=[1.0])
     data = flight.to_xarray()
-    assert_array_equal(data.setpoints[:, 0], asked)
+    assert_array_equal(data.setpoints[:, 0], setpoint)
     assert_array_equal(data.effect_directions, [1.0])
     assert data.outputs.dims == ("time", "output") and data.time.attrs["units"] == "s"
     assert data.attrs["dt"] == flight.dt
@@ -70,8 +70,8 @@ def test_a_system_has_the_names_and_the_matrices_of_the_model(learned):
     ]
     assert system.state_labels == system.output_labels and system.isctime(strict=True)
     model = learned.model
-    for own, expected in ((system.A, model.A), (system.B, model.B), (system.C, model.C)):
-        assert_array_equal(own, expected)
+    for matrix, expected in ((system.A, model.A), (system.B, model.B), (system.C, model.C)):
+        assert_array_equal(matrix, expected)
 
 
 IDENTIFIABLE = partial_record(Physical, status={"effect": Status.REPORTED})
@@ -92,8 +92,8 @@ def test_a_model_without_a_plant_says_why(physical, names, code):
 
 @mark.slow
 def test_the_physical_plant_responds_as_the_vehicle_is_simulated(learned):
-    told = "^Poorly known of this plant: effect biased, damping biased, lag biased"
-    with warns(UserWarning, match=told) as caught:
+    warning_text = "^Poorly known of this plant: effect biased, damping biased, lag biased"
+    with warns(UserWarning, match=warning_text) as caught:
         plant = learned.to_control()
     assert caught[0].filename == __file__
     trim = learned.record.inputs.mean(axis=0)
@@ -106,7 +106,7 @@ def test_the_physical_plant_responds_as_the_vehicle_is_simulated(learned):
     response = control.forced_response(plant, time, steered.T)
     size = abs(expected).max(axis=0)
     assert_allclose(response.outputs[:, 1:].T / size, expected / size, atol=4e-3)
-    assert len({abs(one(2j * np.pi))[1, 0] for one in plant.draws}) == len(plant.draws)
+    assert len({abs(draw(2j * np.pi))[1, 0] for draw in plant.draws}) == len(plant.draws)
 
 
 @mark.slow
@@ -198,7 +198,9 @@ def test_the_layouts_plot_what_there_is(result, tmp_path):
     }
     panels = json.loads((LAYOUTS / "foxglove.json").read_text())["configById"].values()
     paths = {path["value"].split(".@")[0] for panel in panels for path in panel["paths"]}
-    shown = {path.replace(".", "/") for path in paths}
+    plotted_paths = {path.replace(".", "/") for path in paths}
     assert len(curves) >= 10 and len(paths) >= 10
     # The torque of the wind is not identifiable in this flight.
-    assert curves | shown == (curves | shown) & fields | {"learned/wind_torque/torque"}
+    assert curves | plotted_paths == (curves | plotted_paths) & fields | {
+        "learned/wind_torque/torque"
+    }

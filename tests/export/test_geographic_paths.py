@@ -20,20 +20,20 @@ LATITUDE = -33.5 - 1e-6 * TIME
 ALTITUDE = 40.0 + TIME
 
 
-def positioned():
-    """A hover that sends where it is; the first message is from before a fix."""
+def telemetry_with_positions():
+    """Returns telemetry of a hover with its positions; the first message is from before a fix."""
     positions = {
         "lat": np.append(0, np.rint(1e7 * LATITUDE)),
         "lon": np.append(0, np.rint(1e7 * LONGITUDE)),
         "alt": np.append(0, 1e3 * ALTITUDE),
     }
-    made = Hover().telemetry()
-    return changed(made, "GLOBAL_POSITION_INT", **columns(np.arange(-1.0, 5.0), **positions))
+    telemetry = Hover().telemetry()
+    return changed(telemetry, "GLOBAL_POSITION_INT", **columns(np.arange(-1.0, 5.0), **positions))
 
 
 def test_a_path_comes_back_from_geojson_with_its_times():
     file = io.BytesIO()
-    write_geojson(file, "flight <1>.tlog", geographic_paths(positioned()))
+    write_geojson(file, "flight <1>.tlog", geographic_paths(telemetry_with_positions()))
     (feature,) = json.loads(file.getvalue())["features"]
     path = np.array(feature["geometry"]["coordinates"])
     assert_allclose(path, np.column_stack([LONGITUDE, LATITUDE, ALTITUDE]), atol=1e-7)
@@ -42,7 +42,7 @@ def test_a_path_comes_back_from_geojson_with_its_times():
 
 def test_a_path_comes_back_from_kml_at_its_altitude():
     file = io.BytesIO()
-    write_kml(file, "flight <1>.tlog", geographic_paths(positioned()))
+    write_kml(file, "flight <1>.tlog", geographic_paths(telemetry_with_positions()))
     root = ElementTree.fromstring(file.getvalue())
     assert root.findtext("kml:Document/kml:name", namespaces=KML) == "flight <1>.tlog"
     line = root.find(".//kml:LineString", KML)
@@ -61,8 +61,8 @@ def test_a_log_without_geographic_positions_has_no_path():
 def test_a_map_may_have_any_name():
     name = "a\x01\udcff<é>.tlog"
     geojson, kml = io.BytesIO(), io.BytesIO()
-    write_geojson(geojson, name, geographic_paths(positioned()))
-    write_kml(kml, name, geographic_paths(positioned()))
+    write_geojson(geojson, name, geographic_paths(telemetry_with_positions()))
+    write_kml(kml, name, geographic_paths(telemetry_with_positions()))
     shown = "a\\x01\\udcff<é>.tlog"
     (feature,) = json.loads(geojson.getvalue())["features"]
     assert feature["properties"]["name"] == shown

@@ -24,8 +24,10 @@ def index_of(folder, *steps):
 
 @mark.slow
 def test_the_page_of_a_fleet_that_grew_is_that_of_all_its_flights(tmp_path):
-    few, many = fleet_rows(7), fleet_rows(20)
-    assert index_of(tmp_path / "grown", few, many) == index_of(tmp_path / "at once", many)
+    few_rows, many_rows = fleet_rows(7), fleet_rows(20)
+    assert index_of(tmp_path / "grown", few_rows, many_rows) == index_of(
+        tmp_path / "at once", many_rows
+    )
 
 
 def test_the_light_of_the_motors_is_as_bad_as_their_health_in_a_fleet():
@@ -48,11 +50,11 @@ def test_a_summary_is_the_same_after_it_was_kept():
 
 @mark.slow
 def test_only_vehicles_that_were_judged_anew_are_summed_up_again(tmp_path):
-    made = []
+    summarised_names = []
 
     def make(vehicle):
-        made.append(vehicle)
-        return f"{vehicle} {len(made)}"
+        summarised_names.append(vehicle)
+        return f"{vehicle} {len(summarised_names)}"
 
     def summaries(store, version="1"):
         outdated = outdated_vehicles(store)
@@ -75,7 +77,7 @@ def test_only_vehicles_that_were_judged_anew_are_summed_up_again(tmp_path):
 
 @mark.slow
 def test_a_damaged_summary_is_made_again(tmp_path):
-    whole = index_of(tmp_path, fleet_rows(7))
+    whole_index = index_of(tmp_path, fleet_rows(7))
     with open_store(tmp_path) as store:
         store.db.execute("update vehicle_parts set summary = '{'")
-        assert write_fleet_pages(store, {}).index.read_text() == whole
+        assert write_fleet_pages(store, {}).index.read_text() == whole_index

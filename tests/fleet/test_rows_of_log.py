@@ -78,7 +78,7 @@ def test_a_margin_is_in_radians_and_its_interval_a_half_width():
     assert columns["attitude_gain_margin_interval"] == 5.0
 
 
-def test_a_row_has_an_effect_and_a_wind_torque_only_where_they_are_known():
+def test_a_row_has_effect_and_wind_torque_only_if_they_are_identifiable():
     report = {
         "physical": {"effect": (0.3,), "status": {"effect": "biased"}},
         "wind": {"sd": 0.8, "mean": 0.1, "mean_band": 0.2},
@@ -106,15 +106,15 @@ def test_the_motor_that_a_crash_is_blamed_on_is_in_its_row(level, motor):
 def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(monkeypatch):
     log = mavdem.ingest.read_log(SLOW)
     (sound,) = log.vehicles
-    other = replace(sound, component=7)
+    other_vehicle = replace(sound, component=7)
 
     def failing(log, signals, *arguments, **known):
-        if signals.telemetry is other:
+        if signals.telemetry is other_vehicle:
             raise KeyError("geometry")
         return assess_signals(log, signals, *arguments, **known)
 
     monkeypatch.setattr(module, "assess_signals", failing)
-    monkeypatch.setattr(module, "read_log", lambda _: replace(log, vehicles=(other, sound)))
+    monkeypatch.setattr(module, "read_log", lambda _: replace(log, vehicles=(other_vehicle, sound)))
     failed, *rows = rows_of_log(SLOW)[0]
     assert "KeyError" in failed.status and failed.component == 7
     assert [row.axis for row in rows] == ["roll", "pitch"] and {row.status for row in rows} == {
@@ -130,7 +130,7 @@ def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(monkeypatch):
         (lambda path: earlier_flight(path, "roll"), "{}", NoPrior.MODEL_UNREADABLE),
     ],
 )
-def test_what_says_nothing_of_the_next_flight_is_refused(tmp_path, read, text, code):
+def test_documents_without_a_prior_for_the_next_flight_are_refused(tmp_path, read, text, code):
     path = tmp_path / "report.json"
     path.write_text(text)
     assert unreadable(read, path).code is code

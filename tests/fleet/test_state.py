@@ -39,13 +39,13 @@ def state(day, vehicle="001a", balance=(0.0, 0.0, 0.0), vehicles=None):
 def test_two_logs_have_the_health_that_a_fleet_of_both_has():
     before, after = state(1), state(2, balance=WEAK_MOTOR_1)
     judged = with_motors_judged(before, after)
-    rows = [row for one in judged for row in one.rows]
+    rows = [row for vehicle_state in judged for row in vehicle_state.rows]
     assert rows == assess_rows([*before.rows, *after.rows], [])
     assert [row.suspect_motor for row in rows] == [None, 1]
     assert rows[1].health == "drift" and "one flight before" in rows[1].health_reason
     # The order in which both are named changes nothing.
     swapped = with_motors_judged(after, before)
-    assert [one.rows[0].suspect_motor for one in swapped] == [1, None]
+    assert [vehicle_state.rows[0].suspect_motor for vehicle_state in swapped] == [1, None]
 
 
 def test_a_sound_flight_beside_a_single_one_has_a_probability_but_no_health():
@@ -57,5 +57,5 @@ def test_a_sound_flight_beside_a_single_one_has_a_probability_but_no_health():
 
 def test_two_vehicles_and_fleets_are_left_as_they_are():
     weak = state(2, balance=WEAK_MOTOR_1)
-    for other in (state(1, vehicle="002b"), state(1, vehicles=[])):
-        assert with_motors_judged(other, weak) == (other, weak)
+    for other_state in (state(1, vehicle="002b"), state(1, vehicles=[])):
+        assert with_motors_judged(other_state, weak) == (other_state, weak)

@@ -59,7 +59,7 @@ FULL = FlightRow(
 FAILED = FlightRow.without_flight("b.bin", Fact(ReadingFact.NO_VEHICLE))
 
 
-def test_rows_come_back_as_they_were(tmp_path):
+def test_stored_rows_are_read_back_unchanged(tmp_path):
     rows = [FULL, FAILED, FlightRow(file="odd\udcff\n.bin")]
     fleet_of(tmp_path, rows)
     assert read_rows(tmp_path) == sorted(rows, key=lambda row: row.order)
@@ -71,11 +71,11 @@ def test_rows_come_back_as_they_were(tmp_path):
 def test_the_examples_of_the_documentation_answer(here, capsys):
     make_logs(here / "logs", 1, "damaged")
     track(here / "fleet", here / "logs")
-    known = {"vehicle": "7", "axis": "roll", "motors": ("1", "2"), "trim_share": (1.1, 0.9)}
-    known["health_reason"] = "Motor 1."
+    columns = {"vehicle": "7", "axis": "roll", "motors": ("1", "2"), "trim_share": (1.1, 0.9)}
+    columns["health_reason"] = "Motor 1."
     days = ((1, "ok"), (2, "fault"))
     flown = [
-        FlightRow(file=f"{day}.bin", date=f"2026-11-0{day}", health=health, **known)
+        FlightRow(file=f"{day}.bin", date=f"2026-11-0{day}", health=health, **columns)
         for day, health in days
     ]
     rows = [*flown, *read_rows(here / "fleet")]
@@ -88,8 +88,8 @@ def test_the_examples_of_the_documentation_answer(here, capsys):
     assert len(examples) == 3
     assert names["found"] == [("7", "fault", "Motor 1.", 2)]
     assert names["shares"]["trim_share"].to_list() == [1.1, 0.9] * 2
-    said = capsys.readouterr().out
-    assert "megabytes" in said
+    output = capsys.readouterr().out
+    assert "megabytes" in output
 
 
 def refusal(use):
@@ -104,7 +104,7 @@ def test_what_is_no_fleet_and_what_is_damaged_is_refused(tmp_path):
 
 
 @mark.parametrize("row", ["[1]", "{"])
-def test_a_damaged_row_is_said_to_be(fleet, row):
+def test_a_damaged_row_is_reported(fleet, row):
     out, folder, (log, _), _ = fleet
     with closing(sqlite3.connect(out / STORE, isolation_level=None)) as db:
         db.execute("update flights set row = ? where rowid = 1", [row])
@@ -126,15 +126,15 @@ def test_a_damaged_row_is_said_to_be(fleet, row):
 )
 def test_a_fleet_of_another_version_opens_with_the_columns_of_this_one(fleet, version, change):
     """What it lacks is null, what it has beside is dropped; logs that are there are read again."""
-    out, folder, (log, other), before = fleet
+    out, folder, (log, other_log), before = fleet
     with closing(sqlite3.connect(out / STORE, isolation_level=None)) as db:
         db.execute(f"update flights set row = {change}")
         db.execute(f"pragma user_version = {version}")
     assert {row.tier for row in read_rows(out)} == {"a" if version > 1 else None}
-    other.unlink()
-    assert len(track(out, folder, other).problems) == 1
+    other_log.unlink()
+    assert len(track(out, folder, other_log).problems) == 1
     rows = {Path(row.file).name: row.tier for row in read_rows(out)}
-    assert rows == {log.name: "a", other.name: "a" if version > 1 else None}
+    assert rows == {log.name: "a", other_log.name: "a" if version > 1 else None}
     assert parquet.read_schema(table_path(out)).equals(row_schema())
     if version > 1:
         assert table_of(out) == before
@@ -175,12 +175,12 @@ def fleet(tmp_path):
 
 
 def test_what_is_known_is_not_read_again_whatever_it_is_called(fleet):
-    out, folder, (log, other), before = fleet
+    out, folder, (log, other_log), before = fleet
     assert track(out, log, folder / "*.bin").read == 0 and table_of(out) == before
     shutil.copy(log, folder / "z_copy.bin")
     assert track(out, folder).read == 1  # looked at, and known by its content
     assert table_of(out) == before and track(out, folder).read == 0
-    other.rename(folder / "renamed.bin")
+    other_log.rename(folder / "renamed.bin")
     track(out, folder)
     assert sorted({Path(row.file).name for row in read_rows(out)}) == ["log_0.bin", "renamed.bin"]
 
@@ -208,8 +208,8 @@ def test_a_table_that_could_not_be_written_is_written_by_the_next_run(fleet, mon
 
 def test_another_run_may_write_while_the_table_is_written(tmp_path, monkeypatch):
     def write(path, rows, folder):
-        with open_store(folder) as other:
-            other.healthy = [FULL]
+        with open_store(folder) as other_store:
+            other_store.healthy = [FULL]
         write_file(path, rows, folder)
 
     monkeypatch.setattr(table_files, "write_file", write)
@@ -445,7 +445,8 @@ def test_more_time_or_memory_is_another_try(tmp_path, monkeypatch, limits, read)
     assert track(tmp_path / "fleet", tmp_path / "logs").read == read
 
 
-def beside(rows, baseline):
+def rows_naming_baseline(rows, baseline):
+    """Returns rows whose ``health_reason`` has the file names of the baseline that they were judged with."""
     return [
         replace(row, health_reason=" ".join(sorted({Path(one.file).name for one in baseline})))
         for row in rows
@@ -459,7 +460,7 @@ def test_a_baseline_is_no_part_of_the_table_and_stays_until_another_is_given(tmp
     out = tmp_path / "fleet"
 
     def reasons(baseline=()):
-        track(out, tmp_path / "flown", baseline=baseline, assess=beside)
+        track(out, tmp_path / "flown", baseline=baseline, assess=rows_naming_baseline)
         assert {Path(row.file).name for row in read_rows(out)} == {path.name for path in flown}
         return {row.health_reason for row in read_rows(out)}
 
@@ -476,23 +477,23 @@ def test_a_baseline_is_no_part_of_the_table_and_stays_until_another_is_given(tmp
 @mark.slow
 def test_only_vehicles_of_which_anything_is_new_are_judged(tmp_path):
     make_logs(tmp_path / "logs", 7)
-    seen = []
+    judged_vehicles = []
 
     def judge(rows, baseline):
-        seen.append(rows[0].vehicle)
-        if len(seen) == 1:
+        judged_vehicles.append(rows[0].vehicle)
+        if len(judged_vehicles) == 1:
             raise ValueError("a fault")
         return rows
 
     track(tmp_path / "fleet", tmp_path / "logs", assess=judge)
     first = {row.vehicle: row.health_code for row in read_rows(tmp_path / "fleet")}
-    assert sorted(seen) == sorted(first) and len(seen) > 2
+    assert sorted(judged_vehicles) == sorted(first) and len(judged_vehicles) > 2
     # A fault on one vehicle's figures keeps back no other's.
-    assert [name for name, code in first.items() if code] == [seen[0]]
-    assert first[seen[0]] == HealthUnknown.HEALTH_FAILED
-    seen[:] = ["not the first"]
+    assert [name for name, code in first.items() if code] == [judged_vehicles[0]]
+    assert first[judged_vehicles[0]] == HealthUnknown.HEALTH_FAILED
+    judged_vehicles[:] = ["not the first"]
     track(tmp_path / "fleet", tmp_path / "logs", assess=judge)
-    assert seen == ["not the first"]
+    assert judged_vehicles == ["not the first"]
 
 
 def flight(key, means, **columns):
@@ -520,13 +521,17 @@ def test_the_residual_mean_is_what_healthy_models_leave_of_a_flight():
     assert residual_mean(healthy[0], healthy) == approx(3)
     # Other axes, motors and inputs are other models.
     by_demand = flight("demand", (0.1,), inputs="demand", effect=(2.0,))
-    for other in (replace(new, axis="pitch"), replace(new, motors=("other", "names")), by_demand):
-        assert residual_mean(other, healthy) is None
+    for incomparable_row in (
+        replace(new, axis="pitch"),
+        replace(new, motors=("other", "names")),
+        by_demand,
+    ):
+        assert residual_mean(incomparable_row, healthy) is None
     assert residual_mean(healthy[0], [*healthy, by_demand]) == approx(3)
 
 
 def test_health_comes_from_the_vehicle_s_healthy_flights():
-    known = {
+    balance_columns = {
         "balance": (0.0, 0.0, 0.0),
         "balance_error": (0.001,) * 3,
         "balance_lean": (0.05, 0.0),
@@ -544,7 +549,7 @@ def test_health_comes_from_the_vehicle_s_healthy_flights():
             vehicle="7",
             vehicle_basis="board",
             date=datetime(2026, 5, day, tzinfo=UTC),
-            **known,
+            **balance_columns,
         )
         for day in range(1, 5)
     ]

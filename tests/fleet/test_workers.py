@@ -55,21 +55,21 @@ def test_an_outcome_has_the_log_s_name_and_key_and_why_it_has_no_rows(tmp_path):
     memory = Unreadable(prose("It does not fit."))
     memory.__context__ = MemoryError()
 
-    found = outcome_of(Job(path), lambda path, key, page: ([FlightRow(file="copy")], {}))
-    (row,) = found.rows
-    assert (row.file, row.key) == (path, found.key) and row.mavdem_version
-    assert outcome_of(Job(path, (found.key,)), None).ended == "known"
+    outcome = outcome_of(Job(path), lambda path, key, page: ([FlightRow(file="copy")], {}))
+    (row,) = outcome.rows
+    assert (row.file, row.key) == (path, outcome.key) and row.mavdem_version
+    assert outcome_of(Job(path, (outcome.key,)), None).ended == "known"
     cut = Unreadable(Fact(SourceFact.FORMAT_UNKNOWN, path=path, name="text"))
     damaged = outcome_of(Job(path), Mock(side_effect=cut))
     (row,) = damaged.rows
     assert damaged.ended == "read" and row.status_code == SourceFact.FORMAT_UNKNOWN
     assert path not in row.status
-    assert (row.file, row.key) == (path, found.key)
+    assert (row.file, row.key) == (path, outcome.key)
     with raises(MemoryError):  # with a higher limit it may be read
         outcome_of(Job(path), Mock(side_effect=memory))
 
 
-def test_what_is_no_plain_file_is_not_opened(tmp_path):
+def test_pipes_and_devices_are_not_opened_as_logs(tmp_path):
     os.mkfifo(tmp_path / "pipe.tlog")
     os.symlink("loop.bin", tmp_path / "loop.bin")
     codes = [
@@ -96,10 +96,10 @@ def test_no_log_stops_a_run(tmp_path):
         tmp_path / "fleet", logs, reader=WorkerPool(2, LIMITS, rows_of_log), baseline=healthy
     )
     assert (done.logs, done.read, done.problems) == (8, 8, ())
-    found = {Path(row.file).name: row for row in read_rows(tmp_path / "fleet")}
+    rows_by_name = {Path(row.file).name: row for row in read_rows(tmp_path / "fleet")}
     # The process starts no others.
-    assert found["where_0.bin"].status == "1"
-    assert {name: row.status_code for name, row in found.items() if row.status_code} == {
+    assert rows_by_name["where_0.bin"].status == "1"
+    assert {name: row.status_code for name, row in rows_by_name.items() if row.status_code} == {
         "slow_0.bin": ReadingFact.READING_TOO_LONG,
         "big_0.bin": ReadingFact.READING_TOO_LARGE,
         "crash_0.bin": ReadingFact.READER_DIED,
@@ -167,12 +167,12 @@ def hanging(tmp_path):
     script = tmp_path / "run.py"
     script.write_text(RUN)
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "TMPDIR": str(scratch)}
-    words = [sys.executable, script, tmp_path / "logs", tmp_path / "fleet"]
+    arguments = [sys.executable, script, tmp_path / "logs", tmp_path / "fleet"]
     reader = os.open(gate, os.O_RDONLY | os.O_NONBLOCK)
     os.set_blocking(reader, True)
     with gate.open("w") as writer:
         run = subprocess.Popen(
-            words,
+            arguments,
             env=environment,
             stdin=writer,
             stderr=subprocess.PIPE,
@@ -193,18 +193,18 @@ def test_an_ended_run_leaves_nothing_and_is_resumed_to_the_same_table(tmp_path, 
     for _ in range(2):  # impatience changes nothing
         os.killpg(run.pid, number)
     # Both end when no process has them open any longer.
-    said = run.communicate()[1]
+    error_output = run.communicate()[1]
     assert "hang" not in names.read()  # nothing is begun any more
     assert run.returncode == (-number if number == signal.SIGKILL else 128 + number)
-    assert "Traceback" not in said
+    assert "Traceback" not in error_output
     assert not list((tmp_path / "scratch").iterdir())
     out = tmp_path / "fleet"
     with closing(sqlite3.connect(out / STORE)) as db:
-        (kept,) = db.execute("select count(*) from logs").fetchone()
+        (log_count,) = db.execute("select count(*) from logs").fetchone()
     (tmp_path / "gate").unlink()
     for log in (tmp_path / "logs").glob("hang*"):
         log.rename(log.with_name(f"log_{log.name[4:]}"))
-    assert track(out, tmp_path / "logs").read == 6 - kept == 2
+    assert track(out, tmp_path / "logs").read == 6 - log_count == 2
     track(tmp_path / "whole", tmp_path / "logs")
     assert table_of(out) == table_of(tmp_path / "whole")
 
@@ -216,8 +216,8 @@ def two_workers():
 
     with LocalCluster(
         n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
-    ) as found:
-        yield found
+    ) as cluster:
+        yield cluster
 
 
 @mark.slow
@@ -252,7 +252,7 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
         (None, ReadingFact.NO_SCHEDULER),
     ],
 )
-def test_a_cluster_that_cannot_help_is_said(monkeypatch, client, code):
+def test_a_cluster_that_cannot_read_logs_is_reported(monkeypatch, client, code):
     if client is not None:
         stand_in(monkeypatch, client)
     assert (
@@ -274,10 +274,15 @@ def test_a_log_that_killed_workers_of_a_cluster_has_a_row(monkeypatch):
 
 def stand_in(monkeypatch, client):
     """Lets a mock be the client of a cluster with one worker, for what happens rarely."""
-    known = {"nthreads.return_value": {"0": 1}, "run.side_effect": lambda *_, **__: {"0": HERE}}
+    client_behaviour = {
+        "nthreads.return_value": {"0": 1},
+        "run.side_effect": lambda *_, **__: {"0": HERE},
+    }
     monkeypatch.setattr(cluster, "versions", lambda: HERE)
     monkeypatch.setattr(socket, "create_connection", Mock())
-    monkeypatch.setattr("distributed.Client", Mock(return_value=MagicMock(**(known | client))))
+    monkeypatch.setattr(
+        "distributed.Client", Mock(return_value=MagicMock(**(client_behaviour | client)))
+    )
 
 
 HERE = "mavdem"
@@ -322,10 +327,10 @@ def folder(tmp_path):
 
 
 def test_a_folder_gives_what_looks_like_a_log_by_its_name_or_its_first_bytes(folder):
-    found = ["a.bin", "b.ULG", "c.mcap", "d.ulg.xz", "no_ending"]
-    assert names(folder, apart_from=folder / "results") == found
+    log_names = ["a.bin", "b.ULG", "c.mcap", "d.ulg.xz", "no_ending"]
+    assert names(folder, apart_from=folder / "results") == log_names
     os.symlink(folder, folder / "below" / "up")  # is its own part, and read once
-    assert names(folder) == [*found, "e.bin"]
+    assert names(folder) == [*log_names, "e.bin"]
 
 
 def test_a_file_is_taken_whatever_it_holds_and_each_log_once(folder):
@@ -378,7 +383,7 @@ def test_logs_behind_urls_are_read_and_known(served, tmp_path):
 
 
 @mark.slow
-def test_what_a_file_system_lacks_is_said(tmp_path):
+def test_a_missing_feature_of_a_file_system_is_reported(tmp_path):
     for url in ("s3://bucket/flight.bin", "nonsense://x/flight.bin"):
         (problem,) = find_logs([url])[1]
         assert problem.code is FleetFolderFact.URL_UNREADABLE and problem.figures["path"] == url

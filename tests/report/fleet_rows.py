@@ -64,8 +64,10 @@ def fleet_rows(flights):
     ]
     for number in range(flights):
         flown, vehicle = divmod(number, 5)
-        found = fault if vehicle == 1 and flown > 0.7 * flights / 5 else {}
+        health_columns = fault if vehicle == 1 and flown > 0.7 * flights / 5 else {}
         damping = 0.6 + 0.01 * flown if number % 4 else None
         for axis in ("roll", "pitch"):
-            rows.append(flight_row(f"quad-{vehicle}", flown, axis, damping=damping, **found))
+            rows.append(
+                flight_row(f"quad-{vehicle}", flown, axis, damping=damping, **health_columns)
+            )
     return rows

@@ -43,8 +43,8 @@ def test_bad_events_come_first_and_those_of_a_kind_once():
 def test_a_page_says_once_what_to_do_and_what_shows_an_event():
     assert LOST.remedy
     next_step = f"{LOST.remedy} Then look at the clips."
-    left, lost, hit = _numbered_events(EVENTS, None, next_step, "")[-3:]
-    assert left.why == "Why: the gyro measured 286 °/s at 31.0 s."
+    attitude_event, lost, hit = _numbered_events(EVENTS, None, next_step, "")[-3:]
+    assert attitude_event.why == "Why: the gyro measured 286 °/s at 31.0 s."
     assert lost.why == hit.why == ""
     assert lost.sentence == str(LOST)
     (_, first, *_) = _numbered_events((LEFT, LOST, LOST), None)
@@ -59,8 +59,10 @@ def test_a_page_lists_the_worst_events_in_order_of_time():
 
 def test_a_live_page_has_its_newest_alarm_beside_the_headline_unless_that_states_it():
     alarm = PageEvent(Event(1.0, Fact(SessionFact.ALARM, time=1.0, reason=LOST)))
-    other = PageEvent(Event(2.0, LEFT.replace(Level.UNKNOWN)))
-    head = Head(Level.BAD, {}, [other, alarm], is_newest_first=True, is_in_flight=True)
+    alarm_of_unknown_level = PageEvent(Event(2.0, LEFT.replace(Level.UNKNOWN)))
+    head = Head(
+        Level.BAD, {}, [alarm_of_unknown_level, alarm], is_newest_first=True, is_in_flight=True
+    )
     assert head.newest_alarm is alarm
     assert head._replace(events=[alarm._replace(is_headline=True)]).newest_alarm is None
     # One that is over asks for nothing any more.

@@ -80,8 +80,10 @@ def test_vehicles_in_trouble_come_first_and_the_worst_before_others():
         flight_row("1", 1, health="unknown", vehicle_basis="system id"),
     ]
     text = plain_text(fleet_blocks([*rows, *unnamed]))
-    beside = "and so do 2 bad flights whose vehicle is not known."
-    assert text.startswith(f"4 of 5 vehicles need a look: {worst} (oscillates), {beside}")
+    other_flights_text = "and so do 2 bad flights whose vehicle is not known."
+    assert text.startswith(
+        f"4 of 5 vehicles need a look: {worst} (oscillates), {other_flights_text}"
+    )
     text = plain_text(fleet_blocks(unnamed[:1]))
     assert text.startswith("1 bad flight whose vehicle is not known needs a look.")
     unjudged = plain_text(fleet_blocks([flight_row("quad", 0, health="unknown")]))
@@ -177,8 +179,8 @@ def test_flights_by_a_system_id_are_no_vehicle_until_they_are_judged_as_one():
     text = plain_text(fleet_blocks([rows[0], fell, flight_row("quad", 0)]))
     assert text.startswith("1 bad flight whose vehicle is not known needs a look: unnamed PX4")
     assert ": unnamed PX4 quadrotor: it fell." in text
-    both = [replace(row, headline="It fell.", headline_level="bad") for row in rows]
-    text = plain_text(fleet_blocks(both))
+    bad_rows = [replace(row, headline="It fell.", headline_level="bad") for row in rows]
+    text = plain_text(fleet_blocks(bad_rows))
     assert text.startswith("2 bad flights whose vehicle is not known need a look: among them unna")
     judged = [replace(row, health="fault") for row in rows]
     text = plain_text(fleet_blocks([*judged, flight_row("quad", 0)]))
@@ -200,9 +202,12 @@ def test_flights_by_a_system_id_are_no_vehicle_until_they_are_judged_as_one():
     assert "these may be several" in vehicle_texts([[row] for row in judged]).all_flights
 
 
-def flown(number, vehicle="quad", **changed):
-    known = {"voltage_mean": 16.0, "collective": 0.4}
-    return [flight_row(vehicle, number, axis, **(known | changed)) for axis in ("roll", "pitch")]
+def rows_of_flight(number, vehicle="quad", **changed):
+    """Returns the rows of one flight, for roll and pitch, under usual conditions but for ``changed`` columns."""
+    conditions = {"voltage_mean": 16.0, "collective": 0.4}
+    return [
+        flight_row(vehicle, number, axis, **(conditions | changed)) for axis in ("roll", "pitch")
+    ]
 
 
 def test_wind_battery_and_lean_are_conditions():
@@ -210,20 +215,21 @@ def test_wind_battery_and_lean_are_conditions():
         difference_blocks(
             reviewed_difference(
                 vehicle_difference(
-                    flown(0), flown(1, wind_torque_sd=4.0, voltage_mean=14.0, lean_roll=0.2)
+                    rows_of_flight(0),
+                    rows_of_flight(1, wind_torque_sd=4.0, voltage_mean=14.0, lean_roll=0.2),
                 )
             )
         )
     )
-    for words in ("battery 16.0 → 14.0 V", "+11° of roll", "wind torque on roll 46 → 229 °/s²"):
-        assert words in text
+    for phrase in ("battery 16.0 → 14.0 V", "+11° of roll", "wind torque on roll 46 → 229 °/s²"):
+        assert phrase in text
 
 
 def test_two_vehicles_differ_and_none_changed():
     margins = {"phase_margin_interval": 0.05}
-    before = flown(0, "quad", phase_margin=1.0, **margins)
+    before = rows_of_flight(0, "quad", phase_margin=1.0, **margins)
     for vehicle, word in (("quad", "Changed: "), ("other", "Different: ")):
-        after = flown(1, vehicle, phase_margin=0.3, **margins)
+        after = rows_of_flight(1, vehicle, phase_margin=0.3, **margins)
         text = plain_text(
             headline_of_comparison(reviewed_difference(vehicle_difference(before, after)))
         )
@@ -232,8 +238,8 @@ def test_two_vehicles_differ_and_none_changed():
 
 
 def test_motors_are_not_checked_for_what_new_gains_explain():
-    before = flown(0, phase_margin=1.0, phase_margin_interval=0.05)
-    after = flown(1, phase_margin=0.3, phase_margin_interval=0.05)
+    before = rows_of_flight(0, phase_margin=1.0, phase_margin_interval=0.05)
+    after = rows_of_flight(1, phase_margin=0.3, phase_margin_interval=0.05)
     gains = [ParameterChange(f"ATC_RAT_{axis}_P", 0.1, 0.2) for axis in ("RLL", "PIT")]
     assert "check motors" in plain_text(
         next_blocks(reviewed_difference(vehicle_difference(before, after)))
@@ -258,8 +264,10 @@ def test_motors_are_not_checked_for_what_new_gains_explain():
 
 
 def test_a_figure_of_a_loop_with_other_gains_differs_only_by_its_own_interval():
-    before = flown(0, phase_margin=1.0, phase_margin_interval=0.2, ms=1.4, ms_interval=0.01)
-    after = flown(1, phase_margin=1.1, phase_margin_interval=0.2, ms=3.0, ms_interval=0.01)
+    before = rows_of_flight(
+        0, phase_margin=1.0, phase_margin_interval=0.2, ms=1.4, ms_interval=0.01
+    )
+    after = rows_of_flight(1, phase_margin=1.1, phase_margin_interval=0.2, ms=3.0, ms_interval=0.01)
     gains = [ParameterChange("ATC_RAT_RLL_P", 0.1, 0.2), ParameterChange("ATC_RAT_PIT_P", 0.1, 0.2)]
     sentences = difference_blocks(
         reviewed_difference(vehicle_difference(before, after, gains), parameters=gains)
@@ -271,7 +279,7 @@ def test_a_figure_of_a_loop_with_other_gains_differs_only_by_its_own_interval():
 
 
 def test_the_bound_on_false_changes_is_that_of_the_families_that_were_tested():
-    flights = flown(0), flown(1, voltage_mean=15.0)
+    flights = rows_of_flight(0), rows_of_flight(1, voltage_mean=15.0)
     text = plain_text(difference_blocks(reviewed_difference(vehicle_difference(*flights))))
     assert (
         "(trims and physical parameters), so that of the changes found in a group at most" in text
@@ -284,12 +292,12 @@ def test_the_bound_on_false_changes_is_that_of_the_families_that_were_tested():
 
 
 def test_the_latest_flight_of_each_vehicle_is_compared_with_the_baseline():
-    baseline = [row for number in range(4) for row in flown(number)]
-    later = [row for number in range(4, 8) for row in flown(number, **WEAK)]
-    rows = [*baseline, *later, *flown(0, "new"), *flown(0, "unknown")]
-    found = baseline_differences(rows, baseline)
-    assert set(found) == {"quad", "new"} and found["new"][1] is None
-    text = plain_text(baseline_blocks(*found["quad"]))
+    baseline = [row for number in range(4) for row in rows_of_flight(number)]
+    later = [row for number in range(4, 8) for row in rows_of_flight(number, **WEAK)]
+    rows = [*baseline, *later, *rows_of_flight(0, "new"), *rows_of_flight(0, "unknown")]
+    differences = baseline_differences(rows, baseline)
+    assert set(differences) == {"quad", "new"} and differences["new"][1] is None
+    text = plain_text(baseline_blocks(*differences["quad"]))
     assert (
         "motor 3's control effectiveness −29 % ± 6 %; motor 3's relative trim +12 % ± 3 %" in text
     )
@@ -332,11 +340,15 @@ def test_a_headline_before_a_list_names_the_most_urgent_vehicle_alone():
         )
         for number in (1, 2)
     ]
-    whole, brief = (
+    full_headline, brief = (
         plain_text(fleet_blocks(rows, lists_follow=lists_follow)).split("\n")[0]
         for lists_follow in (False, True)
     )
-    assert "quad 0" in whole and "quad 2" in whole and "unnamed PX4 quadrotor" in whole
+    assert (
+        "quad 0" in full_headline
+        and "quad 2" in full_headline
+        and "unnamed PX4 quadrotor" in full_headline
+    )
     assert brief == (
         "3 of 3 vehicles need a look: first quad 0 (fell 0), and so do 2 bad flights whose vehicle is "
         "not known."

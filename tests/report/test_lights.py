@@ -16,11 +16,14 @@ def test_that_only_multirotors_are_judged_is_stated_once():
         "tracking": ONLY_MULTIROTORS,
         "wind": ONLY_MULTIROTORS,
     }
-    shown = lights_with_reason_once(lights)
-    assert list(shown) == list(lights)
-    assert (shown["motors"], shown["power"]) == (ONLY_MULTIROTORS, SOUND)
+    shown_lights = lights_with_reason_once(lights)
+    assert list(shown_lights) == list(lights)
+    assert (shown_lights["motors"], shown_lights["power"]) == (ONLY_MULTIROTORS, SOUND)
     for name in ("tracking", "wind"):
-        assert (shown[name].sentence, shown[name].level) == ("Not judged.", Level.UNKNOWN)
+        assert (shown_lights[name].sentence, shown_lights[name].level) == (
+            "Not judged.",
+            Level.UNKNOWN,
+        )
 
 
 def test_lights_of_a_multirotor_are_shown_as_they_are():
@@ -30,7 +33,9 @@ def test_lights_of_a_multirotor_are_shown_as_they_are():
 
 def test_a_reason_that_several_lights_share_is_stated_once():
     grounded = Fact(Unjudged.NOT_JUDGED, Level.UNKNOWN, reason=ONLY_MULTIROTORS)
-    other = Fact(Unjudged.NOT_JUDGED, Level.UNKNOWN, reason=SOUND)
-    shown = lights_with_reason_once({"motors": grounded, "power": other, "wind": grounded})
-    assert (shown["motors"], shown["power"]) == (grounded, other)
-    assert shown["wind"].sentence == "Not judged."
+    other_fact = Fact(Unjudged.NOT_JUDGED, Level.UNKNOWN, reason=SOUND)
+    shown_lights = lights_with_reason_once(
+        {"motors": grounded, "power": other_fact, "wind": grounded}
+    )
+    assert (shown_lights["motors"], shown_lights["power"]) == (grounded, other_fact)
+    assert shown_lights["wind"].sentence == "Not judged."

@@ -83,15 +83,15 @@ def loop(axis, factor, bias=0.0):
     inputs = 1500 + rng.normal(0, 5, (2000, 1)) * mixer
     outputs = np.column_stack([rate.cumsum() * 0.005, rate])
     parameters = gains_of(axis) | {f"MC_{axis.upper()}RATE_K": factor}
-    known = {"parameters": parameters, "input_range": (1000.0, 2000.0)}
+    measurement = {"parameters": parameters, "input_range": (1000.0, 2000.0)}
     names = (axis, f"{axis} rate")
-    record = Record(inputs, outputs, 0.005, (2000,), output_names=names, **known)
+    record = Record(inputs, outputs, 0.005, (2000,), output_names=names, **measurement)
     covariance = np.diag([*4 * [9e-5], 0.09, 4e-6, 4e-6])
     sizes = 0.18 * np.array(mixer), 1.5, 0.03, 0.006, covariance
     plant = Physical(*sizes, status, dict.fromkeys(status, ""), 0, 0.1, (WIND,), 0.01, {}, ())
-    made = loop_from_plant(plant._replace(bias=bias), record)
+    identified_loop = loop_from_plant(plant._replace(bias=bias), record)
     doubts = (Fact(LoopFact.EFFECT_BIASED, reason=NOT_STEERED),) if bias else ()
-    return replace(made, cautions=doubts)
+    return replace(identified_loop, cautions=doubts)
 
 
 def resonance(axis):
@@ -99,15 +99,15 @@ def resonance(axis):
     return Resonance(axis, 4.0, 21.0, 0.95, 40.0, (2.6, 3.4))
 
 
-def injected(crossover):
-    """A loop that was measured by an injected signal: an integrator with 45 ms of delay."""
+def injected_response(crossover):
+    """Returns the open loop that an injected signal has measured: an integrator with 45 ms of delay."""
     frequency = np.geomspace(0.5, 60.0, 60)
     response = (crossover / (1j * frequency) * np.exp(-0.045j * frequency))[None]
     return OpenLoop(frequency, response, response / (1 + response), 0 * response)
 
 
-def tracked(axis, code=TrackingLight.FOLLOWS_SETPOINT, level=Level.GOOD, **figures):
-    """How an axis follows its setpoint."""
+def tracking_fact(axis, code=TrackingLight.FOLLOWS_SETPOINT, level=Level.GOOD, **figures):
+    """Returns the fact on how an axis follows its setpoint."""
     known = {
         "angle_error": 0.01,
         "error_limit": 0.17,
@@ -119,20 +119,20 @@ def tracked(axis, code=TrackingLight.FOLLOWS_SETPOINT, level=Level.GOOD, **figur
     return Fact(code, level, axis=axis, **known)
 
 
-def overshoots(axis):
-    """The step response of an axis overshoots."""
-    return tracked(axis, TrackingLight.OVERSHOOTS_SETPOINT, Level.WATCH, overshoot=0.7)
+def overshooting_response(axis):
+    """Returns the fact that the step response of an axis overshoots."""
+    return tracking_fact(axis, TrackingLight.OVERSHOOTS_SETPOINT, Level.WATCH, overshoot=0.7)
 
 
-def misses(axis):
-    """An axis is far from its setpoint."""
-    return tracked(axis, TrackingLight.MISSES_SETPOINT, Level.BAD, angle_error=0.3)
+def large_tracking_error(axis):
+    """Returns the fact that an axis is far from its setpoint."""
+    return tracking_fact(axis, TrackingLight.MISSES_SETPOINT, Level.BAD, angle_error=0.3)
 
 
 def falls_short(axis, at_limit_share):
     """An axis is too slow."""
     figures = {"rate_setpoint": 1.8, "reached_rate": 1.2, "at_limit_share": at_limit_share}
-    return tracked(axis, TrackingLight.RATE_FALLS_SHORT, Level.WATCH, **figures)
+    return tracking_fact(axis, TrackingLight.RATE_FALLS_SHORT, Level.WATCH, **figures)
 
 
 FLIGHTS = {
@@ -141,28 +141,28 @@ FLIGHTS = {
     "below the goal": {"loop": 3.0},
     "below the goal in many models": {"loop": 2.5},
     "below the goal, and slow": {"loop": 3.0, "tracking": lambda axis: falls_short(axis, 0.0)},
-    "below the goal and overshoots": {"loop": 3.0, "tracking": overshoots},
+    "below the goal and overshoots": {"loop": 3.0, "tracking": overshooting_response},
     "below the goal and resonates": {"loop": 3.0, "response": resonance},
     "below the goal, resonates, and misses far": {
         "loop": 3.0,
         "response": resonance,
-        "tracking": misses,
+        "tracking": large_tracking_error,
     },
     "below the goal, biased": {"loop": 2.1, "bias": -0.5},
-    "sound but overshoots": {"tracking": overshoots},
+    "sound but overshoots": {"tracking": overshooting_response},
     "sound but resonates": {"response": resonance},
-    "sound but misses": {"tracking": misses},
+    "sound but misses": {"tracking": large_tracking_error},
     "sound but slow": {"tracking": lambda axis: falls_short(axis, 0.0)},
     "sound, slow at a motor's limit": {"tracking": lambda axis: falls_short(axis, 0.5)},
     "refuted": {"loop": REFUTED},
-    "refuted and overshoots": {"loop": REFUTED, "tracking": overshoots},
+    "refuted and overshoots": {"loop": REFUTED, "tracking": overshooting_response},
     "not steered": {"loop": NOT_STEERED},
     "not steered but resonates": {"loop": NOT_STEERED, "response": resonance},
-    "measured by an injected signal": {"loop": 3.0, "injected": injected(20.0)},
+    "measured by an injected signal": {"loop": 3.0, "injected": injected_response(20.0)},
     "oscillates": {"loop": 6.0, "oscillation": OSCILLATION},
     "oscillates, overshoots, without gains": {
         "loop": NOT_STEERED,
-        "tracking": overshoots,
+        "tracking": overshooting_response,
         "oscillation": OSCILLATION,
         "parameters": {},
     },
@@ -185,7 +185,7 @@ def assessments(analysed):
     """The assessments of all flights, by what they show."""
     evidence, analysis = analysed
     sound_pitch = loop("pitch", 1.0)
-    made = {}
+    assessments_by_name = {}
     for name, shows in FLIGHTS.items():
         roll = shows.get("loop", 1.0)
         roll_loop = roll if isinstance(roll, Fact) else loop("roll", roll, shows.get("bias", 0.0))
@@ -193,7 +193,7 @@ def assessments(analysed):
         condition = replace(evidence.condition, oscillation=shows.get("oscillation"))
         telemetry = evidence.signals.telemetry
         telemetry = replace(telemetry, parameters=shows.get("parameters", telemetry.parameters))
-        shown = replace(
+        shown_evidence = replace(
             evidence,
             signals=replace(evidence.signals, telemetry=telemetry),
             loops=loops,
@@ -201,16 +201,16 @@ def assessments(analysed):
         )
         # A refuted loop was identified all the same.
         if roll is REFUTED:
-            shown = replace(shown, loops=loops | {"roll": loop("roll", 1.0)})
+            shown_evidence = replace(shown_evidence, loops=loops | {"roll": loop("roll", 1.0)})
         response = resonance("roll") if "response" in shows else None
-        vars(shown)["margins"] = (
+        vars(shown_evidence)["margins"] = (
             AxisMargins("roll", roll_loop, response, None, shows.get("injected")),
             AxisMargins("pitch", sound_pitch, None, None),
             AxisMargins("yaw", NOT_STEERED, None, None),
         )
-        vars(shown)["tracking"] = {
-            "roll": shows.get("tracking", tracked)("roll"),
-            "pitch": tracked("pitch"),
+        vars(shown_evidence)["tracking"] = {
+            "roll": shows.get("tracking", tracking_fact)("roll"),
+            "pitch": tracking_fact("pitch"),
             "yaw": Fact(
                 TrackingLight.TRACKING_UNKNOWN,
                 axis="yaw",
@@ -222,21 +222,23 @@ def assessments(analysed):
         motors = Fact(Unjudged.JUDGED_LATER, path="flight.tlog", reason=None)
         if "motors" in shows:
             motors = Fact(shows["motors"], Level.BAD, names=("motor 1",), share=0.4)
-        judgement = judge(shown, motors=motors)
-        made[name] = Assessment(shown.log, judgement, shown, ReadOnlyDict({"roll": analysis}))
-    return made
+        judgement = judge(shown_evidence, motors=motors)
+        assessments_by_name[name] = Assessment(
+            shown_evidence.log, judgement, shown_evidence, ReadOnlyDict({"roll": analysis})
+        )
+    return assessments_by_name
 
 
 @fixture(scope="module")
 def searches_once():
     """Gains are searched once for the same loop and doubts: a search takes seconds."""
-    known = {}
+    searches = {}
 
     def advise_once(loop, margins, doubts=(), *, raises_sound_gains=False):
         key = (loop, margins, bool(doubts), raises_sound_gains)
-        if doubts or key not in known:
-            known[key] = advise(loop, margins, doubts, raises_sound_gains=raises_sound_gains)
-        return known[key]
+        if doubts or key not in searches:
+            searches[key] = advise(loop, margins, doubts, raises_sound_gains=raises_sound_gains)
+        return searches[key]
 
     with MonkeyPatch.context() as patch:
         patch.setattr("mavdem.assessment.axis.tuning.advise", advise_once)
@@ -255,13 +257,13 @@ def without_pictures():
 @fixture(scope="module")
 def tunings(assessments, searches_once):
     """The tuning of roll and pitch of each flight; why there is none where no loop is known."""
-    made = {}
+    tunings_by_name = {}
     for name, assessment in assessments.items():
         try:
-            made[name] = tune_loops(assessment, AXES, is_written=True)
+            tunings_by_name[name] = tune_loops(assessment, AXES, is_written=True)
         except NotLearnable as error:
-            made[name] = error.fact
-    return made
+            tunings_by_name[name] = error.fact
+    return tunings_by_name
 
 
 @fixture(scope="module")
@@ -383,9 +385,9 @@ def test_every_surface_gives_the_advice_of_the_decision(name, assessments, tunin
     for surface, text in surfaces_of(name).items():
         assert directions(text) <= decided, surface
         if not is_to_load:
-            assert not any(words in text for words in LOADED), surface
+            assert not any(phrase in text for phrase in LOADED), surface
         if has_gains_to_load:
-            assert not any(words in text for words in LOWERED), surface
+            assert not any(phrase in text for phrase in LOWERED), surface
 
 
 @mark.slow
@@ -400,10 +402,10 @@ def test_the_lights_show_the_action_of_the_axis_that_they_name(assessments):
 
 @mark.slow
 def test_no_goal_is_met_by_an_axis_that_does_not_follow(surfaces_of):
-    said = surfaces_of("sound but slow")
-    for surface, text in said.items():
+    texts = surfaces_of("sound but slow")
+    for surface, text in texts.items():
         assert "goal met: the roll" not in text, surface
-    assert "Enough margin, but the axis does not follow its setpoint" in said["tune"]
+    assert "Enough margin, but the axis does not follow its setpoint" in texts["tune"]
 
 
 @mark.slow
@@ -461,10 +463,12 @@ def test_no_goal_heads_a_report_of_tune_whose_loops_are_not_all_trusted(tunings)
     tuning = tunings["sound"]
     good = Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)
     tuning = tuning._replace(judgement=replace(tuning.judgement, headline=good))
-    known = {axis: advice for axis, advice in tuning.axes.items() if not isinstance(advice, Fact)}
-    assert tuning_result(tuning._replace(axes=known)).code is LoopFact.MARGIN_RATING
-    doubted = tuning._replace(axes=known, doubtful_axes=frozenset(known))
-    unknown = tuning._replace(axes=known | {"yaw": Fact(LoopFact.NO_LOOP, reasons=(good,))})
+    known_advice = {
+        axis: advice for axis, advice in tuning.axes.items() if not isinstance(advice, Fact)
+    }
+    assert tuning_result(tuning._replace(axes=known_advice)).code is LoopFact.MARGIN_RATING
+    doubted = tuning._replace(axes=known_advice, doubtful_axes=frozenset(known_advice))
+    unknown = tuning._replace(axes=known_advice | {"yaw": Fact(LoopFact.NO_LOOP, reasons=(good,))})
     assert tuning_result(doubted) == tuning_result(unknown) == good
     slow = tunings["sound but slow"]
     slow = slow._replace(judgement=replace(slow.judgement, headline=good))
@@ -489,8 +493,8 @@ def test_axes_without_a_loop_for_the_same_reason_share_a_sentence(tunings):
     roll = Fact(LoopFact.NO_LOOP, reasons=(Fact(LoopFact.NOT_STEERED, share=0.131),))
     pitch = Fact(LoopFact.NO_LOOP, reasons=(Fact(LoopFact.NOT_STEERED, share=0.129),))
     judgement = replace(tuning.judgement, loop_decisions=ReadOnlyDict())
-    shown = tune_blocks(tuning._replace(axes={"roll": roll, "pitch": pitch}, judgement=judgement))
-    assert [block.lead for block in shown] == ["Roll and pitch:"]
+    report = tune_blocks(tuning._replace(axes={"roll": roll, "pitch": pitch}, judgement=judgement))
+    assert [block.lead for block in report] == ["Roll and pitch:"]
 
 
 @mark.slow

@@ -78,8 +78,8 @@ def px4_biquad(center, width, rate, frequency):
 
 
 def test_a_wide_notch_of_px4_is_as_wide_as_its_program_makes_it():
-    found = notch_response([Notch(100.0, 60.0, inf)], 1000.0, FREQUENCIES)
-    assert_allclose(found, px4_biquad(100.0, 60.0, 1000.0, FREQUENCIES), atol=1e-9)
+    response = notch_response([Notch(100.0, 60.0, inf)], 1000.0, FREQUENCIES)
+    assert_allclose(response, px4_biquad(100.0, 60.0, 1000.0, FREQUENCIES), atol=1e-9)
 
 
 def test_a_filter_that_is_off_is_offered_at_the_peak_and_one_that_is_on_as_logged():
@@ -101,8 +101,8 @@ def test_a_spectrum_behind_the_filter_is_not_drawn_with_another_one():
 
 
 def test_two_notches_are_tried_together_and_a_third_stays_as_it_is():
-    two = PX4 | PX4_NOTCHES
-    trial = trial_of(two, autopilot="PX4")
+    parameters = PX4 | PX4_NOTCHES
+    trial = trial_of(parameters, autopilot="PX4")
     assert [form.title for form in trial.filters] == ["Notch 1", "Notch 2"]
     (spectrum_chart,), (gain_chart,), _ = trial.charts.columns
     line = gain_chart.lines[0]
@@ -166,15 +166,15 @@ return [logged, first, found, labels, links, off, form.querySelector(".effects")
 })"""
 
 
-def tried(tab, trial, moves, folder):
-    """What the page of a trial has when its sliders were moved."""
+def page_after_moves(tab, trial, moves, folder):
+    """Returns what the page of a trial shows after its sliders were moved."""
     path = folder / "page.html"
     path.write_text(render_document("x", "", [], [Chapter("Spectra", notch_trial=trial)]))
     tab.size(390, dark=True)
     tab.open(path.as_uri())
-    found = tab.run(f"{TRIED}({json.dumps(moves)}, {json.dumps(FREQUENCIES.tolist())})")
+    computed = tab.run(f"{TRIED}({json.dumps(moves)}, {json.dumps(FREQUENCIES.tolist())})")
     assert tab.said == [] and tab.run(FITS)
-    return found
+    return computed
 
 
 def parameters_at(address, path):
@@ -186,27 +186,29 @@ def parameters_at(address, path):
 def test_a_browser_computes_the_autopilots_biquads_and_writes_them_as_parameters(tmp_path, browser):
     harmonic = trial_of(ARDUPILOT | HARMONIC_NOTCH)
     static = trial_of(PX4 | {"IMU_GYRO_NF0_FRQ": 0.0}, autopilot="PX4")
-    two = trial_of(PX4 | PX4_NOTCHES, autopilot="PX4")
+    two_notches = trial_of(PX4 | PX4_NOTCHES, autopilot="PX4")
     with browser.tab() as tab:
         moves = {"INS_HNTCH_FREQ": 80, "INS_HNTCH_BW": 60, "INS_HNTCH_ATT": 20}
-        logged, first, found, is_labelled, links, off, effects = tried(
+        logged, first, computed, is_labelled, links, off, effects = page_after_moves(
             tab, harmonic, moves, tmp_path
         )
-        _, _, found_static, _, static_links, static_off, _ = tried(
+        _, _, found_static, _, static_links, static_off, _ = page_after_moves(
             tab, static, {"IMU_GYRO_NF0_FRQ": 90, "IMU_GYRO_NF0_BW": 30}, tmp_path
         )
-        _, _, found_two, _, two_links, _, two_effects = tried(tab, two, SECOND_MOVED, tmp_path)
+        _, _, found_two, _, two_links, _, two_effects = page_after_moves(
+            tab, two_notches, SECOND_MOVED, tmp_path
+        )
     # The centre follows the throttle: in hover it is √2 times that of the parameter.
     expected = np.ones(len(FREQUENCIES), complex)
     for multiple in (1, 2, 3):
         center = multiple * 80 * 2**0.5
         expected *= ardupilot_biquad(center, 60 / 80, 20.0, 1000.0, FREQUENCIES)
-    assert_allclose([one["gain"] for one in found], abs(expected), rtol=1e-9)
+    assert_allclose([sample["gain"] for sample in computed], abs(expected), rtol=1e-9)
     # Both are the same up to whole turns.
-    turned = np.exp(1j * np.radians([one["phase"] for one in found]))
+    turned = np.exp(1j * np.radians([sample["phase"] for sample in computed]))
     assert_allclose(turned, expected / abs(expected), atol=1e-9)
     expected = px4_biquad(90.0, 30.0, 8000.0, FREQUENCIES)
-    assert_allclose([one["gain"] for one in found_static], abs(expected), rtol=1e-6)
+    assert_allclose([sample["gain"] for sample in found_static], abs(expected), rtol=1e-6)
     # What was drawn at first is what the library computes of the log's parameters.
     for values, (chart,) in zip(logged, harmonic.charts.columns, strict=True):
         assert values == approx(chart.lines[-1].y[::20], rel=2e-3, abs=2e-2)
@@ -228,6 +230,6 @@ def test_a_browser_computes_the_autopilots_biquads_and_writes_them_as_parameters
     assert parameters_at(static_off, tmp_path / "off.params")["IMU_GYRO_NF0_FRQ"] == 0
     expected = px4_biquad(90.0, 30.0, 8000.0, FREQUENCIES)
     expected *= px4_biquad(150.0, 25.0, 8000.0, FREQUENCIES)
-    assert_allclose([one["gain"] for one in found_two], abs(expected), rtol=1e-6)
+    assert_allclose([sample["gain"] for sample in found_two], abs(expected), rtol=1e-6)
     assert parameters_at(two_links[0][1], tmp_path / "two.params") == PX4_NOTCHES | SECOND_MOVED
     assert "they cost" in two_effects

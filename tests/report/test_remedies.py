@@ -11,17 +11,17 @@ from mavdem.facts.motors import MotorsLight
 from mavdem.report.templates import forbids_flight, sentence_templates
 
 
-def lost(cause):
+def loss_of_control(cause):
     return Fact(Ending.CONTROL_LOST, time=9.0, height=2.0, cause=cause, word=None)
 
 
 @mark.parametrize(
     "fact",
     [
-        lost(None),
-        lost(Fact(FailedFirst.ALL_OFF_FIRST)),
-        lost(Fact(FailedFirst.THROTTLE_CLOSED_FIRST)),
-        lost(Fact(FailedFirst.LIMIT_FIRST, subject="motor 1")),
+        loss_of_control(None),
+        loss_of_control(Fact(FailedFirst.ALL_OFF_FIRST)),
+        loss_of_control(Fact(FailedFirst.THROTTLE_CLOSED_FIRST)),
+        loss_of_control(Fact(FailedFirst.LIMIT_FIRST, subject="motor 1")),
         Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 2", share=0.1),
         measured_vibration(Level.BAD),
         measured_vibration(Level.WATCH),

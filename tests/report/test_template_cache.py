@@ -21,11 +21,11 @@ def test_a_template_is_kept_compiled_until_its_text_changes(tmp_path, monkeypatc
     assert compiled_templates(folder, "{{ name }} good") == ("roll good", 0)
     monkeypatch.setattr("sys.dont_write_bytecode", False)
     assert compiled_templates(folder, "{{ name }} good") == ("roll good", 1)
-    (kept,) = folder.iterdir()
-    assert f"jinja-{version('jinja2')}" in kept.name
-    before = kept.read_bytes()
+    (compiled_file,) = folder.iterdir()
+    assert f"jinja-{version('jinja2')}" in compiled_file.name
+    before = compiled_file.read_bytes()
     assert compiled_templates(folder, "{{ name }} good") == ("roll good", 1)
-    assert kept.read_bytes() == before
+    assert compiled_file.read_bytes() == before
     assert compiled_templates(folder, "{{ name }} bad") == ("roll bad", 1)
-    kept.write_bytes(b"damaged")
+    compiled_file.write_bytes(b"damaged")
     assert compiled_templates(folder, "{{ name }} bad") == ("roll bad", 1)

@@ -116,8 +116,8 @@ def test_a_notebook_shows_a_flight_with_a_row_a_channel_in_degrees(flight):
 
 def test_every_text_is_escaped():
     evil = "<script>alert(1)</script>&"
-    shown = notebook_html([Sentence(evil, evil), Table([evil], [[evil]])])
-    assert "<script" not in shown and shown.count("&lt;script&gt;") == 4
+    html = notebook_html([Sentence(evil, evil), Table([evil], [[evil]])])
+    assert "<script" not in html and html.count("&lt;script&gt;") == 4
     time = np.arange(5.0)
     flight = mavdem.Flight(
         time, time, time, input_names=(evil,), provenance={"source": f"/tmp/{evil}"}
@@ -126,14 +126,14 @@ def test_every_text_is_escaped():
 
 
 def test_markdown_aligns_numbers_to_the_right_and_sets_commands_apart():
-    said = markdown(
+    text = markdown(
         [
             Sentence("Run `mavdem tune a.bin`. Then fly.", "Lead:"),
             Table(["a", "b"], [["x", "1"]]),
             Table(["a", "b"], [], words=True),
         ]
     )
-    lead, command, after, *tables = said.split("\n\n")
+    lead, command, after, *tables = text.split("\n\n")
     assert (lead, command, after) == ("**Lead:** Run", "```\nmavdem tune a.bin\n```", "Then fly.")
     assert tables == ["| a | b |\n| --- | ---: |\n| x | 1 |", "| a | b |\n| --- | --- |"]
 
@@ -176,7 +176,7 @@ def test_an_upper_bound_is_rounded_up():
     assert [rounded_up(value, 1) for value in (0.146, 0.3, 1.0)] == ["0.2", "0.3", "1.0"]
 
 
-def test_of_many_names_the_first_are_said():
+def test_a_long_list_states_its_first_names():
     assert (abbreviated_list("abcdef"), abbreviated_list("abcde")) == (
         "a, b, c, d and 2 more",
         "a, b, c, d and e",
@@ -196,22 +196,22 @@ def test_colours_are_read_on_light_and_on_dark():
     dark = luminance(palette.PAPER_DARK)
     named = (palette.DISTURBANCE, palette.LIMITED, palette.BAD, palette.TRUTH)
     for colour in (*named, *palette.DISTINCT, *palette.ASCENDING):
-        seen = luminance(colour)
-        assert min(light / seen, seen / dark) >= 3
+        brightness = luminance(colour)
+        assert min(light / brightness, brightness / dark) >= 3
     lightness = [luminance(colour) for colour in palette.ASCENDING]
     assert lightness == sorted(lightness)
     assert light / luminance(palette.INK_ON_LIGHT) >= 7
 
 
-def test_what_is_said_of_several_axes_is_said_once():
-    one = Fact(TrackingLight.OVERSHOOTS_SETPOINT, overshoot=0.4)
-    (said,) = sentences_by_axes((axis, one.replace(axis=axis)) for axis in ("roll", "yaw"))
-    assert said.lead == "Roll and yaw:"
+def test_the_same_sentence_on_several_axes_is_stated_once():
+    fact = Fact(TrackingLight.OVERSHOOTS_SETPOINT, overshoot=0.4)
+    (sentence,) = sentences_by_axes((axis, fact.replace(axis=axis)) for axis in ("roll", "yaw"))
+    assert sentence.lead == "Roll and yaw:"
 
 
 def test_poles_have_a_frequency_and_a_damping_ratio_or_a_time_constant():
     swing = 2 * np.pi * 1.5
-    for A, said in (
+    for A, expected_text in (
         (
             [[-4.0, swing], [-swing, -4.0]],
             "-4 ± 9.42j: 1.6 Hz, damping ratio 0.39. The model is stable.",
@@ -222,7 +222,7 @@ def test_poles_have_a_frequency_and_a_damping_ratio_or_a_time_constant():
         ),
     ):
         (poles,) = pole_sentences(np.array(A))
-        assert poles.text.startswith(f"{said} These are modes of angle and rate together;")
+        assert poles.text.startswith(f"{expected_text} These are modes of angle and rate together;")
 
 
 def test_an_identifier_keeps_its_letters_at_the_beginning_of_a_clause_or_sentence():
@@ -254,5 +254,5 @@ def test_one_dropout_is_singular_and_several_are_plural():
         (interval(-inf), " throughout the record"),
     ],
 )
-def test_what_began_before_the_record_is_worded_without_a_start(words, text):
+def test_intervals_that_began_before_the_record_have_no_start_in_text(words, text):
     assert words == text

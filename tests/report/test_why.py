@@ -30,12 +30,12 @@ KNOCKED = supporting_fact(SensorFact.KNOCKED, time=3.0, acceleration=80.2)
 UPRIGHT = contradicting_fact(SensorFact.STOOD_UPRIGHT, time=4.0, angle=0.1, source="accelerometer")
 
 
-def hit(*witnesses):
+def impact(*witnesses):
     return Fact(MotionEvent.HIT, time=3.0, boot=0, witnesses=witnesses)
 
 
 def test_witnesses_for_an_event_come_first_and_those_against_it_last():
-    (sentence,) = evidence_sentences(hit(UPRIGHT, SANK, KNOCKED))
+    (sentence,) = evidence_sentences(impact(UPRIGHT, SANK, KNOCKED))
     assert sentence.lead == "Why:"
     assert sentence.text == (
         "the barometer sank at 4.0 m/s at 2.5 s and the accelerometer measured 80 m/s² at 3.0 s; "
@@ -65,19 +65,19 @@ def test_what_shows_the_cause_comes_before_what_followed_and_alone_on_the_termin
     (alone,) = cause_sentences(lost)
     assert alone.text == f"{clause}."
     # Below the event with the same witnesses, only what shows the cause is new.
-    above = evidence_texts(hit(SANK))
+    above = evidence_texts(impact(SANK))
     assert unrepeated_evidence(lost, above) == f"Why: {clause}."
     assert unrepeated_evidence(lost, above | evidence_texts(lost)) == ""
-    assert unrepeated_evidence(hit(SANK), evidence_texts(lost)) == ""
+    assert unrepeated_evidence(impact(SANK), evidence_texts(lost)) == ""
     # What followed a loss is no evidence for a cause that is not known.
     assert not cause_sentences(lost.replace(cause=None))
-    assert cause_sentences(hit(SANK, KNOCKED)) == evidence_sentences(hit(SANK, KNOCKED))
+    assert cause_sentences(impact(SANK, KNOCKED)) == evidence_sentences(impact(SANK, KNOCKED))
 
 
 def test_witnesses_stand_in_the_order_of_their_times():
     gravity = supporting_fact(SensorFact.GRAVITY_WRONG, acceleration=7.8, part="at rest")
     ended = supporting_fact(SensorFact.LOG_ENDED, duration=2.0)
-    text = evidence_text(hit(ended, KNOCKED, SANK, gravity))
+    text = evidence_text(impact(ended, KNOCKED, SANK, gravity))
     clauses = ("at rest", "the barometer sank", "m/s² at 3.0 s", "the log ended 2.0 s later")
     places = [text.index(clause) for clause in clauses]
     assert places == sorted(places)
@@ -111,13 +111,13 @@ def test_what_stands_askew_is_not_called_upright():
     assert " it stood 32° from upright" in str(UPRIGHT.replace(angle=0.56))
 
 
-def test_a_report_does_not_prove_itself():
+def test_a_crash_report_is_not_evidence_for_itself():
     crash = Fact(ReportedEvent.CRASH_DETECTED, time=5.0, boot=0)
     reported = supporting_fact(SensorFact.AUTOPILOT_REPORTED, cause=crash)
     assert evidence_text(crash.replace(witnesses=(reported, SANK))) == (
         "Why: the barometer sank at 4.0 m/s at 2.5 s."
     )
-    assert "the autopilot reports a crash (5.0 s)" in evidence_text(hit(reported, SANK))
+    assert "the autopilot reports a crash (5.0 s)" in evidence_text(impact(reported, SANK))
 
 
 def test_an_event_without_witnesses_has_no_why():
@@ -126,7 +126,7 @@ def test_an_event_without_witnesses_has_no_why():
 
 
 def test_one_witness_is_not_enough_for_a_bad_event():
-    by_one, by_two = checked_event(hit(), [SANK]), checked_event(hit(), [SANK, KNOCKED])
+    by_one, by_two = checked_event(impact(), [SANK]), checked_event(impact(), [SANK, KNOCKED])
     assert (by_one.level, by_two.level) == ("watch", "bad")
     assert "no other sensor confirms" in by_one.sentence
     assert "confirms" not in by_two.sentence

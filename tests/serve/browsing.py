@@ -114,16 +114,16 @@ class Browser:
         if CHROMIUM is None:
             skip("there is no Chromium")
         options = ("--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0")
-        words = [CHROMIUM, *options, f"--user-data-dir={folder}", "about:blank"]
+        arguments = [CHROMIUM, *options, f"--user-data-dir={folder}", "about:blank"]
         self._process = subprocess.Popen(
-            words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+            arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )
         self._loop = asyncio.new_event_loop()
         self._session = None
         try:
-            place = folder / "DevToolsActivePort"
-            until(lambda: place.is_file() and place.read_text().count("\n"))
-            port, path = place.read_text().splitlines()
+            port_file = folder / "DevToolsActivePort"
+            until(lambda: port_file.is_file() and port_file.read_text().count("\n"))
+            port, path = port_file.read_text().splitlines()
             self._address = f"ws://127.0.0.1:{port}"
             self._session = self._loop.run_until_complete(_session())
             self._connection = Connection(self._loop, self._line(path))
@@ -161,9 +161,9 @@ class Browser:
         with self.tab() as tab:
             tab.size(width, dark)
             tab.open(path.as_uri())
-            found = tab.run(script)
+            result = tab.run(script)
             assert tab.said == []
-            return tab.run("document.title"), found
+            return tab.run("document.title"), result
 
 
 async def _session():

@@ -39,28 +39,40 @@ def log(name="", size=100):
 
 def read_made_up(path, key, page):
     """Results of a log whose bytes are its name and headline; one with "damaged" in it cannot be read."""
-    said = path.read_bytes().removeprefix(BEGINNING).rstrip(b"~").decode()
-    if "damaged" in said:
+    headline = path.read_bytes().removeprefix(BEGINNING).rstrip(b"~").decode()
+    if "damaged" in headline:
         raise Unreadable(Fact(ReadingFact.NO_VEHICLE))
-    made = path.parents[2] / RESULTS / path.parent.name
-    made.mkdir(exist_ok=True)
-    names = "flight.mcap,flight.rrd" if "model" in said else ""
+    results_folder = path.parents[2] / RESULTS / path.parent.name
+    results_folder.mkdir(exist_ok=True)
+    names = "flight.mcap,flight.rrd" if "model" in headline else ""
     lights = {f"light_{light}": "good" for light in Light} | {"light_motors": "bad"}
-    known = {"vehicle": "quad 7", "headline": said, "headline_level": "bad", "date": "2026-11-20"}
-    if "by id" in said:
-        known |= {"vehicle": "ardupilotmega-1", "vehicle_basis": "system id"}
-        known |= {"autopilot": "ARDUPILOTMEGA", "frame": "QUADROTOR", "system": 1}
-    if "weak" in said:
-        known |= {"health": "fault", "health_reason": "Motor 3 lost thrust."}
-    known |= {"page": f"{RESULTS}/{path.parent.name}/{PAGE_FILE}"}
+    columns = {
+        "vehicle": "quad 7",
+        "headline": headline,
+        "headline_level": "bad",
+        "date": "2026-11-20",
+    }
+    if "by id" in headline:
+        columns |= {"vehicle": "ardupilotmega-1", "vehicle_basis": "system id"}
+        columns |= {"autopilot": "ARDUPILOTMEGA", "frame": "QUADROTOR", "system": 1}
+    if "weak" in headline:
+        columns |= {"health": "fault", "health_reason": "Motor 3 lost thrust."}
+    columns |= {"page": f"{RESULTS}/{path.parent.name}/{PAGE_FILE}"}
     rows = [
-        FlightRow(file=str(path), axis=axis, tier="a", duration=60.0, **known, **lights)
+        FlightRow(file=str(path), axis=axis, tier="a", duration=60.0, **columns, **lights)
         for axis in ("roll", "pitch")
     ]
-    told = columns_of_flight(rows) | {"date": "2026-11-20T10:00:00", "gains": '{"MC_ROLL_P": 6.5}'}
-    (made / PROGRESS).write_text(json.dumps(told | {"modes": "Loiter,Land", "files": names}))
-    (made / PAGE_FILE).write_text(render_document(path.name, "", [Sentence("", said)]))
-    (made / REPORT_FILE).write_text(json.dumps({"headline": said}))
+    index_columns = columns_of_flight(rows) | {
+        "date": "2026-11-20T10:00:00",
+        "gains": '{"MC_ROLL_P": 6.5}',
+    }
+    (results_folder / PROGRESS).write_text(
+        json.dumps(index_columns | {"modes": "Loiter,Land", "files": names})
+    )
+    (results_folder / PAGE_FILE).write_text(
+        render_document(path.name, "", [Sentence("", headline)])
+    )
+    (results_folder / REPORT_FILE).write_text(json.dumps({"headline": headline}))
     return LogRows(rows, {})
 
 
@@ -68,9 +80,9 @@ def record_made_up(path, key, page):
     """Recordings of a log; one with "no room" in it has none."""
     if b"no room" in path.read_bytes():
         raise Unreadable(Fact(ReadingFact.RECORDINGS_NOT_WRITTEN, reason="full"))
-    made = path.parents[2] / RESULTS / path.parent.name
+    results_folder = path.parents[2] / RESULTS / path.parent.name
     for name in RECORDINGS:
-        (made / name).write_text(f"{name} of {path.name}")
+        (results_folder / name).write_text(f"{name} of {path.name}")
     return LogRows([], {})
 
 
@@ -126,13 +138,13 @@ class Served(namedtuple("Served", "library work port")):
         return f"http://127.0.0.1:{self.port}"
 
     def ask(self, method, path, body=None, token="", **headers):
-        given = {name.replace("_", "-"): value for name, value in headers.items()}
+        headers_by_name = {name.replace("_", "-"): value for name, value in headers.items()}
         if token:
-            given["Authorization"] = f"Bearer {token}"
+            headers_by_name["Authorization"] = f"Bearer {token}"
         if isinstance(body, dict):
             body = json.dumps(body)
         with closing(http.client.HTTPConnection("127.0.0.1", self.port, timeout=300)) as line:
-            line.request(method, path, body, given)
+            line.request(method, path, body, headers_by_name)
             answer = line.getresponse()
             return Answer(answer.status, answer.headers, answer.read().decode())
 

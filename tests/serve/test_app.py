@@ -65,68 +65,73 @@ LOGLOADER = {"source": "auto", "email": "", "public": "false", "version": "1"}
 def test_an_upload_as_flight_review_has_it_is_answered_by_the_page(served, fields):
     answer = served.upload(("a.ulg", log("Sound.")), path="/upload", fields=fields)
     assert answer.status == 302 and not answer.text
-    place = answer.headers["Location"]
-    assert re.fullmatch(r"/f/[\w-]{22}", place)
-    assert "Sound." in served.get(place).text
-    entry = served.library.entry(place.removeprefix("/f/"))
+    location = answer.headers["Location"]
+    assert re.fullmatch(r"/f/[\w-]{22}", location)
+    assert "Sound." in served.get(location).text
+    entry = served.library.entry(location.removeprefix("/f/"))
     assert entry.sharing == (Sharing.PUBLIC if fields["public"] == "true" else Sharing.LINK)
     assert entry.note == fields.get("description", "")
 
 
 def test_an_uploaded_log_is_listed_with_its_review(served):
     answer = served.upload(("a.ulg", log("One.")), ("b.ulg", log("Two.")))
-    assert answer.status == 201 and [one["name"] for one in answer.json["flights"]] == [
+    assert answer.status == 201 and [entry["name"] for entry in answer.json["flights"]] == [
         "a.ulg",
         "b.ulg",
     ]
     listed = served.get("/api/flights").json
     assert listed["total"] == 2
-    one = next(flight for flight in listed["flights"] if flight["name"] == "a.ulg")
-    assert (one["stage"], one["level"], one["lights"]["motors"]) == (Stage.DONE, "bad", "bad")
-    assert (one["modes"], one["vehicle"]) == (["Loiter", "Land"], "quad 7")
-    found = served.get(f"/api/flights/{one['id']}").json
-    assert found["flight"] == one and found["review"]["headline"] == "One."
-    assert served.get(f"/f/{one['id']}/log").text == log("One.").decode()
-    assert served.get(f"/f/{one['id']}/report.json").json == {"headline": "One."}
-    assert {"model.json", "../fleet.sqlite"}.isdisjoint(one["files"])
+    entry = next(flight for flight in listed["flights"] if flight["name"] == "a.ulg")
+    assert (entry["stage"], entry["level"], entry["lights"]["motors"]) == (Stage.DONE, "bad", "bad")
+    assert (entry["modes"], entry["vehicle"]) == (["Loiter", "Land"], "quad 7")
+    found = served.get(f"/api/flights/{entry['id']}").json
+    assert found["flight"] == entry and found["review"]["headline"] == "One."
+    assert served.get(f"/f/{entry['id']}/log").text == log("One.").decode()
+    assert served.get(f"/f/{entry['id']}/report.json").json == {"headline": "One."}
+    assert {"model.json", "../fleet.sqlite"}.isdisjoint(entry["files"])
 
 
 def test_the_same_log_again_has_the_same_link_which_only_who_may_write_opens(guarded):
     id = guarded.add("a.ulg", "Same.", token=TOKEN)
     key = rights_for_host("", TOKEN, is_behind_proxy=False).derived_key("upload")
-    for path, token, known in (
+    for path, token, expected_flags in (
         (f"/{key}/upload", "", ("private", "")),
         ("/upload", TOKEN, ("link", "A walk")),
     ):
         fields = {"description": "A walk"}
         answer = guarded.upload(("b.ulg", log("Same.")), path=path, token=token, fields=fields)
         entry = guarded.library.entry(id)
-        assert answer.headers["Location"] == f"/f/{id}" and (entry.sharing, entry.note) == known
+        assert (
+            answer.headers["Location"] == f"/f/{id}"
+            and (entry.sharing, entry.note) == expected_flags
+        )
 
 
 def test_a_log_that_cannot_be_read_says_why_and_is_kept_as_asked(served):
-    kept, gone = (
+    kept_answer, gone = (
         served.upload((f"{keep}.ulg", log(f"damaged {keep}")), fields={"keep": keep}).json[
             "flights"
         ][0]["id"]
         for keep in ("true", "false")
     )
-    entries = [served.library.entry(id) for id in (kept, gone)]
+    entries = [served.library.entry(id) for id in (kept_answer, gone)]
     assert [entry.stage for entry in entries] == [Stage.FAILED] * 2
     assert all(entry.problem for entry in entries)
     assert served.library.log_path(entries[0]).is_file() and entries[1].size == 0
-    assert [served.get(f"/f/{id}/log").status for id in (kept, gone)] == [200, 404]
+    assert [served.get(f"/f/{id}/log").status for id in (kept_answer, gone)] == [200, 404]
     assert len(list((served.library.folder / "logs").iterdir())) == 1
     assert entries[1].problem in served.get(f"/f/{gone}").text
 
 
-def test_what_is_no_log_is_refused_with_its_name(served):
+def test_a_file_that_is_no_log_is_refused_with_its_name(served):
     letters = [(name, b"Dear all, this is text.") for name in ("a.txt", "b.txt")]
     for path in ("/api/logs", "/upload"):
         answer = served.upload(*letters, path=path)
         assert answer.status == 415 and answer.code == SourceFact.FORMAT_UNKNOWN
     both = served.upload(("letter.txt", b"text"), ("a.ulg", log("One."))).json
-    assert [one["name"] for one in both["refused"]] == ["letter.txt"] and len(both["flights"]) == 1
+    assert [refusal["name"] for refusal in both["refused"]] == ["letter.txt"] and len(
+        both["flights"]
+    ) == 1
     assert list((served.library.folder / "incoming").iterdir()) == []
 
 
@@ -155,7 +160,7 @@ def test_a_log_that_cannot_be_read_is_not_kept_unless_asked(served):
     assert "The log was not kept." in served.get(f"/f/{id}").text
 
 
-def test_progress_is_told_until_all_is_done(tmp_path, monkeypatch):
+def test_progress_is_streamed_until_all_logs_are_read(tmp_path, monkeypatch):
     with serving(tmp_path, is_eager=False) as server:
         id = server.add("a.ulg", "One.")
         assert interface_words()["stages"][Stage.WAITING] in server.get(f"/f/{id}").text
@@ -166,11 +171,11 @@ def test_progress_is_told_until_all_is_done(tmp_path, monkeypatch):
         server.work.run()
         monkeypatch.setattr(api, "MAX_PROGRESS_STREAMS", 1)
         for _ in range(2):
-            told = server.get(f"/api/progress?id={id}")
-        assert told.headers["Content-Type"].startswith("text/event-stream")
-        first, end, _ = told.text.split("\n\n")
-        (one,) = json.loads(first.removeprefix("data: "))
-        assert (one["stage"], one["headline"]) == (Stage.DONE, "One.") and end.startswith(
+            answer = server.get(f"/api/progress?id={id}")
+        assert answer.headers["Content-Type"].startswith("text/event-stream")
+        first, end, _ = answer.text.split("\n\n")
+        (progress,) = json.loads(first.removeprefix("data: "))
+        assert (progress["stage"], progress["headline"]) == (Stage.DONE, "One.") and end.startswith(
             "event: end"
         )
 
@@ -184,8 +189,8 @@ def test_a_flight_is_changed_found_and_deleted(served):
     id = served.add("a.ulg", "One.")
     served.add("b.ulg", "Two.")
     tags = ["race", "new"]
-    asked = {"note": "Gusty", "tags": tags}
-    assert served.ask("PATCH", f"/api/flights/{id}", asked).json["tags"] == tags
+    changes = {"note": "Gusty", "tags": tags}
+    assert served.ask("PATCH", f"/api/flights/{id}", changes).json["tags"] == tags
     assert [
         total(served, search)
         for search in (
@@ -251,8 +256,8 @@ def test_names_are_limited_and_need_the_right_to_write(guarded):
     assert guarded.ask("PUT", "/api/vehicle", named, TOKEN, **site).code == "other_site"
     long_name = {"name": "x" * 61}
     assert guarded.ask("PUT", "/api/vehicle", named | long_name, TOKEN).code == "bad_request"
-    other = named | {"vehicle": "quad 8"}
-    assert guarded.ask("PUT", "/api/vehicle", other, TOKEN).code == "no_such_flight"
+    other_names = named | {"vehicle": "quad 8"}
+    assert guarded.ask("PUT", "/api/vehicle", other_names, TOKEN).code == "no_such_flight"
     change = {"given_name": "x" * 61}
     assert guarded.ask("PATCH", f"/api/flights/{id}", change, TOKEN).code == "bad_request"
 
@@ -272,8 +277,8 @@ def test_two_flights_are_compared_and_a_vehicle_has_its_page_and_baseline(served
     served.add("by_id.ulg", "Known by id alone.")
     assert "may be of several vehicles" in served.get("/vehicle?name=ardupilotmega-1").text
     weak = served.add("weak.ulg", "A weak motor.")
-    for place in ("/vehicle?name=quad%207", "/"):
-        page = served.get(place).text
+    for path in ("/vehicle?name=quad%207", "/"):
+        page = served.get(path).text
         assert page.count('<span class="said bad">Motor 3 lost thrust.') == 1
     headline = '<p class="headline"><strong>Motor 3 lost thrust.</strong></p>'
     assert [headline in served.get(f"/f/{id}").text for id in (a, weak)] == [False, True]
@@ -289,16 +294,16 @@ def test_a_flight_that_differs_from_the_others_is_compared_with_the_last_sound_o
         served.library.change(ids[name], date=f"2026-11-{hour}:00:00")
     listed = served.get("/").text
     address = f"/compare?a={ids['sound']}&amp;b={ids['weak']}"
-    for place in ("/", "/vehicle?name=quad%207"):
-        page = served.get(place).text
+    for path in ("/", "/vehicle?name=quad%207"):
+        page = served.get(path).text
         assert page.count('href="/compare?') == 2
         assert f'href="{address}" aria-label="Compare weak.ulg with sound.ulg"' in page
     assert f"/compare?a={ids['sound']}&amp;b={ids['weak before']}" in listed
     assert f'<a href="{address}">Compare with sound.ulg</a>' in served.get(f"/f/{ids['weak']}").text
     compared = served.get(address.replace("&amp;", "&")).text
     assert "<strong>B by itself:</strong> Motor 3 lost thrust." in compared
-    other = served.get(f"/compare?a={ids['first']}&b={ids['sound']}").text
-    assert "lost thrust" not in other
+    comparison = served.get(f"/compare?a={ids['first']}&b={ids['sound']}").text
+    assert "lost thrust" not in comparison
 
 
 def test_flights_of_unnamed_vehicles_are_not_compared_until_somebody_says_whose_they_are(served):
@@ -345,13 +350,13 @@ def test_the_name_of_a_vehicle_with_a_serial_number_assigns_that_vehicle(served)
 def test_damaged_results_are_said_to_be_and_odd_values_are_as_if_not_there(served):
     a, b = served.add("a.ulg"), served.add("b.ulg")
     results = served.library.results_folder(served.library.entry(a))
-    for place, name, content in (
+    for path, name, content in (
         (f"/api/flights/{a}", "report.json", b"[1]"),
         (f"/compare?a={a}&b={b}", "report.json", b"[" * 100_000),
         (f"/f/{a}", "report.html", b"\xff"),
     ):
         (results / name).write_bytes(content)
-        answer = served.get(place)
+        answer = served.get(path)
         assert answer.status == 500 and "may be damaged" in answer.text
     for folder in ("logs", "incoming", "results"):
         rmtree(served.library.folder / folder)
@@ -405,18 +410,18 @@ def test_a_cookie_reads_and_only_the_key_of_a_page_writes(guarded):
     cookie = entered.headers["Set-Cookie"]
     assert entered.status == 303 and "Secure" not in cookie
     assert "HttpOnly" in cookie and "SameSite=lax" in cookie and TOKEN not in cookie
-    mine = {"Cookie": cookie.split(";")[0]}
-    page = guarded.get(f"/f/{id}", **mine).text
-    assert guarded.ask("DELETE", f"/api/flights/{id}", **mine).status == 401
+    cookie_header = {"Cookie": cookie.split(";")[0]}
+    page = guarded.get(f"/f/{id}", **cookie_header).text
+    assert guarded.ask("DELETE", f"/api/flights/{id}", **cookie_header).status == 401
     key = re.search(r'name="mavdem-key" content="(\w+)"', page)[1]
-    address = re.search(r"/(\w+)/upload", guarded.get("/", **mine).text)[1]
+    address = re.search(r"/(\w+)/upload", guarded.get("/", **cookie_header).text)[1]
     assert TOKEN not in page and key != address
     # The key in the address given to QGroundControl uploads and does nothing else.
     assert guarded.upload(("b.ulg", log("Two.")), path=f"/{address}/upload").status == 302
     assert guarded.ask("DELETE", f"/api/flights/{id}", token=address).status == 401
     assert guarded.ask("DELETE", f"/api/flights/{id}", token=key).status == 204
-    left = guarded.ask("POST", "/leave", **mine)
-    assert left.status == 303 and 'mavdem=""' in left.headers["Set-Cookie"]
+    sign_out = guarded.ask("POST", "/leave", **cookie_header)
+    assert sign_out.status == 303 and 'mavdem=""' in sign_out.headers["Set-Cookie"]
 
 
 def test_pages_of_an_earlier_version_may_run_their_scripts_after_an_upgrade(tmp_path, monkeypatch):
@@ -491,22 +496,22 @@ def test_names_and_texts_of_logs_are_only_text(served):
     "path",
     ["/f/../../etc/passwd", "/f/%2e%2e%2f/log", "/f/x/..%2ffleet.sqlite", "/static/../app.py"],
 )
-def test_no_path_leads_elsewhere(served, path):
+def test_paths_outside_the_library_are_not_found(served, path):
     id = served.add()
     assert served.get(path).status == 404
     assert served.get(f"/f/{id}/..%2f..%2ffleet.sqlite").status == 404
 
 
-def test_what_is_no_upload_is_refused(served):
+def test_malformed_uploads_are_refused(served):
     kind = f"multipart/form-data; boundary={BOUNDARY}"
-    whole = form([("a.ulg", log())])
+    form_data = form([("a.ulg", log())])
     for body, content_type, code in (
         (b"{}", "application/json", RefusalReason.UPLOAD_WITHOUT_LOG),
         (form([("", b"")]), kind, RefusalReason.UPLOAD_WITHOUT_LOG),
-        (whole[:-10], kind, RefusalReason.UPLOAD_BROKEN),
+        (form_data[:-10], kind, RefusalReason.UPLOAD_BROKEN),
         (b"nothing of a form", kind, RefusalReason.BAD_REQUEST),
-        (whole, "multipart/form-data; boundary=" + "x" * 400, RefusalReason.BAD_REQUEST),
-        (whole, kind + "; charset=punycode", RefusalReason.BAD_REQUEST),
+        (form_data, "multipart/form-data; boundary=" + "x" * 400, RefusalReason.BAD_REQUEST),
+        (form_data, kind + "; charset=punycode", RefusalReason.BAD_REQUEST),
         (form([], {"field": "x" * 65_536}), kind, RefusalReason.UPLOAD_WITHOUT_LOG),
         (form([], {"field": "x" * 65_537}), kind, RefusalReason.BAD_REQUEST),
     ):
@@ -517,7 +522,7 @@ def test_what_is_no_upload_is_refused(served):
 
 def numbered(count):
     """So many different logs."""
-    return [(f"{one}.ulg", log(str(one))) for one in range(count)]
+    return [(f"{number}.ulg", log(str(number))) for number in range(count)]
 
 
 def test_size_number_queue_and_patience_have_limits(tmp_path, monkeypatch):
@@ -531,8 +536,8 @@ def test_size_number_queue_and_patience_have_limits(tmp_path, monkeypatch):
     with serving(tmp_path, is_eager=False) as server:
         large = server.upload(("a.ulg", log(size=1001)))
         assert large.refusal == (413, RefusalReason.UPLOAD_TOO_LARGE)
-        many = server.upload(*numbered(3))
-        assert many.refusal == (400, RefusalReason.BAD_REQUEST)
+        answer = server.upload(*numbered(3))
+        assert answer.refusal == (400, RefusalReason.BAD_REQUEST)
         with socket.create_connection(("127.0.0.1", server.port)) as line:
             head = "POST /api/logs HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 999\r\n"
             head += f"Content-Type: multipart/form-data; boundary={BOUNDARY}\r\n\r\n"
@@ -550,17 +555,17 @@ def test_size_number_queue_and_patience_have_limits(tmp_path, monkeypatch):
 
 
 @mark.slow
-def test_who_asks_nothing_and_who_is_one_too_many_is_hung_up_on(tmp_path, monkeypatch):
+def test_idle_and_surplus_connections_are_closed(tmp_path, monkeypatch):
     monkeypatch.setattr(listening, "MAX_CONNECTIONS", 2)
     monkeypatch.setattr(listening, "MAX_REQUEST_DELAY", 0.2)
     with serving(tmp_path) as server, ExitStack() as lines:
-        place = ("127.0.0.1", server.port)
+        address = ("127.0.0.1", server.port)
         idle, slow, late = (
-            lines.enter_context(socket.create_connection(place, timeout=300)) for _ in range(3)
+            lines.enter_context(socket.create_connection(address, timeout=300)) for _ in range(3)
         )
         slow.sendall(b"GET / HT")
         assert [line.recv(1) for line in (late, idle, slow)] == [b""] * 3
-        again = lines.enter_context(socket.create_connection(place, timeout=300))
+        again = lines.enter_context(socket.create_connection(address, timeout=300))
         again.sendall(b"GET /api/flights HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
         with HTTPResponse(again) as answer:
             answer.begin()
@@ -738,9 +743,9 @@ def test_the_command_serves_as_it_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr("mavdem.serve.run.serve", served := Mock())
     monkeypatch.setattr("mavdem.cli.serve.has_screen", lambda: True)
     assert command_line.run("serve", tmp_path, "--quota", "1.5") == 0
-    (options, *_), known = served.call_args
+    (options, *_), keywords = served.call_args
     assert options.quota == 1_500_000_000 and options.sample_log.is_file()
-    assert options.limits.megabytes == 1000 and known == {"opens_browser": True}
+    assert options.limits.megabytes == 1000 and keywords == {"opens_browser": True}
 
 
 @mark.slow
@@ -778,10 +783,10 @@ def test_only_a_wrong_cookie_is_removed(guarded, monkeypatch):
     # The right token replaces the cookie of an earlier one.
     entered = guarded.ask("POST", "/enter", f"token={TOKEN}", Cookie="mavdem=former")
     (cookie,) = entered.headers.get_all("Set-Cookie")
-    mine = cookie.split(";")[0]
-    assert mine != 'mavdem=""'
+    own_cookie = cookie.split(";")[0]
+    assert own_cookie != 'mavdem=""'
     # An upload to an earlier address does not sign out.
-    refused = guarded.upload(("a.ulg", log("One.")), path="/guess/upload", Cookie=mine)
+    refused = guarded.upload(("a.ulg", log("One.")), path="/guess/upload", Cookie=own_cookie)
     assert refused.status == 401 and "Set-Cookie" not in refused.headers
 
 

@@ -31,11 +31,11 @@ def test_logs_are_dropped_followed_found_compared_and_deleted(tmp_path, browser)
     with serving(tmp_path / "served", is_eager=False) as server, browser.tab() as page:
         page.open(f"{server.address}/")
         assert "Drop a flight log here" in page.run(SHOWN)
-        many = [
+        uploads = [
             (f"{number}.ulg", log(f"{'Odd' if number % 2 else 'Even'} {number}."))
             for number in range(20)
         ]
-        drop(page, *many, ("letter.txt", b"text"), (f"{HOSTILE}.ulg", log(HOSTILE)))
+        drop(page, *uploads, ("letter.txt", b"text"), (f"{HOSTILE}.ulg", log(HOSTILE)))
         page.until("document.querySelectorAll('#uploads li').length === 22")
         page.until("document.querySelectorAll('#uploads a').length === 21")
         page.until("document.querySelectorAll('#uploads .bad').length === 1")
@@ -79,46 +79,48 @@ def test_logs_are_dropped_followed_found_compared_and_deleted(tmp_path, browser)
 def test_a_link_is_shared_and_opened_in_another_profile(tmp_path, browser):
     with (
         serving(tmp_path / "served", TOKEN, is_eager=False) as server,
-        browser.tab() as mine,
-        browser.tab() as other,
+        browser.tab() as own_tab,
+        browser.tab() as other_tab,
     ):
         id = server.add("a.ulg", "One.", token=TOKEN)
         address = f"{server.address}/f/{id}"
-        mine.open(f"{server.address}/enter")
-        mine.run("document.getElementById('token').focus()")
-        mine.command("Input.insertText", text=TOKEN)
-        mine.press("Enter", 13)
-        mine.until(f"{ROWS} === 1")
-        other.open(address)
-        assert "There is no such flight" in other.run(SHOWN)
+        own_tab.open(f"{server.address}/enter")
+        own_tab.run("document.getElementById('token').focus()")
+        own_tab.command("Input.insertText", text=TOKEN)
+        own_tab.press("Enter", 13)
+        own_tab.until(f"{ROWS} === 1")
+        other_tab.open(address)
+        assert "There is no such flight" in other_tab.run(SHOWN)
 
         # The page opens by itself when the log has been read.
-        mine.open(address)
-        mine.until("document.querySelector('#steps li.is')")
+        own_tab.open(address)
+        own_tab.until("document.querySelector('#steps li.is')")
         server.work.run()
-        mine.until("document.querySelector('#bar')")
-        mine.run("document.querySelector('#bar summary').click()")
+        own_tab.until("document.querySelector('#bar')")
+        own_tab.run("document.querySelector('#bar summary').click()")
         copied = "document.getElementById('copied').textContent"
-        mine.run("document.getElementById('copy').click()")
-        mine.until(f"{copied}.includes('Nobody else can open it')")
-        mine.run("document.getElementById('sharing').value = 'link'")
-        mine.run("document.getElementById('note').value = 'Gusty'")
-        mine.run("document.querySelector('#edit button:not([type])').click()")
-        mine.until("document.getElementById('saved').textContent === 'Saved.'")
+        own_tab.run("document.getElementById('copy').click()")
+        own_tab.until(f"{copied}.includes('Nobody else can open it')")
+        own_tab.run("document.getElementById('sharing').value = 'link'")
+        own_tab.run("document.getElementById('note').value = 'Gusty'")
+        own_tab.run("document.querySelector('#edit button:not([type])').click()")
+        own_tab.until("document.getElementById('saved').textContent === 'Saved.'")
         assert server.library.entry(id).sharing == Sharing.LINK
-        mine.run("document.getElementById('copy').click()")
-        mine.until(f"{copied}.startsWith('Copied.') && !{copied}.includes('Nobody')")
-        other.open(address)
-        assert "One." in other.run(SHOWN) and "Gusty" in other.run(SHOWN)
-        assert not other.run("document.getElementById('edit') || document.getElementById('delete')")
-        other.open(f"{server.address}/")
-        assert other.run(ROWS) == 0
+        own_tab.run("document.getElementById('copy').click()")
+        own_tab.until(f"{copied}.startsWith('Copied.') && !{copied}.includes('Nobody')")
+        other_tab.open(address)
+        assert "One." in other_tab.run(SHOWN) and "Gusty" in other_tab.run(SHOWN)
+        assert not other_tab.run(
+            "document.getElementById('edit') || document.getElementById('delete')"
+        )
+        other_tab.open(f"{server.address}/")
+        assert other_tab.run(ROWS) == 0
 
-        mine.run("document.getElementById('delete').click()")
-        mine.until("location.pathname === '/'")
-        other.open(address)
-        assert "There is no such flight" in other.run(SHOWN)
-        assert mine.said == []
+        own_tab.run("document.getElementById('delete').click()")
+        own_tab.until("location.pathname === '/'")
+        other_tab.open(address)
+        assert "There is no such flight" in other_tab.run(SHOWN)
+        assert own_tab.said == []
 
 
 def test_pages_fit_a_telephone_and_are_used_by_keyboard(tmp_path, browser):

@@ -81,15 +81,17 @@ def flight_with_log(server, content, headline="One."):
 @pytest.mark.slow
 def test_fields_are_listed_and_plotted_from_one_reading_of_the_log(served, reader):
     flight = flight_with_log(served, FLIGHT.read_bytes())
-    messages = {one["message"]: one for one in served.get(f"{flight}/fields").json["messages"]}
+    messages = {
+        message["message"]: message for message in served.get(f"{flight}/fields").json["messages"]
+    }
     assert "roll" in messages["ATTITUDE"]["fields"]
-    whole = served.get(f"{flight}/samples?message=ATTITUDE&field=roll&points=20000").json
-    assert whole["count"] == len(whole["values"]) == messages["ATTITUDE"]["messages"]
+    all_samples = served.get(f"{flight}/samples?message=ATTITUDE&field=roll&points=20000").json
+    assert all_samples["count"] == len(all_samples["values"]) == messages["ATTITUDE"]["messages"]
     thinned = served.get(f"{flight}/samples?message=ATTITUDE&field=roll&points=10").json
     assert thinned["is_thinned"] and len(thinned["time"]) <= 20
-    assert max(thinned["values"]) == max(whole["values"])
-    assert min(thinned["values"]) == min(whole["values"])
-    start = whole["time"][10]
+    assert max(thinned["values"]) == max(all_samples["values"])
+    assert min(thinned["values"]) == min(all_samples["values"])
+    start = all_samples["time"][10]
     part = served.get(
         f"{flight}/samples?message=ATTITUDE&field=roll&start={start}&end={start}"
     ).json
@@ -98,7 +100,7 @@ def test_fields_are_listed_and_plotted_from_one_reading_of_the_log(served, reade
 
 
 @pytest.mark.slow
-def test_nonsense_is_refused_in_a_sentence(served):
+def test_requests_for_unknown_fields_are_refused_with_a_sentence(served):
     flight = flight_with_log(served, FLIGHT.read_bytes())
     refused = {
         "message=NONE&field=roll": (404, "The log has no NONE: it has "),
@@ -133,15 +135,15 @@ def test_a_log_that_was_read_is_plotted_while_another_is_read(tmp_path, store, r
     count = len(store.samples(first, ROLL).time)
     reader.may_read.clear()
     reader.has_begun.clear()
-    other = threading.Thread(target=store.messages, args=(second,))
-    other.start()
+    other_reader = threading.Thread(target=store.messages, args=(second,))
+    other_reader.start()
     assert reader.has_begun.wait(10)
     assert len(store.samples(first, ROLL).time) == count
-    assert other.is_alive()
+    assert other_reader.is_alive()
     # The log is deleted while it is read: its columns go when the request that waits for them is answered.
     store.remove(second)
     reader.may_read.set()
-    other.join()
+    other_reader.join()
     assert len(column_files(tmp_path)) == 1
 
 
@@ -172,10 +174,10 @@ def test_too_many_fields_or_bytes_are_refused_after_one_reading(
     tmp_path, store, reader, monkeypatch
 ):
     monkeypatch.setattr(stored_columns, "MAX_FIELDS", 3)
-    many = copy(FLIGHT, tmp_path / "many.tlog")
+    large_log = copy(FLIGHT, tmp_path / "many.tlog")
     for _ in range(2):
         with pytest.raises(Refusal, match="fields are plotted of logs with at most 3"):
-            store.messages(many)
+            store.messages(large_log)
     assert reader.logs == 1
     monkeypatch.undo()
     monkeypatch.setattr(stored_columns, "MAX_COLUMN_BYTES", 1 << 10)

@@ -83,12 +83,12 @@ def test_motors_are_searched_for_as_pages_show_them():
         insert_entry(db, entry)
         row = [f"{digest[:KEY_HASH_DIGITS]}-1", "quad", "a.bin", json.dumps({"health": health})]
         db.execute("insert into flights values (?, ?, ?, ?)", row)
-    found = []
+    motors = []
     for search in ("motors:bad", "motors:watch", "motors:good"):
         condition = search_condition(search)
         query = f"select id from entries where {condition.expression} order by rowid"
-        found.append([row["id"] for row in db.execute(query, condition.values)])
-    assert found == [["own", "fault"], ["drift"], ["sound"]]
+        motors.append([row["id"] for row in db.execute(query, condition.values)])
+    assert motors == [["own", "fault"], ["drift"], ["sound"]]
 
 
 def test_a_search_by_an_unknown_property_names_the_known_ones():
@@ -138,7 +138,8 @@ def test_what_is_no_log_is_refused_as_its_name_says(tmp_path, name, code):
     assert refusal.value.fact.code is code
 
 
-def received(library, said="One.", name="a.ulg", **columns):
+def stored_entry(library, said="One.", name="a.ulg", **columns):
+    """Returns the entry of a made-up log with this headline that a library has received."""
     part = library.new_incoming_path()
     part.write_bytes(log(said))
     return library.add_with_digest(part, said.encode().hex().zfill(64), name, **columns)
@@ -150,13 +151,13 @@ def library(tmp_path):
     return Library(tmp_path)
 
 
-def killed(library):
-    """Leaves a library as a process does that was killed: its lock is gone, and nothing else."""
+def release_lock(library):
+    """Leaves a library as a killed process does: without its lock, and otherwise unchanged."""
     library._lock.release()
 
 
 def test_what_was_acknowledged_outlives_a_killed_server_and_half_uploads_do_not(library, tmp_path):
-    waiting, working = received(library), received(library, "Two.")
+    waiting, working = stored_entry(library), stored_entry(library, "Two.")
     library.change(waiting.id, stage=Stage.READING, claimed=library.name)
     library.new_incoming_path().write_bytes(b"half of a log")
     library.new_incoming_path("session.tlog").write_bytes(log("Three."))
@@ -170,18 +171,18 @@ def test_what_was_acknowledged_outlives_a_killed_server_and_half_uploads_do_not(
     ):
         (tmp_path / folder).mkdir()
     (tmp_path / "servers" / "mine").touch()
-    killed(library)
+    release_lock(library)
 
     again = Library(tmp_path)
     entries, total = again.find(*ALL, 10)
     assert total == 3 and {entry.stage for entry in entries} == {Stage.WAITING}
     assert "session.tlog" in {entry.name for entry in entries}
     assert all(again.log_path(entry).is_file() for entry in entries)
-    left = {
+    file_counts = {
         part: len(list((tmp_path / part).iterdir()))
         for part in ("incoming", "logs", "results", "servers")
     }
-    assert left == {"incoming": 0, "logs": 4, "results": 2, "servers": 3}
+    assert file_counts == {"incoming": 0, "logs": 4, "results": 2, "servers": 3}
     AtOnce(again).run()
     assert {entry.stage for entry in again.find(*ALL, 10)[0]} == {Stage.DONE}
 
@@ -200,7 +201,7 @@ def test_an_upload_that_breaks_off_at_any_moment_is_whole_or_not_there(
         patch.setattr(f"mavdem.serve.library.{moment}", end)
         with raises(KeyboardInterrupt):
             library.add_with_digest(part, 64 * "d", "a.ulg")
-    killed(library)
+    release_lock(library)
     again = Library(tmp_path)
     there = [*(tmp_path / "logs").rglob("*.ulg")]
     assert [again.log_path(entry) for entry in again.find(*ALL, 1)[0]] == there
@@ -211,7 +212,7 @@ def test_an_upload_that_breaks_off_at_any_moment_is_whole_or_not_there(
 
 
 def test_logs_outlive_a_lost_index(tmp_path):
-    before = received(Library(tmp_path))
+    before = stored_entry(Library(tmp_path))
     for path in tmp_path.glob("fleet.sqlite*"):
         path.unlink()
     (entry,), _ = Library(tmp_path).find(*ALL, 2)
@@ -241,19 +242,19 @@ def test_a_folder_that_is_named_by_its_parent_lists_each_flight_once(tmp_path):
 
 
 def test_servers_that_share_a_folder_leave_each_other_alone(tmp_path):
-    one, other = Library(tmp_path), Library(tmp_path)
-    entries = [received(one, f"{number}.") for number in range(4)]
-    for library, entry in zip((one, other, one, other), entries, strict=True):
+    one, other_library = Library(tmp_path), Library(tmp_path)
+    entries = [stored_entry(one, f"{number}.") for number in range(4)]
+    for library, entry in zip((one, other_library, one, other_library), entries, strict=True):
         assert library.claim().id == entry.id
     assert one.claim() is None
     part = one.new_incoming_path()
     part.write_bytes(b"half of a log")
-    recover(other)
-    assert part.is_file() and other.claim() is None
-    killed(one)
-    recover(other)
+    recover(other_library)
+    assert part.is_file() and other_library.claim() is None
+    release_lock(one)
+    recover(other_library)
     assert not part.is_file()
-    assert [other.claim().id for _ in range(2)] == [entries[0].id, entries[2].id]
+    assert [other_library.claim().id for _ in range(2)] == [entries[0].id, entries[2].id]
 
 
 @mark.slow
@@ -270,10 +271,10 @@ def test_servers_of_earlier_versions_are_seen_and_see_this_one(library, tmp_path
 
 @mark.slow
 def test_a_log_that_comes_again_while_it_is_deleted_stays(library, monkeypatch):
-    first = received(library)
+    first = stored_entry(library)
     claimed = library.claim()
     outcome = outcome_of(Job(str(library.log_path(claimed))), read_made_up)
-    again = threading.Thread(target=received, args=(library,))
+    again = threading.Thread(target=stored_entry, args=(library,))
     remove = shutil.rmtree
 
     def late(path, **how):
@@ -320,8 +321,8 @@ def test_a_fleet_is_shown_as_it_is(tmp_path):
     assert library.entry(entries[0].id).note == "mine"
     library.db.execute("update flights set row = '['")
     with serving(tmp_path) as server:
-        for place in ("/", f"/f/{entries[0].id}"):
-            assert server.get(place).status == 200
+        for path in ("/", f"/f/{entries[0].id}"):
+            assert server.get(path).status == 200
 
 
 def test_a_vehicle_without_a_name_is_called_by_its_type_and_the_end_of_its_serial(tmp_path):
@@ -351,12 +352,15 @@ def test_a_date_in_the_future_is_no_date():
 
 
 def test_many_vehicles_are_in_a_list_that_shows_all():
-    few, many = (
+    short_page, long_page = (
         library_page([], vehicles=[f"quad {number}" for number in range(count)])
         for count in (5, 12)
     )
-    assert "<summary>Vehicles" not in few and few.count('href="/vehicle?name=') == 5
-    assert "<summary>Vehicles (12)</summary>" in many and many.count('href="/vehicle?name=') == 12
+    assert "<summary>Vehicles" not in short_page and short_page.count('href="/vehicle?name=') == 5
+    assert (
+        "<summary>Vehicles (12)</summary>" in long_page
+        and long_page.count('href="/vehicle?name=') == 12
+    )
 
 
 def test_a_library_of_an_earlier_version_knows_which_vehicles_are_unnamed(tmp_path):
@@ -386,23 +390,23 @@ def test_an_altered_index_removes_and_shows_nothing_outside(tmp_path):
     (tmp_path / "photos" / "mine").mkdir(parents=True)
     (tmp_path / "secret.html").write_text("<main>\nSecret")
     library = Library(tmp_path / "served")
-    away, unkept, beside, page, lost = (
-        received(library, f"{number}.", keep=number != 1) for number in range(5)
+    away, unkept, outside_log, page, lost = (
+        stored_entry(library, f"{number}.", keep=number != 1) for number in range(5)
     )
     claimed = library.claim(), library.claim()
     for entry in (away, unkept):
         library.change(entry.id, digest="../../photos", path=f"../photos/mine/{entry.id}.ulg")
-    library.change(beside.id, path="")
+    library.change(outside_log.id, path="")
     library.change(page.id, digest="", path="../secret.html", files="../secret.html")
     library.change(lost.id, digest="", note="of mine")
-    assert library.claim().id == beside.id and library.claim() is None
+    assert library.claim().id == outside_log.id and library.claim() is None
     library.delete(away.id)
-    library.delete(beside.id)
+    library.delete(outside_log.id)
     for entry in (claimed[0], library.entry(unkept.id)):
         library.finish_reading(entry, outcome_of(Job("none.ulg"), read_made_up), LIMITS)
     assert (tmp_path / "photos" / "mine").is_dir()
-    left = {path.name for path in (library.folder / "logs").iterdir()}
-    assert left == {entry.digest for entry in (unkept, page, lost)}
+    remaining_names = {path.name for path in (library.folder / "logs").iterdir()}
+    assert remaining_names == {entry.digest for entry in (unkept, page, lost)}
     with serving(library.folder) as server:
         mended = server.library.entry(lost.id)
         assert (mended.digest, mended.note) == (lost.digest, "of mine")
@@ -428,7 +432,7 @@ def test_flights_are_listed_by_upload_or_by_date_with_undated_ones_last(library)
     dates = ("2026-01-02T00:00:00", "", "2026-01-03T00:00:00")
     ids = []
     for number, date in enumerate(dates):
-        entry = received(library, f"{number}.")
+        entry = stored_entry(library, f"{number}.")
         ids.append(library.change(entry.id, date=date, received=float(number)).id)
     by_upload, total = library.find(*ALL, 2, offset=1)
     assert [entry.id for entry in by_upload] == [ids[1], ids[0]] and total == 3
@@ -440,7 +444,7 @@ def test_flights_are_sorted_and_found_by_flight_time_distance_and_height(library
     figures = ((80.0, 500.0, None), (None, None, None), (620.0, 40.0, 12.0), (61.0, None, 90.0))
     ids = []
     for number, (flight_time, distance, height) in enumerate(figures):
-        entry = received(library, f"{number}.")
+        entry = stored_entry(library, f"{number}.")
         columns = {"flight_time": flight_time, "distance": distance, "height": height}
         columns |= {"wind_speed": height, "vehicle": "ab"[number % 2]}
         ids.append(library.change(entry.id, **columns, received=float(number)).id)
@@ -482,26 +486,26 @@ def test_a_log_of_several_flights_has_a_line_of_each_which_leads_to_its_time(lib
 
 
 def test_a_library_of_an_earlier_version_opens_and_what_is_new_stands_first(library, tmp_path):
-    first = received(library)
+    first = stored_entry(library)
     AtOnce(library).run()
     library.db.execute("alter table entries drop column next_step")
     library.db.execute("alter table entries add column sorted_by default ''")
     library.close()
     again = Library(tmp_path)
-    second = received(again, "Two.")
+    second = stored_entry(again, "Two.")
     assert [entry.id for entry in again.find(*ALL, 2)[0]] == [second.id, first.id]
     assert again.entry(first.id).next_step == ""
     again.db.execute("attach ? as earlier", [str(tmp_path / "library.sqlite")])
     again.db.execute("create table earlier.entries as select * from main.entries")
     again.db.execute("detach earlier")
     again.db.execute("drop table entries")
-    killed(again)
+    release_lock(again)
     last = Library(tmp_path)
     assert last.find(*ALL, 2) == ([last.entry(second.id), last.entry(first.id)], 2)
     assert not (tmp_path / "library.sqlite").exists()
 
 
-def test_names_of_logs_lead_nowhere():
+def test_stored_file_names_cannot_leave_their_folder():
     for name in (
         "../../x",
         "..",
@@ -536,10 +540,10 @@ def test_a_folder_that_cannot_be_written_to_is_refused(tmp_path):
 
 def test_an_address_that_is_taken_is_refused(tmp_path):
     with serving(tmp_path / "one") as server, raises(Unreadable) as refused:
-        given = ServerOptions(
+        options = ServerOptions(
             tmp_path / "two", "127.0.0.1", server.port, "", False, None, 1, LIMITS, None, None
         )
-        serve(given, print, print, print, opens_browser=False)
+        serve(options, print, print, print, opens_browser=False)
     assert refused.value.fact.code is StartFailure.ADDRESS_NOT_FREE
     assert not (tmp_path / "two").exists()
 
@@ -549,10 +553,10 @@ def test_a_log_is_read_with_its_page_rows_and_index(library, tmp_path, monkeypat
     """A real one, in this process."""
     monkeypatch.setattr("mavdem.serve.reading.lower_priority", lambda _: None)
     entry = library.add(Path(shutil.copy(SLOW, library.new_incoming_path())), SLOW.name)
-    one = read_log(SLOW)
-    other = replace(one.vehicles[0], system=2)
-    both = replace(one, source=SLOW.name, vehicles=(*one.vehicles, other))
-    monkeypatch.setattr("mavdem.serve.reading.read_log", lambda _: both)
+    log = read_log(SLOW)
+    other_vehicle = replace(log.vehicles[0], system=2)
+    log_of_two = replace(log, source=SLOW.name, vehicles=(*log.vehicles, other_vehicle))
+    monkeypatch.setattr("mavdem.serve.reading.read_log", lambda _: log_of_two)
     outcome = outcome_of(Job(str(library.log_path(entry))), read_for_library)
     library.finish_reading(library.claim(), outcome, LIMITS)
     entry = library.entry(entry.id)
@@ -577,19 +581,19 @@ def test_a_log_is_read_with_its_page_rows_and_index(library, tmp_path, monkeypat
 
 
 def test_a_log_whose_package_is_missing_is_kept_and_read_when_it_comes_again(library):
-    entry = received(library, name="extra.ulg")
+    entry = stored_entry(library, name="extra.ulg")
     path = library.log_path(entry)
     library.finish_reading(library.claim(), outcome_of(Job(str(path)), rows_of_log), LIMITS)
     failed = library.entry(entry.id)
     assert failed.stage == Stage.FAILED and path.is_file() and failed.size == path.stat().st_size
     assert failed.problem == "The log needs mcap: pip install 'mavdem[mcap]'."
-    assert received(library, name="extra.ulg").stage == Stage.WAITING
+    assert stored_entry(library, name="extra.ulg").stage == Stage.WAITING
 
 
 @mark.slow
 def test_a_log_waits_for_a_cluster_that_has_gone(library, tmp_path, monkeypatch):
     monkeypatch.setattr("mavdem.serve.reading_threads.RETRY_SECONDS", 0.01)
-    received(library)
+    stored_entry(library)
     tries = []
 
     def read(job, limits, function):
@@ -610,7 +614,7 @@ def test_a_log_waits_for_a_cluster_that_has_gone(library, tmp_path, monkeypatch)
 
 
 def test_a_log_that_the_disk_had_no_room_for_does_not_hold_up_others(library):
-    large, small = received(library), received(library, "Two.")
+    large, small = stored_entry(library), stored_entry(library, "Two.")
     library.change(large.id, received="2026-11-20T10:00:00", problem="The disk is full.")
     library.change(small.id, received="2026-11-21T10:00:00")
     assert [library.claim().id for _ in range(2)] == [small.id, large.id]
@@ -619,14 +623,14 @@ def test_a_log_that_the_disk_had_no_room_for_does_not_hold_up_others(library):
 def test_a_log_that_the_disk_had_no_room_for_is_read_when_there_is_some(library, monkeypatch):
     monkeypatch.setattr("mavdem.serve.reading_threads.RETRY_SECONDS", 0.01)
     monkeypatch.setattr("mavdem.serve.reading_threads.FULL_DISK_SECONDS", 0.05)
-    entry = received(library)
-    seen = []
+    entry = stored_entry(library)
+    read_logs = []
 
     def read_with_little_room(path, key, page):
-        seen.append((library.entry(entry.id).stage, library.entry(entry.id).problem))
-        if len(seen) == 1:
+        read_logs.append((library.entry(entry.id).stage, library.entry(entry.id).problem))
+        if len(read_logs) == 1:
             raise OSError(errno.ENOSPC, "No space left on device")
-        if len(seen) == 2:
+        if len(read_logs) == 2:
             raise Unreadable(Fact(ReadingFact.NO_VEHICLE)) from OSError(errno.EDQUOT, "Quota")
         return read_made_up(path, key, page)
 
@@ -638,7 +642,7 @@ def test_a_log_that_the_disk_had_no_room_for_is_read_when_there_is_some(library,
     until(lambda: library.find(*search_condition("stage:done"), 1)[1])
     work.stop()
     full = (Stage.READING, "The disk of the server is full.")
-    assert seen == [(Stage.READING, ""), full, full]
+    assert read_logs == [(Stage.READING, ""), full, full]
     assert library.entry(entry.id).problem == ""
 
 
@@ -646,7 +650,7 @@ def test_a_log_that_the_disk_had_no_room_for_is_read_when_there_is_some(library,
 def test_processes_read_logs_within_limits_and_go_on_after_a_hostile_one(library):
     names = ("crash.ulg", "sound.ulg")
     for name in names:
-        received(library, name, name, keep=1)
+        stored_entry(library, name, name, keep=1)
     work = ReadingThreads(library, 1, JobLimits(1, 600), read=rows_of_log)
     work.start()
     work.notify()

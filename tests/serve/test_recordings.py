@@ -112,14 +112,14 @@ def test_a_flight_without_a_model_says_that_it_has_no_recording(tmp_path):
 def test_whoever_sees_a_flight_may_have_its_recordings_made_and_nobody_else(tmp_path):
     with serving(tmp_path, token="0123456789abcdef") as server:
         id = server.add("a.ulg", MODEL, token="0123456789abcdef")
-        other = server.add("b.ulg", "No such thing.", token="0123456789abcdef")
+        other_flight = server.add("b.ulg", "No such thing.", token="0123456789abcdef")
         assert server.get(f"/f/{id}/flight.mcap").status == 404
         assert server.ask("POST", f"/api/flights/{id}/recordings").status == 404
         server.library.change(id, sharing=Sharing.LINK)
-        server.library.change(other, sharing=Sharing.LINK)
+        server.library.change(other_flight, sharing=Sharing.LINK)
         assert server.get(f"/f/{id}/flight.mcap").status == 200
-        assert server.get(f"/f/{other}/flight.mcap").status == 404
-        assert server.ask("POST", f"/api/flights/{other}/recordings").status == 404
+        assert server.get(f"/f/{other_flight}/flight.mcap").status == 404
+        assert server.ask("POST", f"/api/flights/{other_flight}/recordings").status == 404
 
 
 def test_a_request_outlives_the_server(tmp_path):
@@ -166,13 +166,13 @@ def test_a_log_that_is_uploaded_again_is_read_while_the_recordings_of_the_delete
 
 def test_what_a_killed_server_left_of_recordings_is_removed(tmp_path):
     library = Library(tmp_path)
-    left = tmp_path / "results" / f".{recorded_flight(library).digest}.recordings"
-    left.mkdir()
+    leftover = tmp_path / "results" / f".{recorded_flight(library).digest}.recordings"
+    leftover.mkdir()
     recover(library)
-    assert not left.exists()
+    assert not leftover.exists()
 
 
-def test_a_library_without_room_refuses(tmp_path):
+def test_a_full_library_refuses_to_make_recordings(tmp_path):
     library = Library(tmp_path)
     entry = recorded_flight(library)
     library.quota = 1

@@ -438,7 +438,7 @@ def test_rows_wait_while_they_are_held_and_come_when_it_closes(tmp_path):
     assert_allclose(drawn(path)["motors/0_outputs"][0], TIME, atol=1e-8)
 
 
-def test_what_was_asked_for_is_shown_or_refused(monkeypatch, tmp_path):
+def test_a_requested_view_is_shown_or_refused(monkeypatch, tmp_path):
     # With a screen too: a server keeps what the file has.
     for has_screen in (True, False):
         monkeypatch.setattr("mavdem.view.sinks.has_screen", lambda shown=has_screen: shown)

@@ -35,12 +35,14 @@ SETTINGS = mavdem.Settings(order=2, window=9, parameter_precision=0.1, iteration
 def assessed(tmp_path_factory):
     """An assessment with alarms, the first before the flight."""
     log = read_log(short_flight(tmp_path_factory.mktemp("log")))
-    known = assess(log, axis="roll", options=Options(settings=SETTINGS))
-    time = known.analysis.flights[0].time
-    at = (time[0] - 500.0, time[100])
-    alarms = [Fact(ReportedEvent.GPS_LOST, Level.BAD, time=float(when), boot=0) for when in at]
-    events = (*known.evidence.events, *alarms)
-    return replace(known, evidence=replace(known.evidence, events=events))
+    assessment = assess(log, axis="roll", options=Options(settings=SETTINGS))
+    time = assessment.analysis.flights[0].time
+    interval = (time[0] - 500.0, time[100])
+    alarms = [
+        Fact(ReportedEvent.GPS_LOST, Level.BAD, time=float(when), boot=0) for when in interval
+    ]
+    events = (*assessment.evidence.events, *alarms)
+    return replace(assessment, evidence=replace(assessment.evidence, events=events))
 
 
 @fixture(scope="module")
@@ -52,26 +54,26 @@ def recording(assessed, tmp_path_factory):
 
 def lines(path):
     """Times, s, and known values of every line, by entity path without its place in order."""
-    found = {}
+    values_by_path = {}
     for name, (times, values) in drawn(path).items():
         folder, line = name.rsplit("/", 1)
-        known = np.isfinite(values[:, 0])
-        found[f"{folder}/{line.split(' ', 1)[1]}"] = times[known], values[known, 0]
-    return found
+        is_known = np.isfinite(values[:, 0])
+        values_by_path[f"{folder}/{line.split(' ', 1)[1]}"] = times[is_known], values[is_known, 0]
+    return values_by_path
 
 
 def documents(path):
-    found = {}
+    texts_by_path = {}
     for chunk in RrdReader(path).stream():
         batch = chunk.to_record_batch()
         if "TextDocument:text" in batch.schema.names:
             text = batch.column("TextDocument:text").to_pylist()[0][0]
-            found[str(chunk.entity_path)] = str(text)
-    return found
+            texts_by_path[str(chunk.entity_path)] = str(text)
+    return texts_by_path
 
 
 @mark.slow
-def test_what_went_wrong_is_marked_in_every_plot(recording, assessed):
+def test_alarms_are_marked_in_every_plot(recording, assessed):
     shown_lines = lines(recording)
     flight = assessed.analysis.flights[0]
     plots = {line.rsplit("/", 1)[0] for line in shown_lines}
@@ -87,13 +89,13 @@ def test_angles_and_rates_are_drawn_as_measured_over_the_whole_record(recording,
     roll = assessed.evidence.time_history.axes["roll"]
     for name, signal in {"flight/angle/measured": roll.angle, "motion/3/roll": roll.rate}.items():
         time, values = shown_lines[name]
-        known = np.isfinite(signal.measured.values)
-        assert_allclose(time, signal.measured.time[known], atol=1e-8)
-        assert_allclose(values, np.degrees(signal.measured.values[known]), atol=1e-4)
+        is_known = np.isfinite(signal.measured.values)
+        assert_allclose(time, signal.measured.time[is_known], atol=1e-8)
+        assert_allclose(values, np.degrees(signal.measured.values[is_known]), atol=1e-4)
 
 
 @mark.slow
-def test_forecasts_that_run_away_are_cut_off(assessed):
+def test_diverging_forecasts_are_clipped(assessed):
     held_out = assessed.analysis.held_out
     series = Series(held_out.time[0], ("roll",), held_out.measured[0])
     away = np.full_like(held_out.band, 1e9)
@@ -121,8 +123,8 @@ def test_a_forecast_is_drawn_with_the_name_of_its_model():
 def test_the_one_blueprint_in_the_file_shows_what_is_there_in_the_screen_s_words(
     recording, assessed
 ):
-    found = documents(recording)
-    shown = views(recording)
+    texts_by_path = documents(recording)
+    shown_views = views(recording)
     analysis = assessed.analysis
     entities = {str(chunk.entity_path).replace("\\", "") for chunk in RrdReader(recording).stream()}
     assert {
@@ -132,15 +134,15 @@ def test_the_one_blueprint_in_the_file_shows_what_is_there_in_the_screen_s_words
         "air/0",
         "loops/roll",
         "learning/gap",
-    } <= set(shown)
-    for origin in shown:
+    } <= set(shown_views)
+    for origin in shown_views:
         assert any(f"{entity}/".startswith(f"/{origin.strip('/')}/") for entity in entities), origin
     report = [flight_title(analysis.flights, assessed.simulated), *analysis_blocks(assessed)]
-    assert found["/report"] == markdown(report)
-    assert str(assessed.headline) in found["/headline"]
-    assert assessed.next_step.sentence in found["/headline"]
-    assert all(f"{name.capitalize()} – " in found["/headline"] for name in assessed.lights)
-    assert "log" in shown and "/log" in entities
+    assert texts_by_path["/report"] == markdown(report)
+    assert str(assessed.headline) in texts_by_path["/headline"]
+    assert assessed.next_step.sentence in texts_by_path["/headline"]
+    assert all(f"{name.capitalize()} – " in texts_by_path["/headline"] for name in assessed.lights)
+    assert "log" in shown_views and "/log" in entities
 
 
 def test_a_flight_that_never_takes_off_and_a_name_that_is_no_text(tmp_path):

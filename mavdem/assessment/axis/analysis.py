@@ -76,7 +76,7 @@ def analyse(
         other_axis: an earlier analysis of the vehicle, of another axis or without a model. Its figures of the vehicle
             are not computed again, nor its physical parameters of this axis, if they are of the same flights.
         estimates_of_other_axes: returns estimates of pitch and yaw by axis that another process has computed meanwhile;
-            those that it does not return are computed here.
+            results that it does not return are computed here.
 
     Returns:
         The analysis. If no model can be learned, it contains the reason.

@@ -215,7 +215,7 @@ class LogAnalysis:
 
     @property
     def estimates_by_axis(self) -> Mapping[str, AxisEstimates]:
-        """Physical parameters and wind torque by axis, for the axes of which they were estimated.
+        """Physical parameters and wind torque by axis, for each axis that they were estimated of.
 
         These are roll, pitch and yaw if all axes were analysed (``axes``), and otherwise only the axis of the model.
         The mapping is empty without a model.

@@ -313,8 +313,8 @@ def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
     """Returns the fact that AutoTune tuned an axis, with the gains before and after; None if it did not.
 
     AutoTune is recognised by its texts (ArduPilot), or by the signal that it injects (PX4). The gains before it are the
-    parameters when it began. The gains after it are the parameters at the log's end if they differ, and otherwise those
-    that AutoTune reported in its texts.
+    parameters when it began. The gains after it are the parameters at the log's end if they differ, and otherwise the
+    gains that AutoTune reported in its texts.
 
     Args:
         signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
@@ -343,16 +343,9 @@ def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
             is_saved = True
     # Each entry is the name of a changed gain, and its values before and after.
     changes = []
-    too_large = []
-    # ArduPilot recommends for all axes the largest gain that PX4 accepts for roll and pitch.
-    largest_angle_gain = max(MAX_ANGLE_GAIN.values())
     for name, value in gains_after.items():
-        if gains_before.get(name) == value:
-            continue
-        changes.append((name, gains_before.get(name), value))
-        is_angle_gain = name == f"ATC_ANG_{AXIS_NAMES[signals.axis][0]}_P"
-        if is_angle_gain and value > largest_angle_gain:
-            too_large.append((name, value, largest_angle_gain))
+        if gains_before.get(name) != value:
+            changes.append((name, gains_before.get(name), value))
     fact = Fact(
         LoopFact.AUTOTUNED,
         time=start.time,
@@ -361,7 +354,7 @@ def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
         boot=start.boot,
         changes=changes,
         is_saved=is_saved,
-        too_large=too_large,
+        too_large=_too_large_gains(changes, signals.axis),
         ratings=(),
     )
     if isinstance(loop, Fact):
@@ -373,6 +366,29 @@ def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
     # If margins are small, the level is at most "watch", since the gains may not have been flown.
     level = min(rating_after.level, Level.WATCH, key=list(Level).index)
     return fact.replace(level, ratings=ratings)
+
+
+def _too_large_gains(
+    changes: Sequence[tuple[str, float | None, float]], axis: str
+) -> list[tuple[str, float, float]]:
+    """Returns those changed gains of ArduPilot's attitude loop that are larger than recommended.
+
+    ArduPilot recommends for all axes the largest gain that PX4 accepts for roll and pitch.
+
+    Args:
+        changes: name of each changed gain, and its values before and after.
+        axis: "roll", "pitch" or "yaw".
+
+    Returns:
+        Name and value of each of these gains, and the largest recommended value.
+    """
+    largest_angle_gain = max(MAX_ANGLE_GAIN.values())
+    angle_gain_name = f"ATC_ANG_{AXIS_NAMES[axis][0]}_P"
+    too_large = []
+    for name, _, value in changes:
+        if name == angle_gain_name and value > largest_angle_gain:
+            too_large.append((name, value, largest_angle_gain))
+    return too_large
 
 
 def _autotune_texts(signals: Signals) -> list[StatusText]:

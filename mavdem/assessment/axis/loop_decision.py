@@ -563,7 +563,7 @@ def _advice_to_compare_peaks(observations: LoopObservations, peak_fact: Fact) ->
 def common_action(actions: Sequence[Fact | None]) -> Fact | None:
     """Returns the one action that a status light advises for several axes: the action of the first that needs one.
 
-    The other axes wait, since a flight after this action shows what they still need. There are two exceptions:
+    The other axes wait, since the flight after this action will show what they still need. There are two exceptions:
 
     - Gains that are to be lowered by a third are lowered on all axes at once, before that flight: their changes are
       joined in one action.

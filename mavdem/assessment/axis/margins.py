@@ -367,7 +367,7 @@ def _peak_fact(code: MarginsLight, level: Level | None, resonance: Resonance) ->
     """Returns a fact that states the peak of a response or spectrum with its figures.
 
     Args:
-        code: code that says what the fact states, by which its sentence is found.
+        code: code that says what the fact states; its sentence is found by it.
         level: its level; None for the usual level of the code.
         resonance: peak of a measured response or spectrum.
 

@@ -17,7 +17,7 @@ It returns a context, which yields a function. A measured step calls that with t
 
 
 def show_nothing(title: str, measured: bool = True) -> AbstractContextManager[Progress]:
-    """Shows no step of the work. Its parameters are those of :data:`ShowStep`."""
+    """Shows no step of the work. It has the parameters of :data:`ShowStep`."""
     return nullcontext(lambda share: None)
 
 

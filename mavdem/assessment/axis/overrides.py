@@ -30,7 +30,7 @@ class LimitedMotors(NamedTuple):
         return self.names[0] if len(self.names) == 1 and not self.equally_loaded else ""
 
     def fact(self, code: Code) -> Fact:
-        """Returns a fact (a coded finding) about these motors, with their names, their time at the limit, and others.
+        """Returns a fact (a coded finding) about these motors: their names, and the fraction of time at the limit.
 
         Args:
             code: code that says what the fact states, from which its sentence is made.

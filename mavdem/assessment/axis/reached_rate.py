@@ -135,17 +135,18 @@ def _long_intervals(series: TimeSeries, is_selected: Flags) -> list[Segment]:
     Returns:
         The intervals, in time order, each within one boot.
     """
-    # An unselected row is added at each end, so that every run of selected rows has a first row and an end.
+    # An unselected sample is added at each end, so that every run of selected samples has a first one and an end. The
+    # flags change at both, which makes a pair of changes for each run.
     padded_flags = np.concatenate([[False], is_selected, [False]])
     changes = np.flatnonzero(np.diff(padded_flags))
     intervals = []
-    for first_row, end_row in changes.reshape(-1, 2):
-        last_row = end_row - 1
-        boot = int(series.boot[first_row])
-        start = series.time[first_row]
-        end = series.time[last_row]
+    for first, end_of_run in changes.reshape(-1, 2):
+        last = end_of_run - 1
+        boot = int(series.boot[first])
+        start = series.time[first]
+        end = series.time[last]
         # The clock of another boot begins again.
-        is_one_boot = boot == series.boot[last_row]
+        is_one_boot = boot == series.boot[last]
         if is_one_boot and end - start >= MIN_TURN_SECONDS:
             intervals.append(Segment(boot, start, end))
     return intervals

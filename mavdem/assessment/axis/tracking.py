@@ -1,6 +1,6 @@
 """How an axis follows its setpoint in settled flight, as a fact (a coded finding): error, delay and overshoot.
 
-The overshoot is that of the measured step response. If the flight shows none, a response that is larger than its
+The overshoot is taken from the measured step response. If the flight shows none, a response that is larger than its
 setpoint at some frequency is called what it is, and not an overshoot.
 """
 
@@ -180,17 +180,16 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
     if len(setpoints) < MIN_SAMPLES_FOR_STATISTICS:
         return unknown_tracking
     rms_errors = np.sqrt(np.mean(np.square(errors_by_delay), axis=1))
+    # The index of the delay with the smallest error. At an end of the range, the delay may be outside of it.
     best_delay = np.argmin(rms_errors)
-    # If the smallest error is at an end of the range, the delay may be outside of it.
     is_delay_measured = 0 < best_delay < len(DELAYS) - 1
     angle_error = rms_errors[best_delay]
     if signals.axis in TILT_AXES:
         movement = float(setpoints.std())
-        least_limits = ANGLE_ERROR_LIMITS
+        limits = _error_limits(movement, ANGLE_ERROR_LIMITS)
     else:
         movement = _yaw_movement(setpoint, angle_segments)
-        least_limits = YAW_ERROR_LIMITS
-    limits = _error_limits(movement, least_limits)
+        limits = _error_limits(movement, YAW_ERROR_LIMITS)
     # If the setpoint hardly varies, the overshoot cannot be seen.
     peak = None
     if movement > MIN_SETPOINT_DEVIATION:
@@ -220,8 +219,8 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
 def _error_limits(movement: float, least_limits: Limits) -> Limits:
     """Returns the limits of the RMS error of an angle, which grow with the movement of its setpoint.
 
-    A vehicle that ignores its setpoint has an error as large as the movement: from there on the error is bad, from half
-    of it on it is to be watched.
+    A vehicle that ignores its setpoint has an error as large as the movement. So an error as large as the movement is
+    bad, and one of half the movement is to be watched.
 
     Args:
         movement: RMS movement of the setpoint, rad.

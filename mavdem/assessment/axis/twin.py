@@ -203,7 +203,7 @@ def samples_of_most_movement(segments: Mapping[str, ReplaySegment], dt: float) -
         dt: time between samples, s.
 
     Returns:
-        The samples, as rows of the segments; all of a flight that is shorter.
+        The samples; all samples of a flight that is shorter.
     """
     # Column 0 of the setpoints is the angle; the setpoint of yaw's angle is 0.
     angle_setpoints = np.array([segment.setpoints[:, 0] for segment in segments.values()])

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from mavdem.arrays import Array
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.lights.estimator import MAX_DILUTION, MIN_SATELLITES
 from mavdem.dataset.hardware_quantities import (
@@ -44,17 +45,8 @@ def receiver_fact(evidence: Evidence) -> Fact | None:
         The fact; None if the receiver was not recorded in flight or not connected.
     """
     signals = evidence.signals
-    counts = recorded_series(signals.telemetry, RECEIVER_MESSAGES[0], "satellites_visible")
-    if counts is not None:
-        counts = counts.select(counts.values != UNKNOWN_SATELLITES)
-    satellites = evidence.values_in_flight(counts)
-    fix_types = evidence.values_in_flight(
-        recorded_series(signals.telemetry, RECEIVER_MESSAGES[0], "fix_type")
-    )
-    has_noise = recorded_quantity(signals, NOISE) is not None
-    # Autopilots without a receiver report zero satellites and no fix.
-    is_connected = fix_types.any() or satellites.any() or has_noise
-    if not len(satellites) or not is_connected:
+    satellites = _satellites_in_flight(evidence)
+    if satellites is None:
         return None
     doubts = []
     if np.median(satellites) < MIN_SATELLITES:
@@ -84,6 +76,29 @@ def receiver_fact(evidence: Evidence) -> Fact | None:
         jamming=jamming,
         doubts=doubts,
     )
+
+
+def _satellites_in_flight(evidence: Evidence) -> Array | None:
+    """Returns the numbers of satellites of the first receiver in flight, (N,), without samples that do not know it.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+
+    Returns:
+        The numbers; None if there is none, or the receiver was not connected.
+    """
+    signals = evidence.signals
+    counts = recorded_series(signals.telemetry, RECEIVER_MESSAGES[0], "satellites_visible")
+    if counts is not None:
+        counts = counts.select(counts.values != UNKNOWN_SATELLITES)
+    satellites = evidence.values_in_flight(counts)
+    fix_types = evidence.values_in_flight(
+        recorded_series(signals.telemetry, RECEIVER_MESSAGES[0], "fix_type")
+    )
+    has_noise = recorded_quantity(signals, NOISE) is not None
+    # Autopilots without a receiver report zero satellites and no fix.
+    is_connected = fix_types.any() or satellites.any() or has_noise
+    return satellites if len(satellites) and is_connected else None
 
 
 QUANTITIES = {

@@ -338,18 +338,17 @@ def _poor_fixes(evidence: Evidence) -> Iterator[Fact]:
         dilution = None
         if hundredths_of_dilution < UNKNOWN_DILUTION:
             dilution = hundredths_of_dilution / 100
+        # If the number of satellites is not known, it is 255, which is not too few.
         has_few_satellites = satellites < MIN_SATELLITES
         is_diluted = dilution is not None and dilution > MAX_DILUTION
         if not (has_few_satellites or is_diluted):
             continue
-        start_time = end_time = None
-        if len(flights) > 1:
-            start_time = float(flight.time[0])
-            end_time = float(flight.time[-1])
+        # With a single flight, the times would say nothing.
+        has_several_flights = len(flights) > 1
         yield Fact(
             EstimatorLight.FIX_POOR,
-            time=start_time,
-            end_time=end_time,
+            time=float(flight.time[0]) if has_several_flights else None,
+            end_time=float(flight.time[-1]) if has_several_flights else None,
             satellites=None if satellites == UNKNOWN_SATELLITES else int(satellites),
             dilution=dilution,
         )

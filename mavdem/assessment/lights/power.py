@@ -123,31 +123,22 @@ def _unmeasured_power(evidence: Evidence) -> Fact:
         A fact with the largest ``voltage`` of a battery, V, None without any battery; whether all voltages are
         constant; the constant voltage of the board, V; and the largest ``current``, A, if one changes.
     """
-    highest_voltage = None
-    is_constant = True
-    largest_current = None
-    for battery in evidence.signals.batteries:
-        voltage = battery.voltage.values
-        if voltage.min() != voltage.max():
-            is_constant = False
-        if highest_voltage is None or voltage.max() > highest_voltage:
-            highest_voltage = voltage.max()
-        # A current that never changes is not measured, as the voltage of a sensor that is not connected.
-        if battery.current is None or not np.ptp(battery.current.values) > 0:
-            continue
-        current = battery.current.values.max()
-        if largest_current is None or current > largest_current:
-            largest_current = current
+    voltages = [battery.voltage.values for battery in evidence.signals.batteries]
     unmeasured_fact = Fact(
         PowerLight.POWER_UNMEASURED,
         airborne=evidence.was_in_air,
-        is_constant=is_constant,
-        voltage=highest_voltage,
+        is_constant=all(voltage.min() == voltage.max() for voltage in voltages),
+        voltage=max((voltage.max() for voltage in voltages), default=None),
         voltage_usual=_constant_board_voltage(evidence),
     )
-    if largest_current is None:
+    largest_currents = []
+    for battery in evidence.signals.batteries:
+        # A current that never changes is not measured, as the voltage of a sensor that is not connected.
+        if battery.current is not None and np.ptp(battery.current.values) > 0:
+            largest_currents.append(battery.current.values.max())
+    if not largest_currents:
         return unmeasured_fact
-    return unmeasured_fact.replace(current=largest_current)
+    return unmeasured_fact.replace(current=max(largest_currents))
 
 
 def with_batteries_on_ground(evidence: Evidence) -> tuple[Fact, ...]:
@@ -236,16 +227,10 @@ def battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
         the largest ``current``, A, and the internal ``resistance``, ohm, each None if it is not known. If there are
         several batteries, or the battery is not the first, the fact also has its number as ``battery``.
     """
-    voltage = battery.voltage
     parameters = evidence.signals.telemetry.parameters
-    averages = np.sort(evidence.averages_in_flight(voltage))
+    averages = np.sort(evidence.averages_in_flight(battery.voltage))
     cells = cell_count(parameters, battery)
-    # The number of samples in the lowest ``LOW_VOLTAGE_SECONDS``, by the usual step between samples of one boot.
-    steps = np.diff(voltage.time)[np.diff(voltage.boot) == 0]
-    lasting_samples = 0
-    if len(steps):
-        lasting_samples = round(LOW_VOLTAGE_SECONDS / max(np.median(steps), MIN_VOLTAGE_STEP))
-    lasting_voltage = averages[min(lasting_samples, len(averages) - 1)]
+    lasting_voltage = _lasting_voltage(battery.voltage, averages)
     levels = voltage_levels(parameters, battery.number, cells or 0)
     load = _battery_load([*evidence.in_flight(battery.load)])
     # If no limit is known, the voltage cannot be judged. The level None is the usual one of the code.
@@ -263,7 +248,7 @@ def battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
     ending = evidence.ending
     time = None
     if code is PowerLight.BATTERY_LOW:
-        time = _first_time_below(evidence, voltage, voltage_limit)
+        time = _first_time_below(evidence, battery.voltage, voltage_limit)
     return Fact(
         code,
         level,
@@ -277,6 +262,22 @@ def battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
         resistance=load.resistance,
         voltage_limit=voltage_limit,
     )
+
+
+def _lasting_voltage(voltage: TimeSeries, sorted_averages: Array) -> float:
+    """Returns the voltage, V, below which a battery was for ``LOW_VOLTAGE_SECONDS`` in total.
+
+    Args:
+        voltage: (N,) V; the usual step between its samples says how many samples these seconds have.
+        sorted_averages: (M,) averages of the voltage in flight, V, the lowest first.
+    """
+    # Steps from one boot to the next are left out.
+    steps = np.diff(voltage.time)[np.diff(voltage.boot) == 0]
+    lasting_samples = 0
+    if len(steps):
+        lasting_samples = round(LOW_VOLTAGE_SECONDS / max(np.median(steps), MIN_VOLTAGE_STEP))
+    last_sample = len(sorted_averages) - 1
+    return float(sorted_averages[min(lasting_samples, last_sample)])
 
 
 def _first_time_below(evidence: Evidence, voltage: TimeSeries, limit: float) -> float | None:

@@ -39,8 +39,8 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
         A fact whose level is the colour of the light: good, watch, bad or unknown. Where the speed is identified, it
         has these figures: ``speed`` and its interval ``low`` to ``high`` (m/s); ``direction``, None if that is not
         identified; ``share`` of the largest lean, 0 if that is not known; ``is_rough``, whether the speed is known only
-        roughly; ``by_usual_drag``, whether the drag is that of typical multirotors; and ``reason``, the bad estimator
-        or why the speed is known only roughly. If the wind turned so far that its mean misleads, it also has
+        roughly; ``by_usual_drag``, whether the drag is the one of typical multirotors; and ``reason``, the bad
+        estimator or why the speed is known only roughly. If the wind turned so far that its mean misleads, it also has
         ``turned_from`` and ``turned_to``, degrees, ``turned_past``, the direction between them that lies farthest from
         the first, None if the last does, and ``turning_speed``, the mean of the speeds, m/s.
     """
@@ -91,7 +91,9 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
             turning_speed=wind.turn.speed,
         )
     velocity_message = _velocity_message_of_spare_core(evidence.signals.telemetry)
-    return fact if velocity_message is None else fact.replace(name=velocity_message)
+    if velocity_message is not None:
+        fact = fact.replace(name=velocity_message)
+    return fact
 
 
 def _velocity_message_of_spare_core(telemetry: Telemetry) -> str | None:

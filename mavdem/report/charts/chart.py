@@ -251,23 +251,26 @@ class Line(NamedTuple):
         Returns:
             (M,) values, with the extremes at crowded pairs.
         """
-        # The last interval ends one step after the last point.
+        # The last grid step ends one step after the last point.
         end_of_grid = 2 * grid[-1] - grid[-2]
-        # The index of the first sample of each pair, and the end of the last pair.
-        first_samples = np.searchsorted(self.x, np.append(grid[::2], end_of_grid))
+        # The index of the first sample of each pair and, last, the end of the samples of the last pair.
+        pair_bounds = np.searchsorted(self.x, np.append(grid[::2], end_of_grid))
         pair_count = len(grid) // 2
-        sample_counts = np.diff(first_samples)[:pair_count]
+        sample_counts = np.diff(pair_bounds)[:pair_count]
         # Three samples may fall into one pair of grid points, even if there are no more samples than grid points.
         crowded_pairs = np.flatnonzero(sample_counts > MAX_SAMPLES_DRAWN_SINGLY)
         if not len(crowded_pairs):
             return interpolated_y
         # NumPy's reduceat takes the extreme from each first sample up to the next one; fmin and fmax pass over NaN.
-        starts = np.minimum(first_samples[:-1], len(self.x) - 1)
-        minimum = np.fmin.reduceat(self.y, starts)[crowded_pairs]
-        maximum = np.fmax.reduceat(self.y, starts)[crowded_pairs]
-        last_samples = first_samples[crowded_pairs + 1] - 1
-        is_falling = self.y[starts[crowded_pairs]] > self.y[last_samples]
+        first_samples = np.minimum(pair_bounds[:-1], len(self.x) - 1)
+        minimum = np.fmin.reduceat(self.y, first_samples)[crowded_pairs]
+        maximum = np.fmax.reduceat(self.y, first_samples)[crowded_pairs]
+        last_samples = pair_bounds[1:] - 1
+        first_values = self.y[first_samples[crowded_pairs]]
+        last_values = self.y[last_samples[crowded_pairs]]
+        is_falling = first_values > last_values
         y = interpolated_y.copy()
+        # The first grid point of each crowded pair; the second one follows it.
         first_points = 2 * crowded_pairs
         y[first_points] = np.where(is_falling, maximum, minimum)
         y[first_points + 1] = np.where(is_falling, minimum, maximum)
@@ -572,7 +575,7 @@ def _line_as_json(line: Line, *, is_logarithmic: bool) -> JsonValues:
     """Returns a line as a JSON object for ``charts.js``, with its values and the edges of its band packed.
 
     Args:
-        line: the line. Its abscissae are left out ("x" is null), since all lines of a chart share those of the chart.
+        line: the line. Its abscissae are left out ("x" is null), since all lines of a chart have the same.
         is_logarithmic: whether the vertical axis is logarithmic; then decimal logarithms are packed.
     """
     remark = {"remark": line.remark} if line.remark else {}

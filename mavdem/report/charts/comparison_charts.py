@@ -212,7 +212,7 @@ def thinned_series(series: FlightSeries, max_points: int) -> FlightSeries:
 
     Args:
         series: times, s, and values (2, N) of each quantity, by its title.
-        max_points: number of samples that a series keeps, about, at most.
+        max_points: approximate largest number of samples that a series keeps.
 
     Returns:
         The reduced series, (2, M) each.

@@ -126,48 +126,60 @@ def _response_charts(
         advised_step: (N,) predicted response to a step with the advised gains, at the times of the measured one; None
             if the gains are kept.
     """
+    yield step_chart(f"{title}: step", _step_lines(response, measured_response, advised_step))
+    if measured_response.loop == "rate":
+        gain_lines = tuple(_gain_lines(response, measured_response))
+        yield Chart(f"{title}: |T|", FREQUENCY, CLOSED_LOOP_GAIN, gain_lines, (1.0,))
+
+
+def _step_lines(
+    response: LoopResponse, measured_response: StepResponse, advised_step: Array | None
+) -> list[Line]:
+    """Returns the lines of the chart of a step response: measured, with the advised gains, and predicted.
+
+    Args:
+        response: the response with its prediction, if the loop is identified.
+        measured_response: the measured response.
+        advised_step: (N,) predicted response to a step with the advised gains, at the times of the measured one; None
+            if the gains are kept.
+    """
+    time = measured_response.time
     # If the messages are too slow to measure a step, the response of the identified loop takes its place.
     step_name = "identified" if measured_response.is_identified else "measured"
-    steps = [
+    lines = [
         Line.with_band(
-            step_name,
-            MEASURED,
-            measured_response.time,
-            measured_response.step,
-            measured_response.step_half,
+            step_name, MEASURED, time, measured_response.step, measured_response.step_half
         )
     ]
-    # The axis is logarithmic, so that the lower end of the band must stay above zero.
-    low = np.maximum(
-        measured_response.gain - measured_response.gain_half,
-        measured_response.gain / MIN_GAIN_RATIO,
-    )
-    high = measured_response.gain + measured_response.gain_half
-    gains = [
-        Line("measured", MEASURED, measured_response.frequency, measured_response.gain, low, high)
-    ]
-    steps_over_advised = list[Line]()
-    if response.predicted_step is not None and response.predicted_gain is not None:
-        predicted_step = Line(
-            "predicted",
-            PREDICTED,
-            measured_response.time,
-            response.predicted_step,
-            style=LineStyle.DASHES,
-        )
-        # A step of the identified loop is the prediction already. The dashed line is drawn over the solid one of the
-        # advised gains, so that both are seen where they are equal.
-        if not measured_response.is_identified:
-            steps_over_advised.append(predicted_step)
-        gains.append(
-            predicted_step._replace(x=measured_response.frequency, y=response.predicted_gain)
-        )
     if advised_step is not None:
-        steps.append(Line("advised gains", PHYSICAL, measured_response.time, advised_step))
-    steps += steps_over_advised
-    yield step_chart(f"{title}: step", steps)
-    if measured_response.loop == "rate":
-        yield Chart(f"{title}: |T|", FREQUENCY, CLOSED_LOOP_GAIN, tuple(gains), (1.0,))
+        lines.append(Line("advised gains", PHYSICAL, time, advised_step))
+    # The dashed line is drawn over the solid one of the advised gains, so that both are seen where they are equal. A
+    # step of the identified loop is the prediction already.
+    if response.predicted_step is not None and not measured_response.is_identified:
+        predicted_step = response.predicted_step
+        lines.append(Line("predicted", PREDICTED, time, predicted_step, style=LineStyle.DASHES))
+    return lines
+
+
+def _gain_lines(response: LoopResponse, measured_response: StepResponse) -> list[Line]:
+    """Returns the lines of the chart of the closed-loop gain |T|: as measured, and predicted by the identified loop.
+
+    Args:
+        response: the response with its prediction, if the loop is identified.
+        measured_response: the measured response.
+    """
+    frequency = measured_response.frequency
+    gain = measured_response.gain
+    # The axis is logarithmic, so that the lower end of the band must stay above zero.
+    low = np.maximum(gain - measured_response.gain_half, gain / MIN_GAIN_RATIO)
+    high = gain + measured_response.gain_half
+    lines = [Line("measured", MEASURED, frequency, gain, low, high)]
+    if response.predicted_gain is not None:
+        predicted_gain = response.predicted_gain
+        lines.append(
+            Line("predicted", PREDICTED, frequency, predicted_gain, style=LineStyle.DASHES)
+        )
+    return lines
 
 
 def loop_charts(loops: Mapping[str, Loop], loop_name: str = "rate") -> Charts:

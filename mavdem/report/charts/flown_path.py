@@ -99,7 +99,7 @@ class MapWind(NamedTuple):
             wind: the estimated wind; None without an estimate.
 
         Returns:
-            The wind, without the speed if that is not identifiable; None if the direction is not.
+            The wind, without the speed if that is not identifiable; None if the direction is not identifiable.
         """
         if wind is None or not wind.direction_identifiable:
             return None
@@ -174,12 +174,10 @@ def flown_path(timeline: Timeline | None, wind: MapWind | None = None) -> Plan |
     y = -scale * (north - middle_north)
     start = _Place("start", x[0], y[0])
     if timeline.takeoff is not None:
-        takeoff_north, takeoff_east = timeline.takeoff[:2]
-        start = _Place(
-            "take-off",
-            scale * (takeoff_east - middle_east),
-            -scale * (takeoff_north - middle_north),
-        )
+        takeoff_north, takeoff_east, *_ = timeline.takeoff
+        takeoff_x = scale * (takeoff_east - middle_east)
+        takeoff_y = -scale * (takeoff_north - middle_north)
+        start = _Place("take-off", takeoff_x, takeoff_y)
 
     lowest_height = float(np.nanmin(height))
     height_range = max(float(np.nanmax(height)) - lowest_height, MIN_HEIGHT_RANGE)

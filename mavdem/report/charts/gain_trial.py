@@ -49,7 +49,7 @@ def gain_trial_groups(
     Args:
         evidence: signals, events and measurements of the vehicle.
         advice_by_axis: advice on each axis, or why there is none.
-        responses: measured responses, beside which the page shows the steps with the advised gains already.
+        responses: measured responses. The page shows their steps with the advised gains already.
         in_wind: whether the twin hovers in wind too, which takes as long as the flight on the recorded setpoints.
         trial: the twin's flights, or why it cannot fly, if they were made before.
 
@@ -143,7 +143,7 @@ def _motion_chart(title: str, motion: TwinMotion, is_drawn: Flags) -> Chart:
     Args:
         title: names the axis and the flight. The error of the angle with both sets of gains, °, is added to it.
         motion: motion of the twin, the simulated vehicle, with both sets of gains.
-        is_drawn: (T,) whether a sample is drawn; the errors are those of all samples.
+        is_drawn: (T,) whether a sample is drawn; the errors are of all samples.
     """
     errors = f"{motion.present_error:.2g} → {motion.expected_error:.2g}°"
     time = motion.time[is_drawn]

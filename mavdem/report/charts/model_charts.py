@@ -71,8 +71,8 @@ def line_with_quantile_band(name: str, colour: str, x: Array, values: Array) -> 
 def bode_charts(learned: Learned, output: int = -1) -> Charts:
     """Returns the Bode diagram of a vehicle: magnitude and phase of an output per command of the axis, with 90 % bands.
 
-    The response is that of the physical plant or, if its parameters are not identifiable, of DEM's model. The bands
-    hold the middle 90 % of the responses for draws of the physical parameters from their posterior.
+    The response is computed from the physical plant or, if its parameters are not identifiable, from DEM's model. The
+    bands hold the middle 90 % of the responses for draws of the physical parameters from their posterior.
 
     Args:
         learned: the linear model that was learned from a flight, with its training data.

@@ -173,10 +173,14 @@ class Timeline(NamedTuple):
         Args:
             chart: a chart over time. Marks and spans that it has already are replaced.
         """
+        training_spans = tuple(Span(start, end) for start, end in self.training_intervals)
+        return chart._replace(x=self._time_axis, marks=self._event_marks(), spans=training_spans)
+
+    def _event_marks(self) -> tuple[Mark, ...]:
+        """Returns a mark for each event whose time is known, the most important event first."""
         labels = self.event_labels or ("",) * len(self.events)
         labelled_events = []
         for event, label in zip(self.events, labels, strict=True):
-            # The time of an event may be unknown.
             if event.has_time:
                 labelled_events.append((event, label))
 
@@ -191,12 +195,11 @@ class Timeline(NamedTuple):
         # what led to it.
         labelled_events.reverse()
         labelled_events.sort(key=rank)
-        event_marks = []
+        marks = []
         for event, label in labelled_events:
             colour = BAD if event.is_alarm else MEASURED
-            event_marks.append(Mark(event.seconds, label, colour))
-        training_spans = tuple(Span(start, end) for start, end in self.training_intervals)
-        return chart._replace(x=self._time_axis, marks=tuple(event_marks), spans=training_spans)
+            marks.append(Mark(event.seconds, label, colour))
+        return tuple(marks)
 
 
 def assessment_timeline(

@@ -186,29 +186,43 @@ def _charted_quantities(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Esti
     Yields:
         Title with the unit, and the estimates of each line by its name.
     """
-    motors = _motor_names(flights)
-    trims = _trims_without_lean(flights)
-    if trims:
-        yield TRIM_WITHOUT_LEAN_TITLE, trims
-    else:
-        relative_outputs = _estimates_of_column(flights, "trim_share", len(motors))
-        # The outputs are relative to their mean, so that 1 is no deviation. The half width stays the same.
-        deviations = PERCENT * (relative_outputs - [1.0, 0.0])
-        yield TRIM_TITLE, dict(zip(motors, deviations, strict=True))
+    yield _motor_deviations(flights)
     vibration = _estimates_of_column(flights, "vibration", 3)
     yield "Vibration, first IMU (m/s²)", dict(zip("xyz", vibration, strict=True))
     # Some firmware has a single level in the place of three components.
-    level = _estimates_of_column(flights, "vibration", 1)[0]
+    (level,) = _estimates_of_column(flights, "vibration", 1)
     yield "Vibration level, first IMU (m/s²)", {"level": level}
-    input_units = sorted({row.per_input for flight in flights for row in flight if row.damping})
+    # The units of the models' inputs, such as the outputs of the motors or the demand of the controller.
+    input_units = set[str]()
+    for flight in flights:
+        input_units.update(row.per_input for row in flight if row.damping)
     for quantity in AXIS_QUANTITIES:
         # A time constant includes the mixer if the input is the demand: such flights have a chart of their own.
         if quantity.is_per_input and len(input_units) > 1:
-            for unit in input_units:
+            for unit in sorted(input_units):
                 title = f"{quantity.title}, per {unit}" if unit else quantity.title
                 yield title, _estimates_by_axis(flights, quantity, unit)
         else:
             yield quantity.title, _estimates_by_axis(flights, quantity)
+
+
+def _motor_deviations(flights: Sequence[AxisRows]) -> tuple[str, Estimates]:
+    """Returns the title and the lines of the chart of how much each motor deviates from the mean of all, %.
+
+    Args:
+        flights: rows of the vehicle's flights, one for each axis, in the order of date.
+
+    Returns:
+        The deviations without lean or, if no flight has them, the deviations of the outputs as they were.
+    """
+    trims = _trims_without_lean(flights)
+    if trims:
+        return TRIM_WITHOUT_LEAN_TITLE, trims
+    motors = _motor_names(flights)
+    relative_outputs = _estimates_of_column(flights, "trim_share", len(motors))
+    # The outputs are relative to their mean, so that 1 is no deviation. The half width stays the same.
+    deviations = PERCENT * (relative_outputs - [1.0, 0.0])
+    return TRIM_TITLE, dict(zip(motors, deviations, strict=True))
 
 
 def _trims_without_lean(flights: Sequence[AxisRows]) -> Estimates:
@@ -298,14 +312,14 @@ def _estimates_of_column(
     Returns:
         (count, flights, 2): the estimate, then its half width; NaN where not known.
     """
-    estimates = np.full((len(flights), count, 2), np.nan)
+    estimates = np.full((count, len(flights), 2), np.nan)
     for number, flight in enumerate(flights):
         for row in flight:
             value = getattr(row, column)
             is_selected = axis in ("", row.axis) and input_unit in ("", row.per_input)
             if value is not None and np.size(value) == count and is_selected:
                 half_width = getattr(row, f"{column}_interval", None)
-                estimates[number, :, 0] = value
-                estimates[number, :, 1] = np.nan if half_width is None else half_width
+                estimates[:, number, 0] = value
+                estimates[:, number, 1] = np.nan if half_width is None else half_width
                 break
-    return estimates.swapaxes(0, 1)
+    return estimates

@@ -61,8 +61,8 @@ class Plots:
     def bode(self, output: int = -1) -> Figure:
         """Draws magnitude and phase of an ``output`` over frequency, from the axis's command, with 90 % bands.
 
-        The response is that of the physical plant or, where that is not identifiable, of DEM's model. The output is the
-        last one, a rate, unless given.
+        The response is computed from the physical plant or, where that is not identifiable, from DEM's model. The
+        output is the last one, a rate, unless given.
         """
         return draw_charts(model_charts.bode_charts(self.learned, output))
 

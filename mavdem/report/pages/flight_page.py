@@ -262,14 +262,7 @@ def _titles_to_open(
     """
     vehicle_levels = {fact.level for name, fact in lights.items() if name != Light.LOG}
     worst_level = Level.BAD if Level.BAD in vehicle_levels else Level.WATCH
-    unexplained_lights = _lights_without_repeated_facts(lights)
-    titles_with_worst_level = []
-    for chapter in chapters:
-        # A section that repeats the fact of a light counts by that light.
-        sections = [section for section in chapter.sections if section.fact not in lights.values()]
-        levels = _levels_of_chapter(chapter._replace(sections=sections), unexplained_lights)
-        if worst_level in levels and chapter.title != LOG_TITLE:
-            titles_with_worst_level.append(chapter.title)
+    titles_with_worst_level = _titles_with_level(chapters, lights, worst_level)
     if worst_level is Level.BAD:
         return titles_with_worst_level
     # The headline may also be an event, or a fact of the log, which none of these chapters explains.
@@ -279,6 +272,25 @@ def _titles_to_open(
             watched_titles = [title]
             break
     return [*watched_titles, TUNING_TITLE]
+
+
+def _titles_with_level(chapters: Sequence[Chapter], lights: NamedFacts, level: Level) -> list[str]:
+    """Returns the titles of the chapters in which something is judged by a level, without the chapter of the log.
+
+    Args:
+        chapters: the chapters, with the levels of their sections.
+        lights: the judgement of each part of the vehicle by name, a fact (a coded finding) with a level.
+        level: the level, bad or to be watched.
+    """
+    unexplained_lights = _lights_without_repeated_facts(lights)
+    titles = []
+    for chapter in chapters:
+        # A section that repeats the fact of a light counts by that light.
+        sections = [section for section in chapter.sections if section.fact not in lights.values()]
+        levels = _levels_of_chapter(chapter._replace(sections=sections), unexplained_lights)
+        if level in levels and chapter.title != LOG_TITLE:
+            titles.append(chapter.title)
+    return titles
 
 
 def _explains_headline(title: str, lights: NamedFacts, headline: Fact) -> bool:
@@ -498,18 +510,27 @@ def _axes_chapter(assessment: Assessment, timeline: Timeline) -> Chapter:
             columns[axis] = tuple(timeline.marked(chart) for chart in charts)
     light = assessment.lights["tracking"]
     blocks = [*_tracking_blocks(light, assessment.tracking, assessment.headline)]
-    # The event by which the vehicle was lost, with its time; None if it was not lost.
+    group = Group.of_axes(columns, light)
+    level_scope = _scope_of_tracking_level(assessment, light)
+    return Chapter("Three axes", blocks, [group], level_scope=level_scope)
+
+
+def _scope_of_tracking_level(assessment: Assessment, light: Fact) -> str:
+    """Returns for which part of a flight the level of the attitude tracking holds; empty for the whole flight.
+
+    Tracking is judged in settled flight only, but the charts go on until the vehicle is lost.
+
+    Args:
+        assessment: all results on a vehicle of the log, with the event by which the vehicle was lost, if it was.
+        light: the judgement of how well all axes track, a fact (a coded finding) with a level.
+    """
     loss = None if assessment.evidence is None else assessment.evidence.ending
     is_tracking_judged = light.level is not Level.UNKNOWN
     # If the light states the loss itself, its level is about the whole flight.
     states_loss = light.code in Ending
-    level_scope = ""
-    if loss is not None and loss.time is not None and is_tracking_judged and not states_loss:
-        # Tracking is judged in settled flight only, but the charts go on to the loss. So the chapter says for which
-        # part of the flight its level holds.
-        level_scope = f" in settled flight, until {loss_onset(loss):.1f} s"
-    group = Group.of_axes(columns, light)
-    return Chapter("Three axes", blocks, [group], level_scope=level_scope)
+    if loss is None or loss.time is None or not is_tracking_judged or states_loss:
+        return ""
+    return f" in settled flight, until {loss_onset(loss):.1f} s"
 
 
 def _tracking_blocks(light: Fact, axes: NamedFacts, headline: Fact) -> Iterator[Block]:
@@ -651,7 +672,7 @@ def _wind_chapter(assessment: Assessment, analysis: LogAnalysis) -> Chapter:
 
 
 def _model_chapters(assessment: Assessment) -> Iterator[Chapter]:
-    """Yields, for each axis, the chapter of what was learned and, folded, the one of how it was learned."""
+    """Yields two chapters for each axis: the learned model and, folded, how it was learned."""
     for axis, analysis in assessment.analyses.items():
         yield _model_chapter(axis, analysis)
         if analysis.learned is not None:

@@ -129,18 +129,36 @@ def responses_chapter(
     columns = step_charts(responses, advised_steps_by_loop)
     if not columns:
         return Chapter("Step response", blocks)
-    text = "Grey: measured, with its 90 % band. Blue, where the loop is identified: predicted."
+    caption = _responses_caption(
+        responses,
+        has_identified_step=has_identified_step,
+        has_advised_steps=bool(advised_steps_by_loop),
+    )
+    return Chapter("Step response", blocks, [Group.of_axes(columns, light, caption)])
+
+
+def _responses_caption(
+    responses: Responses, *, has_identified_step: bool, has_advised_steps: bool
+) -> str:
+    """Returns the caption of the charts of step responses: the meaning of each colour, and remarks that apply.
+
+    Args:
+        responses: responses by axis and loop.
+        has_identified_step: whether a step response is that of the identified loop, since messages were too slow.
+        has_advised_steps: whether responses with advised gains are drawn.
+    """
+    caption = "Grey: measured, with its 90 % band. Blue, where the loop is identified: predicted."
     if has_identified_step:
-        text += " A rate that rises within few messages has the step of the identified loop; its |T| is measured."
-    if advised_steps_by_loop:
-        text += " Green: predicted with the advised gains."
+        caption += " A rate that rises within few messages has the step of the identified loop; its |T| is measured."
+    if has_advised_steps:
+        caption += " Green: predicted with the advised gains."
     attitudes = [loops["attitude"] for loops in responses.values() if "attitude" in loops]
     if any(
         attitude.has_feedforward and isinstance(attitude.measured, StepResponse)
         for attitude in attitudes
     ):
-        text += " Attitudes follow their setpoint with ArduPilot's feedforward (ATC_RATE_FF_ENAB), as flown."
-    return Chapter("Step response", blocks, [Group.of_axes(columns, light, text)])
+        caption += " Attitudes follow their setpoint with ArduPilot's feedforward (ATC_RATE_FF_ENAB), as flown."
+    return caption
 
 
 def _step_figure_text(response: StepResponse, key: str) -> str:

@@ -256,7 +256,7 @@ class Head(NamedTuple):
 
         On the range of the whole flight, the tumble of a second would hide the motion before it. The range begins
         ``SECONDS_BEFORE_LOSS`` before the loss, and ends ``SECONDS_AFTER_LOSS`` after it, within the record. It is None
-        for a flight that was not lost, for a live session, and for a loss in another boot than that of the charts.
+        for a flight that was not lost, for a live session, and for a loss in another boot than the charts show.
         """
         if self.timeline is None or not self.has_log:
             return None
@@ -272,7 +272,7 @@ class Head(NamedTuple):
 
     @property
     def earlier_lights(self) -> dict[str, str]:
-        """By each light that warns of the same as an earlier one, the earlier one's name, to which it refers."""
+        """The name of the earlier light, by the name of each light that warns of the same."""
         return earlier_lights(self.lights)
 
     @property

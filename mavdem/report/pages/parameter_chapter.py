@@ -61,8 +61,8 @@ def parameters_chapter(telemetry: Telemetry, *, is_full: bool) -> Chapter:
 
     Args:
         telemetry: telemetry of the vehicle, with the parameters at the beginning and at the end of the log.
-        is_full: whether all parameters are listed, and those that are not the autopilot's default with a link to
-            their description.
+        is_full: whether all parameters are listed, and whether a further table links parameters that differ from the
+            default to their description.
 
     Returns:
         The chapter; all parameters are in a table that readers can search.
@@ -138,7 +138,8 @@ def _changed_default_rows(telemetry: Telemetry) -> list[list[str]]:
 def _all_parameters(telemetry: Telemetry) -> Table:
     """Returns all parameters with their values at the end of the log, and their meanings.
 
-    Those that changed in flight are marked, and those that are not the default, where the log has defaults.
+    Parameters that changed in flight are marked. So are parameters that differ from the default, if the log has
+    defaults.
 
     Args:
         telemetry: messages of the vehicle, with its parameters.

@@ -80,7 +80,7 @@ def _wind_level(wind_evidence: WindEvidence, assessment: Assessment) -> Level:
     """Returns the level of the wind's status light, judged by the estimate of this page.
 
     The light of the flight's review may have another level. This page may use the vehicle's drag from an earlier
-    flight, by which the wind is known better. If the vehicle did not fly, the level is that of the review.
+    flight, by which the wind is known better. If the vehicle did not fly, the level is taken from the review.
 
     Args:
         wind_evidence: the wind that was estimated for this page.

@@ -27,7 +27,9 @@ def test_what_changed_stands_first_and_every_change_is_within_the_drawing():
 
 
 def test_without_a_common_quantity_nothing_is_drawn():
-    other = rows_of(range(2), motors=("motor 1",), trim_share=(1.0,), effect=(1.0,), damping=None)
-    difference = vehicle_difference(rows_of(range(2)), other)
+    other_vehicle_rows = rows_of(
+        range(2), motors=("motor 1",), trim_share=(1.0,), effect=(1.0,), damping=None
+    )
+    difference = vehicle_difference(rows_of(range(2)), other_vehicle_rows)
     assert difference.changes == ()
     assert change_plan(difference) is None

@@ -53,11 +53,15 @@ def test_a_line_that_is_thinned_keeps_its_peaks_and_its_gaps():
     values = np.sin(time)
     values[1234] = 9.0
     values[4321] = -9.0
-    found = Line("x", "", time, values).resampled(np.linspace(0, 100, 501)).y
-    assert np.nanmax(found) == 9.0 and np.nanmin(found) == -9.0 and np.isnan(found[205:295]).all()
-    assert_allclose(found[:50], np.sin(np.linspace(0, 100, 501)[:50]), atol=0.2)
-    few = Line("x", "", time[::50], values[::50])
-    assert np.isnan(Chart("", TIME, TIME, (few,)).thinned(12_000).lines[0].y).any()
+    resampled = Line("x", "", time, values).resampled(np.linspace(0, 100, 501)).y
+    assert (
+        np.nanmax(resampled) == 9.0
+        and np.nanmin(resampled) == -9.0
+        and np.isnan(resampled[205:295]).all()
+    )
+    assert_allclose(resampled[:50], np.sin(np.linspace(0, 100, 501)[:50]), atol=0.2)
+    sparse_line = Line("x", "", time[::50], values[::50])
+    assert np.isnan(Chart("", TIME, TIME, (sparse_line,)).thinned(12_000).lines[0].y).any()
 
 
 @mark.parametrize("is_logarithmic", [False, True])
@@ -68,11 +72,11 @@ def test_what_a_page_holds_is_what_was_drawn_to_five_digits(is_logarithmic):
     (line,) = Chart("", *axes, (Line("y", "", x, y),)).as_json(1000)["lines"]
     low, step, counts = (line["y"][name] for name in ("low", "step", "counts"))
     counts = np.frombuffer(b64decode(counts), "<i2").astype(float)
-    shown = np.where(counts == -32768, np.nan, low + step * (counts + 32767))
+    unpacked = np.where(counts == -32768, np.nan, low + step * (counts + 32767))
     if is_logarithmic:
-        assert_allclose(10**shown, y, rtol=2e-4)
+        assert_allclose(10**unpacked, y, rtol=2e-4)
     else:
-        assert_allclose(shown, y, rtol=0, atol=0.2)
+        assert_allclose(unpacked, y, rtol=0, atol=0.2)
 
 
 def test_a_chart_says_in_words_what_it_shows():
@@ -87,7 +91,7 @@ def test_a_chart_says_in_words_what_it_shows():
 def response():
     time = np.arange(1, 101) / 200
     frequency = np.linspace(0.5, 80, 200)
-    one = IntervalEstimate(0.1, 0.05, 0.15)
+    estimate = IntervalEstimate(0.1, 0.05, 0.15)
     names = ("overshoot", "rise_time", "settling", "delay", "peak", "peak_frequency")
     return StepResponse(
         axis="roll",
@@ -100,7 +104,7 @@ def response():
         gain_half=np.full(200, 0.1),
         max_frequency=80.0,
         windows=60,
-        **dict.fromkeys(names, one),
+        **dict.fromkeys(names, estimate),
         coherence=0.9,
     )
 
@@ -114,11 +118,11 @@ def spectrum(name):
 
 def test_steps_of_known_loops_have_band_and_prediction():
     measured = response()
-    found = LoopResponse(measured, measured.step, measured.gain)
+    loop_response = LoopResponse(measured, measured.step, measured.gain)
     none = LoopResponse(Fact(StepResponseFact.NO_SETPOINT, subject="yaw rate"))
-    ((step, gain),) = step_charts({"roll": {"rate": found}, "yaw": {"rate": none}}).values()
-    seen, predicted = step.lines
-    assert_allclose(seen.upper_edge - seen.lower_edge, 0.1)
+    ((step, gain),) = step_charts({"roll": {"rate": loop_response}, "yaw": {"rate": none}}).values()
+    measured_line, predicted = step.lines
+    assert_allclose(measured_line.upper_edge - measured_line.lower_edge, 0.1)
     assert (
         predicted.style is LineStyle.DASHES
         and gain.y.is_logarithmic
@@ -133,19 +137,19 @@ def test_steps_of_known_loops_have_band_and_prediction():
 
 
 def test_a_step_of_the_identified_loop_is_not_called_measured():
-    found = LoopResponse(replace(response(), is_identified=True))
-    chapter = responses_chapter({"roll": {"rate": found}})
+    loop_response = LoopResponse(replace(response(), is_identified=True))
+    chapter = responses_chapter({"roll": {"rate": loop_response}})
     assert chapter.blocks[0].rows[0][0] == "roll rate (step: identified loop)"
     assert "step of the identified loop" in chapter.groups[0].caption
 
 
 def test_spectra_have_their_lines_and_the_filters_over_them():
     line = SpectralLine(LineCause.MOTOR, 140.0, 100.0, 1.0, 5.0, 0.5)
-    shown = {name: spectrum(name) for name in ("gyro_before", "gyro")}
+    spectra = {name: spectrum(name) for name in ("gyro_before", "gyro")}
     loop = partial_record(
         Loop, controller=controller_from_parameters(GAINS, "roll", (1.0,)), crossover=12.0
     )
-    chart = spectrum_chart(MeasuredNoise(shown, {"gyro_before": (line,)}), loop)
+    chart = spectrum_chart(MeasuredNoise(spectra, {"gyro_before": (line,)}), loop)
     assert [mark.name for mark in chart.marks] == ["motor", "crossover"]
     assert [one.name for one in chart.lines] == [
         "before the filters",
@@ -153,7 +157,7 @@ def test_spectra_have_their_lines_and_the_filters_over_them():
         "filters",
     ]
     assert chart.lines[2].is_on_right_axis and chart.lines[2].y[0] == approx(0.0, abs=0.1)
-    over_time, over_throttle = spectrogram_charts(shown["gyro"])
+    over_time, over_throttle = spectrogram_charts(spectra["gyro"])
     assert over_time.spectrogram.power.shape == (40, 171) and over_throttle.spectrogram is not None
     (pixels,) = over_time.as_json(100)["lines"]
     assert pixels["rows"] == 40 and len(b64decode(pixels["heat"])) == 40 * 171
@@ -176,7 +180,7 @@ def test_residuals_are_in_degrees_and_the_first_of_a_segment_is_a_gap(learned):
     over_time, *tests = model_charts.residual_charts(learned)
     errors = np.degrees(learned.record.outputs[1:, 1] - learned.one_step()[1:, 1])
     assert_allclose(over_time.lines[0].y[1:], errors)
-    assert np.isnan(over_time.lines[0].y[0]) and all(len(one.levels) == 3 for one in tests)
+    assert np.isnan(over_time.lines[0].y[0]) and all(len(chart.levels) == 3 for chart in tests)
 
 
 @mark.slow
@@ -193,15 +197,15 @@ def test_a_forecast_is_drawn_in_degrees(flight, learned):
 
 
 @mark.slow
-def test_responses_are_those_of_python_control(learned):
+def test_frequency_responses_equal_python_controls(learned):
     motors = AxisCommand.of(learned).motors
     A, B, C = learned.model.A, learned.model.B, learned.model.C
-    theirs = control.StateSpace(A, (B @ motors)[:, None], C, np.zeros((2, 1)))
+    reference_system = control.StateSpace(A, (B @ motors)[:, None], C, np.zeros((2, 1)))
     frequency = np.geomspace(0.1, 20, 5)
     for output in (0, 1):
-        wanted = theirs(2j * np.pi * frequency)[output, 0]
-        (ours,) = model_response(learned, motors, frequency, output)
-        assert_allclose(ours, wanted, rtol=1e-9)
+        expected_response = reference_system(2j * np.pi * frequency)[output, 0]
+        (response,) = model_response(learned, motors, frequency, output)
+        assert_allclose(response, expected_response, rtol=1e-9)
 
 
 @mark.slow
@@ -209,14 +213,14 @@ def test_the_physical_response_begins_at_effect_over_damping_and_turns_by_its_de
     physical = learned.physical._replace(damping=4.0, lag=0.05, delay=0.2)
     motors = AxisCommand.of(learned).motors
     frequency = np.array([1e-3, 1.0])
-    found = plant_response(physical, motors, frequency, is_angle=False)[0]
-    assert abs(found[0]) == approx(physical.effect @ motors / 4.0, rel=1e-3)
-    assert np.angle(found[1] / found[0]) == approx(
+    response = plant_response(physical, motors, frequency, is_angle=False)[0]
+    assert abs(response[0]) == approx(physical.effect @ motors / 4.0, rel=1e-3)
+    assert np.angle(response[1] / response[0]) == approx(
         -2 * np.pi * 0.2 - np.arctan(2 * np.pi / 4) - np.arctan(2 * np.pi * 0.05),
         abs=0.01,
     )
     angle = plant_response(physical, motors, frequency, is_angle=True)[0]
-    assert_allclose(angle * 2j * np.pi * frequency, found)
+    assert_allclose(angle * 2j * np.pi * frequency, response)
 
 
 def test_a_correlation_is_found_at_its_lag():

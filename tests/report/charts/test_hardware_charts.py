@@ -75,8 +75,8 @@ def test_setpoints_are_drawn_with_the_estimate_and_switches_beside_the_sticks():
 
 def test_a_log_without_such_messages_has_charts_of_its_sampling_alone():
     telemetry = HOVER.telemetry(20.0, 20.0)
-    kept = {"ATTITUDE", "HEARTBEAT", "SERVO_OUTPUT_RAW"}
-    for message in set(telemetry.messages) - kept:
+    message_names = {"ATTITUDE", "HEARTBEAT", "SERVO_OUTPUT_RAW"}
+    for message in set(telemetry.messages) - message_names:
         telemetry = changed(telemetry, message, time=np.zeros(0), boot=np.zeros(0, int))
     _, parts, _ = charts_by_title(telemetry)
     assert parts == {"recording"}

@@ -9,8 +9,8 @@ from mavdem.loops.step_response import StepResponse
 from mavdem.report.charts.step_overview import step_overview_charts
 
 
-def measured(height):
-    """A response that is ``height`` of its step, as far as a chart reads it."""
+def measured_response(height):
+    """Returns a response that is constant at ``height``, with the attributes that a chart reads."""
     response = object.__new__(StepResponse)
     object.__setattr__(response, "time", np.linspace(0.0, 0.5, 11))
     object.__setattr__(response, "step", np.full(11, height))
@@ -23,7 +23,7 @@ def test_each_loop_has_a_chart_with_a_line_for_each_axis_that_was_measured():
     responses = {}
     for axis, loops in heights.items():
         responses[axis] = {
-            loop: LoopResponse(unknown if height is None else measured(height))
+            loop: LoopResponse(unknown if height is None else measured_response(height))
             for loop, height in zip(("rate", "attitude"), loops, strict=True)
         }
     charts = step_overview_charts(responses)

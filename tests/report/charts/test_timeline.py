@@ -127,10 +127,10 @@ def test_a_page_has_four_plots_over_time_at_full_width_and_the_others_beside_eac
     charts = tuple(over_time(f"plot {number}", "m", [line]) for number in range(9))
     marked = Event(TIME[0], Fact(VehicleFact.NO_VEHICLE_YET))
     timeline = Timeline(charts, (TIME[0], TIME[-1]), events=(marked,))
-    first, others = timeline.overview_groups
+    first, other_groups = timeline.overview_groups
     assert [len(column) for column in first.columns] == [4] and not first.is_flat
-    assert [len(column) for column in others.columns] == [2, 2, 1] and others.is_flat
-    assert all(len(chart.marks) == 1 for column in others.columns for chart in column)
+    assert [len(column) for column in other_groups.columns] == [2, 2, 1] and other_groups.is_flat
+    assert all(len(chart.marks) == 1 for column in other_groups.columns for chart in column)
     # A fifth plot alone stays with the first four.
     (group,) = timeline._replace(flight_charts=charts[:5]).overview_groups
     assert [len(column) for column in group.columns] == [5]

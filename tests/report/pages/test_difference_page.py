@@ -102,7 +102,7 @@ def test_lights_that_are_equal_are_one_sentence():
     assert table.rows == [["margins", "good", "good"]]
 
 
-def test_that_they_are_two_vehicles_comes_first():
+def test_a_comparison_states_first_that_it_is_of_two_vehicles():
     rows = [flight_row(vehicle, 0) for vehicle in ("quad", "other")]
     difference = vehicle_difference(rows[:1], rows[1:])
     page = comparison_page(("a.bin", "b.bin"), ({}, {}), difference)

@@ -54,18 +54,18 @@ def table_of(text):
 
 def test_who_is_in_trouble_stands_first_and_open_and_others_are_folded():
     text = fleet_page(fleet_rows(20))
-    found = parts(text)
-    assert list(found) == ["quad-1", "quad-0", "quad-2", "quad-3", "quad-4"]
-    opened = [name for name, part in found.items() if " open>" in part.split("<summary>")[0]]
+    sections = parts(text)
+    assert list(sections) == ["quad-1", "quad-0", "quad-2", "quad-3", "quad-4"]
+    opened = [name for name, part in sections.items() if " open>" in part.split("<summary>")[0]]
     assert opened == ["quad-1"]
     assert "1 of 5 vehicles needs a look: quad-1 (" in text
-    assert ">motor 3 works harder.</span>" in found["quad-1"]
+    assert ">motor 3 works harder.</span>" in sections["quad-1"]
     # That nothing is wrong is said once, at the top: the vehicle's line has nothing to add.
     last_cells = '<span>4 flights</span><span>2026-01-08</span><span class="words"> <a href='
-    assert last_cells in found["quad-0"]
-    assert "Quadrotor · ArduCopter V4.5" in found["quad-0"]
-    assert '<path class="good" d="M8 0v1h.8v-1zM9' in found["quad-0"]
-    assert 'aria-label="Latest flights: 1 bad and 3 good"' in found["quad-1"]
+    assert last_cells in sections["quad-0"]
+    assert "Quadrotor · ArduCopter V4.5" in sections["quad-0"]
+    assert '<path class="good" d="M8 0v1h.8v-1zM9' in sections["quad-0"]
+    assert 'aria-label="Latest flights: 1 bad and 3 good"' in sections["quad-1"]
     assert "<title>from 2026-01-08: 1 bad and 4 good</title>" in text
     assert "It is cut off at" in text and "<td>3</td>" in text.replace(' class="words"', "")
 
@@ -94,7 +94,8 @@ def test_a_lost_flight_without_figures_needs_a_look():
     lost = {"status": "No settled flight.", "headline": "Lost at 70.9 s.", "headline_level": "bad"}
     lost |= {"tier": None}
     unused = [
-        FlightRow(file=at, status=f"Armed for {at} s.", status_code="never_airborne") for at in "12"
+        FlightRow(file=number, status=f"Armed for {number} s.", status_code="never_airborne")
+        for number in "12"
     ]
     rarer = FlightRow(file="3", status="No inputs.", status_code="motors_missing")
     text = fleet_page([flight_row("quad", 0, health="unknown", **lost), rarer, *unused])
@@ -115,9 +116,9 @@ def test_bad_flights_whose_vehicle_is_not_known_are_listed():
 
 
 def test_a_fault_that_only_the_fleet_shows_is_the_note_of_its_flight():
-    told = {"health": "fault", "health_reason": "Motor 3 lost 20 % of its thrust."}
+    health_columns = {"health": "fault", "health_reason": "Motor 3 lost 20 % of its thrust."}
     sound = {"headline": "Nothing wrong found.", "headline_level": "good"}
-    flights = [flight_row("quad", 0, **sound), flight_row("quad", 1, **sound, **told)]
+    flights = [flight_row("quad", 0, **sound), flight_row("quad", 1, **sound, **health_columns)]
     text = fleet_page(flights)
     notes = [str(row) for row in table_of(text)["rows"]]
     assert "Motor 3 lost" in notes[0] and "Nothing wrong" not in notes[0]
@@ -140,11 +141,11 @@ def panels(rows):
 
 
 def test_a_fault_is_marked_and_an_unknown_is_a_gap_or_of_all_flights_no_panel():
-    known = zip(("ok", "ok", "fault"), (0.5, None, 0.6), strict=True)
+    health_and_probability = zip(("ok", "ok", "fault"), (0.5, None, 0.6), strict=True)
     unknown = {"lag": None, "effect_status": "not identifiable", "vibration": (1.0, 2.0, 3.0)}
     rows = [
         flight_row("quad", number, health=health, damping=damping, **unknown)
-        for number, (health, damping) in enumerate(known)
+        for number, (health, damping) in enumerate(health_and_probability)
     ]
     drawn = panels(rows)
     chart = drawn["Rate damping (1/s)"]
@@ -206,12 +207,12 @@ def test_time_constants_of_motors_and_of_the_demand_are_not_one_line():
     ]
     demand = {"inputs": "demand", "input_unit": ""}
     drawn = panels([*by_motors, *(flight_row("quad", number, **demand) for number in (2, 3))])
-    for unit, known in (
+    for unit, expected_flags in (
         ("µs", [True, True, False, False]),
         ("unit of demand", [False, False, True, True]),
     ):
         line = drawn[f"Motor time constant (ms), per {unit}"].lines[0]
-        assert np.isfinite(line.y).tolist() == known
+        assert np.isfinite(line.y).tolist() == expected_flags
 
 
 def hostile():
@@ -295,29 +296,31 @@ return found;
 def test_a_browser_sorts_searches_and_prints_ten_thousand_flights(tmp_path, browser):
     rows = fleet_rows(1000)
     text = fleet_page(rows)
-    few = table_of(text)
-    many = json.dumps(few | {"rows": few["rows"] * 10})
-    _, found = browser.shown(text.replace(json.dumps(few), many), SORTED, tmp_path)
-    assert found["dates"] == sorted(found["dates"], reverse=True)
+    table = table_of(text)
+    large_table = json.dumps(table | {"rows": table["rows"] * 10})
+    _, shown_by_browser = browser.shown(
+        text.replace(json.dumps(table), large_table), SORTED, tmp_path
+    )
+    assert shown_by_browser["dates"] == sorted(shown_by_browser["dates"], reverse=True)
     logs = group_into_flights(rows)
     # Each log stands in the table ten times.
     flight_count = 10 * sum(log[0].has_flight for log in logs)
     unused_count = 10 * len(logs) - flight_count
     seconds = [log[0].duration for log in logs if log[0].duration is not None]
-    numbers = [float(cell) for cell in found["rising"]]
+    numbers = [float(cell) for cell in shown_by_browser["rising"]]
     assert numbers == sorted(numbers) and numbers[0] == approx(min(seconds), rel=0.01)
-    assert float(found["falling"][0]) == approx(max(seconds), rel=0.01)
-    assert found["state"].count("ascending") == 1
-    assert found["health"] == ["fault"] * 10
+    assert float(shown_by_browser["falling"][0]) == approx(max(seconds), rel=0.01)
+    assert shown_by_browser["state"].count("ascending") == 1
+    assert shown_by_browser["health"] == ["fault"] * 10
     counts = f"{flight_count} flights and {unused_count} logs that were not used"
-    assert f"10 found in {counts}" in found["count"]
+    assert f"10 found in {counts}" in shown_by_browser["count"]
     # What is not known comes last, also in falling order.
-    known = [bool(cell) for cell in found["few"]]
-    assert known and known == sorted(known, reverse=True)
-    assert found["unfolded"] == 1
+    is_duration_known = [bool(cell) for cell in shown_by_browser["few"]]
+    assert is_duration_known and is_duration_known == sorted(is_duration_known, reverse=True)
+    assert shown_by_browser["unfolded"] == 1
     # Only what can be seen is laid out, so that typing is quick; paper has no scroll bar.
-    assert found["laidOut"] < 100 and 2000 < found["middle"] < 8000
-    assert found["printed"] == [
+    assert shown_by_browser["laidOut"] < 100 and 2000 < shown_by_browser["middle"] < 8000
+    assert shown_by_browser["printed"] == [
         200,
         "The first 200 of 10030 flights; filter before printing to see others.",
     ]
@@ -354,12 +357,15 @@ def test_a_phone_shows_bars_counts_of_lights_that_do_not_warn_and_whole_texts_of
     tmp_path,
     browser,
 ):
-    told = {"file": f"/logs/{'a_log_with_a_long_name_' * 3}.ulg", "headline": "What is wrong. " * 9}
-    text = fleet_page([flight_row("quad", number, **told) for number in range(2)])
-    _, found = browser.shown(text, WHOLE, tmp_path, width=390)
-    assert found["isBarInBox"]
-    assert found["lights"] == "8 unknown"
-    assert found["cut"] == []
+    columns = {
+        "file": f"/logs/{'a_log_with_a_long_name_' * 3}.ulg",
+        "headline": "What is wrong. " * 9,
+    }
+    text = fleet_page([flight_row("quad", number, **columns) for number in range(2)])
+    _, shown_by_browser = browser.shown(text, WHOLE, tmp_path, width=390)
+    assert shown_by_browser["isBarInBox"]
+    assert shown_by_browser["lights"] == "8 unknown"
+    assert shown_by_browser["cut"] == []
 
 
 FOLDED = """(() => {
@@ -373,10 +379,13 @@ FOLDED = """(() => {
 
 @mark.slow
 def test_a_note_of_many_flights_has_two_lines_until_it_is_chosen(tmp_path, browser):
-    told = {"headline": "What is wrong. " * 9, "headline_level": "bad"}
-    text = fleet_page([flight_row("quad", number, **told) for number in range(9)])
-    _, found = browser.shown(text, FOLDED, tmp_path, width=1280)
-    assert found["lines"] == 9 and found["most"] < 50 < found["opened"]
+    columns = {"headline": "What is wrong. " * 9, "headline_level": "bad"}
+    text = fleet_page([flight_row("quad", number, **columns) for number in range(9)])
+    _, shown_by_browser = browser.shown(text, FOLDED, tmp_path, width=1280)
+    assert (
+        shown_by_browser["lines"] == 9
+        and shown_by_browser["most"] < 50 < shown_by_browser["opened"]
+    )
 
 
 BRIEF = """(() => {
@@ -397,10 +406,13 @@ def test_a_phone_shows_what_needs_a_look_first_and_all_flights_when_they_are_ask
     for number in range(40):
         health = {10: "fault", 20: "drift"}.get(number, "ok")
         flights.append(flight_row("quad", number, health=health))
-    _, found = browser.shown(fleet_page(flights), BRIEF, tmp_path, width=390)
-    assert found["first"] == [2, "To look at first: 2 of 40 flights"]
-    assert found["levels"] == ["rating bad", "rating watch"] and found["cut"] == 0
-    assert found["all"][0] > 12 and found["all"][1] == "40 flights"
+    _, shown_by_browser = browser.shown(fleet_page(flights), BRIEF, tmp_path, width=390)
+    assert shown_by_browser["first"] == [2, "To look at first: 2 of 40 flights"]
+    assert (
+        shown_by_browser["levels"] == ["rating bad", "rating watch"]
+        and shown_by_browser["cut"] == 0
+    )
+    assert shown_by_browser["all"][0] > 12 and shown_by_browser["all"][1] == "40 flights"
 
 
 def test_a_note_on_a_flight_is_whole_or_left_out():

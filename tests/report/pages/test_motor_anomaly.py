@@ -42,12 +42,12 @@ def anomaly(health, motor=None, reason="It differs."):
     )
 
 
-def marked(page, health, motor=None):
+def page_with_anomaly(page, health, motor=None):
     return with_motor_anomaly(page, anomaly(health, motor))
 
 
 def test_a_fault_beside_other_flights_is_the_headline_and_the_next_step_of_the_page():
-    page = marked(PAGE, "fault", 2)
+    page = page_with_anomaly(PAGE, "fault", 2)
     assert '<dd class="bad" data-alone="watch">bad</dd>' in page
     assert "by this log alone watch:</b> Uneven." in page
     assert "about this log alone, except where it names other flights." in page
@@ -68,26 +68,26 @@ def test_a_fault_beside_other_flights_is_the_headline_and_the_next_step_of_the_p
 def test_a_flight_that_is_judged_anew_and_is_sound_has_its_own_result_again(
     page, earlier_health, health
 ):
-    with_anomaly = marked(page, earlier_health, 2)
+    with_anomaly = page_with_anomaly(page, earlier_health, 2)
     assert with_anomaly != page
-    assert marked(with_anomaly, health) == page
+    assert page_with_anomaly(with_anomaly, health) == page
 
 
 def test_a_drift_without_a_motor_leaves_the_next_step_to_the_log():
-    page = marked(PAGE, "drift")
+    page = page_with_anomaly(PAGE, "drift")
     assert "data-alone" not in page
     assert page.count('class="headline"') == 1 and "<strong>It differs.</strong>" in page
     assert page.count("<strong>Next:</strong> Fly anew.") == 1
-    assert marked(page, "drift") == page
+    assert page_with_anomaly(page, "drift") == page
 
 
 def test_a_drift_stands_below_the_headline_of_a_log_that_shows_worse():
-    page = marked(CRASHED_PAGE, "drift", 2)
+    page = page_with_anomaly(CRASHED_PAGE, "drift", 2)
     assert page.index('id="result"') < page.index('id="beside"')
     assert '<p class="headline"><strong>Nothing wrong found.</strong></p>' in page
     assert page.count("Next:") == 1 and "other flights:</strong> It differs." in page
-    assert marked(page, "drift", 2) == page
-    assert marked(page, "fault", 2) == marked(CRASHED_PAGE, "fault", 2)
+    assert page_with_anomaly(page, "drift", 2) == page
+    assert page_with_anomaly(page, "fault", 2) == page_with_anomaly(CRASHED_PAGE, "fault", 2)
 
 
 @mark.parametrize("health, level", [("fault", "bad"), ("drift", "watch")])
@@ -147,7 +147,7 @@ def judged_reviews(**health):
 
 
 def texts(sentences):
-    return [f"{one.lead} {one.text}".strip() for one in sentences]
+    return [f"{sentence.lead} {sentence.text}".strip() for sentence in sentences]
 
 
 def test_a_doubtful_figure_of_the_motor_that_is_weak_is_evidence_and_no_second_verdict():
@@ -232,12 +232,12 @@ def test_beside_a_baseline_the_weak_motor_has_one_verdict():
     row = flight_row(
         "quad", 2, health="drift", health_reason="Motor 1 lost thrust.", suspect_motor=1
     )
-    _, motors, rest, *others = texts(baseline_blocks(row, doubtful_trim(1, 0.08)))
+    _, motors, rest, *further_texts = texts(baseline_blocks(row, doubtful_trim(1, 0.08)))
     assert motors == (
         "Motors: Motor 1 lost thrust. This agrees with motor 1's relative trim +8 % ± 6 %."
     )
     assert rest == "No other compared figure changed."
-    assert not any("Perhaps" in text or "Doubtful" in text for text in others)
+    assert not any("Perhaps" in text or "Doubtful" in text for text in further_texts)
 
 
 def test_a_motor_that_the_log_alone_watches_has_the_words_of_lists_in_a_comparison():

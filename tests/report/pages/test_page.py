@@ -95,10 +95,10 @@ def analysed():
 
 @mark.slow
 def test_two_axes_of_a_flight_of_a_fleet_fit_into_a_small_page_that_leads_back(analysed):
-    two = dict.fromkeys(("roll", "pitch"), analysed.analysis)
+    analyses = dict.fromkeys(("roll", "pitch"), analysed.analysis)
     stop = Fact(MotionEvent.MOTOR_AT_ITS_STOP, time=1.0, share=0.5, subject="motor 2")
     evidence = replace(analysed.evidence, events=(stop, stop))
-    text = flight_page("flight.tlog", replace(analysed, analyses=two, evidence=evidence))
+    text = flight_page("flight.tlog", replace(analysed, analyses=analyses, evidence=evidence))
     # In the brief list of events, and in that of all.
     assert text.count("at its upper limit") == text.count("limit 2 times, first 50") == 2
     assert len(text.encode()) < 500_000
@@ -138,15 +138,15 @@ def flight(analysed):
 
 @mark.slow
 def test_tags_close_in_order_ids_are_unique_and_nothing_is_fetched_or_owned(flight, analysed):
-    seen = Balanced(flight).seen
-    assert {"figure", "table", "details"} <= {*seen}
+    elements = Balanced(flight).seen
+    assert {"figure", "table", "details"} <= {*elements}
     # What comes from a log is text, and nothing in it turns text around.
     assert not {*UNSEEN} & {*flight}
-    assert not {"link", "img", "iframe", "b"} & {*seen}
+    assert not {"link", "img", "iframe", "b"} & {*elements}
     plain, again = (
         log_page(name, analysed, inventory(analysed.log)) for name in ("a", UNSEEN + NAME)
     )
-    assert Balanced(plain).seen == seen and again == flight
+    assert Balanced(plain).seen == elements and again == flight
     assert "@import" not in flight and "default-src 'none'" in flight
 
 
@@ -178,16 +178,19 @@ def test_dragging_over_one_plot_zooms_all_and_a_button_shows_the_whole_flight(
     flight, tmp_path, browser
 ):
     # The window is that of a telephone, in the dark.
-    title, (zoomed, wider, whole, label, fits) = browser.shown(
+    title, (zoomed, wider, whole_range, label, fits) = browser.shown(
         flight, ZOOM, tmp_path, 500, dark=True
     )
     # The plots: modes, motors twice and wind torque; angle and rate of three axes; the spectrogram.
     assert (
-        fits and len(whole) == 11 and label.startswith("Modes") and title == f"\ufffd\ufffd{NAME}"
+        fits
+        and len(whole_range) == 11
+        and label.startswith("Modes")
+        and title == f"\ufffd\ufffd{NAME}"
     )
     assert_allclose(zoomed, 15.0, atol=0.5)
     assert_allclose(wider, 30.0, atol=1.0)
-    assert_allclose(whole, 60.0, atol=0.5)
+    assert_allclose(whole_range, 60.0, atol=0.5)
 
 
 TOUCHED = """(() => {
@@ -215,8 +218,8 @@ def test_fingers_on_a_plot_move_all_cursors_zoom_and_scroll(flight, tmp_path, br
         def touch(kind, *places, above=0.0):
             """Fingers do something at these fractions of the plot's width."""
             points = []
-            for number, place in enumerate(places):
-                points.append({"id": number, "x": left + width * place, "y": top - above})
+            for number, position in enumerate(places):
+                points.append({"id": number, "x": left + width * position, "y": top - above})
             tab.command("Input.dispatchTouchEvent", type=kind, touchPoints=points)
 
         first = tab.run(TOUCHED)
@@ -278,13 +281,13 @@ return [spans, values, now, closed && part.open, found, closedSections, opened =
 def test_an_event_moves_the_plots_and_back_the_cursor_reads_them_and_a_link_opens_its_part(
     flight, tmp_path, browser
 ):
-    _, (spans, values, now, is_opened, found, closed_sections, are_open) = browser.shown(
+    _, (spans, values, now, is_opened, field_text, closed_sections, are_open) = browser.shown(
         flight, USED, tmp_path, 1200
     )
-    assert found == ["ATC_RAT_RLL_FLTE"]
+    assert field_text == ["ATC_RAT_RLL_FLTE"]
     assert closed_sections > 0 and are_open
-    whole, around_event, whole_again = spans
-    assert whole == whole_again and around_event <= 10.0 < whole
+    whole_range, around_event, whole_again = spans
+    assert whole_range == whole_again and around_event <= 10.0 < whole_range
     assert re.search(r"\d s\s", values) and re.search(r"motor\s+1\s+\d", values)
     assert re.match(r"\d+\.\d s", now) and is_opened
 
@@ -406,9 +409,9 @@ def test_a_live_flight_has_what_was_trained_on_its_events_and_no_wind_below_0():
         history.add_row(
             2, time, np.zeros(2), None, (0.5, 2.0, 0.0, 0.1, 0.0, 0.1, 0.2, 3.0, 4.0, 12.0)
         )
-    shown = {chart.title: chart for chart in live_timeline(history, "roll").flight_charts}
-    assert {"Roll", "Pitch", "Height"} <= shown.keys()
-    assert np.nanmax(shown["Height"].lines[0].y) == 12.0
+    charts = {chart.title: chart for chart in live_timeline(history, "roll").flight_charts}
+    assert {"Roll", "Pitch", "Height"} <= charts.keys()
+    assert np.nanmax(charts["Height"].lines[0].y) == 12.0
     placed = live_timeline(history, "roll")
     assert placed.position.values.tolist() == [[3.0, 4.0, -12.0]] * 2
     assert placed.heading == approx(np.degrees(0.2))
@@ -450,8 +453,8 @@ def test_events_of_a_live_page_have_the_same_numbers_in_its_list_and_in_its_char
     flown(history, 2.0)
     loss = Fact(Ending.CRASHED, time=0.5, height=0.0, speed=5.0, cause=None, mode="", word=None)
     alarm = Fact(SessionFact.ALARM, time=0.6, reason=loss)
-    others = [Fact(VehicleFact.NO_VEHICLE_YET, time=1.0 + index / 10) for index in range(7)]
-    timed = [Event(fact.time, fact, reception=0.0) for fact in (alarm, *others)]
+    other_facts = [Fact(VehicleFact.NO_VEHICLE_YET, time=1.0 + index / 10) for index in range(7)]
+    timed = [Event(fact.time, fact, reception=0.0) for fact in (alarm, *other_facts)]
     history.events += [early, *timed]
     account = dict.fromkeys(TimeUse, 0.0)
     page = live_page("udpin:0", "roll", history, SessionStatus("1:1"), account, None)
@@ -665,11 +668,11 @@ def test_the_plots_of_a_lost_flight_open_around_the_loss(tmp_path, browser):
         Level.BAD, {}, [PageEvent(Event(77.0, loss))], timeline=Timeline((chart,), (0.0, 80.0))
     )
     page = render_document("x", "", [], head=head)
-    _, (opened, whole) = browser.shown(page, SPAN, tmp_path, 1280)
-    assert (opened, whole) == ([62.0, 80.0], [0.0, 80.0])
+    _, (opened, whole_range) = browser.shown(page, SPAN, tmp_path, 1280)
+    assert (opened, whole_range) == ([62.0, 80.0], [0.0, 80.0])
     assert "The plots open around the loss." in page
-    for other in (head._replace(has_log=False), head._replace(events=())):
-        assert other.opening_span is None
+    for head_without_span in (head._replace(has_log=False), head._replace(events=())):
+        assert head_without_span.opening_span is None
     in_other_boot = [PageEvent(Event(77.0, loss), is_on_clock_of_charts=False)]
     assert head._replace(events=in_other_boot).opening_span is None
 

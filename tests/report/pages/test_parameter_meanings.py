@@ -36,7 +36,7 @@ def test_meanings_are_a_few_words_without_a_full_stop():
 
 
 def test_what_differs_from_the_default_is_listed_with_its_meaning():
-    made = Telemetry(
+    telemetry = Telemetry(
         system=1,
         component=1,
         vehicle="QUADROTOR",
@@ -45,7 +45,7 @@ def test_what_differs_from_the_default_is_listed_with_its_meaning():
         parameters={"ATC_RAT_RLL_P": 0.2, "FRAME_TYPE": 1.0, "XYZZY": 3.0},
         default_parameters={"ATC_RAT_RLL_P": 0.135, "FRAME_TYPE": 1.0, "XYZZY": 1.0},
     )
-    chapter = parameters_chapter(made, is_full=True)
+    chapter = parameters_chapter(telemetry, is_full=True)
     table = chapter.blocks[-1]
     assert table.header[0] == "not the default"
     assert table.rows == [
@@ -60,7 +60,7 @@ def test_what_differs_from_the_default_is_listed_with_its_meaning():
     page = render_document("a.bin", "", [], [chapter])
     assert f'<a href="{addresses[0]}" rel="noreferrer">ATC_RAT_RLL_P</a>' in page
     assert [row[0] for row in chapter.searchable.rows] == ["ATC_RAT_RLL_P", "FRAME_TYPE", "XYZZY"]
-    small = parameters_chapter(made, is_full=False)
+    small = parameters_chapter(telemetry, is_full=False)
     assert small.searchable is None
     assert len(small.blocks) == len(chapter.blocks) - 2
 
