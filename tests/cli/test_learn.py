@@ -238,8 +238,8 @@ def test_reasons_in_a_table_wrap_as_far_as_a_terminal_has_lines(capsys, monkeypa
     monkeypatch.setenv("COLUMNS", "80")
     reason = "The estimate changes by 15 % with the wind spectrum that is assumed."
     table = Table(["purpose", "reason"], [["a purpose", reason]] * 5, words=True)
-    print_screen(None, [table], [], [Sentence("Go.", "Next:")], verbose=False)
+    print_screen([], [table], [], [Sentence("Go.", "Next:")], verbose=False)
     assert " ".join(capsys.readouterr().out.split()).count(reason.split("wind ")[1]) == 5
     long_table = Table(["purpose", "reason"], [["a purpose", reason * 9]] * 9, words=True)
-    print_screen(None, [long_table], [], [Sentence("Go.", "Next:")], verbose=False)
+    print_screen([], [long_table], [], [Sentence("Go.", "Next:")], verbose=False)
     assert len(capsys.readouterr().out.splitlines()) < TERMINAL_LINES
