@@ -132,7 +132,7 @@ class Server:
         return Starlette(
             routes=self._guard.routes(endpoints),
             lifespan=self._lifespan,
-            exception_handlers={Exception: self._guard.answer_to_defect},
+            exception_handlers=self._guard.exception_handlers,
         )
 
     @asynccontextmanager

@@ -10,6 +10,7 @@ from http import HTTPStatus
 from typing import Any
 
 from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 from starlette.requests import Request as HttpRequest
 from starlette.responses import HTMLResponse, JSONResponse, Response
@@ -99,7 +100,28 @@ class Guard:
             routes.append(Route(path, self._guarded_endpoint(endpoint), methods=[method]))
         return routes
 
-    def answer_to_defect(self, request: HttpRequest, error: Exception) -> Response:
+    @property
+    def exception_handlers(self) -> Mapping[Any, Callable[..., Response]]:
+        """What answers where no endpoint does, by the class of the error, as Starlette takes it."""
+        return {
+            HTTPException: self._answer_to_unknown_address,
+            Exception: self._answer_to_defect,
+        }
+
+    def _answer_to_unknown_address(self, request: HttpRequest, error: HTTPException) -> Response:
+        """Returns the response to a request for an address, or with a method, that no endpoint has.
+
+        Args:
+            request: the request.
+            error: Starlette's error with the status, 404 or 405, and headers.
+        """
+        response = self._answer_to_refusal(request, Fact(RefusalReason.NO_SUCH_PAGE))
+        response.status_code = error.status_code
+        response.headers.update(self._response_headers)
+        response.headers.update(error.headers or {})
+        return response
+
+    def _answer_to_defect(self, request: HttpRequest, error: Exception) -> Response:
         """Returns the response after an unexpected error in an endpoint, a defect of the program or a damaged file.
 
         Starlette calls it, and raises the error again afterwards, which prints the traceback on the server's terminal.

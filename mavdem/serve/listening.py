@@ -60,7 +60,8 @@ def server_config(app: Starlette, *, is_behind_proxy: bool = False) -> uvicorn.C
     """
     return uvicorn.Config(
         app,
-        log_level="warning",
+        # Each request that is no HTTP would be a warning, and hide the alarms of a vehicle on the same terminal.
+        log_level="error",
         server_header=False,
         date_header=False,
         http=Connection,

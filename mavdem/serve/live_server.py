@@ -121,7 +121,7 @@ class LiveServer:
         }
         return Starlette(
             routes=guard.routes(endpoints),
-            exception_handlers={Exception: guard.answer_to_defect},
+            exception_handlers=guard.exception_handlers,
         )
 
     def _dashboard(self, request: HttpRequest) -> Response:
@@ -135,7 +135,7 @@ class LiveServer:
         """
         viewer = self._viewer
         if viewer is None:
-            raise Refusal(RefusalReason.NO_SUCH_FILE, name=DASHBOARD_PATH)
+            raise Refusal(RefusalReason.NO_SUCH_PAGE)
         status = self._status
         name = self._link if status is None else live_title(status, self._link, NO_NAMES)
         html = render_server_page(

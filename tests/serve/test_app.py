@@ -502,6 +502,15 @@ def test_paths_outside_the_library_are_not_found(served, path):
     assert served.get(f"/f/{id}/..%2f..%2ffleet.sqlite").status == 404
 
 
+def test_an_unknown_address_is_answered_in_a_sentence(served):
+    unknown = served.get("/lives")
+    assert unknown.status == 404 and "There is no such page" in unknown.text
+    assert "default-src 'none'" in unknown.headers["Content-Security-Policy"]
+    assert served.ask("POST", "/api/nothing").refusal == (404, "no_such_page")
+    posted = served.ask("POST", "/live")
+    assert posted.status == 405 and "GET" in posted.headers["Allow"]
+
+
 def test_malformed_uploads_are_refused(served):
     kind = f"multipart/form-data; boundary={BOUNDARY}"
     form_data = form([("a.ulg", log())])
