@@ -90,10 +90,10 @@ def motor_signatures(geometry: MotorGeometry) -> MotorSignatures:
     """
     motor_count = len(geometry.motors)
     axes = ["thrust"]
-    rows = [np.full(motor_count, 1.0 / motor_count)]
+    mixer_rows_of_axes = [np.full(motor_count, 1.0 / motor_count)]
     for axis in AXES:
-        row = geometry.mixer_row(axis)
-        if row is not None:
+        mixer_row_of_axis = geometry.mixer_row(axis)
+        if mixer_row_of_axis is not None:
             axes.append(axis)
-            rows.append(row)
-    return MotorSignatures(tuple(axes), np.array(rows))
+            mixer_rows_of_axes.append(mixer_row_of_axis)
+    return MotorSignatures(tuple(axes), np.array(mixer_rows_of_axes))

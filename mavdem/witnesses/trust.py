@@ -1,4 +1,7 @@
-"""Which sensors can be trusted in one boot (from a start of the autopilot to the next): each is checked by another."""
+"""Which sensors can be trusted in one boot, as facts (coded findings): each sensor is checked by another.
+
+A boot lasts from one start of the autopilot to the next.
+"""
 
 from dataclasses import dataclass
 

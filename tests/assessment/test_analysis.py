@@ -17,7 +17,7 @@ from mavdem.dem import parallel
 from mavdem.facts.assessment import Caveat, NoModel
 from mavdem.facts.model import NoPhysical
 from mavdem.ingest import read_log
-from mavdem.ingest.telemetry import selected_rows
+from mavdem.ingest.telemetry import selected_messages
 from mavdem.loops.advice import advised_parameters
 from mavdem.plant import physical
 from mavdem.report.blocks import plain_text
@@ -31,7 +31,7 @@ def slow():
     (vehicle,) = log.vehicles
     streams = ("ATTITUDE", "SERVO_OUTPUT_RAW")
     messages = {
-        name: selected_rows(columns, slice(None, None, 10)) if name in streams else columns
+        name: selected_messages(columns, slice(None, None, 10)) if name in streams else columns
         for name, columns in vehicle.messages.items()
     }
     return assess(replace(log, vehicles=(replace(vehicle, messages=messages),)), axis="roll")

@@ -74,6 +74,9 @@ def logdet(matrix: Array) -> float:
     Args:
         matrix: (k, k) symmetric positive definite.
 
+    Returns:
+        The natural logarithm.
+
     Raises:
         numpy.linalg.LinAlgError: the matrix is not positive definite.
     """
