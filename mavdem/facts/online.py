@@ -12,6 +12,7 @@ class OnlineFact(Code):
     FIRST_LEARNING = "first_learning"
     SAMPLES_MISPLACED = "samples_misplaced"
     LEARNING_FAILED = "learning_failed"
+    PROCESS_KILLED = "process_killed"
 
 
 class SurpriseCause(StrEnum):

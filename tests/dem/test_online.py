@@ -164,7 +164,7 @@ def test_an_executor_that_is_gone_is_a_reason_for_no_model_and_no_error():
     dead.set_exception(BrokenExecutor("a process was killed"))
     online._pending_fit = dead
     online.update(4.5, WINDY.outputs[450], WINDY.inputs[450])
-    assert online.no_model_reason.figures["reason"].figures["text"] == "a process was killed"
+    assert online.no_model_reason.figures["reason"].code is OnlineFact.PROCESS_KILLED
 
 
 def test_while_another_thread_learns_no_update_waits_for_it():

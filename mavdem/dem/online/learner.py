@@ -8,7 +8,7 @@ model.
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import CancelledError, Executor, Future, wait
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, wait
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -552,10 +552,13 @@ class OnlineLearner:
         Args:
             error: The error of the fit or of the executor.
         """
+        reason = None
+        if isinstance(error, BrokenExecutor):
+            reason = Fact(OnlineFact.PROCESS_KILLED)
+        elif str(error):
+            reason = fact_from_error(error)
         self.no_model_reason = Fact(
-            OnlineFact.LEARNING_FAILED,
-            reason=fact_from_error(error) if str(error) else None,
-            kept=self._monitor is not None,
+            OnlineFact.LEARNING_FAILED, reason=reason, kept=self._monitor is not None
         )
         self._next_fit_sample = self._sample_count + self._samples_before_fit
         # A ValueError means that no model can be learned from the samples.
