@@ -27,7 +27,7 @@ from mavdem.fleet.state import (
 )
 from mavdem.report.blocks import Block, Sentence
 from mavdem.report.charts.comparison_charts import FlightSeries, flight_series
-from mavdem.report.difference.changes import bound_blocks, change_sentences, detail_sentences
+from mavdem.report.difference.changes import bound_table, change_sentences, detail_sentences
 from mavdem.report.difference.headline import headline_blocks, headline_of_comparison
 from mavdem.report.difference.identity import identity_remarks
 from mavdem.report.difference.lights import bad_lights
@@ -223,7 +223,7 @@ def _print_comparison(
         *motor_table(reviewed.reviews, reviewed.difference),
         *change_sentences(reviewed, headline),
         *parameter_sentences(reviewed, headline),
-        *bound_blocks(reviewed.difference),
+        *bound_table(reviewed.difference),
     ]
     details = [*detail_sentences(reviewed), *headline_blocks(headlines, headline)]
     print_screen(title, summary, details, footer, verbose=verbose)

@@ -284,8 +284,14 @@ def sentences_without_change(reviewed: ReviewedDifference) -> list[Sentence]:
     return [*sentences, *same_sentences(difference.changes_with(QuantityOutcome.SAME))]
 
 
-def bound_blocks(difference: VehicleDifference) -> Blocks:
-    """Returns, where no change was found, a table of how large a change may have been missed, and its explanation.
+def explained_bounds(difference: VehicleDifference) -> Blocks:
+    """Returns the table of :func:`bound_table` with a sentence on what its columns mean; empty without a table."""
+    table = bound_table(difference)
+    return [*table, *render_section("difference_bounds")] if table else []
+
+
+def bound_table(difference: VehicleDifference) -> list[Table]:
+    """Returns, where no change was found, a table of how large a change may have been missed.
 
     It has two numbers for each kind of quantity: the largest change that its intervals still contain, and the change
     that nine of ten such comparisons would find.
@@ -294,7 +300,7 @@ def bound_blocks(difference: VehicleDifference) -> Blocks:
         difference: comparison of two states, quantity by quantity.
 
     Returns:
-        Table and sentence; empty if a tested quantity changed or is doubtful, or if nothing was tested.
+        A list with the table; empty if a tested quantity changed or is doubtful, or if nothing was tested.
     """
     tested_changes = difference.tested
     for change in tested_changes:
@@ -307,8 +313,8 @@ def bound_blocks(difference: VehicleDifference) -> Blocks:
     for kind, changes in changes_by_kind.items():
         significance = significance_of_single_change(tested_changes, kind)
         rows.append(bound_row(kind, changes, significance))
-    header = ["no change found in", "within", "found from"]
-    return [Table(header, rows), *render_section("difference_bounds")]
+    header = ["no change found in", "within (90 %)", "found from (9 of 10)"]
+    return [Table(header, rows)]
 
 
 def same_sentences(same: Sequence[QuantityChange]) -> list[Sentence]:

@@ -25,8 +25,8 @@ from mavdem.report.charts.comparison_charts import (
 )
 from mavdem.report.charts.flight_charts import MIN_DENSITY
 from mavdem.report.difference.changes import (
-    bound_blocks,
     difference_blocks,
+    explained_bounds,
     same_sentences,
     sentences_on_missing_figures,
 )
@@ -68,6 +68,11 @@ leaves that out. The bars include how much flights of one vehicle usually differ
 
 MOTORS_CAPTION = f"Means over {MEAN_SECONDS:g} s, all on one scale."
 """What stands below the charts of the motors' outputs."""
+
+WARNING_TIMES = (
+    "Times in the table are since the autopilot's boot, those of the charts since take-off."
+)
+"""What stands below the table of warnings about motors."""
 
 MOTORS_IN_ROW = 2
 """Charts of motors' outputs side by side: four motors fill two rows."""
@@ -230,7 +235,10 @@ def _motor_chapter(
         *_motor_groups(series_charts),
         *_chart_group(_trim_chart(legend, reviewed.difference), TRIMS_CAPTION),
     ]
-    return Chapter("Motors", motor_table(reviewed.reviews, reviewed.difference), groups)
+    warnings = motor_table(reviewed.reviews, reviewed.difference)
+    if warnings:
+        warnings.append(Sentence(WARNING_TIMES))
+    return Chapter("Motors", warnings, groups)
 
 
 def _step_chapter(reviews_by_side: Reviews, legend: Mapping[str, str]) -> Chapter:
@@ -279,7 +287,7 @@ def _change_chapter(difference: VehicleDifference) -> Chapter:
     groups = [] if drawing is None else [Group.side_by_side([drawing], CHANGES_CAPTION)]
     changes_in_drawing = drawn_changes(difference)
     other_changes = [change for change in difference.changes if change not in changes_in_drawing]
-    bounds = [] if difference.is_of_same_flight else bound_blocks(difference)
+    bounds = [] if difference.is_of_same_flight else explained_bounds(difference)
     return Chapter("What changed", [*bounds, *same_sentences(other_changes)], groups)
 
 
