@@ -96,9 +96,6 @@ def student_t_log_density(values: NDArray[np.float64], freedom: float) -> NDArra
     Args:
         values: values at which the density is computed.
         freedom: degrees of freedom, finite.
-
-    Returns:
-        Natural logarithm of the density at each value, in the same shape.
     """
     log_normalization = (
         scipy.special.gammaln((freedom + 1) / 2)

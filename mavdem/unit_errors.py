@@ -49,8 +49,7 @@ def suspected_unit_error(outputs: NDArray[np.float64], dt: float) -> Fact | None
         dt: Sampling step, expected in s.
 
     Returns:
-        A fact (a coded finding) with the error, the ``ratio`` of change and integral, and the ``largest`` angle; None
-        without an error.
+        A fact with the error, the ``ratio`` of change and integral, and the ``largest`` angle; None without an error.
     """
     if outputs.shape[1] != 2:
         return None

@@ -35,12 +35,12 @@ from sitl_scenarios.wind import Weather
 MAX_BODY_RATE = 200.0
 """Body rate above which a vehicle is out of control, rad/s: no vehicle turns faster."""
 
-CycleRecord = dict[str, Any]
+Row = dict[str, Any]
 """Values of the fields of ``Motion`` in one cycle, by name, except the fields of the disturbance."""
 
 
 class DisturbedState(NamedTuple):
-    """What the disturbance of one cycle follows from, besides the quantities that ``Motion`` records."""
+    """What the disturbance of one cycle follows from besides the row of ``Motion``."""
 
     air: AirState
     """The air at the vehicle."""
@@ -61,12 +61,12 @@ class Simulation:
 
     A flight is: two seconds on the ground, arming, the flight, disarming, one second more. The next flight follows.
     Every number follows from the scenario: flown again, all are the same, bit by bit. ``scenario`` is what is flown,
-    ``cycle`` the period of the autopilot's loop and of the samples of ``Motion``, s, and ``armed`` says whether the
-    motors may turn.
+    ``cycle`` the period of the autopilot's loop and of the rows of ``Motion``, s, and ``armed`` says whether the motors
+    may turn.
     """
 
     motion_type: type[Motion] = Motion
-    """Class of the returned motions; subclasses record further quantities."""
+    """Record of the rows of a flight."""
 
     def __init__(self, scenario: Scenario) -> None:
         """Prepares the first flight, with the whole weather; raises ValueError if its duration is too short."""
@@ -166,23 +166,21 @@ class Simulation:
             cycles: Number of cycles; fewer are simulated where the last flight ends before.
 
         Returns:
-            The motion, with one sample for each simulated cycle.
+            One row for each simulated cycle.
 
         Raises:
             ValueError: The vehicle tumbles.
         """
-        cycle_records = []
+        rows = []
         disturbed_states = []
         for _ in range(cycles):
             if self.finished:
                 break
-            cycle_record, disturbed_state = self._fly_cycle()
-            cycle_records.append(cycle_record)
+            row, disturbed_state = self._fly_cycle()
+            rows.append(row)
             disturbed_states.append(disturbed_state)
-        # One array for each field of the motion, with its values in all cycles.
-        columns = {}
-        for name in cycle_records[0]:
-            columns[name] = _column_of_field([record[name] for record in cycle_records])
+        # The rows become columns: one array for each field of the motion.
+        columns = {name: _column_of_field([row[name] for row in rows]) for name in rows[0]}
         # Forces and moments of the disturbance are computed for all cycles at once, which is faster.
         columns |= self._disturbance_columns(columns, disturbed_states)
         columns["landed_state"] = columns["landed_state"].astype(np.uint8)
@@ -191,7 +189,7 @@ class Simulation:
     def _disturbance_columns(
         self, columns: Arrays, disturbed_states: Sequence[DisturbedState]
     ) -> Arrays:
-        """Computes the disturbing force and moment on the vehicle in all cycles at once.
+        """Computes the disturbing force and moment on the vehicle for all rows of the motion at once.
 
         Args:
             columns: Columns (N, …) of the motion in N cycles: attitude, velocity, rates and rotor speeds are used.
@@ -203,20 +201,20 @@ class Simulation:
         force = np.zeros((len(disturbed_states), 3))
         moment = np.zeros((len(disturbed_states), 3))
         air = _column_of_field([disturbed.air for disturbed in disturbed_states])
-        # ``disturbance_of_states`` takes many states with the same damage, so cycles are grouped by their damage.
-        flown_cycles: dict[Damage, list[int]] = {}
-        for cycle, disturbed in enumerate(disturbed_states):
+        # ``disturbance_of_states`` takes many states with the same damage, so rows are grouped by their damage.
+        flying_rows: dict[Damage, list[int]] = {}
+        for row, disturbed in enumerate(disturbed_states):
             if not disturbed.on_ground:
-                flown_cycles.setdefault(disturbed.damage, []).append(cycle)
-        for damage, indices in flown_cycles.items():
-            force[indices], moment[indices] = disturbance_of_states(
+                flying_rows.setdefault(disturbed.damage, []).append(row)
+        for damage, rows in flying_rows.items():
+            force[rows], moment[rows] = disturbance_of_states(
                 self.scenario.vehicle,
                 damage,
-                columns["attitude"][indices],
-                columns["velocity"][indices],
-                columns["rates"][indices],
-                columns["rotor_speeds"][indices],
-                air[indices],
+                columns["attitude"][rows],
+                columns["velocity"][rows],
+                columns["rates"][rows],
+                columns["rotor_speeds"][rows],
+                air[rows],
             )
         return {"force": force, "moment": moment}
 
@@ -247,7 +245,7 @@ class Simulation:
         if self.armed and flight_cycle >= self._flight_cycles and self._on_ground:
             self.armed = False
 
-    def _fly_cycle(self) -> tuple[CycleRecord, DisturbedState]:
+    def _fly_cycle(self) -> tuple[Row, DisturbedState]:
         """Simulates one cycle of the autopilot: sense, control, record, and move the vehicle to the next cycle.
 
         Returns:
@@ -273,12 +271,12 @@ class Simulation:
         estimate = self._estimate(measured_state)
         reference = self._reference(estimate)
         control = self._control_output(estimate, reference)
-        cycle_record = self._cycle_record(air, battery, estimate, reference, control)
+        row = self._row(air, battery, estimate, reference, control)
         disturbed_state = DisturbedState(air, self._body.damage, self._on_ground)
 
         self._move(control.outputs, battery, air, reference)
         self._current_cycle += 1
-        return cycle_record, disturbed_state
+        return row, disturbed_state
 
     @property
     def _flight_time(self) -> float:
@@ -317,14 +315,14 @@ class Simulation:
         flown_fraction = min(max(flight_cycle / self._flight_cycles, 0.0), 1.0)
         return 1.0 - self.scenario.vehicle.battery_sag * flown_fraction
 
-    def _cycle_record(
+    def _row(
         self,
         air: AirState,
         battery: float,
         estimate: State,
         reference: Reference,
         control: ControlOutput,
-    ) -> CycleRecord:
+    ) -> Row:
         """Collects the quantities of the current cycle, before the vehicle moves on.
 
         Args:

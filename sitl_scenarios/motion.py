@@ -1,4 +1,4 @@
-"""Motion: states, inputs and disturbances of a simulated flight, one sample per cycle of the autopilot."""
+"""Motion: states, inputs and disturbances of a simulated flight, one row per cycle of the autopilot."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Arrays = dict[str, NDArray[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Samples of a simulated flight, one for each cycle of the autopilot.
+    """Rows of a simulated flight, one for each cycle of the autopilot.
 
     Positions and velocities are north-east-down (NED), with the origin where the vehicle stands at first. Body axes
     are forward, right, down (FRD). Truth files hold each field under its name.
@@ -84,8 +84,8 @@ class Motion:
     def __len__(self) -> int:
         return len(self.time)
 
-    def __getitem__(self, cycles: slice | NDArray[np.intp] | Flags) -> Motion:
-        return type(self)(*(column[cycles] for column in vars(self).values()))
+    def __getitem__(self, rows: slice | NDArray[np.intp] | Flags) -> Motion:
+        return type(self)(*(column[rows] for column in vars(self).values()))
 
 
 def joined(pieces: Sequence[Motion]) -> Motion:

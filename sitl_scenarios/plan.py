@@ -287,9 +287,9 @@ class FlightPlan:
                 return hover._replace(attitude_demand=_chirp_demand(self._excitation, time))
             case Multisine() | Sticks():
                 # A multisine repeats after its period.
-                cycle = round(time / self._cycle) % len(self._demands)
+                row = round(time / self._cycle) % len(self._demands)
                 return hover._replace(
-                    attitude_demand=self._demands[cycle],
+                    attitude_demand=self._demands[row],
                     by_stick=isinstance(self._excitation, Sticks),
                 )
             case Steps(distance=distance, period=period):
@@ -298,8 +298,8 @@ class FlightPlan:
                 return hover._replace(east=0.0 if is_back else distance)
             case Course():
                 # After the last lap the vehicle stays where the course ended.
-                cycle = min(round(time / self._cycle), len(self._course) - 1)
-                course = self._course[cycle]
+                row = min(round(time / self._cycle), len(self._course) - 1)
+                course = self._course[row]
                 return Reference(
                     IN_AIR,
                     height=self._height + course.up,
@@ -352,7 +352,7 @@ def _course_rows(course: Course, cycle: float) -> list[list[float]]:
 
     Args:
         course: Moves of the course.
-        cycle: Period of the setpoints, s.
+        cycle: Period of the rows, s.
 
     Returns:
         For each cycle, the seven values of a ``CourseRow``.
@@ -372,7 +372,7 @@ def _move_rows(move: Move, start: Array, cycle: float) -> Array:
     Args:
         move: Distances north, east and up, the turn, and the hover after it.
         start: Position at its beginning, north, east and up, m; (3,).
-        cycle: Period of the setpoints, s.
+        cycle: Period of the rows, s.
 
     Returns:
         (n, 7) values of ``CourseRow`` for each cycle.

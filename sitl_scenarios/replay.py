@@ -68,8 +68,8 @@ def replay_setpoints(
     inputs = _inputs_by_cycle(cycle_times, setpoints, torque, airframe_body.inertia)
     state = State(rotors=(airframe_body.hover_speed,) * airframe_body.rotors)
     motion = []
-    for values in inputs.tolist():
-        roll_setpoint, pitch_setpoint, _, p, q, r, roll_moment, pitch_moment, yaw_moment = values
+    for row in inputs.tolist():
+        roll_setpoint, pitch_setpoint, _, p, q, r, roll_moment, pitch_moment, yaw_moment = row
         # The autopilot measures the state by its sensors, and the rates after the gyro's filters.
         estimate = estimator.estimate(state._replace(rates=gyro.filtered_rates))
         angles = euler_angles(estimate.attitude)
@@ -95,11 +95,9 @@ def replay_setpoints(
             raise ValueError("the vehicle is out of control: it needs other gains")
     # Each sample gets the motion at the cycle that begins at it or next; the tolerance keeps rounding out.
     samples = np.arange(len(torque))
-    cycle_of_sample = np.searchsorted(cycle_times, samples - SAMPLE_TOLERANCE).clip(
-        max=len(motion) - 1
-    )
+    rows = np.searchsorted(cycle_times, samples - SAMPLE_TOLERANCE).clip(max=len(motion) - 1)
     # Each motion is (angles, rates) of three axes, (2, 3): the axes come first in the result.
-    return np.array(motion)[cycle_of_sample].mT
+    return np.array(motion)[rows].mT
 
 
 def _inputs_by_cycle(

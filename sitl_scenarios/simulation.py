@@ -24,7 +24,7 @@ def fly(scenario: Scenario, progress: Progress | None = None) -> Motion:
         progress: Function that is called once per simulated second with the fraction that is done, 0 to 1.
 
     Returns:
-        One sample for each cycle of the autopilot.
+        One row for each cycle of the autopilot.
 
     Raises:
         ValueError: The vehicle tumbles.

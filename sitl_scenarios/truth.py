@@ -116,14 +116,7 @@ def linearised_model(vehicle: VehicleSpec) -> LinearModel:
     dynamics = vehicle_dynamics(vehicle)
 
     def derivative(states_and_commands: Array) -> Array:
-        """Returns the derivatives (n,) of the ``STATES`` at states and commands (n + k,).
-
-        Args:
-            states_and_commands: The n ``STATES``, then the commands of k motors (n + k,).
-
-        Returns:
-            Derivatives of the states (n,), in their units per second.
-        """
+        """Returns the derivatives (n,) of the ``STATES`` at states and commands (n + k,)."""
         # Three each of position, velocity, angles and rates, then the commands. The position has no effect.
         _, velocity, angles, rates, commands = np.split(states_and_commands, [3, 6, 9, 12])
         roll, pitch, yaw = angles
@@ -193,7 +186,7 @@ def truth(scenario: Scenario, motion: Motion) -> Arrays:
 
     Args:
         scenario: Scenario of the flight: vehicle, wind, excitation, sensors and faults.
-        motion: The flight, N samples.
+        motion: The flight, N rows.
 
     Returns:
         Arrays by name. They are every field of ``Motion`` and:
@@ -489,7 +482,7 @@ class HoverPhase(NamedTuple):
     """Time of the hover before all damage, or after all damage, so that the damage does not change in it."""
 
     is_in_phase: Flags
-    """(N,) whether each sample of the flight belongs to it."""
+    """(N,) whether each row of the flight belongs to it."""
     damage: Damage
     """Damage of the vehicle in it."""
 
@@ -535,7 +528,7 @@ def _mean_motor_effects(vehicle: VehicleSpec, motion: Motion, damage: Damage) ->
 
     Args:
         vehicle: Airframe of the scenario's vehicle, with its drag, rotor lag and inertia.
-        motion: Samples of the interval.
+        motion: Rows of the interval.
         damage: Damage of the vehicle in it.
 
     Returns:

@@ -7,7 +7,7 @@ import numpy as np
 from mavdem.assessment.condition import measure_condition
 from mavdem.assessment.evidence import Evidence
 from mavdem.dataset.learnability import learnability_of
-from mavdem.ingest.telemetry import Log, Telemetry, selected_messages
+from mavdem.ingest.telemetry import Log, Telemetry, selected_rows
 
 MAV_TYPES = {
     "FIXED_WING": 1,
@@ -141,7 +141,7 @@ def only(telemetry, wanted, *messages):
     """The telemetry with those messages, of the kinds that are named or of all, whose time is ``wanted``."""
     for message in messages or telemetry.messages:
         table = telemetry.messages[message]
-        telemetry = changed(telemetry, message, **selected_messages(table, wanted(table["time"])))
+        telemetry = changed(telemetry, message, **selected_rows(table, wanted(table["time"])))
     return telemetry
 
 

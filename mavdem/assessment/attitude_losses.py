@@ -262,8 +262,8 @@ class _AttitudeLoss(NamedTuple):
     ) -> MotionEvent:
         """Returns the code of a loss that was not recovered: how the vehicle was lost.
 
-        A vehicle that never rose tipped over on the ground. One whose accelerometer shows the knock of a contact, or
-        that was near the ground, hit something first. All others lost their attitude in the air.
+        A vehicle that never rose tipped over on the ground. A vehicle whose accelerometer shows the knock of a contact,
+        or that was near the ground, hit something first. All others lost their attitude in the air.
 
         Args:
             onset: time at which the attitude began to leave its setpoint, s since boot.

@@ -147,7 +147,7 @@ class Evidence:
 
     @cached_property
     def identified_loops(self) -> LoopsByAxis:
-        """The control loops of those axes where they are known."""
+        """The control loops by axis, for each axis whose loop is known."""
         return identified_loops(self.loops)
 
     @cached_property

@@ -238,7 +238,7 @@ def _sensor_faults(
 ) -> Iterator[FaultSignal]:
     """Yields the fault signal of each of the ``SENSOR_FAULTS`` by SYS_STATUS.
 
-    A sensor is faulty if it is present and enabled, and not healthy any more. One that was never healthy before in
+    A sensor is faulty if it is present and enabled, and not healthy any more. A sensor that was never healthy before in
     the log did not fail: autopilots also clear the bit before calibration, or if they do not use the sensor. The
     signals of sensors without a fault are yielded too, with all flags false.
 

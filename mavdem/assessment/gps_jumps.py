@@ -12,7 +12,7 @@ import scipy
 
 from mavdem.arrays import Array
 from mavdem.dataset.intervals import TimeInterval
-from mavdem.dataset.position_fix import RECEIVER_MESSAGES, has_fix_by_message
+from mavdem.dataset.position_fix import RECEIVER_MESSAGES, has_fix_by_row
 from mavdem.dataset.signals import EARTH_RADIUS, global_positions
 from mavdem.dataset.time_series import TimeSeries, clean_series
 from mavdem.ingest.telemetry import Telemetry
@@ -102,7 +102,7 @@ def _receiver_positions(telemetry: Telemetry, message: str) -> TimeSeries | None
     if not all(field in columns for field in ("lat", "lon", "fix_type")):
         return None
     degrees, is_valid = global_positions(columns)
-    is_fix = is_valid & has_fix_by_message(columns)
+    is_fix = is_valid & has_fix_by_row(columns)
     if not is_fix.any():
         return None
     latitude_and_longitude = np.radians(degrees)

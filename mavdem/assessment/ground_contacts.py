@@ -461,8 +461,8 @@ class _Contact:
     def _height_of_contact(self, time: float) -> float | None:
         """Returns the height above the take-off at a contact.
 
-        Recorded heights are averages and lag behind, so that the lowest one within ``MAX_SETPOINT_DELAY`` afterwards is
-        returned, or the one at the time itself if no sample follows so soon.
+        Recorded heights are averages and lag behind. So the lowest height within ``MAX_SETPOINT_DELAY`` afterwards is
+        returned or, if no sample follows so soon, the height at the time itself.
 
         Args:
             time: time of the contact, s since boot.

@@ -198,7 +198,7 @@ def _headline_without_flight(evidence: Evidence) -> Fact:
 
 
 def _largest_of_first_kind(bad_facts: Sequence[Fact]) -> Fact:
-    """Returns the fact that the headline names: the largest one of those with the same code as the first.
+    """Returns the fact that the headline names: the largest of the facts with the same code as the first.
 
     Only losses of thrust have a size: their figure ``rise``, by which the command of a motor rose to compensate its
     loss. The largest loss is named, not the earliest. Of facts without that figure the first is returned.

@@ -15,7 +15,7 @@ from mavdem.dataset.learnability import learnability_of
 from mavdem.dataset.segment_learnability import Learnability
 from mavdem.dataset.signals import Signals
 from mavdem.ingest import Component, Log
-from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps, selected_messages
+from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps, selected_rows
 
 MIN_MESSAGES_FOR_STEP = 50
 """Number of messages of a stream from which on the usual step between them is known."""
@@ -211,7 +211,7 @@ def _message_rate(columns: Columns) -> float | None:
         instances, instance_of_row = np.unique(columns[field], return_inverse=True)
         if len(instances) > 1:
             most_frequent = np.bincount(instance_of_row).argmax()
-            columns = selected_messages(columns, instance_of_row == most_frequent)
+            columns = selected_rows(columns, instance_of_row == most_frequent)
     steps = np.diff(columns["time"])[np.diff(columns["boot"]) == 0]
     # Messages of several sensors of a kind have the same stamp: such steps of 0 are left out.
     steps = steps[steps > 0]

@@ -10,7 +10,10 @@ LEVELS_BY_SEVERITY = (Level.UNKNOWN, Level.GOOD, Level.WATCH, Level.BAD)
 
 
 class Limits(NamedTuple):
-    """Limits of a figure that is worse the larger it is. Those of a voltage, worse the lower, are compared directly."""
+    """Limits of a figure that is worse the larger it is.
+
+    Limits of a voltage, which is worse the lower it is, are compared directly.
+    """
 
     watch: float
     """The figure is to be watched beyond this."""

@@ -119,8 +119,9 @@ def _not_flown_event(signals: Signals, trust: SensorTrust) -> Fact | None:
 def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Iterator[Fact]:
     """Yields the events of one boot in which a multirotor flew, in no particular order.
 
-    Most events are found flight by flight. Those of motors are found afterwards, since a vehicle that is out of control
-    drives sound motors to their limits. Whether the log ends in the air follows from the events of the last flight.
+    Most events are found flight by flight. Events of motors are found afterwards, since a vehicle that is out of
+    control drives sound motors to their limits. Whether the log ends in the air follows from the events of the last
+    flight.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.

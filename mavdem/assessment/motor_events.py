@@ -22,7 +22,7 @@ from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.phases import MIN_CLIMB_SPEED
 from mavdem.dataset.quality import LIMIT_MARGIN, samples_at_limits
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.time_series import TimeSeries, series_of_boot, slice_of_boot
+from mavdem.dataset.time_series import TimeSeries, rows_of_boot, series_of_boot
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.witnesses.height import trusted_height
@@ -335,7 +335,7 @@ def _is_off(signals: Signals, motors: MotorOutputs, boot: int, commands: Array) 
     is_ardupilot = signals.telemetry.autopilot == "ARDUPILOTMEGA"
     off_command = 0.0 if is_ardupilot else -LIMIT_MARGIN
     # An output of 0 means "no pulses" where pulses begin at a larger number.
-    outputs_in_boot = motors.outputs[slice_of_boot(motors.boot, boot)]
+    outputs_in_boot = motors.outputs[rows_of_boot(motors.boot, boot)]
     has_no_pulses = (outputs_in_boot == 0) & (motors.scale.low > 0)
     is_off = (commands <= off_command) | has_no_pulses
     idle_command = min_running_command(motors)

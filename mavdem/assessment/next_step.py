@@ -115,6 +115,6 @@ def _step_against_faults(headline: Fact, lights: NamedFacts) -> Fact:
 
 
 def _advises_other_step_first(light: Fact) -> bool:
-    """Returns whether the fact of a light only advises to do first what the headline or another light advises."""
+    """Returns whether a light only advises to follow the advice of the headline or of another light first."""
     action = light.figures.get("action")
     return isinstance(action, Fact) and action.code is LoopAction.DO_FIRST

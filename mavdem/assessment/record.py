@@ -119,7 +119,7 @@ class Assessment:
 
     @property
     def identified_loops(self) -> LoopsByAxis:
-        """The control loops of those axes where they are known."""
+        """The control loops by axis, for each axis whose loop is known."""
         return {} if self.evidence is None else self.evidence.identified_loops
 
     @property

@@ -95,7 +95,7 @@ class ModeInterval:
 class TimeHistory:
     """The signals of one flight over time; all times are s on the clock of one boot.
 
-    Signals are limited to the ``segment``. One that has less than two samples there, which make no line, is None.
+    Signals are limited to the ``segment``. A signal with less than two samples there, which make no line, is None.
     """
 
     segment: Segment

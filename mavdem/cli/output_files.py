@@ -88,7 +88,7 @@ def replaced_files(
     Args:
         folder: Folder of the files, which is created if it does not exist.
         names: Names of the files.
-        stale_names: Names of files that an earlier run may have left in the folder. Those that are not among ``names``
+        stale_names: Names of files that an earlier run may have left in the folder. Files that are not among ``names``
             are removed at the end.
 
     Yields:

@@ -11,7 +11,7 @@ from mavdem.arrays import Array, Integers
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import TILT_AXES, model_outputs
 from mavdem.dataset.resampling import common_grid, common_step, mean_rate, resample
-from mavdem.dataset.segments import Segment, slice_of_segment
+from mavdem.dataset.segments import Segment, rows_of_segment
 from mavdem.dataset.setpoints import Setpoint, held_setpoint
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
@@ -45,13 +45,13 @@ def aligned_flight(signals: Signals, segment: Segment, dt: float | None = None) 
         The flight, on the clock of the segment's boot.
     """
     attitude, motors = signals.attitude_and_inputs
-    attitude_samples = slice_of_segment(attitude, segment)
-    attitude_time = attitude.time[attitude_samples]
-    motor_samples = slice_of_segment(motors, segment)
-    motor_time = motors.time[motor_samples]
-    rate = attitude.rate[attitude_samples]
+    attitude_rows = rows_of_segment(attitude, segment)
+    attitude_time = attitude.time[attitude_rows]
+    motor_rows = rows_of_segment(motors, segment)
+    motor_time = motors.time[motor_rows]
+    rate = attitude.rate[attitude_rows]
     if signals.axis in TILT_AXES:
-        motion = np.column_stack([attitude.angle[attitude_samples], rate])
+        motion = np.column_stack([attitude.angle[attitude_rows], rate])
     else:
         motion = rate[:, np.newaxis]
 
@@ -59,7 +59,7 @@ def aligned_flight(signals: Signals, segment: Segment, dt: float | None = None) 
         dt = common_step((attitude_time, motor_time))
     grid = common_grid(attitude_time, motor_time, dt)
     outputs = resample(grid, dt, attitude_time, motion)
-    inputs = resample(grid, dt, motor_time, motors.outputs[motor_samples])
+    inputs = resample(grid, dt, motor_time, motors.outputs[motor_rows])
 
     described_outputs = model_outputs(signals.axis)
     geometry = motors.geometry
@@ -193,8 +193,8 @@ def _earlier_parameters(signals: Signals, segment: Segment) -> Parameters:
         is_before_start = (changes.boot < segment.boot) | (
             (changes.boot == segment.boot) & (changes.time <= segment.start)
         )
-        for index in np.flatnonzero(is_before_start).tolist():
-            name, value = changes.names_and_values[index]
+        for row in np.flatnonzero(is_before_start).tolist():
+            name, value = changes.names_and_values[row]
             if isfinite(value):
                 latest_values[name] = value
         values_at_start = latest_values
@@ -239,13 +239,12 @@ def _changed_parameters(signals: Signals) -> ParameterMessages:
     for name, value in names_and_values:
         if value != telemetry.parameters.get(name):
             changed_names.add(name)
-    # Indices of the messages that are kept.
-    indices = []
-    for index, (name, _) in enumerate(names_and_values):
+    rows = []
+    for row, (name, _) in enumerate(names_and_values):
         if name in changed_names:
-            indices.append(index)
+            rows.append(row)
     return ParameterMessages(
-        columns["boot"][indices],
-        columns["time"][indices],
-        tuple(names_and_values[index] for index in indices),
+        columns["boot"][rows],
+        columns["time"][rows],
+        tuple(names_and_values[row] for row in rows),
     )

@@ -17,7 +17,7 @@ from mavdem.dataset.time_series import (
     message_counts,
     preferred_message,
 )
-from mavdem.ingest.telemetry import MIN_PREFERRED_SHARE, Columns, Telemetry, indices_by_value
+from mavdem.ingest.telemetry import MIN_PREFERRED_SHARE, Columns, Telemetry, rows_by_value
 from mavdem.ingest.vocabulary import euler_angles
 
 ATTITUDE_MESSAGES = ("ATTITUDE", "ATTITUDE_QUATERNION")
@@ -41,7 +41,7 @@ MAX_STEP_WITHOUT_OUTAGE = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Attitude:
-    """N samples of the motion about one axis, without those that are not finite or impossible."""
+    """N samples of the motion about one axis, without rows that are not finite or impossible."""
 
     message: str
     """Name of the message from which the samples are taken."""
@@ -148,7 +148,7 @@ def tuning_rates(
     return replace(tuning, values=np.radians(tuning.values)) if is_in_degrees else tuning
 
 
-# Samples that are not finite are left out at the end, so their warnings say nothing.
+# Rows that are not finite are left out at the end, so their warnings say nothing.
 @np.errstate(all="ignore")
 def attitude_from_messages(telemetry: Telemetry, axis: str) -> Attitude | None:
     """Returns Euler angle and body rate of an axis from ATTITUDE, or ATTITUDE_QUATERNION if that is clearly faster.
@@ -201,11 +201,11 @@ def attitude_from_messages(telemetry: Telemetry, axis: str) -> Attitude | None:
 def _euler_angles(columns: Columns, message: str, axis: str) -> tuple[Array, Array, Array]:
     """Returns the Euler angles of a message that has the attitude.
 
-    Samples with an impossible value are excluded later. The yaw of ATTITUDE is read only for a model of yaw, so that a
-    bad heading does not exclude samples from a model of roll or pitch. A quaternion cannot be separated in this way.
+    Rows with an impossible value are excluded later. The yaw of ATTITUDE is read only for a model of yaw, so that a bad
+    heading does not exclude rows from a model of roll or pitch. A quaternion cannot be separated in this way.
 
     Args:
-        columns: fields of N messages.
+        columns: fields of the message, N rows.
         message: ATTITUDE_QUATERNION, or another message with the fields roll, pitch and yaw in rad.
         axis: "roll", "pitch" or "yaw", the axis of the model.
 
@@ -283,9 +283,9 @@ def _integrated_rates(attitude: Attitude, tuning: TimeSeries) -> _IntegratedRate
     angle = np.full_like(body_rate, np.nan)
     euler_rate = body_rate.copy()
     covered_count = 0
-    for boot, indices in indices_by_value(attitude.boot).items():
-        sent_time = attitude.time[indices]
-        sent_angle = attitude.angle[indices]
+    for boot, rows in rows_by_value(attitude.boot).items():
+        sent_time = attitude.time[rows]
+        sent_angle = attitude.angle[rows]
         is_covered = (tuning.boot == boot) & _is_between_messages(tuning.time, sent_time)
         if not np.any(is_covered):
             continue
@@ -297,7 +297,7 @@ def _integrated_rates(attitude: Attitude, tuning: TimeSeries) -> _IntegratedRate
         covered_count += int(np.count_nonzero(is_in_span))
         # The Euler rate is the body rate of the axis plus a coupling by the other two rates, which are known only at
         # the slower messages.
-        coupling_at_messages = attitude.euler_rate[indices] - attitude.rate[indices]
+        coupling_at_messages = attitude.euler_rate[rows] - attitude.rate[rows]
         euler_rate[is_covered] += np.interp(time, sent_time, coupling_at_messages)
     return _IntegratedRates(angle, euler_rate, covered_count)
 

@@ -15,7 +15,7 @@ import numpy as np
 from mavdem.arrays import Array, Flags
 from mavdem.dataset.time_series import TimeSeries, clean_series, float_column
 from mavdem.ingest.mavlink.clock_readings import deviates_from_median
-from mavdem.ingest.telemetry import Columns, Telemetry, selected_messages
+from mavdem.ingest.telemetry import Columns, Telemetry, selected_rows
 
 BATTERY_MESSAGES = ("SYS_STATUS", "BATTERY_STATUS", "BATTERY2")
 """Messages with the state of the battery."""
@@ -77,7 +77,7 @@ class BatteryColumns(NamedTuple):
     message: str
     """Name of the message: BATTERY_STATUS, SYS_STATUS or BATTERY2."""
     columns: Columns
-    """Its fields, of the N messages about this battery alone."""
+    """Its fields, N rows of this battery alone."""
 
 
 def battery_name(number: int) -> str:
@@ -111,8 +111,8 @@ def battery_columns(telemetry: Telemetry) -> list[BatteryColumns]:
     ids = np.asarray(columns["id"])
     for battery_id in np.unique(ids).tolist():
         number = FIRST_BATTERY + int(battery_id)
-        columns_of_battery = selected_messages(columns, ids == battery_id)
-        batteries.append(BatteryColumns(number, "BATTERY_STATUS", columns_of_battery))
+        rows = selected_rows(columns, ids == battery_id)
+        batteries.append(BatteryColumns(number, "BATTERY_STATUS", rows))
     return batteries
 
 
@@ -189,7 +189,7 @@ def _measured_battery(number: int, columns: Columns) -> Battery | None:
 
     Args:
         number: Number under which the battery is listed, from 1.
-        columns: Fields of SYS_STATUS or BATTERY2, or of one battery's BATTERY_STATUS, of N messages.
+        columns: Fields of SYS_STATUS or BATTERY2, or of one battery's BATTERY_STATUS, N rows.
 
     Returns:
         The battery, with current and charge if they were measured; None without a measured voltage.
@@ -197,7 +197,14 @@ def _measured_battery(number: int, columns: Columns) -> Battery | None:
     voltage = _battery_voltage(columns)
     if voltage is None:
         return None
-    is_possible = _is_possible_voltage(voltage)
+    lowest, highest = POSSIBLE_VOLTAGE
+    is_possible = (voltage >= lowest) & (voltage <= highest)
+    # A damaged message can have twice the voltage of its neighbours.
+    possible_voltage = voltage[is_possible]
+    is_outlier = deviates_from_median(
+        possible_voltage, VOLTAGE_MEDIAN_SAMPLES, possible_voltage / 2
+    )
+    is_possible[is_possible] = ~is_outlier
     # Without a connected battery, a few damaged messages may still have a possible voltage.
     sample_count = np.count_nonzero(~np.isnan(voltage))
     min_possible_count = max(MIN_VOLTAGE_SAMPLES, sample_count / 2)
@@ -219,26 +226,6 @@ def _measured_battery(number: int, columns: Columns) -> Battery | None:
         charge=charge,
         cells=_cells_in_message(columns, is_possible),
     )
-
-
-def _is_possible_voltage(voltage: Array) -> Flags:
-    """Flags the voltages that a battery can have and that are near the running median.
-
-    Args:
-        voltage: Voltages (N,), V, in the order of the messages; NaN where a message has none.
-
-    Returns:
-        Flags (N,).
-    """
-    lowest, highest = POSSIBLE_VOLTAGE
-    is_possible = (voltage >= lowest) & (voltage <= highest)
-    # A damaged message can have twice the voltage of its neighbours.
-    possible_voltage = voltage[is_possible]
-    is_outlier = deviates_from_median(
-        possible_voltage, VOLTAGE_MEDIAN_SAMPLES, possible_voltage / 2
-    )
-    is_possible[is_possible] = ~is_outlier
-    return is_possible
 
 
 def _series_or_none(columns: Columns, values: Array) -> TimeSeries | None:
@@ -295,8 +282,8 @@ def _cells_in_message(columns: Columns, is_possible: Flags) -> int | None:
     A message reports it as a number, or by a voltage for each cell.
 
     Args:
-        columns: Fields of N messages.
-        is_possible: Whether each message has a possible voltage (N,).
+        columns: Fields of the messages, N rows.
+        is_possible: Whether each row has a possible voltage (N,).
 
     Returns:
         The number; None if they do not report it, or the voltages may be of several cells each.

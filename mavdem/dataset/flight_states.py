@@ -200,11 +200,9 @@ def _with_samples_near(time: Array) -> Intervals:
 
 def _last_defined(landed_states: Array) -> Array:
     """Returns for each of N landed states the last one before or at it that is defined; undefined before the first."""
-    indices = np.arange(len(landed_states))
-    last_indices = np.maximum.accumulate(
-        np.where(landed_states == UNDEFINED_LANDED_STATE, 0, indices)
-    )
-    return landed_states[last_indices]
+    rows = np.arange(len(landed_states))
+    last_rows = np.maximum.accumulate(np.where(landed_states == UNDEFINED_LANDED_STATE, 0, rows))
+    return landed_states[last_rows]
 
 
 def min_airborne_collective(parameters: Parameters) -> float:
@@ -213,12 +211,6 @@ def min_airborne_collective(parameters: Parameters) -> float:
     It is the one rule for flight by motor outputs alone. Where no parameter gives the command at which the motors idle,
     they may idle at ``MAX_IDLE_COLLECTIVE``. Whether a single motor runs is another question:
     :func:`min_running_command`.
-
-    Args:
-        parameters: Values of the autopilot's parameters by their names.
-
-    Returns:
-        The collective, 0 to 1.
     """
     return parameters.get("MOT_SPIN_MIN", MAX_IDLE_COLLECTIVE) + MIN_COLLECTIVE_ABOVE_IDLE
 

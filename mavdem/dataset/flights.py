@@ -227,7 +227,7 @@ def choose_vehicle(vehicles: Sequence[Telemetry], requested: str | None = None) 
         The vehicle.
 
     Raises:
-        NotLearnable: No vehicle matches, or several do; the fact (a coded finding) lists them.
+        NotLearnable: No vehicle matches, or several do; the fact lists them.
     """
     matching = _matching_vehicles(vehicles, requested)
     if len(matching) == 1:

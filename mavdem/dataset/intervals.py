@@ -30,12 +30,12 @@ def true_intervals(time: Array, condition: Flags) -> Intervals:
         The intervals, the first from -inf or the last to inf where the condition is true at the end of the record.
     """
     padded_condition = np.concatenate([[False], condition, [False]]).astype(np.int8)
-    # Changes alternate: the index of the first true sample of a run, then the index after its last one.
+    # Changes alternate: the first true row of a run, then the row after its last true one.
     changes = np.flatnonzero(np.diff(padded_condition))
     intervals = []
-    for first_index, index_after in zip(changes[::2], changes[1::2], strict=True):
-        start = -inf if first_index == 0 else float(time[first_index])
-        end = inf if index_after == len(time) else float(time[index_after - 1])
+    for first_row, row_after in zip(changes[::2], changes[1::2], strict=True):
+        start = -inf if first_row == 0 else float(time[first_row])
+        end = inf if row_after == len(time) else float(time[row_after - 1])
         intervals.append((start, end))
     return intervals
 

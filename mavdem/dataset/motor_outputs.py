@@ -16,7 +16,7 @@ from mavdem.dataset.time_series import (
     float_column,
     message_counts,
     names_by_preference,
-    slice_of_boot,
+    rows_of_boot,
 )
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Remedy, UnusableOutputs
@@ -100,9 +100,9 @@ class MotorOutputs:
 
     def range_fractions(self, boot: int) -> TimeSeries:
         """Returns the outputs (N, k) of one boot as fractions of the range."""
-        in_boot = slice_of_boot(self.boot, boot)
-        fractions = self.scale.fraction(self.outputs[in_boot])
-        return TimeSeries(self.time[in_boot], self.boot[in_boot], fractions)
+        rows = rows_of_boot(self.boot, boot)
+        fractions = self.scale.fraction(self.outputs[rows])
+        return TimeSeries(self.time[rows], self.boot[rows], fractions)
 
     def motor_fractions(self, boot: int, motor: int) -> TimeSeries:
         """Returns the outputs (N,) of one motor in one boot as fractions of the range.
@@ -110,13 +110,10 @@ class MotorOutputs:
         Args:
             boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
             motor: Index of the motor, from 0.
-
-        Returns:
-            The outputs (N,), 0 at idle to 1 at full throttle.
         """
-        in_boot = slice_of_boot(self.boot, boot)
-        fractions = self.scale.fraction(self.outputs[in_boot, motor])
-        return TimeSeries(self.time[in_boot], self.boot[in_boot], fractions)
+        rows = rows_of_boot(self.boot, boot)
+        fractions = self.scale.fraction(self.outputs[rows, motor])
+        return TimeSeries(self.time[rows], self.boot[rows], fractions)
 
 
 def motor_outputs_or_reason(telemetry: Telemetry) -> MotorOutputs | Fact:
@@ -219,7 +216,7 @@ def channel_outputs(message: str, columns: Columns, autopilot: str) -> ChannelOu
 
     Args:
         message: Name of a message in ``MOTOR_MESSAGES``.
-        columns: Its fields, of N messages.
+        columns: Its fields, N rows each.
         autopilot: MAV_AUTOPILOT without its prefix.
     """
     layout = MOTOR_MESSAGES[message]
@@ -323,7 +320,7 @@ def _combined_outputs(
         ports: For each motor, the port that has its channel; a port occurs once for each of its motors.
 
     Returns:
-        The outputs; or a fact with the reason, if no message has a finite output of every motor.
+        The outputs; or a fact with the reason, if no row has a finite output of every motor.
     """
     main_port = max(ports, key=ports.count)
     sent_outputs = [
@@ -369,7 +366,7 @@ def _outputs_by_port(message: str, columns: Columns, autopilot: str) -> list[_Po
 
     Args:
         message: name of the message, such as SERVO_OUTPUT_RAW.
-        columns: fields of N messages by name.
+        columns: fields of the message by name, N rows each.
         autopilot: MAV_AUTOPILOT without its prefix.
 
     Returns:

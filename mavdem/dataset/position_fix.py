@@ -3,7 +3,7 @@
 Without one, an estimator integrates accelerations, so that its velocity runs away, and some report it as valid.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +42,7 @@ OTHER_SOURCE_PARAMETERS = ("FLOW_TYPE", "FLOW_ENABLE", "VISO_TYPE", "BCN_TYPE", 
 """ArduPilot's parameters of sensors that measure velocity or position without satellites, 0 for none."""
 
 
-def has_fix_by_message(columns: Columns) -> Flags:
+def has_fix_by_row(columns: Columns) -> Flags:
     """Flags the messages of a satellite receiver that have a three-dimensional position fix.
 
     Args:
@@ -74,8 +74,9 @@ def is_position_fix(fix_types: NDArray[Any], satellites: Array) -> Flags:
 def has_position_fix(telemetry: Telemetry, boot: int, time: Array) -> Flags:
     """Returns at which times of a boot some satellite receiver had a three-dimensional fix.
 
-    A receiver that is silent for longer than its usual gap does not count while another one continues. If no receiver
-    was recorded, one with a fix is assumed, unless the parameters show that the vehicle has none.
+    The last message of a receiver is valid until its next one. But a receiver that is silent for longer than its usual
+    gap does not count while another one continues. If no receiver was recorded, one with a fix is assumed, unless the
+    parameters show that the vehicle has none.
 
     Args:
         telemetry: Messages of the vehicle.
@@ -85,54 +86,32 @@ def has_position_fix(telemetry: Telemetry, boot: int, time: Array) -> Flags:
     Returns:
         Flags (T,).
     """
-    receivers = []
+    has_fix = np.zeros(len(time), np.bool_)
+    # Only by receivers that are not silent: whether there is one, and whether one has a fix.
+    is_any_recent = np.zeros(len(time), np.bool_)
+    has_recent_fix = np.zeros(len(time), np.bool_)
+    is_recorded = False
     for message in RECEIVER_MESSAGES:
-        receiver = _receiver_fix(telemetry.messages.get(message, {}), boot, time)
-        if receiver is not None:
-            receivers.append(receiver)
-    if not receivers:
+        columns = telemetry.messages.get(message, {})
+        if "fix_type" not in columns:
+            continue
+        rows = np.flatnonzero(columns["boot"] == boot)
+        if not len(rows):
+            continue
+        is_recorded = True
+        rows = rows[np.argsort(columns["time"][rows], kind="stable")]
+        message_time = columns["time"][rows]
+        # The last message is valid; before the first message, the first one.
+        valid_message = np.maximum(np.searchsorted(message_time, time, side="right") - 1, 0)
+        receiver_has_fix = has_fix_by_row(columns)[rows][valid_message]
+        seconds_since_message = time - message_time[valid_message]
+        is_recent = seconds_since_message <= _longest_usual_gap(message_time)
+        has_fix |= receiver_has_fix
+        is_any_recent |= is_recent
+        has_recent_fix |= receiver_has_fix & is_recent
+    if not is_recorded:
         return np.full(len(time), not _has_no_receiver(telemetry))
-    has_fix = np.array([receiver.has_fix for receiver in receivers])
-    is_recent = np.array([receiver.is_recent for receiver in receivers])
-    # While all receivers are silent, the last message of each remains valid.
-    is_any_recent = is_recent.any(axis=0)
-    has_recent_fix = (has_fix & is_recent).any(axis=0)
-    return np.where(is_any_recent, has_recent_fix, has_fix.any(axis=0))
-
-
-class _ReceiverFix(NamedTuple):
-    """What one satellite receiver reported last, at T times of a boot."""
-
-    has_fix: Flags
-    """Whether its last message (T,) reports a three-dimensional fix; before the first message, whether that does."""
-    is_recent: Flags
-    """Whether its last message (T,) is not older than its usual gap between messages."""
-
-
-def _receiver_fix(columns: Columns, boot: int, time: Array) -> _ReceiverFix | None:
-    """Returns whether one satellite receiver has a fix at some times, each by its last message before.
-
-    Args:
-        columns: Fields of the receiver's messages, of all boots.
-        boot: Number of the boot.
-        time: Times (T,) in that boot, s.
-
-    Returns:
-        The fix at these times; None if the receiver sent no message in the boot.
-    """
-    if "fix_type" not in columns:
-        return None
-    in_boot = np.flatnonzero(columns["boot"] == boot)
-    if not len(in_boot):
-        return None
-    in_boot = in_boot[np.argsort(columns["time"][in_boot], kind="stable")]
-    message_time = columns["time"][in_boot]
-    last_message = np.maximum(np.searchsorted(message_time, time, side="right") - 1, 0)
-    seconds_since_message = time - message_time[last_message]
-    return _ReceiverFix(
-        has_fix=has_fix_by_message(columns)[in_boot][last_message],
-        is_recent=seconds_since_message <= _longest_usual_gap(message_time),
-    )
+    return np.where(is_any_recent, has_recent_fix, has_fix)
 
 
 def _longest_usual_gap(time: Array) -> float:

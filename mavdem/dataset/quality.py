@@ -10,9 +10,9 @@ from mavdem.dataset import flight_states, phases
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.intervals import intersection, total_duration
 from mavdem.dataset.resampling import mean_rate, resample
-from mavdem.dataset.segments import Segment, recorded_spans, slice_of_segment
+from mavdem.dataset.segments import Segment, recorded_spans, rows_of_segment
 from mavdem.dataset.signals import Signals, rate_between_outages
-from mavdem.dataset.time_series import slice_of_boot
+from mavdem.dataset.time_series import rows_of_boot
 from mavdem.flight import Flight
 from mavdem.ingest.output_scale import UNKNOWN_SCALE, OutputScale
 from mavdem.unit_errors import RATE_INTEGRATION_SPAN
@@ -118,8 +118,8 @@ def log_quality(signals: Signals, segments: int) -> QualityFigures:
     for boot in np.intersect1d(attitude.boot, inputs.boot):
         # The time in the air counts up to the end of the longer of the two streams: if one ends early, that is no
         # landing.
-        attitude_time = attitude.time[slice_of_boot(attitude.boot, boot)]
-        input_time = inputs.time[slice_of_boot(inputs.boot, boot)]
+        attitude_time = attitude.time[rows_of_boot(attitude.boot, boot)]
+        input_time = inputs.time[rows_of_boot(inputs.boot, boot)]
         recorded_start = min(attitude_time[0], input_time[0])
         recorded_end = max(attitude_time[-1], input_time[-1])
         flights = phases.free_flight_intervals(signals, int(boot))
@@ -148,11 +148,11 @@ def segment_quality(
         The figures of the log, with the figures of the segment added.
     """
     attitude, inputs = signals.attitude_and_inputs
-    attitude_samples = slice_of_segment(attitude, segment)
-    time = attitude.time[attitude_samples]
-    angle = attitude.angle[attitude_samples]
-    rate = attitude.rate[attitude_samples]
-    euler_rate = attitude.euler_rate[attitude_samples]
+    attitude_rows = rows_of_segment(attitude, segment)
+    time = attitude.time[attitude_rows]
+    angle = attitude.angle[attitude_rows]
+    rate = attitude.rate[attitude_rows]
+    euler_rate = attitude.euler_rate[attitude_rows]
     angle_step = _quantisation_step(angle)
     rate_step = _quantisation_step(rate)
 
@@ -172,8 +172,8 @@ def segment_quality(
         _rate_consistency(flight.time, aligned_angle, aligned_euler_rate),
     ]
 
-    input_samples = slice_of_segment(inputs, segment)
-    input_time = inputs.time[input_samples]
+    input_rows = rows_of_segment(inputs, segment)
+    input_time = inputs.time[input_rows]
     command = _torque_command(signals, flight)
     input_snr = None
     if command.rounding_sd > 0:
@@ -187,7 +187,7 @@ def segment_quality(
         attitude_rate=mean_rate(time),
         motor_rate=mean_rate(input_time),
         attitude_fresh=_fresh_rate(time, np.column_stack(measured_outputs), np.array(steps)),
-        motor_fresh=_fresh_rate(input_time, inputs.outputs[input_samples], inputs.scale.step),
+        motor_fresh=_fresh_rate(input_time, inputs.outputs[input_rows], inputs.scale.step),
         attitude_gap=np.diff(time).max(),
         motor_gap=np.diff(input_time).max(),
         angle_sd=aligned_angle.std(),
@@ -319,7 +319,7 @@ def _snr_of_changes(time: Array, values: Array, step: float) -> float | None:
     return None
 
 
-def _fresh_rate(time: Array, values: Array, steps: Array | float) -> float:
+def _fresh_rate(time: Array, rows: Array, steps: Array | float) -> float:
     """Estimates how many messages per second have new values, instead of repeating the values before them.
 
     An unchanged value is either a repetition of the last measurement, or a new measurement that was rounded to the same
@@ -327,14 +327,14 @@ def _fresh_rate(time: Array, values: Array, steps: Array | float) -> float:
 
     Args:
         time: (N,) stamps, s.
-        values: (N, k) values of k quantities.
+        rows: (N, k) values of k quantities.
         steps: (k,) quantisation steps of the quantities, or one step of all; 0 for a quantity that is not rounded.
 
     Returns:
         Rate of new values, Hz; the rate of the messages if no values are repeated.
     """
     rate = mean_rate(time)
-    changes = abs(np.diff(values, axis=0))
+    changes = abs(np.diff(rows, axis=0))
     has_changed = np.asarray((changes > 0).any(axis=1))
     changes_after_standstill = changes[1:][has_changed[1:] & ~has_changed[:-1]]
     if not len(changes_after_standstill):

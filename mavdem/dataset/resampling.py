@@ -131,9 +131,9 @@ def common_grid(attitude_time: Array, motor_time: Array, dt: float) -> Array:
         # Stamps are rounded, which must not cost the last point.
         point_count = int((last_time - start) / dt + STAMP_RESOLUTION) + 1
         grid = start + dt * np.arange(point_count)
-        attitude_indices = nearest_indices(grid, attitude_time)
-        motor_indices = nearest_indices(grid, motor_time)
-        if attitude_indices is not None and motor_indices is not None:
+        attitude_rows = nearest_rows(grid, attitude_time)
+        motor_rows = nearest_rows(grid, motor_time)
+        if attitude_rows is not None and motor_rows is not None:
             break
     # The output of a low-pass filter is wrong near the ends of its stream, so grid points there are left out.
     is_valid = _is_free_of_edges(grid, dt, attitude_time)
@@ -165,7 +165,7 @@ def resample(grid: Array, dt: float, time: Array, values: Array) -> ResampledStr
         values: (N, k) samples.
 
     Returns:
-        (T, k) values on the grid, and a fact (a coded finding) about the method (``Resampling``).
+        (T, k) values on the grid, and a fact about the method (``Resampling``).
     """
     if needs_low_pass(time, dt):
         cutoff = CUTOFF_RATIO / dt
@@ -173,28 +173,28 @@ def resample(grid: Array, dt: float, time: Array, values: Array) -> ResampledStr
         return ResampledStream(
             interpolated(grid, even_time, filtered_values), Fact(Resampling.LOW_PASSED, rate=cutoff)
         )
-    indices = nearest_indices(grid, time)
-    if indices is not None:
-        return ResampledStream(values[indices], Fact(Resampling.SAMPLES_KEPT))
+    rows = nearest_rows(grid, time)
+    if rows is not None:
+        return ResampledStream(values[rows], Fact(Resampling.SAMPLES_KEPT))
     return ResampledStream(interpolated(grid, time, values), Fact(Resampling.INTERPOLATED))
 
 
-def nearest_indices(grid: Array, time: Array) -> NDArray[np.intp] | None:
-    """Returns the index of a stream's sample at each grid point, if every grid point has a sample of its own.
+def nearest_rows(grid: Array, time: Array) -> NDArray[np.intp] | None:
+    """Returns the row of a stream's sample at each grid point, if every grid point has a sample of its own.
 
     Args:
         grid: (T,) times of the grid, s.
         time: (N,) stamps of the stream, s.
 
     Returns:
-        (T,) indices of the samples; None unless all differ and lie within ``STAMP_RESOLUTION`` of their grid points.
+        (T,) rows of the stream; None unless all differ and lie within ``STAMP_RESOLUTION`` of their grid points.
     """
     # A stamp is nearest to the grid points between the midpoints to its two neighbours.
     midpoints = (time[1:] + time[:-1]) / 2
-    indices = np.searchsorted(midpoints, grid, side="right")
-    is_near = abs(time[indices] - grid) <= STAMP_RESOLUTION
-    if np.all(is_near) and np.all(np.diff(indices) > 0):
-        return indices
+    rows = np.searchsorted(midpoints, grid, side="right")
+    is_near = abs(time[rows] - grid) <= STAMP_RESOLUTION
+    if np.all(is_near) and np.all(np.diff(rows) > 0):
+        return rows
     return None
 
 

@@ -476,7 +476,7 @@ def first_learnable(judge: SegmentJudge, segments: Sequence[Segment]) -> Learnab
 
 
 def impossible_attitude(signals: Signals, code: NotLearnableReason | Caution) -> Fact:
-    """Returns a fact (a coded finding) about attitude messages with an angle or body rate that no vehicle can have.
+    """Returns a fact about attitude messages with an angle or body rate that no vehicle can have.
 
     Args:
         signals: signals of the vehicle, with an attitude.

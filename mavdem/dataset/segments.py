@@ -15,7 +15,7 @@ from mavdem.dataset.intervals import Intervals, complement, intersection, split_
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.resampling import STAMP_RESOLUTION
 from mavdem.dataset.signals import MIN_STREAM_RATE, Signals
-from mavdem.dataset.time_series import TimeSeries, slice_of_boot
+from mavdem.dataset.time_series import TimeSeries, rows_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.ingest.telemetry import MAX_GAP_SECONDS
 
@@ -175,16 +175,16 @@ def in_segments(
     """
     is_inside = np.zeros(len(stream.time), dtype=bool)
     for segment in segments:
-        is_inside[slice_of_segment(stream, segment, slack)] = True
+        is_inside[rows_of_segment(stream, segment, slack)] = True
     return is_inside
 
 
-def slice_of_segment(
+def rows_of_segment(
     stream: Attitude | MotorOutputs | TimeSeries,
     segment: Segment,
     slack: float = STAMP_RESOLUTION,
 ) -> slice:
-    """Finds the samples of a stream that belong to a segment.
+    """Finds the rows of a stream that belong to a segment.
 
     They are found by bisection, since streams are sorted by boot and time. A log of hours has hundreds of segments, for
     which a comparison with every sample is slow.
@@ -195,13 +195,13 @@ def slice_of_segment(
         slack: Seconds beyond its ends whose samples still belong to it.
 
     Returns:
-        The samples, as a slice of the whole stream.
+        The rows as a slice of the whole stream.
     """
-    in_boot = slice_of_boot(stream.boot, segment.boot)
-    time = stream.time[in_boot]
+    rows = rows_of_boot(stream.boot, segment.boot)
+    time = stream.time[rows]
     first = int(np.searchsorted(time, segment.start - slack))
     stop = int(np.searchsorted(time, segment.end + slack, side="right"))
-    return slice(in_boot.start + first, in_boot.start + stop)
+    return slice(rows.start + first, rows.start + stop)
 
 
 def _boots_with_both_streams(signals: Signals) -> list[int]:
@@ -230,8 +230,8 @@ def _sampled_segments(
         The segments, in time order.
     """
     attitude, inputs = signals.attitude_and_inputs
-    attitude_time = attitude.time[slice_of_boot(attitude.boot, boot)]
-    input_time = inputs.time[slice_of_boot(inputs.boot, boot)]
+    attitude_time = attitude.time[rows_of_boot(attitude.boot, boot)]
+    input_time = inputs.time[rows_of_boot(inputs.boot, boot)]
     common_intervals = intersection(
         intervals_without_gaps(attitude_time), intervals_without_gaps(input_time)
     )
@@ -253,8 +253,8 @@ def _has_samples_of_both(attitude: Attitude, inputs: MotorOutputs, segment: Segm
         inputs: motor outputs or demand, of all boots.
         segment: number of the boot, start and end of the segment, s.
     """
-    attitude_time = attitude.time[slice_of_segment(attitude, segment)]
-    input_time = inputs.time[slice_of_segment(inputs, segment)]
+    attitude_time = attitude.time[rows_of_segment(attitude, segment)]
+    input_time = inputs.time[rows_of_segment(inputs, segment)]
     if len(attitude_time) < 2 or len(input_time) < 2:
         return False
     common_start = max(attitude_time[0], input_time[0])

@@ -20,7 +20,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.dataset.axes import AXES, MAX_BODY_RATE, TILT_AXES
-from mavdem.dataset.time_series import TimeSeries, clean_series, float_column, slice_of_boot
+from mavdem.dataset.time_series import TimeSeries, clean_series, float_column, rows_of_boot
 from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import Injection, euler_angles, wrapped_angle
@@ -95,7 +95,7 @@ def recorded_setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
     setpoints = [Setpoint(f"{axis} rate setpoint", "rad/s", SETPOINT_MESSAGE, rate_series)]
 
     quaternions = np.atleast_2d(float_column(columns, "q"))
-    # A message without a quaternion has zeros or NaN, and gets an angle of NaN.
+    # A row without a quaternion has zeros or NaN, and gets an angle of NaN.
     with np.errstate(invalid="ignore", divide="ignore"):
         lengths = np.linalg.norm(quaternions, axis=1, keepdims=True)
         angles = euler_angles(quaternions / lengths)[AXES.index(axis)]
@@ -123,12 +123,12 @@ def near_measured_yaw(setpoint: Setpoint, yaw: TimeSeries) -> Setpoint:
     series = setpoint.signal
     values = series.values.copy()
     for boot in np.unique(series.boot):
-        in_boot = slice_of_boot(series.boot, boot)
+        rows = rows_of_boot(series.boot, boot)
         yaw_of_boot = yaw.of_boot(boot)
         if not len(yaw_of_boot.time):
             continue
-        measured_yaw = np.interp(series.time[in_boot], yaw_of_boot.time, yaw_of_boot.values)
-        values[in_boot] = measured_yaw + wrapped_angle(values[in_boot] - measured_yaw)
+        measured_yaw = np.interp(series.time[rows], yaw_of_boot.time, yaw_of_boot.values)
+        values[rows] = measured_yaw + wrapped_angle(values[rows] - measured_yaw)
     return replace(setpoint, signal=replace(series, values=values))
 
 
@@ -147,8 +147,8 @@ def held_setpoint(setpoint: Setpoint, boot: int, time: Array) -> Array:
     # A setpoint of NaN at time −∞ is put before the first one, and is the last value of earlier times.
     stamps = np.append(-np.inf, signal.time)
     values = np.append(np.nan, signal.values)
-    # The index of the last setpoint at or before each time. Stamps are rounded, and may be that much too late.
-    last_index = np.searchsorted(stamps, time + STAMP_ROUNDING, side="right") - 1
-    age = time - stamps[last_index]
+    # The row of the last setpoint at or before each time. Stamps are rounded, and may be that much too late.
+    last_row = np.searchsorted(stamps, time + STAMP_ROUNDING, side="right") - 1
+    age = time - stamps[last_row]
     still_holds = age <= MAX_SETPOINT_AGE + STAMP_ROUNDING
-    return np.where(still_holds, values[last_index], np.nan)
+    return np.where(still_holds, values[last_row], np.nan)

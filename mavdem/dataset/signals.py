@@ -44,7 +44,7 @@ from mavdem.dataset.time_series import (
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.ingest.flight_modes import announced_names, mode_name
 from mavdem.ingest.mavlink.dialect import enum_name
-from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps, selected_messages
+from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps, selected_rows
 from mavdem.ingest.vocabulary import (
     ARMED,
     CUSTOM_MODE,
@@ -188,7 +188,7 @@ class VehicleSignals:
         if columns is None:
             return None
         mode_bits = columns["base_mode"].astype(int)
-        # The meaning of custom_mode depends on the autopilot, which is the same in all messages.
+        # The meaning of custom_mode depends on the autopilot, which is the same in all rows.
         custom_modes = columns.get("custom_mode", np.zeros(len(columns["time"])))
         landing_modes = list(LANDING_MODES.get(int(columns["autopilot"][0]), ()))
         is_armed = mode_bits & ARMED > 0
@@ -212,20 +212,20 @@ class VehicleSignals:
             return None
         # A vehicle of unknown type sends heartbeats of type GENERIC.
         vehicle_type = "GENERIC" if telemetry.vehicle == "UNKNOWN" else telemetry.vehicle
-        indices_of_vehicle = []
+        rows_of_vehicle = []
         types_and_autopilots = zip(
             columns["type"].tolist(), columns["autopilot"].tolist(), strict=True
         )
-        for index, (type_number, autopilot_number) in enumerate(types_and_autopilots):
+        for row, (type_number, autopilot_number) in enumerate(types_and_autopilots):
             is_same_type = enum_name("MAV_TYPE", type_number) == vehicle_type
             is_same_autopilot = enum_name("MAV_AUTOPILOT", autopilot_number) == telemetry.autopilot
             if is_same_type and is_same_autopilot:
-                indices_of_vehicle.append(index)
-        if not indices_of_vehicle:
+                rows_of_vehicle.append(row)
+        if not rows_of_vehicle:
             return None
-        indices = np.array(indices_of_vehicle)
-        by_boot_and_time = np.lexsort((columns["time"][indices], columns["boot"][indices]))
-        return selected_messages(columns, indices[by_boot_and_time])
+        rows = np.array(rows_of_vehicle)
+        by_boot_and_time = np.lexsort((columns["time"][rows], columns["boot"][rows]))
+        return selected_rows(columns, rows[by_boot_and_time])
 
     def mode_changes(self, boot: int) -> list[ModeChange]:
         """Returns the changes of the flight mode, from CURRENT_MODE or otherwise from HEARTBEAT.
@@ -239,11 +239,11 @@ class VehicleSignals:
         columns = self.telemetry.messages.get("CURRENT_MODE") or self.heartbeats
         if columns is None or "custom_mode" not in columns:
             return []
-        indices = np.flatnonzero((columns["boot"] == boot) & np.isfinite(columns["custom_mode"]))
-        mode_numbers = columns["custom_mode"][indices].astype(int)
-        # No mode has the number −1, so that the first message counts as a change.
+        rows = np.flatnonzero((columns["boot"] == boot) & np.isfinite(columns["custom_mode"]))
+        mode_numbers = columns["custom_mode"][rows].astype(int)
+        # No mode has the number −1, so that the first row counts as a change.
         changed = np.flatnonzero(np.diff(mode_numbers, prepend=-1))
-        times = columns["time"][indices[changed]].tolist()
+        times = columns["time"][rows[changed]].tolist()
         names_by_mode = announced_names(self.telemetry.messages.get("AVAILABLE_MODES", {}))
         changes = []
         for time, number in zip(times, mode_numbers[changed].tolist(), strict=True):
@@ -300,7 +300,7 @@ class VehicleSignals:
         if not positions.is_fix.any():
             return None
         radians = np.radians(positions.degrees)
-        # ``argmax`` returns the index of the first true flag, the first fix.
+        # ``argmax`` returns the row of the first true flag, the first fix.
         origin = radians[np.argmax(positions.is_fix)]
         # Wrapping keeps the distance small across the date line too.
         angles = wrapped_angle(radians - origin)
@@ -533,9 +533,6 @@ def global_positions(columns: Columns) -> GlobalPositions:
 
     Args:
         columns: Fields of N messages, of which ``lat`` and ``lon``, in units of 1e-7 degrees, are used.
-
-    Returns:
-        Latitude and longitude (N, 2), degrees, and flags (N,) of position fixes.
     """
     degrees = DEGREES_PER_UNIT * float_columns(columns, ("lat", "lon"))
     is_possible = (abs(degrees) <= [MAX_LATITUDE, MAX_LONGITUDE]).all(axis=1)

@@ -17,7 +17,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, clean_series, float_column
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.ingest.motors import MotorGeometry
-from mavdem.ingest.telemetry import Columns, Telemetry, indices_by_value, selected_messages
+from mavdem.ingest.telemetry import Columns, Telemetry, rows_by_value, selected_rows
 
 CONTROLLERS_PER_MESSAGE = 4
 """Number of controllers of which one ESC_STATUS, ESC_INFO or ESC_TELEMETRY message reports."""
@@ -108,62 +108,58 @@ def speed_controllers(signals: Signals) -> tuple[SpeedController, ...]:
     return ()
 
 
-def _field_series(
-    columns: Columns, values: Array, is_used: Flags | None = None
-) -> TimeSeries | None:
+def _field_series(columns: Columns, values: Array, rows: Flags | None = None) -> TimeSeries | None:
     """Returns the time series of a field of a message.
 
     Args:
-        columns: fields of N messages, with ``time`` and ``boot``.
+        columns: fields of the message, N rows, with ``time`` and ``boot``.
         values: (N,) the field, in any unit.
-        is_used: Flags (N,) of the messages to use; all unless given.
+        rows: Flags (N,) of the rows to use; all unless given.
 
     Returns:
         The finite values in the order of time; None if there are none.
     """
-    series = clean_series(columns, values, is_used)
+    series = clean_series(columns, values, rows)
     return series if len(series.time) else None
 
 
 def _measured_series(
-    columns: Columns, values: Array, is_used: Flags | None = None
+    columns: Columns, values: Array, rows: Flags | None = None
 ) -> TimeSeries | None:
     """Returns the time series of a current or temperature, which controllers without that sensor send as 0.
 
     Args:
-        columns: fields of N messages, with ``time`` and ``boot``.
+        columns: fields of the message, N rows, with ``time`` and ``boot``.
         values: (N,) the current, A, or the temperature, °C.
-        is_used: Flags (N,) of the messages to use; all unless given.
+        rows: Flags (N,) of the rows to use; all unless given.
 
     Returns:
         The finite values in the order of time; None if all are 0, so that nothing was measured.
     """
-    series = _field_series(columns, values, is_used)
+    series = _field_series(columns, values, rows)
     return series if series is not None and series.values.any() else None
 
 
-def _speed_series(
-    columns: Columns, speed: Array, is_used: Flags | None = None
-) -> TimeSeries | None:
+def _speed_series(columns: Columns, speed: Array, rows: Flags | None = None) -> TimeSeries | None:
     """Returns the time series of a motor's speed without its sign, which is negative for reverse rotation.
 
     Args:
-        columns: fields of N messages, with ``time`` and ``boot``.
+        columns: fields of the message, N rows, with ``time`` and ``boot``.
         speed: (N,) speed, revolutions per minute.
-        is_used: Flags (N,) of the messages to use; all unless given.
+        rows: Flags (N,) of the rows to use; all unless given.
 
     Returns:
         Magnitudes up to ``MAX_SPEED``, 1/min, in the order of time; None if there are none.
     """
     magnitude = abs(speed)
-    is_possible = magnitude <= MAX_SPEED
-    if is_used is not None:
-        is_possible = is_possible & is_used
-    return _field_series(columns, magnitude, is_possible)
+    is_used = magnitude <= MAX_SPEED
+    if rows is not None:
+        is_used = is_used & rows
+    return _field_series(columns, magnitude, is_used)
 
 
 def _controllers_of_esc(telemetry: Telemetry) -> Iterator[SpeedController]:
-    """Yields the speed controllers in ESC, DataFlash's one message for each controller at each time.
+    """Yields the speed controllers in ESC, DataFlash's message with a row for each controller at each time.
 
     Args:
         telemetry: messages of the vehicle.
@@ -175,8 +171,8 @@ def _controllers_of_esc(telemetry: Telemetry) -> Iterator[SpeedController]:
     columns = telemetry.messages.get("ESC", {})
     if "Instance" not in columns:
         return
-    for instance, indices in indices_by_value(columns["Instance"].astype(np.int64)).items():
-        controller = selected_messages(columns, indices)
+    for instance, rows in rows_by_value(columns["Instance"].astype(np.int64)).items():
+        controller = selected_rows(columns, rows)
         speed = _speed_series(controller, float_column(controller, "RPM"))
         if speed is None:
             continue
@@ -223,12 +219,12 @@ def _controllers_of_esc_status(telemetry: Telemetry) -> Iterator[SpeedController
     controller_count = None
     if "count" in information:
         controller_count = int(np.median(information["count"]))
-    for first_index, indices in indices_by_value(status["index"].astype(np.int64)).items():
-        status_of_group = selected_messages(status, indices)
+    for first_index, rows in rows_by_value(status["index"].astype(np.int64)).items():
+        status_of_group = selected_rows(status, rows)
         information_of_group: Columns = {}
         if "error_count" in information:
             is_of_group = information["index"] == first_index
-            information_of_group = selected_messages(information, np.flatnonzero(is_of_group))
+            information_of_group = selected_rows(information, np.flatnonzero(is_of_group))
         speeds = _values_by_controller(status_of_group, "rpm")
         for index_in_group, speed_of_motor in enumerate(speeds):
             number = first_index + index_in_group + 1
@@ -344,16 +340,16 @@ def _has_new_packet(columns: Columns, packet_counts: NDArray[Any]) -> Flags:
     """Flags the messages before which the autopilot received new telemetry from a speed controller.
 
     Args:
-        columns: Fields of N messages, with ``time`` and ``boot``.
+        columns: Fields of the message, N rows, with ``time`` and ``boot``.
         packet_counts: Counter (N,) of the packets of the controller, which wraps after 65535.
 
     Returns:
         Flags (N,): whether the counter differs from its value in the message before; False for the first message.
     """
-    # The messages in the order of boots, and of the times within each boot.
-    indices_in_order = np.lexsort((columns["time"], columns["boot"]))
-    counts_in_order = packet_counts[indices_in_order]
+    # The rows in the order of boots, and of the times within each boot.
+    rows_in_order = np.lexsort((columns["time"], columns["boot"]))
+    counts_in_order = packet_counts[rows_in_order]
     has_changed = counts_in_order[1:] != counts_in_order[:-1]
     has_new_packet = np.zeros(len(packet_counts), dtype=bool)
-    has_new_packet[indices_in_order[1:]] = has_changed
+    has_new_packet[rows_in_order[1:]] = has_changed
     return has_new_packet

@@ -35,22 +35,19 @@ class TimeSeries:
     Exact copies of a message do not count.
     """
 
-    def select(self, selection: Flags | slice) -> TimeSeries:
-        """Returns the samples of a slice, or those whose flag (N,) is true; without the counts of messages."""
-        return TimeSeries(self.time[selection], self.boot[selection], self.values[selection])
+    def select(self, rows: Flags | slice) -> TimeSeries:
+        """Returns the samples of those rows for which ``rows`` (N,) is true; without the counts of messages."""
+        return TimeSeries(self.time[rows], self.boot[rows], self.values[rows])
 
     def of_boot(self, boot: int) -> TimeSeries:
         """Returns the samples of one boot, which take no memory; without the counts of messages."""
-        return self.select(slice_of_boot(self.boot, boot))
+        return self.select(rows_of_boot(self.boot, boot))
 
     def within(self, interval: TimeInterval) -> TimeSeries:
         """Returns the samples of an interval, which take no memory; the series must be of one boot.
 
         Args:
             interval: Start and end, s since boot; samples at either belong to it.
-
-        Returns:
-            The samples, as views of the arrays of the series.
         """
         start, end = interval
         return self.select(slice(bisect_left(self.time, start), bisect_right(self.time, end)))
@@ -67,20 +64,20 @@ class TimeSeries:
         """
         # ``np.interp`` would copy the whole series, since it cannot be written to. So it gets only the sample before
         # the time and the one at or after it.
-        index_after = bisect_left(self.time, time)
-        around = slice(max(index_after - 1, 0), index_after + 1)
+        row_after = bisect_left(self.time, time)
+        around = slice(max(row_after - 1, 0), row_after + 1)
         return float(np.interp(time, self.time[around], self.values[around]))
 
 
-def slice_of_boot(boots: Integers, boot: int) -> slice:
-    """Returns the samples of one boot, as a slice of all samples.
+def rows_of_boot(boots: Integers, boot: int) -> slice:
+    """Returns the rows of one boot.
 
     Args:
         boots: Number of the boot of each sample (N,), ascending.
         boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
-        The slice; an empty one if there are no samples of this boot.
+        The slice of its rows; an empty one if there are none.
     """
     # Bisection, since a log may have hundreds of boots, and a comparison with every sample for each would be slow.
     return slice(bisect_left(boots, boot), bisect_right(boots, boot))
@@ -90,7 +87,7 @@ def float_column(columns: Columns, field: str) -> Array:
     """Converts a field of a message to floating-point numbers.
 
     Args:
-        columns: Fields of N messages of one type.
+        columns: Fields of one message type, N rows each.
         field: Name of a field; (N,) numbers or, of an array field, (N, k).
 
     Returns:
@@ -107,7 +104,7 @@ def float_columns(columns: Columns, fields: Iterable[str]) -> Array:
     """Converts several scalar fields of a message to one array of floating-point numbers.
 
     Args:
-        columns: Fields of N messages of one type.
+        columns: Fields of one message type, N rows each.
         fields: Names of k fields, at least one.
 
     Returns:
@@ -124,48 +121,47 @@ def float_columns(columns: Columns, fields: Iterable[str]) -> Array:
     return table
 
 
-def clean_series(columns: Columns, values: Array, is_selected: Flags | None = None) -> TimeSeries:
-    """Makes a time series of values that were computed from messages: sorted, finite, each stamp once.
+def clean_series(columns: Columns, values: Array, rows: Flags | None = None) -> TimeSeries:
+    """Makes a time series of values that were computed from a message: sorted, finite, each stamp once.
 
-    Links repeat and reorder messages. Of several messages with the same stamp the first is kept. If all messages are
-    used, in their order, the series shares the arrays that were given, since a copy of hours of flight takes much
-    memory.
+    Links repeat and reorder messages. Of several rows with the same stamp the first is kept. If all rows are used, in
+    their order, the series shares the arrays that were given, since a copy of hours of flight takes much memory.
 
     Args:
-        columns: Fields of the messages, of which ``time`` and ``boot`` (N,) are used.
-        values: (N,) or (N, k) values of all messages.
-        is_selected: (N,) which messages belong to the series; all by default.
+        columns: Fields of the message, of which ``time`` and ``boot`` (N,) are used.
+        values: (N,) or (N, k) values of all its rows.
+        rows: (N,) which rows belong to the series; all by default.
 
     Returns:
-        The series, with the number of selected messages (``sent_count``), and of those that could not be used
-        (``unused_count``): not finite, or with another value than an earlier message of the same stamp.
+        The series, with the number of selected rows (``sent_count``), and of those that could not be used
+        (``unused_count``): not finite, or with another value than an earlier row of the same stamp.
     """
     time = columns["time"]
     boot = columns["boot"]
     table = values[:, np.newaxis] if values.ndim == 1 else values
-    if is_selected is None:
-        is_selected = np.ones(len(time), dtype=bool)
-    is_used = is_selected & np.isfinite(table).all(axis=1) & np.isfinite(time)
+    is_selected = np.ones(len(time), dtype=bool) if rows is None else rows
+    is_finite = np.isfinite(table).all(axis=1) & np.isfinite(time)
+    is_used = is_selected & is_finite
     sent_count = int(np.count_nonzero(is_selected))
     if is_used.all() and _rises_strictly(time, boot):
         return TimeSeries(time, boot, np.ascontiguousarray(values), sent_count)
-    used = np.flatnonzero(is_used)
-    finite_count = len(used)
-    # The sort is stable, so that messages with the same stamp remain in their order.
-    used = used[np.lexsort((time[used], boot[used]))]
+    used_rows = np.flatnonzero(is_used)
+    finite_count = len(used_rows)
+    used_rows = used_rows[np.lexsort((time[used_rows], boot[used_rows]))]
 
-    # After sorting, a message repeats the stamp of the one before it if neither time nor boot rises.
-    repeats_stamp = (np.diff(time[used]) <= 0) & (np.diff(boot[used]) <= 0)
+    # After sorting, a row repeats the stamp of the row before it if neither time nor boot rises.
+    repeats_stamp = (np.diff(time[used_rows]) <= 0) & (np.diff(boot[used_rows]) <= 0)
     first_of_pair = np.flatnonzero(repeats_stamp)
     second_of_pair = first_of_pair + 1
-    contradicts = (table[used[first_of_pair]] != table[used[second_of_pair]]).any(axis=1)
-    contradiction_count = int(np.count_nonzero(contradicts))
-    used = np.delete(used, second_of_pair)
+    first_values = table[used_rows[first_of_pair]]
+    second_values = table[used_rows[second_of_pair]]
+    contradiction_count = int(np.count_nonzero((first_values != second_values).any(axis=1)))
+    used_rows = np.delete(used_rows, second_of_pair)
 
     return TimeSeries(
-        time[used],
-        boot=boot[used],
-        values=values[used],
+        time[used_rows],
+        boot=boot[used_rows],
+        values=values[used_rows],
         sent_count=sent_count,
         unused_count=sent_count - finite_count + contradiction_count,
     )
@@ -188,7 +184,7 @@ def recorded_series(telemetry: Telemetry, message: str, *fields: str) -> TimeSer
 
     Returns:
         The series, with values (N,) of a single field and (N, k) of several. None if the message or a field was not
-        recorded, or no sample is finite.
+        recorded, or no row is finite.
     """
     columns = telemetry.messages.get(message, {})
     if not all(field in columns for field in fields):
@@ -261,9 +257,9 @@ def moving_average(series: TimeSeries) -> Array:
     """
     # The sum over a window is the difference of two cumulative sums.
     cumulative = np.concatenate([[0.0], np.cumsum(series.values)])
-    first_index = np.searchsorted(series.time, series.time - AVERAGING_SECONDS / 2, side="left")
-    index_after = np.searchsorted(series.time, series.time + AVERAGING_SECONDS / 2, side="right")
-    return (cumulative[index_after] - cumulative[first_index]) / (index_after - first_index)
+    first_row = np.searchsorted(series.time, series.time - AVERAGING_SECONDS / 2, side="left")
+    row_after = np.searchsorted(series.time, series.time + AVERAGING_SECONDS / 2, side="right")
+    return (cumulative[row_after] - cumulative[first_row]) / (row_after - first_row)
 
 
 def averaged_series(series: TimeSeries) -> TimeSeries:

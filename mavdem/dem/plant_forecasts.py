@@ -78,7 +78,7 @@ class PlantForecasts:
             inputs: Inputs after the training data, (H, r), in physical units.
 
         Returns:
-            Outputs, (H, m), in physical units; the first sample is the trim.
+            Outputs, (H, m), in physical units; the first row is the trim.
         """
         scaled_inputs = self.scaling.scale_inputs(inputs)
         output_count = len(self.scaling.output_trim)
@@ -89,7 +89,7 @@ class PlantForecasts:
             later_outputs = self.process.simulate(second_state, scaled_inputs[1:])
             scaled_outputs = np.vstack([outputs_at_trim, later_outputs])
         else:
-            # One sample or, without inputs, none.
+            # One row or, without inputs, none.
             scaled_outputs = outputs_at_trim[: len(inputs)]
         return self.scaling.physical_outputs(scaled_outputs)
 
@@ -120,8 +120,8 @@ class PlantForecasts:
         # Sample i is the (i mod stride)-th of its forecast, counted from 0 like the rows of the errors. Beyond the
         # longest horizon with a known error, the error at that horizon is used.
         number_in_forecast = np.arange(len(scaled_inputs)) % stride
-        last_step = len(self.mean_squared_errors) - 1
-        error_rows = np.minimum(number_in_forecast, last_step)
+        last_row = len(self.mean_squared_errors) - 1
+        error_rows = np.minimum(number_in_forecast, last_row)
         return Forecast(
             self.scaling.physical_outputs(forecast), self.mean_squared_errors[error_rows]
         )
@@ -149,7 +149,7 @@ class PlantForecasts:
             states = self.process.predicted_states(first_state, inputs[1:], outputs[1:])[starts]
             forecasts = self.process.simulate_from(starts + 1, horizon, states, inputs)
             # (forecasts, horizon): index of the sample at each step of each forecast.
-            samples = starts[:, None] + 1 + np.arange(horizon)
-            squared_errors.append((outputs[samples] - forecasts) ** 2)
+            rows = starts[:, None] + 1 + np.arange(horizon)
+            squared_errors.append((outputs[rows] - forecasts) ** 2)
         mean = np.concatenate(squared_errors).mean(axis=0) * self.scaling.output_scale**2
         return np.where(np.isfinite(mean), mean, np.inf)

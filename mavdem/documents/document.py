@@ -337,12 +337,24 @@ def _units_below(
         for item in arguments:
             yield from _units_below(item, f"{path}.*", parents)
     elif isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        if annotation in parents:
-            return
-        for name, field in annotation.model_fields.items():
-            key_path = f"{path}.{name}".removeprefix(".")
-            yield from _unit_of_field(field, key_path)
-            yield from _units_below(field.annotation, key_path, (*parents, annotation))
+        if annotation not in parents:
+            yield from _units_of_model(annotation, path, parents)
+
+
+def _units_of_model(
+    model: type[BaseModel], path: str, parents: tuple[type[BaseModel], ...]
+) -> Iterator[tuple[str, str]]:
+    """Yields the path and the unit of each figure in the fields of a record.
+
+    Args:
+        model: type of the record.
+        path: path of the record, keys separated by dots; empty for the document itself.
+        parents: records that this one is in.
+    """
+    for name, field in model.model_fields.items():
+        key_path = f"{path}.{name}".removeprefix(".")
+        yield from _unit_of_field(field, key_path)
+        yield from _units_below(field.annotation, key_path, (*parents, model))
 
 
 def _unit_of_field(field: FieldInfo, path: str) -> Iterator[tuple[str, str]]:

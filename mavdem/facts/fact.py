@@ -82,7 +82,7 @@ class Fact:
         subject: str = "",
         **figures: Figure,
     ) -> None:
-        """Takes figures by name; the level is that of the code in ``levels.toml`` unless another is given, or unknown.
+        """Takes figures by name; the level is the code's own in ``levels.toml`` unless another is given, or unknown.
 
         Raises:
             ValueError: a figure has no unit in ``units.toml``.

@@ -1,6 +1,6 @@
 """Columns of a fleet's row that follow from the document ``report.json``: values at a path, and a few computed ones.
 
-The document is that of the analysis of one vehicle and axis, as ``mavdem learn`` writes it.
+The document describes the analysis of one vehicle and axis, as ``mavdem learn`` writes it.
 """
 
 from __future__ import annotations

@@ -153,8 +153,8 @@ def residual_mean(row: FlightRow, healthy_models: Iterable[FlightRow]) -> float 
 
     Args:
         row: the flight, of one axis.
-        healthy_models: rows of healthy flights. Those without a model of the same axis and inputs are left out, and so
-            is the flight itself.
+        healthy_models: rows of healthy flights. Flights without a model of the same axis and inputs are left out, and
+            so is the flight itself.
 
     Returns:
         The mean over the models, rad/s²; None if no model can be evaluated in this flight.

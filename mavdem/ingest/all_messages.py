@@ -6,13 +6,7 @@ import numpy as np
 
 from mavdem.files import PathName
 from mavdem.ingest.formats import detect_format
-from mavdem.ingest.telemetry import (
-    Fields,
-    Tables,
-    Telemetry,
-    concatenated_columns,
-    selected_messages,
-)
+from mavdem.ingest.telemetry import Fields, Tables, Telemetry, concatenated_columns, selected_rows
 from mavdem.log_formats import Format
 
 INSTANCE = "instance"
@@ -47,7 +41,7 @@ def with_all_messages(telemetry: Telemetry, path: PathName) -> Telemetry:
 
 
 def _joined_instances(topics: dict[str, dict[int, Fields]]) -> Tables:
-    """Makes one table of each topic, with the messages of all its instances in the order of time.
+    """Makes one table of each topic, with the rows of all its instances in the order of time.
 
     Args:
         topics: Columns with ``time`` by topic and by number of the instance.
@@ -65,7 +59,7 @@ def _joined_instances(topics: dict[str, dict[int, Fields]]) -> Tables:
                 table[INSTANCE] = np.full(count, number)
             tables_of_instances.append(table)
         joined_columns = concatenated_columns(tables_of_instances)
-        tables[name] = selected_messages(
+        tables[name] = selected_rows(
             joined_columns, np.argsort(joined_columns["time"], kind="stable")
         )
     return tables

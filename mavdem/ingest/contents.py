@@ -14,7 +14,7 @@ from mavdem.errors import Unreadable, error_message
 from mavdem.facts import Fact
 from mavdem.facts.sources import SourceFact
 from mavdem.files import PathName
-from mavdem.ingest.byte_strings import RESIDENT_BYTES, Bytes, release_pages
+from mavdem.ingest.byte_rows import RESIDENT_BYTES, Bytes, release_pages
 from mavdem.log_formats import LOG_ENDINGS
 
 RECOGNITION_BYTES = 4096

@@ -24,7 +24,7 @@ from mavdem.ingest.telemetry import (
     Telemetry,
     concatenated_columns,
     repair_facts,
-    selected_messages,
+    selected_rows,
 )
 from mavdem.ingest.utc import utc_at_boot
 from mavdem.ingest.vocabulary import ARMED
@@ -185,7 +185,7 @@ def _recordings_by_time(recordings: Sequence[Recording]) -> list[Recording]:
 
 
 def _joined_pair(earlier: Recording, later: Recording) -> Log:
-    """Joins two logs of one flight, and adds a fact (a coded finding) to the vehicle that reports the joining.
+    """Joins two logs of one flight, and adds a fact to the vehicle that reports the joining.
 
     Args:
         earlier, later: The recordings in the order of time.
@@ -333,7 +333,7 @@ def _heartbeats(vehicle: Telemetry, boot: int) -> Columns:
     columns = vehicle.messages.get("HEARTBEAT", {})
     if "base_mode" not in columns:
         return {"time": np.zeros(0), "base_mode": np.zeros(0, np.uint8)}
-    return selected_messages(columns, columns["boot"] == boot)
+    return selected_rows(columns, columns["boot"] == boot)
 
 
 def _joined_vehicle(earlier: Recording, later: Recording, *, has_restarted: bool) -> Telemetry:
@@ -344,8 +344,8 @@ def _joined_vehicle(earlier: Recording, later: Recording, *, has_restarted: bool
         has_restarted: Whether the autopilot restarted between them, so that the later one begins with another boot.
 
     Returns:
-        The vehicle, without a fact (a coded finding) that reports the joining. Parameters that differ have the later
-        log's values; identity, such as the firmware, is the earlier log's where it has one.
+        The vehicle, without a fact that reports the joining. Parameters that differ have the later log's values;
+        identity, such as the firmware, is the earlier log's where it has one.
     """
     # The boots of the later log are numbered on from the last boot of the earlier log.
     boot_offset = earlier.last_boot - later.first_boot + int(has_restarted)
@@ -354,7 +354,7 @@ def _joined_vehicle(earlier: Recording, later: Recording, *, has_restarted: bool
         if not has_restarted:
             # Values from before the beginning of the later log would be there twice, and out of order.
             is_repeated = (columns["boot"] == later.first_boot) & (columns["time"] <= earlier.end)
-            columns = selected_messages(columns, ~is_repeated)
+            columns = selected_rows(columns, ~is_repeated)
         later_columns = {**columns, "boot": columns["boot"] + boot_offset}
         if name in messages:
             later_columns = concatenated_columns([messages[name], later_columns])

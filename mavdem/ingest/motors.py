@@ -146,7 +146,7 @@ class MotorGeometry:
 
     @property
     def basis(self) -> Fact:
-        """The fact (a coded finding) on the source of motors' channels and positions: parameters, or an assumption."""
+        """The fact that names the source of the motors' channels and positions: parameters, or which assumption."""
         return Fact(
             SourceFact.MOTOR_BASIS,
             channels_by=self.channel_source,

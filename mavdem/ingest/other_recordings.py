@@ -129,10 +129,10 @@ class _Run:
     """A run: messages that follow each other in the file and in time."""
 
     first: int
-    """Index of the first message."""
+    """Row of the first message."""
 
     end: int
-    """Index after the last."""
+    """Row after the last."""
 
     start_time: float
     """Stamp of the first message, s."""
@@ -202,9 +202,9 @@ def blocks_of_other_recordings(
     may_have_jumped = rules.max_utc_difference < inf and boots.disagree
     if not may_have_jumped and not (np.diff(seconds) < -rules.max_fall).any():
         return []
-    sound_indices = np.flatnonzero(~outlier_stamps(seconds) & (seconds > 0))
-    time = seconds[sound_indices]
-    positions = positions[sound_indices]
+    sound_rows = np.flatnonzero(~outlier_stamps(seconds) & (seconds > 0))
+    time = seconds[sound_rows]
+    positions = positions[sound_rows]
     if not may_have_jumped and not (np.diff(time) < -rules.max_fall).any():
         return []
     # Where a cluster of the memory card holds data of another file, the log lacks the messages of that time.
@@ -223,12 +223,12 @@ def blocks_of_other_recordings(
             kept_chains.append(chain)
     kept_runs = {id(run) for chain in kept_chains for run in chain.runs}
     blocks = []
-    for index, run in enumerate(runs):
+    for row, run in enumerate(runs):
         if id(run) in kept_runs:
             continue
         end = END_OF_FILE
-        if index + 1 < len(runs):
-            end = int(positions[runs[index + 1].first])
+        if row + 1 < len(runs):
+            end = int(positions[runs[row + 1].first])
         start = int(positions[run.first])
         blocks.append(LeftOutBlock(start, end, run.end_time - run.start_time))
     return blocks
@@ -247,8 +247,8 @@ def outside_blocks(blocks: Sequence[LeftOutBlock], positions: StreamPositions) -
     starts = np.array([block.start for block in blocks])
     ends = np.array([block.end for block in blocks])
     # Blocks do not overlap, so only the last one that begins at or before a message can contain it.
-    index = np.searchsorted(starts, positions, side="right") - 1
-    is_inside = (index >= 0) & (positions < ends[index])
+    row = np.searchsorted(starts, positions, side="right") - 1
+    is_inside = (row >= 0) & (positions < ends[row])
     return ~is_inside
 
 
@@ -271,9 +271,9 @@ def _seconds_per_byte(positions: StreamPositions, time: Array) -> float:
         Seconds per byte; 0 if the time rises in no cluster.
     """
     clusters = positions // CLUSTER_BYTES
-    # Index of the first message in each cluster, and of the last message.
-    first_indices = np.flatnonzero(np.diff(clusters, prepend=-1))
-    bounds = np.append(first_indices, len(time) - 1)
+    # Row of the first message in each cluster, and the last row.
+    first_rows = np.flatnonzero(np.diff(clusters, prepend=-1))
+    bounds = np.append(first_rows, len(time) - 1)
     durations = np.diff(time[bounds])
     sizes = np.diff(positions[bounds])
     is_rising = (durations > 0) & (sizes > 0)
@@ -337,18 +337,18 @@ def _repeated_blocks(messages: StampedMessages, falls: Integers) -> dict[int, in
 
     Args:
         messages: The messages with sound stamps, and the bytes of the file.
-        falls: Indices of the messages at which the clock goes back.
+        falls: Rows of the messages at which the clock goes back.
 
     Returns:
-        The index after the last message of each block, by the index of its first message. None are found without the
-        bytes of the file.
+        The row after the last message of each block, by the row of its first message. None are found without the bytes
+        of the file.
     """
     positions, _, content = messages
-    end_index_of_block: dict[int, int] = {}
+    end_row_of_block: dict[int, int] = {}
     if not content:
-        return end_index_of_block
-    for first_index in falls[:MAX_COMPARED_BLOCKS].tolist():
-        start = int(positions[first_index])
+        return end_row_of_block
+    for first_row in falls[:MAX_COMPARED_BLOCKS].tolist():
+        start = int(positions[first_row])
         earlier_start = content.find(content[start : start + COMPARED_BYTES], 0, start)
         if earlier_start < 0:
             continue
@@ -358,8 +358,8 @@ def _repeated_blocks(messages: StampedMessages, falls: Integers) -> dict[int, in
         repeated_bytes = np.frombuffer(content, np.uint8, max_size, start)
         differences = np.flatnonzero(earlier_bytes != repeated_bytes)
         repeated_size = int(differences[0]) if len(differences) else max_size
-        end_index_of_block[first_index] = int(np.searchsorted(positions, start + repeated_size))
-    return end_index_of_block
+        end_row_of_block[first_row] = int(np.searchsorted(positions, start + repeated_size))
+    return end_row_of_block
 
 
 def _chains_of_runs(runs: list[_Run], max_gap: float, rules: ClockRules) -> list[_Chain]:
@@ -453,5 +453,5 @@ def _may_be_same_recording(chain: _Chain, kept_chain: _Chain, rules: ClockRules)
 
 
 def _first_message(chain: _Chain) -> int:
-    """Returns the index of the first message of a chain."""
+    """Returns the row of the first message of a chain."""
     return chain.runs[0].first

@@ -126,7 +126,6 @@ def output_scale(
     step = float(np.diff(values).min()) if len(values) > 1 else 0.0
     smallest = float(positive[0])
     largest = float(positive[-1])
-    # The driver of the first motor stands for all.
     driver = drivers[0].name if drivers else ""
     px4_low, px4_high = _px4_range(drivers, parameters)
     if not driver.startswith("PWM") and MAX_NORMALISED < largest <= px4_high:

@@ -77,7 +77,7 @@ def with_parameters(log: Log, path: PathName) -> Log:
         path: Path of the parameter file.
 
     Returns:
-        A new log, whose vehicles have a fact (a coded finding) that reports the addition.
+        A new log, whose vehicles have a fact that reports the addition.
 
     Raises:
         Unreadable: The file cannot be opened, or has no parameters.

@@ -23,7 +23,7 @@ from mavdem.ingest.telemetry import (
     Columns,
     Fields,
     fields_by_rule,
-    selected_messages,
+    selected_rows,
     translated_fields,
 )
 from mavdem.ingest.vocabulary import EstimatorRatio
@@ -115,7 +115,7 @@ def _connected_batteries(topics: Topics) -> dict[int, Columns]:
         all_batteries[number] = topic
         is_connected = flag_or_true(topic, "connected")
         if is_connected.any():
-            connected_batteries[number] = selected_messages(topic, is_connected)
+            connected_batteries[number] = selected_rows(topic, is_connected)
     return connected_batteries or all_batteries
 
 
@@ -161,7 +161,7 @@ def estimator_status(topics: Topics) -> Fields:
     for instance, columns in instances.items():
         is_primary = primary_estimators(topics, columns["time"]) == instance
         if is_primary.any():
-            tables_of_primary.append(selected_messages(columns, is_primary))
+            tables_of_primary.append(selected_rows(columns, is_primary))
     if not tables_of_primary and instances:
         tables_of_primary = [instances[min(instances)]]
     return in_time_order(tables_of_primary)
@@ -240,11 +240,11 @@ def _sampled_ratios(topics: Topics, instance: int, ratio: EstimatorRatio, time: 
             # Without the field, the instance of the topic has the number of the estimator.
             default_estimator = np.full(len(topic["time"]), topic_instance)
             is_of_estimator = topic.get("estimator_instance", default_estimator) == instance
-            samples = selected_messages(topic, is_of_estimator)
+            samples = selected_rows(topic, is_of_estimator)
             is_fused = samples.get("fused", np.zeros(len(samples["time"]))) > 0
             # Without the field, samples that were not fused count as rejected: a source in use remains in use.
             is_rejected = samples.get("innovation_rejected", np.ones(len(samples["time"]))) > 0
-            samples = selected_messages(samples, _is_used(is_fused, is_rejected))
+            samples = selected_rows(samples, _is_used(is_fused, is_rejected))
             squares = [
                 samples[field] for field in samples if field.partition("[")[0] == "test_ratio"
             ]
@@ -271,7 +271,7 @@ def _largest_since_previous_time(time: Array, sample_time: Array, values: Array)
         Largest samples (T,); NaN where there are none.
     """
     largest = np.full(len(time), np.nan)
-    # Each time has a window of samples, from index ``starts`` to before index ``ends``.
+    # Each time has a window of samples, from row ``starts`` to before row ``ends``.
     ends = np.searchsorted(sample_time, time, side="right")
     ends_before = np.append(ends[:1] - 1, ends[:-1])
     starts = np.minimum(ends_before, ends - 1)
@@ -299,9 +299,9 @@ def _is_used(is_fused: Flags, is_rejected: Flags) -> Flags:
         (N,) flags, false before the first fused sample.
     """
     shows_state = is_fused | ~is_rejected
-    # Index of the latest sample that shows the state; before the first one it is −1, the appended "not in use".
-    state_indices = np.maximum.accumulate(np.where(shows_state, np.arange(len(is_fused)), -1))
-    return np.append(is_fused, False)[state_indices]
+    # Row of the latest sample that shows the state; before the first one it is −1, the appended "not in use".
+    state_rows = np.maximum.accumulate(np.where(shows_state, np.arange(len(is_fused)), -1))
+    return np.append(is_fused, False)[state_rows]
 
 
 def primary_estimators(topics: Topics, time: Array) -> Integers:
@@ -319,8 +319,8 @@ def primary_estimators(topics: Topics, time: Array) -> Integers:
     if not len(primary):
         return np.zeros(len(time), np.int64)
     # Before the first message the primary instance is taken from that message.
-    indices = np.searchsorted(selector["time"], time, side="right") - 1
-    return primary[np.maximum(indices, 0)].astype(np.int64)
+    rows = np.searchsorted(selector["time"], time, side="right") - 1
+    return primary[np.maximum(rows, 0)].astype(np.int64)
 
 
 class SensorTopic(NamedTuple):

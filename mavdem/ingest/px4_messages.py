@@ -31,7 +31,7 @@ from mavdem.ingest.telemetry import (
     fields_by_rule,
     firsts_of_seconds,
     interpolated,
-    selected_messages,
+    selected_rows,
 )
 from mavdem.ingest.vocabulary import (
     ACTIVE,
@@ -83,12 +83,12 @@ def attitude_quaternion(topics: Topics) -> Fields:
     rates = array_field(angular_velocity, "xyz", 3)
     rate_time = angular_velocity["time"]
     is_valid = np.isfinite(quaternions).all(axis=1) & quaternions.any(axis=1)
-    valid_indices = np.flatnonzero(is_valid)
+    valid_rows = np.flatnonzero(is_valid)
     # Between equal stamps nothing can be interpolated: the first message of each stamp is used. Stamps ascend.
-    valid_time = attitude["time"][valid_indices]
+    valid_time = attitude["time"][valid_rows]
     is_first = begins_value(valid_time)
     attitude_time = valid_time[is_first]
-    quaternions = quaternions[valid_indices[is_first]]
+    quaternions = quaternions[valid_rows[is_first]]
     if len(quaternions) < 2:
         return {}
     steps = np.diff(attitude_time)
@@ -96,22 +96,20 @@ def attitude_quaternion(topics: Topics) -> Fields:
         time = attitude_time
         rates = interpolated(attitude_time, rate_time, rates)
     else:
-        # The index of the attitude after each stamp of the rates; the step before it shows whether there is a gap.
-        next_indices = np.clip(np.searchsorted(attitude_time, rate_time), 1, len(attitude_time) - 1)
+        # The row of the attitude after each stamp of the rates; the step before it shows whether there is a gap.
+        next_rows = np.clip(np.searchsorted(attitude_time, rate_time), 1, len(attitude_time) - 1)
         is_covered = (rate_time >= attitude_time[0]) & (rate_time <= attitude_time[-1])
-        is_usable = is_covered & (steps[next_indices - 1] <= MAX_GAP_SECONDS)
+        is_usable = is_covered & (steps[next_rows - 1] <= MAX_GAP_SECONDS)
         time = rate_time[is_usable]
         rates = rates[is_usable]
-        quaternions = interpolated_rotations(
-            time, attitude_time, quaternions, next_indices[is_usable]
-        )
+        quaternions = interpolated_rotations(time, attitude_time, quaternions, next_rows[is_usable])
     columns = dict(zip(QUATERNION_FIELDS, quaternions.T, strict=True))
     columns |= dict(zip(BODY_RATE_FIELDS, rates.T, strict=True))
     return {"time": time, **columns}
 
 
 def interpolated_rotations(
-    query_time: Array, time: Array, quaternions: Array, next_indices: NDArray[np.intp]
+    query_time: Array, time: Array, quaternions: Array, next_rows: NDArray[np.intp]
 ) -> Array:
     """Interpolates rotations at a constant rate about a fixed axis between two neighbours, the shorter way.
 
@@ -125,20 +123,20 @@ def interpolated_rotations(
         query_time: Times (M,), s, at which rotations are wanted.
         time: Times (N,) of the rotations, s, ascending.
         quaternions: The rotations (N, 4), of any length but 0.
-        next_indices: Index (M,) of the rotation after each time, 1 or more.
+        next_rows: Rows (M,) of the rotation after each time, 1 or more.
 
     Returns:
         Unit quaternions (M, 4).
     """
     unit = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
-    before = unit[next_indices - 1]
-    after = unit[next_indices]
+    before = unit[next_rows - 1]
+    after = unit[next_rows]
     cosine = np.sum(before * after, axis=1)
     # The quaternions q and −q are the same rotation; the one nearer to ``before`` gives the shorter way.
     after = after * np.where(cosine < 0, -1.0, 1.0)[:, np.newaxis]
     angle = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
-    time_before = time[next_indices - 1]
-    share = (query_time - time_before) / (time[next_indices] - time_before)
+    time_before = time[next_rows - 1]
+    share = (query_time - time_before) / (time[next_rows] - time_before)
     # The ratio sin(s θ) / sin θ is written with sinc(x) = sin(π x) / (π x), which is finite at θ = 0, for equal
     # neighbours.
     weight_before = (1 - share) * np.sinc((1 - share) * angle / np.pi)
@@ -205,7 +203,7 @@ def attitude_target_messages(topics: Topics) -> Fields:
     attitude = first_instance(topics, "vehicle_attitude_setpoint")
     rates = first_instance(topics, "vehicle_rates_setpoint")
     if "q_d[3]" in attitude:
-        attitude = selected_messages(attitude, flag_or_true(attitude, "q_d_valid"))
+        attitude = selected_rows(attitude, flag_or_true(attitude, "q_d_valid"))
         tables_of_topics.append(
             {"time": attitude["time"], **attitude_target(array_field(attitude, "q_d", 4))}
         )
@@ -299,7 +297,7 @@ def vibration(topics: Topics) -> Fields:
 def system_time(topics: Topics) -> Fields:
     """SYSTEM_TIME.hpp: vehicle_gps_position, where the receiver knows the time."""
     gps = first_instance(topics, "vehicle_gps_position")
-    with_time = selected_messages(gps, gps["time_utc_usec"] > 0)
+    with_time = selected_rows(gps, gps["time_utc_usec"] > 0)
     return {"time": with_time["time"], "time_unix_usec": with_time["time_utc_usec"]}
 
 
@@ -310,7 +308,7 @@ def injected_rates(topics: Topics) -> Fields:
         topics: The logged topics, by name and number of the instance.
 
     Returns:
-        Three messages for each one of the topic, for roll, pitch and yaw: ``time``, s, the number of the ``axis`` as of
+        Three rows per message of the topic, for roll, pitch and yaw: ``time``, s, the number of the ``axis`` as of
         ``Injection``, and the rate, degrees/s, as ``target``.
     """
     topic = first_instance(topics, "autotune_attitude_control_status")
@@ -363,8 +361,7 @@ def sensor_samples(topics: Topics, sample_topic: SampleTopic) -> Fields:
         time = combined_topic["time"]
         means = array_field(combined_topic, sample_topic.combined_field, 3)
         return {"time": time, **dict(zip("xyz", means.T, strict=True))}
-    # The tables have a line for each message and a column for each sample, of which the first ``samples`` columns are
-    # filled.
+    # The tables have a row per message and a column per sample, of which the first ``samples`` columns are filled.
     sample_number = np.arange(MAX_FIFO_SAMPLES)
     sample_count = fifo["samples"][:, None]
     is_sample = sample_number < sample_count
@@ -398,7 +395,7 @@ def manual_control(topics: Topics) -> Fields:
         ``r``, -1000 to 1000.
     """
     sticks = first_instance(topics, "manual_control_setpoint")
-    sticks = selected_messages(sticks, flag_or_true(sticks, "valid"))
+    sticks = selected_rows(sticks, flag_or_true(sticks, "valid"))
     fields: Fields = {"time": sticks["time"]}
     # The names since 1.14, and those before.
     for name, choices in {"x": ("pitch", "x"), "y": ("roll", "y"), "r": ("yaw", "r")}.items():
@@ -453,7 +450,7 @@ def extended_sys_state(topics: Topics) -> Fields:
     The land detector reports whether the vehicle is on the ground or in the air. In the air, the state is take-off or
     landing while an automatic mode flies to a target of that type.
 
-    There is one for each message of the three topics, and one at the first message of each second: old versions of
+    There is a row for each message of the three topics, and one at the first message of each second: old versions of
     PX4 logged the state only at its changes.
 
     Args:
@@ -491,7 +488,7 @@ def extended_sys_state(topics: Topics) -> Fields:
 def local_position_ned(topics: Topics) -> Fields:
     """Makes LOCAL_POSITION_NED (PX4's LOCAL_POSITION_NED.hpp) from vehicle_local_position.
 
-    Messages whose vertical speed is not valid are left out. Two columns are added to the message's fields: ``valid``,
+    Rows whose vertical speed is not valid are left out. Two columns are added to the message's fields: ``valid``,
     whether horizontal velocity and heading are valid, and ``resets``, ODOMETRY's counter of jumps.
 
     Args:
@@ -507,4 +504,4 @@ def local_position_ned(topics: Topics) -> Fields:
     columns["valid"] = is_velocity_valid & is_heading_valid
     if "xy_reset_counter" in topic:
         columns["resets"] = topic["xy_reset_counter"]
-    return selected_messages(columns, flag_or_true(topic, "v_z_valid"))
+    return selected_rows(columns, flag_or_true(topic, "v_z_valid"))

@@ -19,7 +19,7 @@ from mavdem.ingest.telemetry import (
     Columns,
     Fields,
     Parameters,
-    selected_messages,
+    selected_rows,
 )
 
 MIN_TURNS_PER_DRIVER = 2
@@ -67,7 +67,7 @@ def _messages_by_driver(topic: Columns) -> list[Columns]:
     distinct_counts = np.unique(output_counts)
     if not alternations or alternations < MIN_TURNS_PER_DRIVER * len(distinct_counts):
         return [topic]
-    return [selected_messages(topic, output_counts == count) for count in distinct_counts]
+    return [selected_rows(topic, output_counts == count) for count in distinct_counts]
 
 
 def _range_of_first_output(topic: Columns) -> float:
@@ -144,7 +144,7 @@ ZERO_CELSIUS = 273.15
 
 
 def motor_speeds(topics: Topics) -> Fields:
-    """Makes ESC, the message of DataFlash logs with the speeds of motors, from esc_status: one for each controller.
+    """Makes ESC, the message of DataFlash logs with the speeds of motors, from esc_status: a row for each controller.
 
     Args:
         topics: The logged topics, by name and number of the instance.
@@ -161,7 +161,7 @@ def motor_speeds(topics: Topics) -> Fields:
             break
         is_online = _is_online(topic, instance)
         if is_online.any():
-            controllers.append(_speed_controller(selected_messages(topic, is_online), instance))
+            controllers.append(_speed_controller(selected_rows(topic, is_online), instance))
     return in_time_order(controllers)
 
 
@@ -191,11 +191,11 @@ def _speed_controller(topic: Columns, instance: int) -> Fields:
     """Makes the columns of the table ESC for one speed controller.
 
     Args:
-        topic: Messages of esc_status in which it reports, N of them.
+        topic: Messages of esc_status in which it reports, N rows.
         instance: Number of the controller, from 0.
 
     Returns:
-        Columns (N,) by field name, such as "RPM" and "Temp".
+        Columns of N rows by field name, such as "RPM" and "Temp".
     """
     field = f"esc[{instance}]."
     fields: Fields = {

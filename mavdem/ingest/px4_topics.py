@@ -16,7 +16,7 @@ from mavdem.ingest.telemetry import (
     Fields,
     concatenated_columns,
     last_values,
-    selected_messages,
+    selected_rows,
 )
 
 Topics = Mapping[str, Mapping[int, Columns]]
@@ -66,9 +66,9 @@ def in_time_order(tables: Sequence[Columns]) -> Fields:
         tables: tables with the same columns, among them ``time``, s.
 
     Returns:
-        Columns of all messages; only an empty ``time`` without a table.
+        Columns of all rows; only an empty ``time`` without a table.
     """
     if not tables:
         return {"time": np.zeros(0)}
     columns = concatenated_columns(tables)
-    return selected_messages(columns, np.argsort(columns["time"], kind="stable"))
+    return selected_rows(columns, np.argsort(columns["time"], kind="stable"))

@@ -239,8 +239,8 @@ def _attitude_topic(topics: Topics, attitude: Columns) -> str:
     rates = first_instance(topics, "vehicle_angular_velocity")
     if attitude and rates:
         stamps = rates["time"]
-        indices = np.searchsorted(stamps, attitude["time"])
-        if np.array_equal(stamps[np.minimum(indices, len(stamps) - 1)], attitude["time"]):
+        rows = np.searchsorted(stamps, attitude["time"])
+        if np.array_equal(stamps[np.minimum(rows, len(stamps) - 1)], attitude["time"]):
             return "vehicle_angular_velocity"
     return "vehicle_attitude"
 
@@ -253,7 +253,7 @@ def attitude_repairs(topics: Topics, messages: Tables) -> Facts:
     """Reports that the attitude was interpolated, if the body rates were logged clearly more often.
 
     ATTITUDE_QUATERNION needs attitude and body rates at the same stamps, while PX4 logs them in two topics. If it was
-    made at the stamps of the body rates, it has clearly more messages than the topic vehicle_attitude; this is how
+    made at the stamps of the body rates, it has clearly more rows than the topic vehicle_attitude; this is how
     interpolation is recognised.
 
     Args:
@@ -261,7 +261,7 @@ def attitude_repairs(topics: Topics, messages: Tables) -> Facts:
         messages: The messages made of them, by name.
 
     Returns:
-        One fact (a coded finding) with both rates, Hz; none if the attitude was not interpolated.
+        One fact with both rates, Hz; none if the attitude was not interpolated.
     """
     logged_stamps = [topic["time"] for topic in topics.get("vehicle_attitude", {}).values()]
     stamps = messages.get("ATTITUDE_QUATERNION", {"time": np.zeros(0)})["time"]

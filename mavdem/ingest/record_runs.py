@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.ingest.byte_strings import RESIDENT_BYTES, Offsets, release_pages
+from mavdem.ingest.byte_rows import RESIDENT_BYTES, Offsets, release_pages
 from mavdem.ingest.contents import FileContent
 
 MIN_SEARCH_BYTES = 1 << 16
@@ -66,8 +66,8 @@ class RecordRuns:
         self._search_bytes = MIN_SEARCH_BYTES
         self._starts: Offsets = np.zeros(0, dtype=np.int64)
         self._ends: Offsets = self._starts
-        # The index of the last record of its run, for each possible record of the searched range.
-        self._last_index_of_run: Offsets = self._starts
+        # The row of the last record of its run, for each possible record of the searched range.
+        self._last_row_of_run: Offsets = self._starts
 
     def run_at(self, offset: int, end: int) -> RecordRun | None:
         """Returns the records that follow each other without a gap from an offset on, as far as the file was searched.
@@ -87,11 +87,11 @@ class RecordRuns:
         if not is_in_searched_range or self._searched.stop > end:
             self._search_range(slice(offset, min(offset + self._search_bytes, end)))
             self._search_bytes = min(2 * self._search_bytes, MAX_SEARCH_BYTES)
-        first_index = int(np.searchsorted(self._starts, offset))
-        if first_index == len(self._starts) or self._starts[first_index] != offset:
+        first_row = int(np.searchsorted(self._starts, offset))
+        if first_row == len(self._starts) or self._starts[first_row] != offset:
             return None
-        last_index = int(self._last_index_of_run[first_index])
-        return RecordRun(self._starts[first_index : last_index + 1], int(self._ends[last_index]))
+        last_row = int(self._last_row_of_run[first_row])
+        return RecordRun(self._starts[first_row : last_row + 1], int(self._ends[last_row]))
 
     def discard_search(self) -> None:
         """Discards what was found, since a new definition changes what looks like a record."""
@@ -111,9 +111,9 @@ class RecordRuns:
         # A record is the last of its run unless the next one begins where it ends.
         is_last_of_run = np.ones(len(self._starts), dtype=np.bool_)
         is_last_of_run[:-1] = self._starts[1:] != self._ends[:-1]
-        last_indices = np.flatnonzero(is_last_of_run)
-        records_of_runs = np.diff(last_indices, prepend=-1)
-        self._last_index_of_run = np.repeat(last_indices, records_of_runs)
+        last_rows = np.flatnonzero(is_last_of_run)
+        records_of_runs = np.diff(last_rows, prepend=-1)
+        self._last_row_of_run = np.repeat(last_rows, records_of_runs)
         # The pages of a mapped file remain in memory until they are released.
         self._resident_bytes += offsets.stop - offsets.start
         if self._resident_bytes >= RESIDENT_BYTES:

@@ -197,36 +197,36 @@ def last_values(query_time: Array, time: Array, values: NDArray[Any]) -> NDArray
     return np.insert(values, 0, 0)[samples_before]
 
 
-def indices_by_value(values: NDArray[np.integer[Any]]) -> dict[int, NDArray[np.int32]]:
-    """Finds where each value of a column occurs.
+def rows_by_value(values: NDArray[np.integer[Any]]) -> dict[int, NDArray[np.int32]]:
+    """Groups the rows of a column by their value.
 
-    A long column is sorted block by block, to bound the memory. Each value then has indices in several blocks.
+    A long column is sorted block by block, to bound the memory. Each value then has rows in several blocks.
 
     Args:
         values: The column (N,).
 
     Returns:
-        The indices of each value, ascending; the values are in ascending order too.
+        The rows of each value, ascending; the values are in ascending order too.
     """
-    indices_in_blocks: dict[int, list[NDArray[np.int32]]] = {}
-    for block_start in range(0, len(values), VALUES_AT_ONCE):
-        block = values[block_start : block_start + VALUES_AT_ONCE]
+    rows_in_blocks: dict[int, list[NDArray[np.int32]]] = {}
+    for block_start in range(0, len(values), SORTED_ROWS):
+        block = values[block_start : block_start + SORTED_ROWS]
         if block.dtype.itemsize > np.dtype(np.uint16).itemsize and is_in_uint16(block):
             # NumPy sorts integers of 16 bits fastest (radix sort).
             block = block.astype(np.uint16)
         order = np.argsort(block, kind="stable").astype(np.int32)
         sorted_values = block[order]
-        first_indices = np.flatnonzero(begins_value(sorted_values))
-        # ``split`` puts an empty array before the first index of the first value.
-        indices_of_values = np.split(order + np.int32(block_start), first_indices)[1:]
-        distinct_values = sorted_values[first_indices].tolist()
-        for value, indices in zip(distinct_values, indices_of_values, strict=True):
-            indices_in_blocks.setdefault(value, []).append(indices)
-    joined_indices = {}
-    for value in sorted(indices_in_blocks):
+        first_rows = np.flatnonzero(begins_value(sorted_values))
+        # ``split`` puts an empty array before the first row of the first value.
+        rows_of_values = np.split(order + np.int32(block_start), first_rows)[1:]
+        distinct_values = sorted_values[first_rows].tolist()
+        for value, rows in zip(distinct_values, rows_of_values, strict=True):
+            rows_in_blocks.setdefault(value, []).append(rows)
+    joined_rows = {}
+    for value in sorted(rows_in_blocks):
         # Removed from the dictionary, so that the memory of its blocks is freed once they are joined.
-        joined_indices[value] = np.concatenate(indices_in_blocks.pop(value))
-    return joined_indices
+        joined_rows[value] = np.concatenate(rows_in_blocks.pop(value))
+    return joined_rows
 
 
 def begins_value(values: NDArray[Any]) -> Flags:
@@ -241,8 +241,8 @@ def firsts_of_seconds(time: Array) -> Array:
     return time[begins_value(np.floor(time))]
 
 
-VALUES_AT_ONCE = 1 << 20
-"""Number of values that are sorted at once: a choice."""
+SORTED_ROWS = 1 << 20
+"""Number of rows that are sorted at once: a choice."""
 
 
 def is_in_uint16(values: NDArray[np.integer[Any]]) -> bool:
@@ -250,30 +250,22 @@ def is_in_uint16(values: NDArray[np.integer[Any]]) -> bool:
     return bool(values.min() >= 0 and values.max() <= np.iinfo(np.uint16).max)
 
 
-def selected_messages(columns: Columns, selection: slice | NDArray[Any]) -> Fields:
-    """Returns some of the messages of one type.
-
-    Args:
-        columns: Fields of the N messages by name, (N,) or (N, k) each.
-        selection: Which messages: a slice, their indices, or flags (N,).
-
-    Returns:
-        The fields of the selected messages; views of the columns for a slice, otherwise copies.
-    """
-    if isinstance(selection, np.ndarray) and selection.dtype == np.bool_:
-        # Indices are found once; flags would be searched for each column.
-        selection = np.flatnonzero(selection)
-    return {name: values[selection] for name, values in columns.items()}
+def selected_rows(columns: Columns, rows: slice | NDArray[Any]) -> Fields:
+    """Returns some rows of every column; ``rows`` is a slice, row numbers, or flags (N,)."""
+    if isinstance(rows, np.ndarray) and rows.dtype == np.bool_:
+        # Row numbers are found once; flags would be searched for each column.
+        rows = np.flatnonzero(rows)
+    return {name: values[rows] for name, values in columns.items()}
 
 
 def concatenated_columns(tables: Sequence[Columns]) -> Fields:
     """Joins tables of the same message one after the other.
 
     Args:
-        tables: The tables (N_i messages each), at least one. The columns of a single one are not copied.
+        tables: The tables (N_i rows each), at least one. The columns of a single one are not copied.
 
     Returns:
-        The columns that all tables have, with the messages of all.
+        The columns that all tables have, with the rows of all.
     """
     if len(tables) == 1:
         return dict(tables[0])

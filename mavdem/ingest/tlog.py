@@ -17,9 +17,9 @@ from mavdem.errors import Unreadable
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair, SourceFact
 from mavdem.files import PathName
-from mavdem.ingest.byte_strings import Bytes, byte_strings_at
+from mavdem.ingest.byte_rows import Bytes, rows_of
 from mavdem.ingest.contents import mapped_bytes
-from mavdem.ingest.mavlink.clock_readings import Indices
+from mavdem.ingest.mavlink.clock_readings import Rows
 from mavdem.ingest.mavlink.dialect import crc_extra_table
 from mavdem.ingest.mavlink.frame_stream import STAMPS_AT_ONCE, FrameStream
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES, SCANNED_BYTES, Frames, find_frames
@@ -179,44 +179,44 @@ def write_stamped(file: BinaryIO, frames: Iterable[tuple[int, bytes]]) -> int:
     return count
 
 
-def _bytes_before(frames: Frames, indices: slice | Indices) -> NDArray[np.integer]:
+def _bytes_before(frames: Frames, rows: slice | Rows) -> NDArray[np.integer]:
     """Returns the number of bytes between each of some frames and the frame before it.
 
     Args:
         frames: All frames (N,) of the log.
-        indices: Indices (n,) of these frames among all.
+        rows: Rows (n,) of the frames.
 
     Returns:
         Numbers of bytes (n,).
     """
-    if isinstance(indices, slice):
-        # A slice avoids arrays of indices for a large log. The frames before the frames first to stop − 1 are the
-        # frames first − 1 to stop − 2; the first frame of the log is preceded by byte 0, the beginning of the log.
-        first, stop, _ = indices.indices(len(frames))
+    if isinstance(rows, slice):
+        # A slice avoids arrays of row numbers for a large log. The frames before rows first to stop − 1 are the rows
+        # first − 1 to stop − 2; the first frame of the log is preceded by byte 0, the beginning of the log.
+        first, stop, _ = rows.indices(len(frames))
         before = frames[max(first - 1, 0) : max(stop - 1, 0)].end
         if first == 0:
             before = np.insert(before, 0, 0)
-        return frames.start[indices] - before[: stop - first]
-    before = np.where(indices > 0, frames.start[indices - 1] + frames.size[indices - 1], 0)
-    return frames.start[indices] - before
+        return frames.start[rows] - before[: stop - first]
+    before = np.where(rows > 0, frames.start[rows - 1] + frames.size[rows - 1], 0)
+    return frames.start[rows] - before
 
 
-def _receive_stamps(data: Bytes, frames: Frames, indices: slice | Indices) -> NDArray[np.uint64]:
+def _receive_stamps(data: Bytes, frames: Frames, rows: slice | Rows) -> NDArray[np.uint64]:
     """Reads the receive stamps in the 8 bytes before some frames.
 
     Args:
         data: The bytes of the log.
         frames: All its frames (N,).
-        indices: Indices (n,) of these frames among all.
+        rows: Rows (n,) of the frames.
 
     Returns:
         Receive stamps (n,), UNIX µs; 0 where there is none.
     """
     # After damage, another number of bytes lies between two frames, and these are no stamp.
-    has_stamp = _bytes_before(frames, indices) == STAMP_BYTES
-    stamp_start = frames.start[indices][has_stamp] - STAMP_BYTES
+    has_stamp = _bytes_before(frames, rows) == STAMP_BYTES
+    stamp_start = frames.start[rows][has_stamp] - STAMP_BYTES
     stamps = np.zeros(len(has_stamp), dtype=np.uint64)
-    stamps[has_stamp] = byte_strings_at(data, stamp_start, STAMP_BYTES).view(">u8")[:, 0]
+    stamps[has_stamp] = rows_of(data, stamp_start, STAMP_BYTES).view(">u8")[:, 0]
     return stamps
 
 
@@ -230,7 +230,7 @@ def _without_carriage_returns(data: Bytes) -> tuple[Bytes, Facts]:
         data: The bytes of the log.
 
     Returns:
-        The bytes as they were recorded, and a fact (a coded finding) that reports the repair if there was one.
+        The bytes as they were recorded, and a fact that reports the repair if there was one.
     """
     line_feeds = 0
     for block_start in range(0, len(data), SCANNED_BYTES):

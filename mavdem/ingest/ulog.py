@@ -30,7 +30,7 @@ from mavdem.ingest.telemetry import (
     concatenated_columns,
     log_of_vehicles,
     repair_facts,
-    selected_messages,
+    selected_rows,
 )
 from mavdem.ingest.ulog_other_records import (
     LoggedText,
@@ -275,7 +275,7 @@ def _cleaned_topics(logged_topics: Sequence[LoggedTopic], start: float) -> tuple
         is_outlier[:1] = False
         outlier_count += int(np.count_nonzero(is_outlier))
         if is_outlier.any():
-            fields = selected_messages(fields, ~is_outlier)
+            fields = selected_rows(fields, ~is_outlier)
         topics.setdefault(name, {})[instance] = _with_ascending_time(fields, start)
     return topics, outlier_count
 
@@ -290,7 +290,7 @@ def _with_ascending_time(fields: Columns, start: float) -> Columns:
     """
     stamps = fields["timestamp"]
     if np.any(stamps[1:] < stamps[:-1]):
-        fields = selected_messages(fields, np.argsort(stamps, kind="stable"))
+        fields = selected_rows(fields, np.argsort(stamps, kind="stable"))
     time = fields["timestamp"] / MICROSECONDS
     # This is ∞ if there is no second message.
     second_time = time[1:2].min(initial=np.inf)
@@ -327,7 +327,7 @@ def _span_without_long_silence(tables: Iterable[Columns]) -> tuple[int, int]:
 
 
 def _file_repairs(other_records: OtherRecords, loss: RecordLoss, outlier_count: int) -> Facts:
-    """Reports what is damaged or missing in a file, as facts (coded findings) for the user.
+    """Reports what is damaged or missing in a file, as facts for the user.
 
     Args:
         other_records: The records that are not data, with the interruptions of the logger (dropouts).

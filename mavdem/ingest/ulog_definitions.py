@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.ingest.byte_strings import byte_strings_at
+from mavdem.ingest.byte_rows import rows_of
 from mavdem.ingest.contents import FileContent
 from mavdem.ingest.record_runs import PossibleRecords
 from mavdem.ingest.ulog_formats import (
@@ -333,9 +333,7 @@ class RecordDefinitions:
         letter_offset = HEADER.size - 1
         letters = searched_bytes[letter_offset : letter_offset + header_count]
         starts = np.flatnonzero(letters == DATA)
-        headers = byte_strings_at(searched_bytes, starts, DATA_HEADER.size).view(
-            DATA_HEADER_FIELDS
-        )[:, 0]
+        headers = rows_of(searched_bytes, starts, DATA_HEADER.size).view(DATA_HEADER_FIELDS)[:, 0]
         lengths = headers["length"]
         lengths_of_subscriptions = self.lengths_by_number[headers["subscription"]]
         is_data = (lengths > 0) & (lengths == lengths_of_subscriptions)

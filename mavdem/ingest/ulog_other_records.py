@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.ingest.byte_strings import Offsets
+from mavdem.ingest.byte_rows import Offsets
 from mavdem.ingest.ulog_definitions import (
     DATA_HEADER,
     DEFAULT,

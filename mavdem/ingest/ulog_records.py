@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.ingest.byte_strings import Offsets
+from mavdem.ingest.byte_rows import Offsets
 from mavdem.ingest.contents import FileContent
 from mavdem.ingest.record_runs import RecordRuns
 from mavdem.ingest.telemetry import MICROSECONDS

@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.ingest.byte_strings import Bytes, Offsets, byte_strings_at, bytes_at
+from mavdem.ingest.byte_rows import Bytes, Offsets, bytes_at, rows_of
 from mavdem.ingest.px4_topics import TOPIC_FIELDS
-from mavdem.ingest.telemetry import Columns, indices_by_value
+from mavdem.ingest.telemetry import Columns, rows_by_value
 from mavdem.ingest.ulog_definitions import DATA, DATA_HEADER, HEADER
 from mavdem.ingest.ulog_formats import NUMBER_TYPES, NumberField, TopicLayout
 from mavdem.ingest.ulog_other_records import OtherRecords, read_other_records
@@ -54,23 +54,22 @@ def parse_records(records: SoundRecords, *, has_all_fields: bool = False) -> Par
     is_data = record_types == DATA
     data_offsets = records.offsets[is_data]
     subscriptions = _integers_at(content, data_offsets + HEADER.size, np.dtype("<u2"))
-    # Indices of the data records of each topic.
-    indices_of_subscription = indices_by_value(subscriptions)
+    rows_of_subscription = rows_by_value(subscriptions)
     topics = []
     definitions = records.definitions
     for subscription, layout in definitions.topics.items():
-        if subscription not in indices_of_subscription:
+        if subscription not in rows_of_subscription:
             continue
         columns: Columns = {}
         if has_all_fields or layout.name in TOPIC_FIELDS:
             fields = definitions.formats.number_fields(layout.name)
             if not has_all_fields:
                 fields = _fields_to_read(layout.name, fields)
-            body_offsets = data_offsets[indices_of_subscription[subscription]] + DATA_HEADER.size
+            body_offsets = data_offsets[rows_of_subscription[subscription]] + DATA_HEADER.size
             columns = _decoded_columns(content, body_offsets, layout, fields)
         topics.append(LoggedTopic(layout.name, definitions.instances[subscription], columns))
-    other_records = read_other_records(records, records.offsets[~is_data], data_offsets)
-    return ParsedRecords(topics, len(data_offsets), other_records)
+    other = read_other_records(records, records.offsets[~is_data], data_offsets)
+    return ParsedRecords(topics, len(data_offsets), other)
 
 
 def _decoded_columns(
@@ -96,7 +95,7 @@ def _decoded_columns(
             "itemsize": layout.min_bytes,
         }
     )
-    bodies = byte_strings_at(content, body_offsets, layout.min_bytes).view(record_type)[:, 0]
+    bodies = rows_of(content, body_offsets, layout.min_bytes).view(record_type)[:, 0]
     return {field.name: np.ascontiguousarray(bodies[field.name]) for field in fields}
 
 
@@ -128,4 +127,4 @@ def _integers_at(
     Returns:
         (N,) integers.
     """
-    return byte_strings_at(content, offsets, stored.itemsize).view(stored)[:, 0]
+    return rows_of(content, offsets, stored.itemsize).view(stored)[:, 0]

@@ -27,7 +27,7 @@ from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import GainFact
 from mavdem.files import atomic_writes
 from mavdem.ingest import read_log
-from mavdem.ingest.telemetry import Log, Telemetry, selected_messages
+from mavdem.ingest.telemetry import Log, Telemetry, selected_rows
 from mavdem.loops.advice import Advice
 
 MAX_WAIT_SECONDS = 60.0
@@ -245,10 +245,10 @@ def _last_flown_boot_of(telemetry: Telemetry) -> Telemetry:
             break
     messages = {}
     for name, columns in telemetry.messages.items():
-        slice_of_boot = np.flatnonzero(columns["boot"] == last_boot)
-        if len(slice_of_boot):
-            columns_of_boot = selected_messages(columns, slice_of_boot)
-            columns_of_boot["boot"] = np.zeros(len(slice_of_boot), int)
+        rows_of_boot = np.flatnonzero(columns["boot"] == last_boot)
+        if len(rows_of_boot):
+            columns_of_boot = selected_rows(columns, rows_of_boot)
+            columns_of_boot["boot"] = np.zeros(len(rows_of_boot), int)
             messages[name] = columns_of_boot
     return replace(telemetry, messages=messages)
 

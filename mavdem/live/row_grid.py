@@ -280,7 +280,7 @@ def _sampling(time: Array, grid: Array, dt: float) -> StreamSampling:
         Weights of the low-pass and their times, or that samples are kept or interpolated.
     """
     if not resampling.needs_low_pass(time, dt):
-        keeps_samples = resampling.nearest_indices(grid, time) is not None
+        keeps_samples = resampling.nearest_rows(grid, time) is not None
         return StreamSampling(np.ones(1), np.zeros(1), keeps_samples)
     rate = resampling.mean_rate(time)
     weights = resampling.low_pass_impulse_response(rate, dt)

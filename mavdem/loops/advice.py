@@ -1,4 +1,4 @@
-"""Tuning advice, as facts (coded findings): gains of one axis for the next flight, with margins for both loops.
+"""Tuning advice: gains of one axis for the next flight, with which both loops keep given margins, and what to expect.
 
 Margins come first, then bandwidth, then wind (``gain_design``). They hold in draws of the plant's posterior with more
 and less control effectiveness than in the flight, as by a full and an empty battery, or load. Half of the draws choose

@@ -172,32 +172,31 @@ class Loop(Margins):
 
     def with_draws(
         self,
-        selection: slice,
+        rows: slice,
         effectiveness_factors: Sequence[float] = (1.0,),
         grid: FrequencyGrid = FINE_GRID,
     ) -> Loop:
         """Returns the loop with the estimated plant and some of the draws, each at several control effectivenesses.
 
-        The N plants of a loop are the estimate, at index ``ESTIMATE``, and N - 1 draws from its posterior, which show
-        how uncertain it is. Search and judgement of gains use different draws. Scaling the control effectiveness
-        (angular acceleration per demand) shows whether margins also hold with a fuller or emptier battery, or a load.
+        The N plants of a loop are the estimate, in row ``ESTIMATE``, and N - 1 draws from its posterior, which show how
+        uncertain it is. Search and judgement of gains use different draws. Scaling the control effectiveness (angular
+        acceleration per demand) shows whether margins also hold with a fuller or emptier battery, or a load.
 
         Args:
-            selection: which of the N plants to take. The estimate is placed before them, and is repeated if they
-                contain it.
+            rows: which of the N plants to take. The estimate is placed before them, and is repeated if they contain it.
             effectiveness_factors: E factors, by each of which the effectiveness of every plant is multiplied. The first
-                should be 1, so that index ``ESTIMATE`` remains the estimate.
+                should be 1, so that row ``ESTIMATE`` remains the estimate.
             grid: frequencies at which the loop's responses are computed.
 
         Returns:
-            The loop with E · P plants, where P is one more than the number of selected plants: all plants with the
-            first factor, then all with the second, and so on.
+            The loop with E · P plants, where P is one more than the number of ``rows``: all plants with the first
+            factor, then all with the second, and so on.
         """
-        # The estimate must come first again, since the figures of a loop are taken from index ``ESTIMATE``.
-        plants = np.append(ESTIMATE, np.arange(len(self.effectiveness))[selection])
-        effectiveness = np.outer(effectiveness_factors, self.effectiveness[plants]).ravel()
-        # Damping, lag and delay do not depend on the factor: their values are repeated in the same order.
-        dynamics = np.tile(self.dynamics[plants], (len(effectiveness_factors), 1))
+        # The estimate must come first again, since the figures of a loop are taken from row ``ESTIMATE``.
+        plant_rows = np.append(ESTIMATE, np.arange(len(self.effectiveness))[rows])
+        effectiveness = np.outer(effectiveness_factors, self.effectiveness[plant_rows]).ravel()
+        # Damping, lag and delay do not depend on the factor: their rows are repeated in the same order.
+        dynamics = np.tile(self.dynamics[plant_rows], (len(effectiveness_factors), 1))
         # The shared plant response belongs to this loop's plants and frequencies. Without it, the new loop computes its
         # own.
         return replace(

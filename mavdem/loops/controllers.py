@@ -185,7 +185,7 @@ class Controller(ImmutableResult):
         """Cautions about features of the controller that its parameters switch on and this model lacks.
 
         They are ``UNMODELLED_PARAMETERS`` that are not 0, and notch filters of the gyro whose frequency follows a
-        measurement. Each caution is a fact (a coded finding) with the name of the parameter.
+        measurement. Each caution is a fact with the name of the parameter.
         """
         # All parameters of the axis' rate controller begin like its P gain, such as "ATC_RAT_RLL_P", without the P.
         rate_prefix = self.parameter_names["p"].removesuffix("P")

@@ -724,9 +724,6 @@ def _attitude_loops_alone(models: Loop) -> OpenLoop:
 
     Args:
         models: rate and attitude loop of all models, at each control effectiveness.
-
-    Returns:
-        The attitude loops, open at the attitude controller.
     """
     return replace(models.attitude, is_inner_stable=None)
 

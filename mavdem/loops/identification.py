@@ -327,12 +327,12 @@ def _longest_gap(stream: Messages, start: float) -> float:
 
     The edges of the window count like messages, so that a gap at its beginning or end is seen too.
     """
-    stamps = stream.time[_samples_of_window(stream, start)]
+    stamps = stream.time[_rows_of_window(stream, start)]
     return np.diff(stamps, prepend=start, append=start + SPECTRUM_SECONDS).max()
 
 
-def _samples_of_window(stream: Messages, start: float) -> slice:
-    """Returns the samples in the window of ``SPECTRUM_SECONDS`` that begins at ``start``, s, as a slice of a stream."""
+def _rows_of_window(stream: Messages, start: float) -> slice:
+    """Returns the rows of a stream in the window of ``SPECTRUM_SECONDS`` that begins at ``start``, s."""
     first, end = np.searchsorted(stream.time, [start, start + SPECTRUM_SECONDS]).tolist()
     return slice(first, end)
 
@@ -353,11 +353,11 @@ def _saturated_power_fraction(messages: _LoopMessages, window_starts: Array) -> 
     output = messages.streams[Quantity.OUTPUT]
     power = power_at_limit = 0.0
     for start in window_starts:
-        samples = _samples_of_window(output, start)
-        squares = np.square(output.values[samples] - output.values[samples].mean())
+        rows = _rows_of_window(output, start)
+        squares = np.square(output.values[rows] - output.values[rows].mean())
         power += squares.sum()
         # The weights are 1 where an output was at a limit, otherwise 0.
-        power_at_limit += squares @ messages.at_limit.values[samples]
+        power_at_limit += squares @ messages.at_limit.values[rows]
     if power == 0:
         return 0.0
     return power_at_limit / power

@@ -284,7 +284,7 @@ def inputs_per_demand(controller: Controller, record: Record) -> Array:
 
 
 class _PlantDraws(NamedTuple):
-    """N plants without the gyro's filters: the estimate at index ``ESTIMATE``, then draws from its posterior."""
+    """N plants without the gyro's filters: the estimate in row ``ESTIMATE``, then draws from its posterior."""
 
     effect: Array
     """Angular acceleration per input (N, r), rad/s² per unit of the input."""

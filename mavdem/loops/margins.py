@@ -180,26 +180,26 @@ class OpenLoop(Margins):
         from stable it is.
         """
         log_frequency = np.log(self.frequency)
-        gain_crossings = _ZeroCrossings.of_functions(np.log(np.abs(self.response)))
+        gain_crossings = _ZeroCrossings.of_rows(np.log(np.abs(self.response)))
         crossover = np.exp(gain_crossings.interpolate(log_frequency))
         phase_margin = _phase_margins(self.response, gain_crossings)
         log_gain_margin = _log_gain_margins(self.response)
         # The bandwidth is the lowest frequency at which the closed loop crosses −3 dB.
-        half_power_crossings = _ZeroCrossings.of_functions(
+        half_power_crossings = _ZeroCrossings.of_rows(
             np.abs(self.closed_loop_response) - HALF_POWER_GAIN
         )
-        log_bandwidth = half_power_crossings.minimum_by_function(
+        log_bandwidth = half_power_crossings.minimum_by_row(
             half_power_crossings.interpolate(log_frequency)
         )
         delay_margin = phase_margin / (2 * np.pi * crossover)
         figures = {
             # The highest crossover, as the negative of the smallest negative one.
-            "crossover": -gain_crossings.minimum_by_function(-crossover),
+            "crossover": -gain_crossings.minimum_by_row(-crossover),
             "phase_margin": np.degrees(
-                _infinite_if_nan(gain_crossings.minimum_by_function(phase_margin))
+                _infinite_if_nan(gain_crossings.minimum_by_row(phase_margin))
             ),
             "gain_margin": DECIBELS_PER_NEPER * _infinite_if_nan(log_gain_margin),
-            "delay_margin": _infinite_if_nan(gain_crossings.minimum_by_function(delay_margin)),
+            "delay_margin": _infinite_if_nan(gain_crossings.minimum_by_row(delay_margin)),
             "ms": self.max_sensitivity,
             "bandwidth": np.exp(log_bandwidth),
             "rejection": np.abs(self.disturbance).max(axis=1),
@@ -211,58 +211,58 @@ class OpenLoop(Margins):
 
 
 class _ZeroCrossings(NamedTuple):
-    """K zero crossings of N sampled functions: the function, the point before, and the fraction of the step there."""
+    """K points at which N sampled functions cross zero: the row, the column before, and the fraction to the next."""
 
-    function_count: int
-    """Number N of functions."""
-    functions: Indices
-    """Index of the function that crosses zero (K,)."""
-    points_before: Indices
-    """Index of the point before each crossing (K,)."""
+    row_count: int
+    """Number N of rows."""
+    rows: Indices
+    """Row of each crossing (K,)."""
+    columns: Indices
+    """Column before each crossing (K,)."""
     fraction: Array
-    """Position of each crossing between that point and the next, 0 to 1 (K,)."""
+    """Position of each crossing between that column and the next, 0 to 1 (K,)."""
 
     @classmethod
-    def of_functions(cls, values: Array) -> _ZeroCrossings:
+    def of_rows(cls, values: Array) -> _ZeroCrossings:
         """Finds the zero crossings of N functions, by linear interpolation between points of different sign.
 
         Args:
             values: (N, F) values of each function at F points.
 
         Returns:
-            The crossings of all functions, function by function.
+            The crossings of all functions, row by row.
         """
         is_negative = np.signbit(values)
-        functions, points_before = np.nonzero(is_negative[:, :-1] != is_negative[:, 1:])
-        before = values[functions, points_before]
-        after = values[functions, points_before + 1]
-        return cls(len(values), functions, points_before, before / (before - after))
+        rows, columns = np.nonzero(is_negative[:, :-1] != is_negative[:, 1:])
+        before = values[rows, columns]
+        after = values[rows, columns + 1]
+        return cls(len(values), rows, columns, before / (before - after))
 
     def interpolate(self, values: Array) -> Array:
         """Returns the values of other functions at the crossings, linearly interpolated.
 
         Args:
-            values: each function at the same points (N, F), or one function for all (F,).
+            values: each function at the same points (N, F), or one function for all rows (F,).
 
         Returns:
             Value at each crossing (K,).
         """
-        values = np.broadcast_to(values, (self.function_count, values.shape[-1]))
-        before = values[self.functions, self.points_before]
-        after = values[self.functions, self.points_before + 1]
+        values = np.broadcast_to(values, (self.row_count, values.shape[-1]))
+        before = values[self.rows, self.columns]
+        after = values[self.rows, self.columns + 1]
         return before + self.fraction * (after - before)
 
-    def minimum_by_function(self, values: Array) -> Array:
-        """Returns the least value among the crossings of each function.
+    def minimum_by_row(self, values: Array) -> Array:
+        """Returns the least value among the crossings of each row.
 
         Args:
             values: values at the crossings (K,); NaN values are ignored.
 
         Returns:
-            Least value for each function (N,); NaN for one without a crossing.
+            Least value of each row (N,); NaN for a row without a crossing.
         """
-        minimum = np.full(self.function_count, np.nan)
-        np.fmin.at(minimum, self.functions, values)
+        minimum = np.full(self.row_count, np.nan)
+        np.fmin.at(minimum, self.rows, values)
         return minimum
 
 
@@ -278,8 +278,8 @@ def _phase_margins(response: Complex, gain_crossings: _ZeroCrossings) -> Array:
     Returns:
         Phase margins (K,), rad, −π to π.
     """
-    phase_before = np.angle(-response[gain_crossings.functions, gain_crossings.points_before])
-    phase_after = np.angle(-response[gain_crossings.functions, gain_crossings.points_before + 1])
+    phase_before = np.angle(-response[gain_crossings.rows, gain_crossings.columns])
+    phase_after = np.angle(-response[gain_crossings.rows, gain_crossings.columns + 1])
     phase_step = wrapped_angle(phase_after - phase_before)
     return np.asarray(wrapped_angle(phase_before + gain_crossings.fraction * phase_step))
 
@@ -296,14 +296,14 @@ def _log_gain_margins(response: Complex) -> Array:
     Returns:
         (N,) logarithms; NaN if L does not cross the negative real axis.
     """
-    crossings = _ZeroCrossings.of_functions(response.imag)
+    crossings = _ZeroCrossings.of_rows(response.imag)
     is_negative_axis = crossings.interpolate(response.real) < 0
     log_gain = crossings.interpolate(np.log(np.abs(response)))
     log_margin = np.where(is_negative_axis, -log_gain, np.nan)
-    nearest = crossings.minimum_by_function(np.abs(log_margin))
+    nearest = crossings.minimum_by_row(np.abs(log_margin))
     # The absolute value has lost its sign, which is restored if the nearest crossing has a negative margin.
-    is_negative_margin = log_margin == -nearest[crossings.functions]
-    nearest[crossings.functions[is_negative_margin]] *= -1
+    is_negative_margin = log_margin == -nearest[crossings.rows]
+    nearest[crossings.rows[is_negative_margin]] *= -1
     return nearest
 
 

@@ -112,7 +112,7 @@ def setpoint_resonance(signals: Signals, segments: Segments) -> Resonance | None
     spectra = welch_spectra((setpoint, rate), segments)
     if spectra is None:
         return None
-    # The controller's integral divides by the frequency, which is 0 at the first index.
+    # The controller's integral divides by the frequency, which is 0 in the first row.
     frequency = np.maximum(spectra.frequency, spectra.frequency[1])
     angle_gain = DEFAULT_ANGLE_GAIN
     complementary = spectra.response
@@ -121,27 +121,27 @@ def setpoint_resonance(signals: Signals, segments: Segments) -> Resonance | None
         angle_gain = controller.angle_gain
         demand_from_setpoint, demand_from_rate = controller_response(controller, frequency)
         complementary = spectra.response * demand_from_rate / demand_from_setpoint
-    band = _steered_band(spectra, frequency, angle_gain)
-    gain = abs(spectra.response[band])
-    if len(band) == 0 or frequency[band[-1]] < MIN_BAND_RATIO * frequency[band[0]]:
+    rows = _steered_rows(spectra, frequency, angle_gain)
+    gain = abs(spectra.response[rows])
+    if len(rows) == 0 or frequency[rows[-1]] < MIN_BAND_RATIO * frequency[rows[0]]:
         return None
     # At low frequencies a rate follows its setpoint. If it moves much more, it has another cause.
     if gain[0] > MAX_LOWEST_GAIN:
         return None
-    peak_index = band[np.argmax(gain)]
-    complementary_gain = abs(complementary[band])
+    peak_row = rows[np.argmax(gain)]
+    complementary_gain = abs(complementary[rows])
     return Resonance(
         axis=signals.axis,
-        peak=abs(spectra.response[peak_index]),
-        frequency=frequency[peak_index],
-        coherence=spectra.coherence[peak_index],
-        max_frequency=frequency[band[-1]],
-        ms_interval=_max_sensitivity_interval(spectra, complementary, band),
+        peak=abs(spectra.response[peak_row]),
+        frequency=frequency[peak_row],
+        coherence=spectra.coherence[peak_row],
+        max_frequency=frequency[rows[-1]],
+        ms_interval=_max_sensitivity_interval(spectra, complementary, rows),
         rolls_off=complementary_gain.max() > HALF_POWER_GAIN > complementary_gain[-1],
     )
 
 
-def _steered_band(spectra: WelchSpectra, frequency: Array, angle_gain: float) -> Indices:
+def _steered_rows(spectra: WelchSpectra, frequency: Array, angle_gain: float) -> Indices:
     """Returns the widest band of frequencies in which pilot or navigation, and not the wind, cause the rate setpoint.
 
     Only there a response of the rate to its setpoint shows the rate loop. The attitude controller computes the rate
@@ -156,7 +156,7 @@ def _steered_band(spectra: WelchSpectra, frequency: Array, angle_gain: float) ->
         angle_gain: gain K of the attitude controller, 1/s.
 
     Returns:
-        Indices (B,) of the consecutive frequencies of the band that spans most octaves; empty if there is no band.
+        Indices (band,) of the consecutive frequencies of the band that spans most octaves; empty if there is no band.
     """
     angle_feedback = angle_gain / (2j * np.pi * frequency)
     commanded_by_response = abs(1 + angle_feedback * spectra.response) ** 2
@@ -167,15 +167,14 @@ def _steered_band(spectra: WelchSpectra, frequency: Array, angle_gain: float) ->
     is_steered = (spectra.coherence >= MIN_COHERENCE) & (commanded_fraction >= MIN_SETPOINT_SHARE)
     is_steered &= frequency >= MIN_RESPONSE_FREQUENCY
     is_steered &= frequency <= MAX_FREQUENCY_RATIO * frequency[-1]
-    steered = np.flatnonzero(is_steered)
-    # A band ends where the next steered frequency does not follow at once.
-    band_starts = np.flatnonzero(np.diff(steered) > 1) + 1
-    bands = [band for band in np.split(steered, band_starts) if len(band)]
-    return max(bands, key=lambda band: frequency[band[-1]] / frequency[band[0]], default=steered)
+    rows = np.flatnonzero(is_steered)
+    band_starts = np.flatnonzero(np.diff(rows) > 1) + 1
+    bands = [band for band in np.split(rows, band_starts) if len(band)]
+    return max(bands, key=lambda band: frequency[band[-1]] / frequency[band[0]], default=rows)
 
 
 def _max_sensitivity_interval(
-    spectra: WelchSpectra, complementary: Complex, band: Indices
+    spectra: WelchSpectra, complementary: Complex, rows: Indices
 ) -> Interval:
     """Returns the 90 % interval of the maximum sensitivity Ms = max |1 − T| over some frequencies.
 
@@ -185,15 +184,15 @@ def _max_sensitivity_interval(
     Args:
         spectra: cross-spectra of setpoint and rate, for their coherence and the number of windows.
         complementary: complementary sensitivity T at the F frequencies of the spectra (F,).
-        band: indices (B,) of the frequencies that are used.
+        rows: indices (rows,) of the frequencies that are used.
 
     Returns:
         Lower and upper end of the interval, without a unit.
     """
-    coherence = spectra.coherence[band]
+    coherence = spectra.coherence[rows]
     relative_error = np.sqrt((1 - coherence) / (2 * coherence * spectra.windows))
-    sensitivity = abs(1 - complementary[band])
-    half_width = coverage_factor() * relative_error * abs(complementary[band])
+    sensitivity = abs(1 - complementary[rows])
+    half_width = coverage_factor() * relative_error * abs(complementary[rows])
     return (sensitivity - half_width).max(), (sensitivity + half_width).max()
 
 
@@ -229,23 +228,23 @@ def spectral_resonance(signals: Signals, segments: Segments) -> Resonance | None
     max_frequency = min(MAX_FREQUENCY_RATIO * frequency[-1], MAX_LOOP_FREQUENCY)
     is_in_band = frequency >= MIN_PEAK_FREQUENCY
     is_in_band &= frequency <= max_frequency / BACKGROUND_RATIO
-    band = np.flatnonzero(is_in_band)
-    if len(band) == 0:
+    rows = np.flatnonzero(is_in_band)
+    if len(rows) == 0:
         return None
     # A sensitivity is a ratio of amplitudes, and the logarithm of an amplitude is half of the logarithm of its power.
     log_amplitude = np.log(spectra.median_output_power) / 2
-    log_amplitude_above = np.interp(frequency[band] * BACKGROUND_RATIO, frequency, log_amplitude)
-    log_amplitude_below = np.interp(frequency[band] / BACKGROUND_RATIO, frequency, log_amplitude)
+    log_amplitude_above = np.interp(frequency[rows] * BACKGROUND_RATIO, frequency, log_amplitude)
+    log_amplitude_below = np.interp(frequency[rows] / BACKGROUND_RATIO, frequency, log_amplitude)
     background = (log_amplitude_above + log_amplitude_below) / 2
-    peak_ratio = np.exp(log_amplitude[band] - background)
+    peak_ratio = np.exp(log_amplitude[rows] - background)
     highest = np.argmax(peak_ratio)
-    coherence = spectra.coherence[band[highest]]
+    coherence = spectra.coherence[rows[highest]]
     if not (peak_ratio[highest] >= MIN_PEAK_RATIO and coherence >= MIN_COHERENCE):
         return None
     return Resonance(
         axis=signals.axis,
         peak=peak_ratio[highest],
-        frequency=frequency[band[highest]],
+        frequency=frequency[rows[highest]],
         coherence=coherence,
         max_frequency=max_frequency,
     )

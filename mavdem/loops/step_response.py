@@ -185,9 +185,9 @@ class StepResponse(ImmutableResult):
             predicted: predicted response of the closed loop (F′,).
 
         Returns:
-            Which of the three holds, as a fact (a coded finding): they agree, the prediction is in doubt, or the
-            measurement is. Its figures are the share of the frequencies at which they disagree, and the frequency of
-            the predicted peak, Hz.
+            Which of the three holds, as a fact: they agree, the prediction is in doubt, or the measurement is. Its
+            figures are the share of the frequencies at which they disagree, and the frequency of the predicted peak,
+            Hz.
         """
         subject = f"{self.axis} {self.loop}"
         predicted_gain = abs(predicted)
@@ -310,7 +310,7 @@ def _measured_step_response(
         )
     setpoint_moves_too_little = Fact(StepResponseFact.TOO_LITTLE_ASKED, subject=subject)
     sampling_rate = signals_on_grid.rate
-    # Pieces whose setpoint, the first signal, is constant show no response to it. The others must have samples for
+    # Pieces whose setpoint, the first row, is constant show no response to it. The others must have samples for
     # MIN_WINDOWS windows, each of two durations of the response.
     pieces = [piece for piece in signals_on_grid.pieces if np.ptp(piece[_SETPOINT]) != 0]
     sample_count = sum(piece.shape[1] for piece in pieces)
@@ -378,7 +378,8 @@ def _decimation_factor(sampling_rate: float, min_rate: float, spectra: WelchSpec
 def decimated_pieces(pieces: list[Array], decimation: int) -> list[Array]:
     """Divides the sampling rate by a whole number, after a low-pass filter against aliasing.
 
-    ``scipy.signal.resample_poly`` with ``padtype="line"`` gives the same, but takes a second to import.
+    The low-pass is a windowed sinc with a Kaiser window (Oppenheim and Schafer, Discrete-Time Signal Processing, sec.
+    7.6). ``scipy.signal.resample_poly`` with ``padtype="line"`` gives the same, but takes a second to import.
 
     Args:
         pieces: pieces (k, N) of k signals each.
@@ -389,38 +390,21 @@ def decimated_pieces(pieces: list[Array], decimation: int) -> list[Array]:
     """
     if decimation == 1:
         return pieces
-    low_pass = _anti_aliasing_filter(decimation)
-    half_length = len(low_pass) // 2
-    decimated = []
+    half_length = LOW_PASS_HALF_PERIODS * decimation
+    low_pass = np.sinc(np.arange(-half_length, half_length + 1) / decimation)
+    low_pass *= np.kaiser(len(low_pass), LOW_PASS_KAISER_BETA)
+    low_pass /= low_pass.sum()
+    thinned_pieces = []
     for piece in pieces:
         # Beyond both ends the piece is extended by the line through its ends, so that the filter sees no step there.
-        # The line passes the filter unchanged, so that only the deviation from it, 0 beyond the ends, is filtered.
         samples = np.arange(-half_length, piece.shape[1] + half_length)
         slope = (piece[:, -1:] - piece[:, :1]) / (piece.shape[1] - 1)
         line = piece[:, :1] + slope * samples
         deviation = np.zeros_like(line)
         deviation[:, half_length:-half_length] = piece - line[:, half_length:-half_length]
         windows = sliding_window_view(deviation, len(low_pass), axis=1)[:, ::decimation]
-        decimated.append(windows @ low_pass + line[:, half_length:-half_length:decimation])
-    return decimated
-
-
-def _anti_aliasing_filter(decimation: int) -> Array:
-    """Designs the low-pass filter before decimation: a windowed sinc with a Kaiser window.
-
-    The method is that of Oppenheim and Schafer, Discrete-Time Signal Processing, sec. 7.6. The cutoff is half of the
-    new sampling rate.
-
-    Args:
-        decimation: divisor of the sampling rate.
-
-    Returns:
-        Symmetric impulse response (2 · ``LOW_PASS_HALF_PERIODS`` · decimation + 1,), whose sum is 1.
-    """
-    half_length = LOW_PASS_HALF_PERIODS * decimation
-    low_pass = np.sinc(np.arange(-half_length, half_length + 1) / decimation)
-    low_pass *= np.kaiser(len(low_pass), LOW_PASS_KAISER_BETA)
-    return low_pass / low_pass.sum()
+        thinned_pieces.append(windows @ low_pass + line[:, half_length:-half_length:decimation])
+    return thinned_pieces
 
 
 def _with_angle_and_correction(
@@ -509,7 +493,7 @@ def _step_and_frequency_responses(
         max_frequency: highest frequency of the frequency responses, Hz.
 
     Returns:
-        Responses of the estimate first, then of ``RESPONSE_DRAWS`` draws, along the first axis.
+        Responses in rows: of the estimate first, then of ``RESPONSE_DRAWS`` draws.
     """
     taps = estimate.knots[-1]
     time = np.linspace(0.0, taps / estimate.sampling_rate, STEP_POINTS + 1)
@@ -518,9 +502,8 @@ def _step_and_frequency_responses(
     values = np.vstack([estimate.values, draws])
     steps = estimate.step_responses(values, time)
     shifts = default_rng(DRAWS_SEED).uniform(-timing_error, timing_error, RESPONSE_DRAWS)
-    # Index 0 is the estimate, which is not shifted.
-    for draw, shift in enumerate(shifts.tolist(), start=1):
-        steps[draw] = np.interp(time - shift, time, steps[draw])
+    for row, shift in enumerate(shifts.tolist(), start=1):
+        steps[row] = np.interp(time - shift, time, steps[row])
     responses = estimate.frequency_responses(values, frequency)
     return _Responses(time, steps, frequency, responses)
 

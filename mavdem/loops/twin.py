@@ -370,8 +370,8 @@ def _effectiveness_note(loop: Loop) -> Fact:
         loop: identified loop of one axis, with draws of its effectiveness.
 
     Returns:
-        A fact (a coded finding) with ``share``, the half width of the 90 % interval over the estimate, and
-        ``is_biased``, whether the identification of the plant calls the effectiveness biased.
+        A fact with ``share``, the half width of the 90 % interval over the estimate, and ``is_biased``, whether the
+        identification of the plant calls the effectiveness biased.
     """
     estimate = loop.effectiveness[ESTIMATE]
     half_width = coverage_factor() * np.std(loop.effectiveness)

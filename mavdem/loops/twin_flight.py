@@ -67,20 +67,20 @@ def replay_segments(loops: LoopsByAxis) -> dict[str, ReplaySegment]:
     roll = loops["roll"].record
     longest = np.argmax(roll.lengths)
     start = roll.segment_starts[longest]
-    sample_count = min(roll.lengths[longest], round(MAX_REPLAY_SECONDS / roll.dt))
-    samples = slice(start, start + sample_count)
+    samples = min(roll.lengths[longest], round(MAX_REPLAY_SECONDS / roll.dt))
+    rows = slice(start, start + samples)
     segments = dict[str, ReplaySegment]()
     for axis, loop in loops.items():
         record = loop.record
         is_same_flight = record.lengths == roll.lengths and record.begins == roll.begins
-        segment = _replay_segment(loop, samples) if is_same_flight else None
+        segment = _replay_segment(loop, rows) if is_same_flight else None
         if segment is not None:
             segments[axis] = segment
     return segments if "roll" in segments else {}
 
 
-def _replay_segment(loop: Loop, samples: slice) -> ReplaySegment | None:
-    """Returns the motion of one axis in some samples of a record, and the setpoints with which the twin can repeat it.
+def _replay_segment(loop: Loop, rows: slice) -> ReplaySegment | None:
+    """Returns the motion of one axis in some rows of a record, and the setpoints with which the twin can repeat it.
 
     An attitude controller adds a correction, angle gain × error of the angle, to the rate setpoint. As the twin has
     such a controller too, the correction is subtracted from a logged setpoint that contains it. ArduPilot's
@@ -90,16 +90,16 @@ def _replay_segment(loop: Loop, samples: slice) -> ReplaySegment | None:
 
     Args:
         loop: loop of the axis, with its record.
-        samples: samples of the record, of which the motion is taken.
+        rows: rows of the record, of which the motion is taken.
 
     Returns:
         Motion and setpoints; None if too few setpoints were recorded, or yaw was not steered.
     """
     # The outputs of roll and pitch are angle and rate, the output of yaw is the rate alone.
     record = loop.record
-    outputs = record.outputs[samples]
+    outputs = record.outputs[rows]
     if loop.axis == "yaw":
-        columns = _interpolated_setpoints(loop, samples, ["yaw rate setpoint"])
+        columns = _interpolated_setpoints(loop, rows, ["yaw rate setpoint"])
         if columns is None:
             return None
         # Yaw is steered by its rate, so that the setpoint of its angle is 0. If the rate setpoint hardly changes, the
@@ -111,7 +111,7 @@ def _replay_segment(loop: Loop, samples: slice) -> ReplaySegment | None:
         angle_setpoint = np.zeros_like(yaw_rate_setpoint)
         return ReplaySegment(outputs, np.column_stack([angle_setpoint, yaw_rate_setpoint]))
     columns = _interpolated_setpoints(
-        loop, samples, [f"{loop.axis} setpoint", f"{loop.axis} rate setpoint"]
+        loop, rows, [f"{loop.axis} setpoint", f"{loop.axis} rate setpoint"]
     )
     if columns is None:
         return None
@@ -127,31 +127,29 @@ def _replay_segment(loop: Loop, samples: slice) -> ReplaySegment | None:
     return ReplaySegment(outputs, np.column_stack([angle_setpoint, rate_setpoint]))
 
 
-def _interpolated_setpoints(loop: Loop, samples: slice, names: Sequence[str]) -> list[Array] | None:
-    """Returns setpoints of a record at some of its samples, interpolated between messages.
+def _interpolated_setpoints(loop: Loop, rows: slice, names: Sequence[str]) -> list[Array] | None:
+    """Returns setpoints of a record in some of its rows, interpolated between messages.
 
     Args:
         loop: loop of an axis, with its record.
-        samples: the T samples of the record.
+        rows: the T rows of the record.
         names: names of the setpoints, such as "roll setpoint".
 
     Returns:
         Each setpoint (T,), in the order of the names. None if the record lacks one of them, or if all of them together
-        were recorded in less than ``MIN_SETPOINT_SHARE`` of the samples.
+        were recorded in less than ``MIN_SETPOINT_SHARE`` of the rows.
     """
     record = loop.record
     if record.setpoints is None or not set(names) <= set(record.setpoint_names):
         return None
     columns = [record.setpoint_names.index(name) for name in names]
-    recorded_setpoints = record.setpoints[samples, columns]
+    recorded_setpoints = record.setpoints[rows, columns]
     is_finite = np.isfinite(recorded_setpoints).all(axis=1)
     if is_finite.mean() < MIN_SETPOINT_SHARE:
         return None
-    sample_numbers = np.arange(len(recorded_setpoints))
+    samples = np.arange(len(recorded_setpoints))
     return [
-        interpolated_setpoint(
-            np.interp(sample_numbers, sample_numbers[is_finite], column[is_finite])
-        )
+        interpolated_setpoint(np.interp(samples, samples[is_finite], column[is_finite]))
         for column in recorded_setpoints.T
     ]
 
@@ -323,7 +321,7 @@ def motion_figures(
         figures["lean"] = degrees.mean(axis=1)
         figures["sway"] = degrees.std(axis=1)
     compared_figures = {"levels": (DECIBELS_PER_POWER_DECADE * np.log10(level_ratio)).tolist()}
-    # The first of the values belongs to the recorded motion, the others to the simulated ones.
+    # Row 0 of the values belongs to the recorded motion, the other rows belong to the simulated ones.
     for name, values in figures.items():
         compared_figures[name] = [values[0], values[1:].mean()]
     return compared_figures

@@ -12,7 +12,7 @@ import numpy as np
 
 from mavdem.arrays import SMALLEST_POSITIVE, Array
 from mavdem.dataset.intervals import intersection, split_at_gaps
-from mavdem.dataset.segments import Segments, slice_of_segment
+from mavdem.dataset.segments import Segments, rows_of_segment
 from mavdem.dataset.signals import MIN_STREAM_RATE, rate_between_outages
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.loops.margins import Complex
@@ -154,17 +154,17 @@ def resampled_signals(
     pieces = []
     for segment in segments:
         spans = [(segment.start, segment.end)]
-        samples_by_stamps = {}
+        rows_of_stamps = {}
         for stamps, signal in signal_of_stamps.items():
-            samples = slice_of_segment(signal, segment)
-            samples_by_stamps[stamps] = samples
-            time = signal.time[samples]
+            rows = rows_of_segment(signal, segment)
+            rows_of_stamps[stamps] = rows
+            time = signal.time[rows]
             is_gap = np.diff(time) > MAX_GAP_STEPS / min_rate
             spans = intersection(spans, split_at_gaps(time, is_gap))
         stamps_and_values = []
         for signal in signals:
-            samples = samples_by_stamps[id(signal.time)]
-            stamps_and_values.append((signal.time[samples], signal.values[samples]))
+            rows = rows_of_stamps[id(signal.time)]
+            stamps_and_values.append((signal.time[rows], signal.values[rows]))
         for start, end in spans:
             grid = np.arange(start, end, 1 / rate)
             if len(grid) > rate * min_seconds:

@@ -85,9 +85,6 @@ def steady_run(
         motors: Outputs of its motors.
         segment: Segment of flight, with the boot whose clock the times are on.
         intervals: Intervals of steady flight in this segment, s.
-
-    Returns:
-        Motor commands, as fractions of their range, and lean of all samples in these intervals.
     """
     steady_segments = [Segment(segment.boot, start, end) for start, end in intervals]
     is_steady = in_segments(motors, *steady_segments)

@@ -168,9 +168,7 @@ class ChangeHypotheses:
             The posterior probabilities, by cause and by motor.
         """
         posterior = self._posterior_probabilities(deviation, previous)
-        group_probabilities = {
-            name: posterior[hypotheses].sum() for name, hypotheses in self.groups.items()
-        }
+        group_probabilities = {name: posterior[rows].sum() for name, rows in self.groups.items()}
 
         # (k, r): hypotheses of the motors are sorted by motor, then by rise.
         by_motor_and_rise = posterior[self.groups["motor"]].reshape(-1, len(RISES))
@@ -208,20 +206,18 @@ class ChangeHypotheses:
         if previous is not None:
             prior = PERSISTENCE * previous + (1 - PERSISTENCE) * prior
         # Slices of the hypotheses with each cause.
-        load_hypotheses = self.groups["load"]
-        motor_hypotheses = self.groups["motor"]
+        load_rows = self.groups["load"]
+        motor_rows = self.groups["motor"]
         spread = self.spread.copy()
         # If the vehicle leans, a load that shifted changes yaw too, since the drag acts off the centre of gravity.
-        spread[load_hypotheses, YAW] = spread[load_hypotheses, ROLL] * deviation.lean
+        spread[load_rows, YAW] = spread[load_rows, ROLL] * deviation.lean
         # (S, 3), as are the spread and the standard scores: hypotheses by axes.
         scale = np.hypot(deviation.scale, spread)
         standard_scores = (deviation.change - self.change) / scale
         log_densities = student_t_log_density(standard_scores, deviation.freedom) - np.log(scale)
         log_likelihood = log_densities.sum(axis=1)
         is_ruled_out = np.zeros(len(log_likelihood), dtype=bool)
-        is_ruled_out[motor_hypotheses] = (abs(standard_scores[motor_hypotheses]) > MAX_MISFIT).any(
-            axis=1
-        )
+        is_ruled_out[motor_rows] = (abs(standard_scores[motor_rows]) > MAX_MISFIT).any(axis=1)
         log_likelihood[is_ruled_out] = -np.inf
         # The largest is subtracted, so that the exponentials do not all vanish.
         likelihood_ratios = np.exp(log_likelihood - log_likelihood.max())
@@ -269,8 +265,8 @@ def _mean_and_interval_of_rises(by_motor_and_rise: Array) -> Array:
     quantiles = []
     for quantile in INTERVAL_QUANTILES:
         # The first rise at which the cumulative probability reaches the quantile.
-        rise_index = (cumulative < quantile).sum(axis=1).clip(max=len(RISES) - 1)
-        quantiles.append(RISES[rise_index])
+        row = (cumulative < quantile).sum(axis=1).clip(max=len(RISES) - 1)
+        quantiles.append(RISES[row])
     return np.array([mean, *quantiles])
 
 

@@ -186,11 +186,9 @@ def _block_means(time: Array, commands: Array, block_seconds: float) -> _BlockMe
         (B,) middles of the blocks that have samples, s, and (B, k) their mean commands.
     """
     block_of_sample = ((time - time[0]) / block_seconds).astype(np.int64)
-    # Blocks that have samples, the number of each sample's block among them, and the samples of each block.
-    blocks, block_numbers, counts = np.unique(
-        block_of_sample, return_inverse=True, return_counts=True
-    )
-    means = [np.bincount(block_numbers, command) / counts for command in commands.T]
+    # Numbers of the blocks that have samples, the row of each sample's block among them, and the samples of each block.
+    blocks, rows, counts = np.unique(block_of_sample, return_inverse=True, return_counts=True)
+    means = [np.bincount(rows, command) / counts for command in commands.T]
     return _BlockMeans(time[0] + block_seconds * (blocks + 0.5), np.column_stack(means))
 
 
@@ -254,12 +252,12 @@ def _best_ramp_of_lengths(balances: Array, starts: Indices, lengths: Indices) ->
     residual_squares = total_squares - changes**2 * course_squares[:, None]
     # The variance of the slow wander is added, since a balance that never changes has residuals of 0.
     misfits = np.log(residual_squares / block_count + WANDER_SD**2).sum(axis=1)
-    best = int(np.argmin(misfits))
-    course = courses[best]
-    change = changes[best]
+    best_row = int(np.argmin(misfits))
+    course = courses[best_row]
+    change = changes[best_row]
     before = mean_balance - change * course.mean()
-    ramp = Ramp(int(starts[best]), course, before, change)
-    return _RampFit(ramp, misfit=float(misfits[best]))
+    ramp = Ramp(int(starts[best_row]), course, before, change)
+    return _RampFit(ramp, misfit=float(misfits[best_row]))
 
 
 def _variance_of_change(balances: Array, ramp: Ramp) -> Array:
@@ -350,9 +348,6 @@ def _evidence_of_all_causes(
         degrees_of_freedom: degrees of freedom of that variance, for Student's t distribution.
         lean: (2,) mean roll and pitch after the change, rad; NaN where they are not known.
         model: mixer of the vehicle, with the change of the balance that each weak motor causes.
-
-    Returns:
-        Logarithms of the Bayes factors, for the single window.
     """
     changes = WindowChanges(
         change[None],

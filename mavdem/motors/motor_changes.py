@@ -1,4 +1,4 @@
-"""Lasting changes of the motors' balance in flight, as facts (coded findings): lost thrust, recovery, steady torque."""
+"""Lasting changes of the motors' balance in flight, and the facts about them: lost thrust, recovery, steady torque."""
 
 from __future__ import annotations
 

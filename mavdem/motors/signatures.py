@@ -90,10 +90,10 @@ def motor_signatures(geometry: MotorGeometry) -> MotorSignatures:
     """
     motor_count = len(geometry.motors)
     axes = ["thrust"]
-    mixer_rows_of_axes = [np.full(motor_count, 1.0 / motor_count)]
+    rows = [np.full(motor_count, 1.0 / motor_count)]
     for axis in AXES:
-        mixer_row_of_axis = geometry.mixer_row(axis)
-        if mixer_row_of_axis is not None:
+        row = geometry.mixer_row(axis)
+        if row is not None:
             axes.append(axis)
-            mixer_rows_of_axes.append(mixer_row_of_axis)
-    return MotorSignatures(tuple(axes), np.array(mixer_rows_of_axes))
+            rows.append(row)
+    return MotorSignatures(tuple(axes), np.array(rows))

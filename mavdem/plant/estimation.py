@@ -515,9 +515,6 @@ def _torque_powers(fit: GrayBoxFit, windows: FlightWindows) -> _TorquePowers:
     Args:
         fit: the fit of the gray-box model.
         windows: the windows that were fitted.
-
-    Returns:
-        Mean powers of the torques by motors and wind, by frequency, up to a common factor.
     """
     # Tapering in the frequency domain (``_hann_tapered``) combines neighbouring frequencies, so that the first and the
     # last one are left out.

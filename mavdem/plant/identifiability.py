@@ -297,7 +297,7 @@ def _worst_status(failed_checks: list[_Check]) -> tuple[Status, Fact | None]:
         failed_checks: failed checks of one parameter, each BIASED or NOT_IDENTIFIABLE; empty if it passed all.
 
     Returns:
-        The status; and the reason, as one fact (a coded finding) also for several checks, or None if the parameter is
+        The status; and the reason, as one fact also for several checks, or None if the parameter is
         reported.
     """
     if not failed_checks:

@@ -121,7 +121,7 @@ def tune_blocks(
 def _unstated_remedies(
     tuning: Tuning, axis: str, report: str, stated_remedies: Collection[str]
 ) -> list[str]:
-    """Returns what to do about the control loops of one axis, without what the user has read already.
+    """Returns the remedies for the control loops of one axis that the user has not read already.
 
     There are up to two sentences: the remedy of the advice on the gains, and the remedy of the decision on the loops.
 

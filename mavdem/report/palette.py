@@ -1,6 +1,6 @@
 """The palette: one colour for each meaning in all charts, pages and dashboards, as sRGB "#rrggbb".
 
-Each has a contrast of at least 3 with white and with a dark background (WCAG 2.2, 1.4.11). Those that meet in one
+Each has a contrast of at least 3 with white and with a dark background (WCAG 2.2, 1.4.11). Colours that meet in one
 chart can be told apart by people with two kinds of cones, too (Machado, Oliveira and Fernandes, 2009).
 """
 

@@ -130,7 +130,7 @@ def analysis_body(analysis: LogAnalysis, assessment: Assessment) -> Blocks:
 
 
 def instance_blocks(assessment: Assessment) -> Blocks:
-    """Returns two tables on the sensors and other parts of which a vehicle has several: their agreement, and each one.
+    """Returns two tables on sensors and other parts that a vehicle has several of: how they agree, and each one.
 
     The first table says which sensors can be trusted, since they agree with others. The second has a row for every
     instance of a battery, sensor, estimator or motor output. A table is left out if the vehicle was not judged by it.

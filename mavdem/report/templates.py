@@ -125,8 +125,8 @@ def render_section(name: str, record: object = None, /, **values: Any) -> list[S
     """Fills the templates of a section of a report with values, and returns its paragraphs.
 
     The file ``sections/NAME.toml`` has two templates for each paragraph: its "text", and the "lead" before that, such
-    as "Wind:". A paragraph may have one of them only. One whose text comes out empty has nothing to report in this
-    case, and is left out, unless the file marks it by the key "always".
+    as "Wind:". A paragraph may have one of them only. A paragraph whose text comes out empty has nothing to report in
+    this case, and is left out, unless the file marks it by the key "always".
 
     Args:
         name: name of the section.

@@ -686,7 +686,7 @@ class Library:
         return True
 
     def finish_reading(self, entry: LibraryEntry, outcome: JobOutcome, limits: JobLimits) -> None:
-        """Stores what a worker process found in a log: rows in the fleet's store, and columns in the index.
+        """Stores the results of a worker process on a log: rows in the fleet's store, and columns in the index.
 
         A log that cannot be read is removed, unless its uploader wants to keep it, or it was read before. If the entry
         was deleted while the log was read, the results are removed.

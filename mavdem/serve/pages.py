@@ -180,7 +180,7 @@ class Pages:
 
         Args:
             entries: index entries of all flights of the list.
-            anomalous_rows: rows in the fleet's table of those with a fault or drift of the motors, by the entry's id.
+            anomalous_rows: rows in the fleet's table of flights with a fault or drift of the motors, by the entry's id.
 
         Returns:
             An earlier flight of the same vehicle without an anomaly, by the id of the flight with one.

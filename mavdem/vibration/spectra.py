@@ -329,12 +329,12 @@ def _spectrum(samples: _Samples, signals: Signals, segments: Segments) -> Spectr
     size = int(2 ** np.round(window_octaves))
     times = []
     densities = []
-    for run in _runs_without_gaps(series, segments, MAX_GAP_STEPS * usual_step):
-        if len(run) < size:
+    for rows in _rows_without_gaps(series, segments, MAX_GAP_STEPS * usual_step):
+        if len(rows) < size:
             continue
-        time = series.time[run]
-        even_time = np.linspace(time[0], time[-1], len(run))
-        values = interpolated(even_time, time, series.values[run])
+        time = series.time[rows]
+        even_time = np.linspace(time[0], time[-1], len(rows))
+        values = interpolated(even_time, time, series.values[rows])
         frequency, density = window_densities(values.T, 1 / usual_step, size)
         # The number of samples is even, and windows begin every half of it: the first one's middle is at half of it.
         middles = (np.arange(density.shape[1]) + 1) * (size // 2) * usual_step
@@ -365,8 +365,8 @@ def _unit(name: str) -> str:
     return "1"
 
 
-def _runs_without_gaps(series: TimeSeries, segments: Segments, max_gap: float) -> Iterator[Indices]:
-    """Yields each run of samples without gaps, since a spectrum needs uniform samples.
+def _rows_without_gaps(series: TimeSeries, segments: Segments, max_gap: float) -> Iterator[Indices]:
+    """Yields the rows of each run of samples without gaps, since a spectrum needs uniform samples.
 
     Args:
         series: samples with their times.
@@ -377,11 +377,11 @@ def _runs_without_gaps(series: TimeSeries, segments: Segments, max_gap: float) -
         Indices (n,) of the samples of one run, ascending; n is 0 in a segment without samples.
     """
     for segment in segments:
-        samples = np.flatnonzero(in_segments(series, segment, slack=0))
-        is_gap_after = np.diff(series.time[samples]) > max_gap
+        rows = np.flatnonzero(in_segments(series, segment, slack=0))
+        is_gap_after = np.diff(series.time[rows]) > max_gap
         # A run ends before a gap, and another begins at the sample after it.
         starts_of_runs = np.flatnonzero(is_gap_after) + 1
-        yield from np.split(samples, starts_of_runs)
+        yield from np.split(rows, starts_of_runs)
 
 
 def _window_means(series: TimeSeries | None, middles: Array, segments: Segments) -> Array:
@@ -404,10 +404,10 @@ def _window_means(series: TimeSeries | None, middles: Array, segments: Segments)
     is_of_boot = np.isin(series.boot, list(boots))
     time = series.time[is_of_boot]
     cumulative = np.append(0.0, np.cumsum(series.values[is_of_boot]))
-    first_samples = np.searchsorted(time, middles - WINDOW_SECONDS / 2)
-    samples_after = np.searchsorted(time, middles + WINDOW_SECONDS / 2)
-    counts = samples_after - first_samples
-    sums = cumulative[samples_after] - cumulative[first_samples]
+    first_rows = np.searchsorted(time, middles - WINDOW_SECONDS / 2)
+    rows_after = np.searchsorted(time, middles + WINDOW_SECONDS / 2)
+    counts = rows_after - first_rows
+    sums = cumulative[rows_after] - cumulative[first_rows]
     # The maximum avoids a division by 0, whose result would not be used.
     means = sums / np.maximum(counts, 1)
     return np.where(counts > 0, means, np.nan)

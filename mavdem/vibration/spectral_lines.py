@@ -405,15 +405,14 @@ def _line_cause(track: _Track) -> LineCause:
     """
     cause = _cause_of_exponent(track.exponent, track.frequency)
     line_scores = track.scores[np.flatnonzero(track.exponent == EXPONENTS)[0]]
-    # Indices of the exponents that each cause has.
-    exponents_by_cause: dict[LineCause, list[int]] = {}
-    for index, exponent in enumerate(EXPONENTS.tolist()):
-        exponent_cause = _cause_of_exponent(exponent, track.frequency)
-        exponents_by_cause.setdefault(exponent_cause, []).append(index)
-    for other_cause, indices in exponents_by_cause.items():
+    # Rows of the scores by the cause of their exponent.
+    rows_by_cause: dict[LineCause, list[int]] = {}
+    for row, exponent in enumerate(EXPONENTS.tolist()):
+        rows_by_cause.setdefault(_cause_of_exponent(exponent, track.frequency), []).append(row)
+    for other_cause, rows in rows_by_cause.items():
         if other_cause in (cause, LineCause.UNNAMED):
             continue
-        scores = track.scores[indices]
+        scores = track.scores[rows]
         best_scores = scores[np.argmax(scores.mean(axis=1))]
         differences = line_scores - best_scores
         standard_error = differences.std() / np.sqrt(len(differences))

@@ -13,7 +13,7 @@ from mavdem.dataset.axes import AXES, HORIZONTAL, NORTH, YAW
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.position_fix import (
     RECEIVER_MESSAGES,
-    has_fix_by_message,
+    has_fix_by_row,
     measures_velocity,
     most_satellites,
 )
@@ -276,7 +276,7 @@ def _lacks_fix(telemetry: Telemetry) -> bool:
         if not len(columns.get("fix_type", ())):
             continue
         has_receiver = True
-        if has_fix_by_message(columns).any():
+        if has_fix_by_row(columns).any():
             return False
     return has_receiver
 

@@ -127,13 +127,13 @@ def mean_wind_by_minute(
     # A flight of more than a minute has two parts, so that a wind that rose is seen.
     part_count = max(ceil(len(winds) * step / PART_SECONDS - PART_TOLERANCE), 1)
     parts = []
-    for steps in np.array_split(np.arange(len(winds)), part_count):
-        mean = mean_wind_of_steps(winds[steps], variances[steps], step)
+    for rows in np.array_split(np.arange(len(winds)), part_count):
+        mean = mean_wind_of_steps(winds[rows], variances[rows], step)
         parts.append(
             {
                 **mean.figures,
-                "start": float(time[steps[0]]),
-                "end": float(time[steps[-1]]),
+                "start": float(time[rows[0]]),
+                "end": float(time[rows[-1]]),
             }
         )
     return parts
@@ -159,13 +159,13 @@ def wind_profile(
         for a flight within one layer.
     """
     layers = []
-    for steps in _layer_steps(heights):
-        if len(steps) * step < INDEPENDENT_SECONDS:
+    for rows in _layer_rows(heights):
+        if len(rows) * step < INDEPENDENT_SECONDS:
             continue
-        mean = mean_wind_of_steps(winds[steps], variances[steps], step)
+        mean = mean_wind_of_steps(winds[rows], variances[rows], step)
         layers.append(
             {
-                "height": float(heights[steps].mean()),
+                "height": float(heights[rows].mean()),
                 **mean.figures,
             }
         )
@@ -174,7 +174,7 @@ def wind_profile(
     return layers
 
 
-def _layer_steps(heights: Array) -> list[Indices]:
+def _layer_rows(heights: Array) -> list[Indices]:
     """Divides the steps of a flight among layers of height.
 
     Layers begin at multiples of ``LAYER_HEIGHT``. A hover at such a border is partly above and partly below it, at one
@@ -190,10 +190,10 @@ def _layer_steps(heights: Array) -> list[Indices]:
     layer_of_step = np.floor(heights / LAYER_HEIGHT)
     layers: list[Indices] = []
     for layer in np.unique(layer_of_step):
-        steps = np.flatnonzero(layer_of_step == layer)
-        if layers and heights[steps].mean() - heights[layers[-1]].mean() < MIN_LAYER_DISTANCE:
-            steps = np.sort(np.concatenate([layers.pop(), steps]))
-        layers.append(steps)
+        rows = np.flatnonzero(layer_of_step == layer)
+        if layers and heights[rows].mean() - heights[layers[-1]].mean() < MIN_LAYER_DISTANCE:
+            rows = np.sort(np.concatenate([layers.pop(), rows]))
+        layers.append(rows)
     return layers
 
 

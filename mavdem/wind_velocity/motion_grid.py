@@ -105,18 +105,18 @@ class MotionGrid(NamedTuple):
         """Returns the components along body x and y (T, 2) of a velocity north, east and down (T, 3)."""
         return np.asarray(np.einsum("tij,tj->ti", self.body_axes, velocity))
 
-    def select(self, selection: Flags | slice) -> MotionGrid:
+    def select(self, rows: Flags | slice) -> MotionGrid:
         """Returns the motion in some of the steps, with the same time step, so that there may be gaps.
 
         Args:
-            selection: flags (T,), or a slice, of the steps to select.
+            rows: flags (T,), or a slice, of the steps to select.
         """
         return MotionGrid(
-            self.time[selection],
-            body_axes=self.body_axes[selection],
-            velocity=self.velocity[selection],
-            force=self.force[selection],
-            force_error=self.force_error[selection],
+            self.time[rows],
+            body_axes=self.body_axes[rows],
+            velocity=self.velocity[rows],
+            force=self.force[rows],
+            force_error=self.force_error[rows],
             step=self.step,
         )
 
@@ -153,17 +153,17 @@ class _Bins:
     start: float
     """Beginning of the first step, s."""
 
-    def select(self, selection: Flags) -> _Bins:
+    def select(self, rows: Flags) -> _Bins:
         """Returns the assignment of some samples to the same steps.
 
         Args:
-            selection: flags (N,) of the samples to keep.
+            rows: flags (N,) of the samples to keep.
         """
-        return _Bins(self.index[selection], self.fraction[selection], self.count, self.start)
+        return _Bins(self.index[rows], self.fraction[rows], self.count, self.start)
 
     def _sums(self, values: Array) -> Array:
         """Returns the sums of values (k, N) in each step (k, count)."""
-        return np.array([np.bincount(self.index, quantity, self.count) for quantity in values])
+        return np.array([np.bincount(self.index, row, self.count) for row in values])
 
     def triangular_means(self, values: Array) -> Array:
         """Returns means over each two adjacent steps, with weights that rise over the first and fall over the second.
@@ -176,7 +176,7 @@ class _Bins:
         Returns:
             Means (k, count − 1); NaN where both steps have no sample.
         """
-        # The first quantity, of ones, is summed to the weights by which the other sums are divided.
+        # The first row, of ones, is summed to the weights by which the other rows are divided.
         values_and_ones = np.vstack([np.ones(len(self.index)), values])
         # Sums over each step with the weights p, and with 1 − p.
         rising_sums = self._sums(self.fraction * values_and_ones)
@@ -403,9 +403,6 @@ def _require_stamps_of_flight(stamps: Array) -> None:
 
     Raises:
         ValueError: they are not finite, do not ascend, or span more than ``MAX_FLIGHT_SECONDS``.
-
-    Args:
-        stamps: Time stamps (T,), s.
     """
     if not np.isfinite(stamps).all() or (np.diff(stamps) < 0).any():
         raise ValueError("time must be finite and ascend")
@@ -444,10 +441,8 @@ def _require_velocity_follows_tilt(samples: MotionSamples) -> None:
     with np.errstate(divide="ignore", invalid="ignore"):
         acceleration = bins.mean_differences(samples.velocity[:, HORIZONTAL].T) / step
         even, odd = (
-            np.diff(
-                bins.select(selection).triangular_means(expected_acceleration[:, selection]), axis=1
-            )
-            for selection in (is_even, ~is_even)
+            np.diff(bins.select(rows).triangular_means(expected_acceleration[:, rows]), axis=1)
+            for rows in (is_even, ~is_even)
         )
     measured_acceleration = np.diff(acceleration, axis=1)
     is_complete = np.isfinite(even + odd + measured_acceleration).all(axis=0)

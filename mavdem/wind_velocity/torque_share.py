@@ -33,8 +33,8 @@ def torque_share_of_wind(wind: WindVelocity, time: Array, torque: Array) -> Fact
         torque: wind torque (N,), rad/s².
 
     Returns:
-        A fact (a coded finding) with the fraction as its figure ``share``, at least 0; it is ``None`` if there are too
-        few samples, or the velocity relative to the air hardly changes.
+        A fact with the fraction as its figure ``share``, at least 0; it is ``None`` if there are too few samples, or
+        the velocity relative to the air hardly changes.
     """
     # Means over intervals of GUST_SECONDS, first of the torque and then of the velocity components.
     interval = np.floor(time / GUST_SECONDS)

@@ -107,11 +107,11 @@ class AccelerometerRecord:
             Its time, s since boot, and size, m/s²; None if the interval has no samples.
         """
         start, end = interval
-        samples_in_interval = np.flatnonzero((self.time >= start) & (self.time <= end))
-        if not len(samples_in_interval):
+        rows_in_interval = np.flatnonzero((self.time >= start) & (self.time <= end))
+        if not len(rows_in_interval):
             return None
-        peak_sample = samples_in_interval[np.argmax(self.magnitude[samples_in_interval])]
-        return ForcePeak(float(self.time[peak_sample]), float(self.magnitude[peak_sample]))
+        row_of_peak = rows_in_interval[np.argmax(self.magnitude[rows_in_interval])]
+        return ForcePeak(float(self.time[row_of_peak]), float(self.magnitude[row_of_peak]))
 
     def window_peaks(self, interval: TimeInterval, window_seconds: float) -> Array:
         """Returns the largest specific force in each of the successive windows of an interval.

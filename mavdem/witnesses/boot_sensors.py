@@ -1,4 +1,4 @@
-"""What sensors show in an interval, as facts (coded findings) for or against an event, such as knocks for a crash.
+"""What the sensors of one boot show in an interval, as facts for or against an event, such as knocks for a crash.
 
 A knock is a short peak of the measured acceleration, as an impact causes it. An event is bad only if enough facts
 support it (:mod:`mavdem.witnesses.sensor_facts`). Some methods return the measured figure instead of a fact.
@@ -354,10 +354,10 @@ class BootSensors:
             if not len(climb.time):
                 continue
             speeds_downward = -climb.values
-            fastest = int(speeds_downward.argmax())
-            fastest_speed = float(speeds_downward[fastest])
+            row = int(speeds_downward.argmax())
+            fastest_speed = float(speeds_downward[row])
             if fastest_speed <= max_possible_speed:
-                descents[source] = _Descent(fastest_speed, float(climb.time[fastest]))
+                descents[source] = _Descent(fastest_speed, float(climb.time[row]))
         return descents
 
     def _fall_speed_limit(self, end: float) -> float:

@@ -1,4 +1,4 @@
-"""Check of whether a vehicle flew, by facts (coded findings) of sensors for and against it, of which two must agree.
+"""Check of whether a vehicle flew, by sensors: height, attitude and body rates, of which two must agree.
 
 On a bench the motors run, the land detector counts throttle as flight, and an estimate without a position fix drifts
 by metres. So a boot in which the motors ran counts as flown, or as not flown, only if two sensors agree on it.

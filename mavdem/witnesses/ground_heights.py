@@ -14,7 +14,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.dataset.intervals import Intervals, TimeInterval, in_intervals, intersection
-from mavdem.dataset.position_fix import RECEIVER_MESSAGES, has_fix_by_message
+from mavdem.dataset.position_fix import RECEIVER_MESSAGES, has_fix_by_row
 from mavdem.dataset.signals import EARTH_RADIUS, Signals, global_positions
 from mavdem.dataset.time_series import TimeSeries, clean_series, float_column, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
@@ -162,7 +162,7 @@ def satellite_position(signals: Signals) -> TimeSeries | None:
             continue
         degrees, is_valid_position = global_positions(columns)
         altitude = float_column(columns, "alt") / MILLIMETRES_PER_METRE
-        has_fix = has_fix_by_message(columns) & is_valid_position
+        has_fix = has_fix_by_row(columns) & is_valid_position
         if has_fix.any() and np.ptp(altitude[has_fix]) > 0:
             return clean_series(columns, np.column_stack([degrees, altitude]), has_fix)
     return None

@@ -141,10 +141,8 @@ def barometer_noise(altitude: TimeSeries) -> float | None:
         return None
     # The mean altitude in each second of the boot clock that has samples.
     seconds = np.floor(altitude.time).astype(np.int64)
-    distinct_seconds, second_of_sample, counts = np.unique(
-        seconds, return_inverse=True, return_counts=True
-    )
-    means = np.bincount(second_of_sample, altitude.values) / counts
+    distinct_seconds, rows, counts = np.unique(seconds, return_inverse=True, return_counts=True)
+    means = np.bincount(rows, altitude.values) / counts
     # Only three seconds that follow each other make a second difference.
     is_consecutive = distinct_seconds[2:] - distinct_seconds[:-2] == 2
     second_differences = np.diff(means, n=2)[is_consecutive]
@@ -167,9 +165,9 @@ def windowed_mean(time: Array, values: Array, width: float) -> Array:
     """
     # The sum over a window is the difference of two cumulative sums.
     cumulative = np.concatenate([[0.0], np.cumsum(values)])
-    first_index = np.searchsorted(time, time - width / 2, side="left")
-    index_after = np.searchsorted(time, time + width / 2, side="right")
-    return (cumulative[index_after] - cumulative[first_index]) / (index_after - first_index)
+    first_row = np.searchsorted(time, time - width / 2, side="left")
+    row_after = np.searchsorted(time, time + width / 2, side="right")
+    return (cumulative[row_after] - cumulative[first_row]) / (row_after - first_row)
 
 
 def _climb_by_barometer(barometer: TimeSeries) -> TimeSeries | None:

@@ -11,7 +11,7 @@ from mavdem.dataset.axes import TILT_COLUMNS
 from mavdem.dataset.flight_states import min_airborne_collective
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import attitude_tracking
-from mavdem.dataset.time_series import moving_average, series_of_boot, slice_of_boot
+from mavdem.dataset.time_series import moving_average, rows_of_boot, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 
 RESPONSE_RATE = 10.0
@@ -253,9 +253,9 @@ def _best_fit(angle: Array, setpoint: Array, is_known: Flags) -> _Fit:
     longest_delay = round(DELAY_SECONDS * RESPONSE_RATE)
     # The delay is a number of samples: an angle is compared with the setpoint so many samples before it.
     for delay in range(longest_delay + 1):
-        samples = np.flatnonzero(is_known[delay:])
-        later_angle = angle[delay:][samples]
-        earlier_setpoint = setpoint[: len(setpoint) - delay][samples]
+        rows = np.flatnonzero(is_known[delay:])
+        later_angle = angle[delay:][rows]
+        earlier_setpoint = setpoint[: len(setpoint) - delay][rows]
         is_finite = np.isfinite(earlier_setpoint)
         # The covariances of fewer than two samples are NaN, and then the delay is skipped.
         covariances = np.cov(earlier_setpoint[is_finite], later_angle[is_finite])
@@ -288,14 +288,14 @@ def _gyro_agrees(signals: Signals, boot: int, times: Array) -> bool | None:
     """
     grid = np.arange(times[0], times[-1], TURN_SECONDS)
     # Only steps of the grid with both ends under power count: near a time under power.
-    next_samples = np.minimum(np.searchsorted(times, grid), len(times) - 1)
-    is_end_powered = abs(times[next_samples] - grid) < TURN_SECONDS
+    next_rows = np.minimum(np.searchsorted(times, grid), len(times) - 1)
+    is_end_powered = abs(times[next_rows] - grid) < TURN_SECONDS
     is_step_used = is_end_powered[1:] & is_end_powered[:-1]
     changes = []
     differences = []
     for tilt in signals.tilts:
-        samples = slice_of_boot(tilt.boot, boot)
-        time, angle, euler_rate = tilt.time[samples], tilt.angle[samples], tilt.euler_rate[samples]
+        rows = rows_of_boot(tilt.boot, boot)
+        time, angle, euler_rate = tilt.time[rows], tilt.angle[rows], tilt.euler_rate[rows]
         if len(time) < 2 or not _is_resolved(euler_rate):
             return None
         # The rate of the Euler angle is computed from the gyro.

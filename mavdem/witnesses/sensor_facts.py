@@ -1,8 +1,8 @@
-"""Sensor facts (coded findings): what a sensor shows for or against an event, such as a knock for a crash.
+"""Sensor facts: what one sensor shows for or against an event, such as a knock for a crash. They decide its level.
 
 The code of a sensor fact states what the sensor shows, such as that the vehicle rotated. Its figure ``side`` is whether
 it supports the event or contradicts it; its other figures are measured, such as the largest body rate. The facts of an
-event decide its level, and are its figure ``witnesses``.
+event are its figure ``witnesses``.
 """
 
 from collections.abc import Iterable

@@ -243,7 +243,7 @@ def _forces_by_instance(
 
 
 def _recorded_specific_force(
-    columns: Columns, axis_fields: tuple[str, str, str], factor: float, is_used: Flags | None = None
+    columns: Columns, axis_fields: tuple[str, str, str], factor: float, rows: Flags | None = None
 ) -> TimeSeries | None:
     """Returns the specific force that messages of one type recorded.
 
@@ -251,7 +251,7 @@ def _recorded_specific_force(
         columns: columns of the messages, by the name of the field.
         axis_fields: names of the fields with the specific force along body x, y and z.
         factor: m/s² per unit of these fields.
-        is_used: flags (M,) of the messages to use, such as the messages of one sensor; None for all.
+        rows: flags (M,) of the messages to use, such as the messages of one sensor; None for all.
 
     Returns:
         The specific force (N, 3), m/s²; None if the fields are missing, or 0 throughout, as for a sensor that is not
@@ -259,7 +259,7 @@ def _recorded_specific_force(
     """
     if not all(field in columns for field in axis_fields):
         return None
-    force = clean_series(columns, factor * float_columns(columns, axis_fields), is_used)
+    force = clean_series(columns, factor * float_columns(columns, axis_fields), rows)
     is_measured = len(force.time) > 0 and force.values.any()
     return force if is_measured else None
 

@@ -1,7 +1,4 @@
-"""Which sensors can be trusted in one boot, as facts (coded findings): each sensor is checked by another.
-
-A boot lasts from one start of the autopilot to the next.
-"""
+"""Which sensors can be trusted in one boot (from a start of the autopilot to the next): each is checked by another."""
 
 from dataclasses import dataclass
 

@@ -107,13 +107,13 @@ def instrument_fields(
 
     Args:
         name: Name of the message.
-        motion: N samples of the flight.
-        boot_microseconds: (N,) times of the samples since boot, µs.
+        motion: N rows of the flight.
+        boot_microseconds: (N,) times of the rows since boot, µs.
         autopilot: Autopilot that sends the message.
 
     Returns:
-        Columns (N,), or one number for all samples, by field, in the units of the message. None if no instrument gives
-        the content of the message.
+        Columns (N,), or one number for all rows, by field, in the units of the message. None if no instrument gives the
+        content of the message.
     """
     time_boot_ms = boot_microseconds // 1000 % 2**32
     match name:
@@ -246,7 +246,7 @@ def _battery_fields(motion: InstrumentedMotion, boot_microseconds: NDArray[np.in
 
     Args:
         motion: N samples of the flight.
-        boot_microseconds: (N,) times of the samples since boot, µs.
+        boot_microseconds: (N,) times of the rows since boot, µs.
 
     Returns:
         Columns (N,), or one number for all samples, by field.
@@ -277,7 +277,7 @@ def system_status_fields(motion: InstrumentedMotion, sensors: int) -> Fields:
     """Returns the fields of SYS_STATUS that instruments fill: sensors, voltage, current and charge.
 
     Args:
-        motion: N samples of the flight.
+        motion: N rows of the flight.
         sensors: Bit mask of the sensors that every vehicle has, and which are always healthy.
 
     Returns:
@@ -300,19 +300,19 @@ def system_status_fields(motion: InstrumentedMotion, sensors: int) -> Fields:
 
 
 def flight_modes(motion: InstrumentedMotion, autopilot: Autopilot) -> NDArray[Any]:
-    """Returns base and custom mode of each sample, as HEARTBEAT reports them.
+    """Returns base and custom mode of each row, as HEARTBEAT reports them.
 
     They are the flight plan's, which depend on the landed state, except where a pilot or a failsafe flies.
 
     Args:
-        motion: N samples of the flight; ``mode`` is 0 where the plan is flown.
+        motion: N rows of the flight; ``mode`` is 0 where the plan is flown.
         autopilot: Autopilot that reports the modes.
 
     Returns:
         Base and custom mode (N, 2).
     """
     planned_modes = np.array(autopilot.modes)[motion.landed_state - ON_GROUND]
-    # The entry 0 is never used: with mode 0 the mode of the plan is taken.
+    # Row 0 only fills a place: with mode 0 the mode of the plan is taken.
     manual_modes = np.array([(0, 0), *autopilot.manual_modes])
     is_planned = motion.mode == 0
     return np.where(is_planned[:, None], planned_modes, manual_modes[motion.mode])

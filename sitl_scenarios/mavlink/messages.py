@@ -94,12 +94,12 @@ STICK_CHANNELS = ((1, 0), (2, 1), (4, 2))
 def message_payloads(
     name: str, motion: Motion, boot_microseconds: NDArray[np.int64], autopilot: Autopilot
 ) -> Payloads:
-    """Returns the payloads of one message, one for each of some samples of a flight.
+    """Returns the payloads of one message for rows of a motion.
 
     Args:
         name: Name of the message.
-        motion: N samples of the flight.
-        boot_microseconds: (N,) times of the samples since boot, µs.
+        motion: N rows of the flight.
+        boot_microseconds: (N,) times of the rows since boot, µs.
         autopilot: Autopilot that sends the message.
 
     Returns:

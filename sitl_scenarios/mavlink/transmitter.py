@@ -26,7 +26,7 @@ from sitl_scenarios.plan import BOOT_SECONDS, total_seconds
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 
-CycleIndices = NDArray[np.intp]
+Rows = NDArray[np.intp]
 
 
 TimedFrame = tuple[float, bytes]
@@ -115,7 +115,7 @@ class Schedule:
         else:
             self._requested_once.add(name)
 
-    def due_cycles(self, name: str, times: Array) -> CycleIndices:
+    def due_cycles(self, name: str, times: Array) -> Rows:
         """Returns in which of the next cycles a message is sent, and counts it as sent.
 
         By the time t, floor((t − first_time) / interval) + 1 messages of a stream are due. A cycle sends one if this
@@ -144,8 +144,9 @@ class Schedule:
         periods = np.floor((times + EARLY_SECONDS - stream.first_time) / stream.interval)
         due_counts = np.maximum(periods + 1, 0)
         newly_due = np.diff(due_counts, prepend=self._sent_counts[name])
+        rows = np.flatnonzero(newly_due)
         self._sent_counts[name] = int(due_counts[-1])
-        return np.flatnonzero(newly_due)
+        return rows
 
 
 MAVPROXY_SECONDS = 15.0
@@ -161,8 +162,8 @@ REBOOT_SECONDS = 1.0
 class OutgoingMessage(NamedTuple):
     """A message that is sent in one of the cycles of a block."""
 
-    cycle: int
-    """Index of this cycle in the block."""
+    row: int
+    """Row of the block."""
     name: str
     """Name of the message."""
     payload: bytes
@@ -218,10 +219,10 @@ class Transmitter:
         """Sends the messages of the next block of a flight.
 
         Faults such as a reboot change clock and schedule in the middle of a block. So the block is cut at each fault:
-        the messages before it are sent, then the fault happens, and sending goes on.
+        the rows before it are sent, then the fault happens, and sending goes on.
 
         Args:
-            motion: Samples of the block, one for each cycle of the autopilot, one at least.
+            motion: Rows of the block, one for each cycle of the autopilot, one at least.
 
         Returns:
             Frames in order of time, with the times of the motion, s, at which they are sent.
@@ -230,19 +231,19 @@ class Transmitter:
         if len(armed_times):
             self._arming_time = min(self._arming_time, float(armed_times[0]))
         frames: list[TimedFrame] = []
-        next_cycle = 0
+        next_row = 0
         while self._events:
             after_arming, trigger_fault = self._events[0]
-            # Before arming the time is infinite, and no cycle reaches it.
-            event_cycle = int(np.searchsorted(motion.time, self._arming_time + after_arming))
-            if event_cycle == len(motion):
+            # Before arming the time is infinite, and no row reaches it.
+            event_row = int(np.searchsorted(motion.time, self._arming_time + after_arming))
+            if event_row == len(motion):
                 # This fault, and all after it, come in a later block.
                 break
-            frames += self._block_frames(motion[next_cycle:event_cycle])
-            trigger_fault(float(motion.time[event_cycle]))
-            next_cycle = event_cycle
+            frames += self._block_frames(motion[next_row:event_row])
+            trigger_fault(float(motion.time[event_row]))
+            next_row = event_row
             del self._events[0]
-        return frames + self._block_frames(motion[next_cycle:])
+        return frames + self._block_frames(motion[next_row:])
 
     def send_once(self, name: str, **values: object) -> None:
         """Sends a message once, with the next block; fields that are not given are zero."""
@@ -356,14 +357,14 @@ class Transmitter:
         after a boot the schedule begins. The ``clock`` moves to the last cycle.
 
         Args:
-            motion: Samples of the flight, one for each of these cycles; there may be none.
+            motion: Rows of the flight, one for each of these cycles; there may be none.
 
         Returns:
             Frames in order of time, with the times of the motion at which they are sent, s.
         """
         # While the autopilot boots, it sends nothing.
-        first_cycle = int(np.searchsorted(motion.time, self._first_time))
-        motion = motion[first_cycle:]
+        first_row = int(np.searchsorted(motion.time, self._first_time))
+        motion = motion[first_row:]
         if not len(motion):
             return []
         boot_clock = motion.time - self._boot_time
@@ -374,7 +375,7 @@ class Transmitter:
         messages = [*self._replies, *self._scheduled_messages(motion, boot_clock)]
         self._replies = []
         # The sort is stable: within a cycle, messages keep the order of replies and streams.
-        messages.sort(key=attrgetter("cycle"))
+        messages.sort(key=attrgetter("row"))
         return self._numbered_frames(messages, motion.time)
 
     def _numbered_frames(self, messages: list[OutgoingMessage], times: Array) -> list[TimedFrame]:
@@ -382,58 +383,46 @@ class Transmitter:
 
         Args:
             messages: Messages in the order in which they are sent.
-            times: Time of each cycle (N,), s.
+            times: Time of each row of the motion (N,), s.
 
         Returns:
-            A frame for each message, with the time of its cycle.
+            A frame for each message, with the time of its row.
         """
         sender = FrameSender(self.system, AUTOPILOT_COMPONENT)
         definitions = definitions_by_name()
-        cycle_times = times.tolist()
+        row_times = times.tolist()
         frames = []
-        for cycle, name, payload in messages:
-            frame = encode_frame(payload, definitions[name], sender, self._sequence)
-            frames.append((cycle_times[cycle], frame))
+        for row, name, content in messages:
+            frame = encode_frame(content, definitions[name], sender, self._sequence)
+            frames.append((row_times[row], frame))
             # The sequence number is one byte.
             self._sequence = (self._sequence + 1) % 256
         return frames
 
     def _scheduled_messages(self, motion: Motion, clock: Array) -> Iterator[OutgoingMessage]:
-        """Yields the messages that are due in some cycles: the autopilot's texts, then stream by stream.
+        """Yields the scheduled messages of some rows, stream by stream.
 
         Args:
-            motion: N samples of the flight, one for each cycle.
-            clock: Times (N,) of the cycles on the boot clock, s.
+            motion: N rows of the flight.
+            clock: Times (N,) of the rows on the boot clock, s.
 
         Yields:
-            Messages, with the index of the cycle in which each is sent.
+            Messages with the row in which each is sent.
         """
         if isinstance(motion, InstrumentedMotion):
-            yield from _text_messages(motion)
+            for row in np.flatnonzero(motion.text != "").tolist():
+                text = str(motion.text[row]).encode()
+                payload = filled_payloads("STATUSTEXT", severity=motion.severity[row], text=text)
+                yield OutgoingMessage(row, "STATUSTEXT", payload.tobytes())
         for name in self._rates:
-            cycles = self.schedule.due_cycles(name, clock)
-            if not len(cycles):
-                continue
-            boot_microseconds = np.round(clock[cycles] * 1e6).astype(np.int64)
-            # All payloads of a stream are filled at once, which is faster. They have the same length.
-            payloads = message_payloads(name, motion[cycles], boot_microseconds, self.autopilot)
-            for cycle, payload in zip(cycles.tolist(), payloads, strict=True):
-                yield OutgoingMessage(cycle, name, payload.tobytes())
-
-
-def _text_messages(motion: InstrumentedMotion) -> Iterator[OutgoingMessage]:
-    """Yields the texts that the autopilot sends in some cycles (STATUSTEXT).
-
-    Args:
-        motion: N samples of the flight; most have no text.
-
-    Yields:
-        A message for each text, with the index of the cycle in which it is sent.
-    """
-    for cycle in np.flatnonzero(motion.text != "").tolist():
-        text = str(motion.text[cycle]).encode()
-        payload = filled_payloads("STATUSTEXT", severity=motion.severity[cycle], text=text)
-        yield OutgoingMessage(cycle, "STATUSTEXT", payload.tobytes())
+            rows = self.schedule.due_cycles(name, clock)
+            if len(rows):
+                boot_microseconds = np.round(clock[rows] * 1e6).astype(np.int64)
+                payloads = message_payloads(name, motion[rows], boot_microseconds, self.autopilot)
+                size = payloads.itemsize
+                content = payloads.tobytes()
+                for number, row in enumerate(rows.tolist()):
+                    yield OutgoingMessage(row, name, content[number * size : (number + 1) * size])
 
 
 LINK_KEY = 0x6C696E6B
@@ -498,11 +487,7 @@ class LossyLink:
                 yield self._latest, frame
 
     def is_in_outage(self, time: float) -> bool:
-        """Returns whether the link passes no frame at a time of the motion, s, because of the scenario's outage.
-
-        Args:
-            time: Time of the motion, s.
-        """
+        """Returns whether the link passes no frame at a time of the motion, s, because of the scenario's outage."""
         outage_start = self._faults.outage
         if outage_start is None:
             return False
@@ -586,7 +571,7 @@ def recorded_stream(scenario: Scenario, motion: Motion) -> FrameStream:
 
     Args:
         scenario: Scenario of the flight, with autopilot, message rates, faults and seed.
-        motion: The flight, one sample for each cycle of the autopilot.
+        motion: The flight, one row for each cycle of the autopilot.
 
     Returns:
         The frames that arrive, with their times of arrival.
@@ -597,8 +582,8 @@ def recorded_stream(scenario: Scenario, motion: Motion) -> FrameStream:
     transmitter = Transmitter(scenario)
     link = LossyLink(scenario)
     received_frames: list[TimedFrame] = []
-    for first_cycle in range(0, len(motion), BLOCK_CYCLES):
-        sent_frames = transmitter.send(motion[first_cycle : first_cycle + BLOCK_CYCLES])
+    for first_row in range(0, len(motion), BLOCK_CYCLES):
+        sent_frames = transmitter.send(motion[first_row : first_row + BLOCK_CYCLES])
         received_frames += link.pass_on(sent_frames)
     received_frames += link.held_frames()
     received_frames = with_second_sender(scenario, received_frames)
@@ -610,15 +595,15 @@ def recorded_stream(scenario: Scenario, motion: Motion) -> FrameStream:
     # The remainder keeps the dates within three years.
     boot_stamp = FIRST_BOOT + scenario.seed % 1000 * DAY
     stamps = boot_stamp + np.round([1e6 * time for time, _ in received_frames])
-    receive_stamps = stamps.astype(np.uint64)
+    # A stream has a function from rows of the frames to their stamps, so that a reader of a file decodes only those
+    # that are needed. Here all stamps are in an array, whose method for [] is such a function.
+    stamps_of_rows = stamps.astype(np.uint64).__getitem__
     return FrameStream(
         source="simulation",
         file_ending="simulation",
         data=data,
         frames=frames,
-        # A stream takes a function from indices of frames to their stamps, since a file's stamps are decoded only where
-        # they are needed. Here they are in an array, whose indexing is such a function.
-        receive_stamps=receive_stamps.__getitem__,
+        receive_stamps=stamps_of_rows,
         bytes_skipped=0,
         repairs=(),
     )

@@ -122,7 +122,7 @@ class BatteryVoltages(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class InstrumentedMotion(Motion):
-    """The motion of a simulated flight, with what its instruments measure and its autopilot reports."""
+    """Rows of a simulated flight with what its instruments measure and its autopilot reports."""
 
     specific_force: Array
     """(N, 3) accelerometer in body axes, m/s²: (0, 0, −9.81) at rest."""
@@ -183,7 +183,7 @@ class Instruments:
             block = random.standard_normal((NOISE_BLOCK, numbers_per_cycle))
             yield from map(CycleNoise._make, block.tolist())
 
-    def measurements(
+    def row(
         self,
         time: float,
         state: State,
@@ -292,9 +292,9 @@ class Instruments:
         north, east, down = state.accelerations.linear
         without_gravity = (north, east, down - GRAVITY)
         # The columns of the matrix from body axes to NED are the body axes, on which the force is projected.
-        matrix_rows = rotation_matrix(state.attitude)
+        rows = rotation_matrix(state.attitude)
         force_x, force_y, force_z = (
-            dot(column, without_gravity) for column in zip(*matrix_rows, strict=True)
+            dot(column, without_gravity) for column in zip(*rows, strict=True)
         )
         spread = thrust_ratio * (FORCE_NOISE + FORCE_NOISE_PER_VIBRATION * errors.vibration)
         impact_x, impact_y, impact_z = (share * impact for share in IMPACT_DIRECTION)

@@ -5,7 +5,7 @@ from typing import Any
 
 from sitl_scenarios.controller import ControlOutput
 from sitl_scenarios.dynamics import AirState, State
-from sitl_scenarios.flight_simulation import CycleRecord, Simulation
+from sitl_scenarios.flight_simulation import Row, Simulation
 from sitl_scenarios.gyro import NO_ROTATION
 from sitl_scenarios.mishaps.ground import GroundContact, impact, lands_on_feet, topple
 from sitl_scenarios.mishaps.instruments import InstrumentedMotion, Instruments
@@ -189,15 +189,15 @@ class InstrumentedSimulation(Simulation):
             return pilot_output
         return super()._control_output(estimate, reference)
 
-    def _cycle_record(
+    def _row(
         self,
         air: AirState,
         battery: float,
         estimate: State,
         reference: Reference,
         control: ControlOutput,
-    ) -> CycleRecord:
-        """Returns the quantities of this cycle, with measurements of the instruments and the autopilot's text.
+    ) -> Row:
+        """Returns the row of the motion in this cycle, with measurements of the instruments and the autopilot's text.
 
         Args:
             air: Velocity of the air, and moments on the vehicle, during the cycle.
@@ -207,11 +207,11 @@ class InstrumentedSimulation(Simulation):
             control: Output of the controller.
 
         Returns:
-            Values by the names of the fields of ``InstrumentedMotion``.
+            Values by field.
         """
-        record = super()._cycle_record(air, battery, estimate, reference, control)
+        row = super()._row(air, battery, estimate, reference, control)
         impact = 0.0 if self._contact is None else self._contact.impact
-        record |= self._instruments.measurements(
+        row |= self._instruments.row(
             self._flight_time, self._state, battery, self._sensor_faults.sensor_errors, impact
         )
         text, severity = "", 0
@@ -225,7 +225,7 @@ class InstrumentedSimulation(Simulation):
             "text": text[:50],
             "severity": severity,
         }
-        return record | reported_fields
+        return row | reported_fields
 
     def _landed_state(self, reference: Reference) -> int:
         """Determines the landed state that the autopilot reports, which a mishap may make wrong.

@@ -17,7 +17,7 @@ from mavdem.dem import parallel
 from mavdem.facts.assessment import Caveat, NoModel
 from mavdem.facts.model import NoPhysical
 from mavdem.ingest import read_log
-from mavdem.ingest.telemetry import selected_messages
+from mavdem.ingest.telemetry import selected_rows
 from mavdem.loops.advice import advised_parameters
 from mavdem.plant import physical
 from mavdem.report.blocks import plain_text
@@ -31,7 +31,7 @@ def slow():
     (vehicle,) = log.vehicles
     streams = ("ATTITUDE", "SERVO_OUTPUT_RAW")
     messages = {
-        name: selected_messages(columns, slice(None, None, 10)) if name in streams else columns
+        name: selected_rows(columns, slice(None, None, 10)) if name in streams else columns
         for name, columns in vehicle.messages.items()
     }
     return assess(replace(log, vehicles=(replace(vehicle, messages=messages),)), axis="roll")
@@ -39,7 +39,7 @@ def slow():
 
 @mark.slow
 def test_a_model_of_slow_motion_is_learned_if_it_predicts_better(slow):
-    told = plain_text(analysis_blocks(slow))
+    printed_report = plain_text(analysis_blocks(slow))
     slow = slow.analysis
     assert slow.tier.tier == "b" and slow.learned is not None and slow.held_out is not None
     assert slow.held_out.error_ratio() < MAX_SLOW_ERROR_RATIO and slow.held_out.coverage > 0.75
@@ -47,7 +47,11 @@ def test_a_model_of_slow_motion_is_learned_if_it_predicts_better(slow):
     assert slow.learned.physical_reason.code is NoPhysical.SAMPLED_TOO_SLOWLY
     assert slow.learned.cautions[0].code is Caveat.SLOW_MOTION_ONLY
     assert slow.alarms == () and "Hz" in str(slow.reason) and slow.reason.remedy
-    assert "Lean:" in told and "Mean lean" not in told and told.count("± is") == 1
+    assert (
+        "Lean:" in printed_report
+        and "Mean lean" not in printed_report
+        and printed_report.count("± is") == 1
+    )
     with raises(ValueError, match="40 Hz"):
         slow.learned.simulate(slow.flights[0].inputs)
     report = model_figures(slow.flights, slow.learned, slow.held_out)

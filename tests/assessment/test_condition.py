@@ -131,11 +131,11 @@ def test_the_boards_number_is_the_same_from_the_text_and_from_autopilot_version(
 
 
 def test_without_a_number_the_calibration_names_the_vehicle_and_defaults_do_not():
-    ours, basis = name_of(flown(CALIBRATED))
+    vehicle_name, basis = name_of(flown(CALIBRATED))
     assert basis == "accelerometer"
     more = {"INS_GYROFFS_X": 0.5, "ATC_RAT_RLL_P": 0.2}
-    assert name_of(flown(CALIBRATED | more)) == (ours, basis)
-    assert name_of(flown(CALIBRATED | {"INS_ACCOFFS_X": 0.12}))[0] != ours
+    assert name_of(flown(CALIBRATED | more)) == (vehicle_name, basis)
+    assert name_of(flown(CALIBRATED | {"INS_ACCOFFS_X": 0.12}))[0] != vehicle_name
     simulated = {name: round(value) + 0.001 for name, value in CALIBRATED.items()}
     assert name_of(flown(simulated)) == name_of(flown()) == ("ardupilotmega-1", "system id")
 
@@ -189,8 +189,8 @@ def test_a_flight_without_a_clock_has_the_date_by_which_px4_named_its_log():
     }.items(),
 )
 def test_a_day_in_a_file_name_is_read(name, day):
-    found = day_in_file_name(name)
-    assert (None if found is None else found.isoformat()) == day
+    found_day = day_in_file_name(name)
+    assert (None if found_day is None else found_day.isoformat()) == day
 
 
 def test_the_place_is_that_of_the_first_fix():

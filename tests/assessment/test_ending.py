@@ -134,7 +134,9 @@ def test_a_loss_names_the_motor_on_the_side_of_the_fall_that_was_driven_hardest(
 def test_the_answer_of_the_motors_before_the_attitude_left_names_the_motor(motor):
     """A controller answers the rate, and once the attitude has left, it works against its own first answer."""
     telemetry = with_fall(with_lean(flight(50.0), QUAD[motor], 120.0, 100.0))
-    neighbours = [other for other in range(4) if other not in (motor, OPPOSITE[motor])]
+    neighbours = [
+        other_motor for other_motor in range(4) if other_motor not in (motor, OPPOSITE[motor])
+    ]
     telemetry = with_motor_output(telemetry, motor, 2000.0, FAILS - 0.1)
     telemetry = with_motor_output(telemetry, OPPOSITE[motor], 1100.0, FAILS - 0.1)
     telemetry = with_motor_output(telemetry, motor, 1300.0, FAILS + 0.05)
@@ -479,9 +481,11 @@ def test_a_landing_that_was_only_assumed_is_what_came_first():
 
 def with_knock(telemetry, time, most=100.0):
     """Returns telemetry whose accelerometer measures a knock at a time, ``most`` m/s², and gravity otherwise."""
-    at = np.arange(0.0, stamps(telemetry, "ATTITUDE")[-1], 0.04)
-    force = np.where(abs(at - time) < 0.03, most, 9.8)
-    return changed(telemetry, "HIGHRES_IMU", **columns(at, xacc=0.0, yacc=0.0, zacc=-force))
+    sample_times = np.arange(0.0, stamps(telemetry, "ATTITUDE")[-1], 0.04)
+    force = np.where(abs(sample_times - time) < 0.03, most, 9.8)
+    return changed(
+        telemetry, "HIGHRES_IMU", **columns(sample_times, xacc=0.0, yacc=0.0, zacc=-force)
+    )
 
 
 @mark.parametrize("speed, is_stopped", [(6.0, True), (0.0, False)])

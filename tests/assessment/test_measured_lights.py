@@ -545,14 +545,14 @@ def test_a_wind_is_good_if_its_interval_is_no_wider_than_one_beaufort_number(int
 
 @mark.slow
 def test_the_log_is_judged_by_its_rates_and_gaps():
-    whole = HOVER.telemetry(50.0, 50.0)
+    complete_telemetry = HOVER.telemetry(50.0, 50.0)
     time = HOVER.stamps(50.0)
     holed = HOVER.telemetry(time[(time < 30) | (time > 30.1 + MAX_GAP)], 50.0)
     for telemetry, code in (
-        (whole, LogLight.RECORDED_FAST),
+        (complete_telemetry, LogLight.RECORDED_FAST),
         (HOVER.telemetry(10.0, 50.0), LogLight.RECORDED_SLOWLY),
         (holed, LogLight.RECORDED_WITH_GAPS),
-        (replace(whole, dropouts=3), LogLight.RECORDED_WITH_GAPS),
+        (replace(complete_telemetry, dropouts=3), LogLight.RECORDED_WITH_GAPS),
         (HOVER.telemetry(50.0, without=("ATTITUDE",)), LogLight.MOTION_NOT_RECORDED),
     ):
         fact = log_light(evidence(telemetry))

@@ -138,10 +138,10 @@ def test_an_interrupt_while_starting_ends_the_process(tmp_path):
 
 def test_the_help_says_of_each_command_what_it_says_itself():
     context = click.Context(mavdem)
-    for name, told in mavdem.commands.items():
+    for name, click_command in mavdem.commands.items():
         _, command, _ = mavdem.resolve_command(context, [name])
-        assert command is not told
-        assert command.get_short_help_str(limit=200) == told.get_short_help_str(limit=200)
+        assert command is not click_command
+        assert command.get_short_help_str(limit=200) == click_command.get_short_help_str(limit=200)
 
 
 @mark.slow

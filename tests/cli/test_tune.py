@@ -26,10 +26,10 @@ def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(
     assert "no rate setpoint" in document["error"]["reason"]
     assert not out.exists()
     arguments = ["tune", log, "--margins", "soft", "--start", "5", "--out", out]
-    found = document_of(capsys, *arguments, "--more")
-    roll = found["axes"]["roll"]
-    gains = found["parameters"]
-    assert found["notch"] is None and not roll["filters"]["notches"]
+    tuning_document = document_of(capsys, *arguments, "--more")
+    roll = tuning_document["axes"]["roll"]
+    gains = tuning_document["parameters"]
+    assert tuning_document["notch"] is None and not roll["filters"]["notches"]
     assert 80 < roll["loop"]["measured"]["agreement"] <= 100 and roll["sure"] >= 0.95 and gains
     written = out / "gains.stage1.params"
     assert read_parameters(written) == gains

@@ -53,7 +53,7 @@ def test_segments_have_one_step_also_where_a_link_lost_messages():
         lambda time: (abs(time - 25) >= 0.5) & ((time >= 25) | (np.round(100 * time) % 9 != 0))
     )
     flights, _ = segments_of(log_of(lossy))
-    assert [flight.dt for flight in flights] == [0.01, 0.01]
+    assert [one.dt for one in flights] == [0.01, 0.01]
     assert flights[0].provenance["rates"]["attitude"] == approx(89, abs=1)
     assert_allclose(flights[0].outputs[:, 0], HOVER.roll(flights[0].time), atol=1e-3)
 
@@ -65,8 +65,8 @@ def test_segments_that_are_too_slow_or_too_short_are_left_out_and_counted():
     )
     log = log_of(hover.telemetry(stamps, stamps))
     (flight,), learnability = segments_of(log)
-    codes = {each.reason.code for each in segment_learnabilities(Signals(log.vehicles[0]))}
-    assert codes == {NotLearnableReason.LEARNABLE, NotLearnableReason.SLOWER_THAN_LONGEST}
+    judged = {each.reason.code for each in segment_learnabilities(Signals(log.vehicles[0]))}
+    assert judged == {NotLearnableReason.LEARNABLE, NotLearnableReason.SLOWER_THAN_LONGEST}
     assert flight.time[0] == approx(36) and flight.dt == 0.01
     (caution,) = set(flight.cautions) - set(learnability.cautions)
     assert caution.code is Caution.SEGMENTS_LEFT_OUT
@@ -141,12 +141,10 @@ def test_a_flight_has_the_last_setpoint_until_its_sample_and_none_of_the_future(
     }.items(),
 )
 def test_masked_fields_are_no_setpoints(mask, units):
-    assert [
-        setpoint.unit for setpoint in recorded_setpoints(with_targets(type_mask=mask), "roll")
-    ] == units
+    assert [one.unit for one in recorded_setpoints(with_targets(type_mask=mask), "roll")] == units
 
 
 def test_before_the_first_and_long_after_the_last_nothing_is_known():
     flight = flight_of(with_targets(start=20.0, end=30.0))
-    is_known = np.isfinite(flight.setpoints[:, 0])
-    assert_array_equal(is_known, (flight.time >= 20 - 1e-9) & (flight.time <= 29.9 + 2.0 + 1e-9))
+    known = np.isfinite(flight.setpoints[:, 0])
+    assert_array_equal(known, (flight.time >= 20 - 1e-9) & (flight.time <= 29.9 + 2.0 + 1e-9))

@@ -22,8 +22,8 @@ from mavdem.ingest import Component
 HOVER = Hover()
 
 
-def roll_learnability(telemetry, inputs=None):
-    """The learnability of the roll axis, whose sentences can all be made."""
+def judged(telemetry, inputs=None):
+    """What is said of a log, with its words."""
     learnability = learnability_of(Signals(telemetry, inputs=inputs))
     if learnability.learnable:
         assert learnability.remedy == ""
@@ -34,7 +34,7 @@ def roll_learnability(telemetry, inputs=None):
 
 
 def refused_for(telemetry):
-    learnability = roll_learnability(telemetry)
+    learnability = judged(telemetry)
     assert not learnability.learnable
     return learnability.reason
 
@@ -49,7 +49,7 @@ def test_messages_are_called_by_their_names_in_the_log():
     logged = dataclasses.replace(hover, translated_from="DataFlash", source_names=names)
     silent = dataclasses.replace(logged, messages={"HEARTBEAT": hover.messages["HEARTBEAT"]})
     for telemetry, inputs in ((logged, None), (silent, None), (logged, "demand")):
-        reason = roll_learnability(telemetry, inputs).reason
+        reason = judged(telemetry, inputs).reason
         assert not any(name in f"{reason} {reason.remedy}" for name in names), reason
 
 
@@ -64,7 +64,7 @@ def slow_then_fast(change, fast_from):
 
 @mark.parametrize("fast_from", [100.0, 100.5], ids=["at once", "after a gap"])
 def test_the_fast_part_of_a_flight_is_learned_from_and_the_slow_part_is_not(fast_from):
-    learnability = roll_learnability(slow_then_fast(100.0, fast_from))
+    learnability = judged(slow_then_fast(100.0, fast_from))
     assert learnability.learnable
     assert learnability.segment.start == approx(fast_from, abs=0.1)
     assert learnability.figures.attitude_rate == approx(100, rel=1e-3)
@@ -80,7 +80,7 @@ def test_a_fast_part_too_short_to_learn_from_is_refused_for_the_rate_of_the_rest
     assert reason.figures["rates"] == approx((15.0, 15.0), abs=5)
 
 
-def test_the_slow_messages_are_named_and_no_others():
+def test_all_messages_are_blamed_that_are_slow_and_none_that_is_not():
     for attitude, motors in ((9.76983, 9.76985), (9.76985, 9.76983)):
         slow = slow_streams({"ATTITUDE": attitude, "SERVO_OUTPUT_RAW": motors}, "roll")
         assert slow.figures["names"] == ("ATTITUDE", "SERVO_OUTPUT_RAW")
@@ -97,23 +97,23 @@ def test_a_demand_that_never_moves_is_no_input():
     assert learnability_of(signals).reason.code is NotLearnableReason.DEMAND_CONSTANT
 
 
-def test_assumptions_and_left_out_messages_are_reported_as_cautions():
+def test_what_was_assumed_and_left_out_is_said():
     telemetry = dataclasses.replace(HOVER.telemetry(), vehicle="UNKNOWN")
     roll = telemetry.messages["ATTITUDE"]["roll"].copy()
     roll[::18] = np.nan
-    learnability = roll_learnability(changed(telemetry, "ATTITUDE", roll=roll))
+    learnability = judged(changed(telemetry, "ATTITUDE", roll=roll))
     expected = {Caution.MESSAGES_LEFT_OUT, Caution.VEHICLE_ASSUMED, Caution.MIXER_ASSUMED}
     assert codes(learnability.cautions) == expected
     assert all(map(str, learnability.cautions))
 
 
-def test_a_requester_of_rates_is_only_mentioned_if_there_is_one():
+def test_who_asks_for_rates_is_named_only_where_somebody_does():
     telemetry = LONG.telemetry()
-    autopilot = Component(1, 1, "QUADROTOR", "ARDUPILOTMEGA", {"REQUEST_DATA_STREAM": 1}, 0)
-    assert rate_advice(telemetry, components=(autopilot,)).code is Remedy.ARDUPILOT_STREAMS
+    own = Component(1, 1, "QUADROTOR", "ARDUPILOTMEGA", {"REQUEST_DATA_STREAM": 1}, 0)
+    assert rate_advice(telemetry, components=(own,)).code is Remedy.ARDUPILOT_STREAMS
     answered = changed(telemetry, "COMMAND_ACK", **columns([14.0], command=[511]))
-    advice = rate_advice(answered)
-    assert advice.code is Remedy.STOP_ASKING_FOR_RATES and not advice.figures["names"]
+    asked = rate_advice(answered)
+    assert asked.code is Remedy.STOP_ASKING_FOR_RATES and not asked.figures["names"]
 
 
 def with_contradiction(telemetry, start, end):
@@ -130,15 +130,15 @@ def with_contradiction(telemetry, start, end):
 def test_the_longest_learnable_segment_is_taken_or_the_longest_explains():
     telemetry = with_contradiction(LONG.telemetry(), 0.0, 100.0)
     longest, second = settled_segments(Signals(telemetry))
-    learnability = roll_learnability(telemetry)
+    learnability = judged(telemetry)
     assert learnability.learnable and learnability.segment == second
     assert learnability.figures.duration == approx(second.duration, abs=0.1)
-    refused = roll_learnability(with_contradiction(telemetry, 0.0, LONG.end))
+    refused = judged(with_contradiction(telemetry, 0.0, LONG.end))
     assert not refused.learnable and refused.segment == longest
     assert refused.reason.code is NotLearnableReason.RATE_CONTRADICTS_ANGLE
 
 
-def test_a_log_without_evidence_of_a_flight_is_refused_for_that():
+def test_where_nothing_shows_flight_nothing_is_claimed_about_it():
     time = HOVER.stamps(100.0)
     controls = np.full((len(time), 8), np.nan)
     controls[:, :3] = np.sin(time)[:, None]
@@ -160,7 +160,7 @@ def test_a_hover_on_little_of_the_range_is_a_flight_where_the_autopilot_idles_lo
     strong = with_pulses(telemetry, 1000 + (pulses(telemetry) - 1000) // 3)
     assert refused_for(strong).figures["least_collective"] == approx(0.2)
     strong = dataclasses.replace(strong, parameters={**strong.parameters, "MOT_SPIN_MIN": 0.06})
-    assert roll_learnability(strong).learnable
+    assert judged(strong).learnable
 
 
 @mark.parametrize(
@@ -312,8 +312,8 @@ def test_an_unlearnable_flight_is_refused_with_the_deciding_figures_and_a_remedy
 
 def test_another_vehicle_is_named_only_where_there_is_one():
     signals = Signals(HOVER.telemetry(vehicle="SUBMARINE"))
-    other_vehicle = Component(4, 1, "QUADROTOR", "PX4", {}, 0)
-    for components, named in (([STATION], None), ([STATION, other_vehicle], "4:1")):
+    other = Component(4, 1, "QUADROTOR", "PX4", {}, 0)
+    for components, named in (([STATION], None), ([STATION, other], "4:1")):
         reason = learnability_of(signals, components).reason
         assert reason.figures["other"] == named
         if named:
@@ -323,7 +323,7 @@ def test_another_vehicle_is_named_only_where_there_is_one():
 
 
 def test_a_rate_that_explains_more_than_half_of_the_angle_is_let_through():
-    assert roll_learnability(shaking(0.26)).cautions[-1].code is Caution.RATE_EXPLAINS_LITTLE
+    assert judged(shaking(0.26)).cautions[-1].code is Caution.RATE_EXPLAINS_LITTLE
 
 
 def rounded(hover):
@@ -337,7 +337,7 @@ def test_a_command_at_the_floor_of_the_stream_is_refused():
     assert near.learnable
     truth = (0.5**2 / 2) / (1 / 12 * np.sum(X_QUAD**2) / 16)
     assert near.figures.input_snr == approx(truth, rel=0.3)
-    assert roll_learnability(rounded(Hover(command=0.13))).learnable
+    assert judged(rounded(Hover(command=0.13))).learnable
     refused = refused_for(rounded(Hover(command=0.1)))
     assert (
         refused.code is NotLearnableReason.COMMAND_ROUNDED and refused.figures["command_step"] == 1
@@ -366,16 +366,14 @@ def test_mutilated_telemetry_is_judged_and_its_segments_align(seed):
     )
     for message, table in telemetry.messages.items():
         rows = len(table["time"])
-        kept_rows = random.permutation(rows)[
-            : random.choice([0, 1, 2, rows // 3, rows, rows, rows])
-        ]
-        columns = {name: column[kept_rows].copy() for name, column in table.items()}
-        if message != "HEARTBEAT" and len(kept_rows):
+        kept = random.permutation(rows)[: random.choice([0, 1, 2, rows // 3, rows, rows, rows])]
+        columns = {name: column[kept].copy() for name, column in table.items()}
+        if message != "HEARTBEAT" and len(kept):
             hit = random.choice([name for name in columns if name not in ("boot", "port")])
             columns[hit][: rows // 20] = random.choice([np.nan, np.inf, 0.0, -1e6])
             columns["boot"] = np.int64(np.nan_to_num(columns["time"]) > random.uniform(0, 60))
         telemetry = changed(telemetry, message, **columns)
-    document = Verdict.model_validate(roll_learnability(telemetry)).as_dict()
+    document = Verdict.model_validate(judged(telemetry)).as_dict()
     assert json.loads(json.dumps(document, allow_nan=False)) == document
     for segment in settled_segments(Signals(telemetry)):
         assert len(aligned_flight(Signals(telemetry), segment)) >= 1
@@ -386,7 +384,7 @@ def in_whole_pulses(telemetry):
     return with_pulses(telemetry, np.round(pulses(telemetry)))
 
 
-def with_held_values(telemetry, message, rows, only=("",)):
+def held(telemetry, message, rows, only=("",)):
     """Each ``rows``th message's values again and again, under the stamps as they were; only fields beginning so."""
     table = telemetry.messages[message]
     source = np.arange(len(table["time"])) // rows * rows
@@ -410,7 +408,7 @@ def test_values_sent_again_and_again_are_refused_for_the_rate_of_new_ones(
 ):
     # A motor that never moves says nothing.
     telemetry = changed(in_whole_pulses(HOVER.telemetry()), "SERVO_OUTPUT_RAW", servo4_raw=1000.0)
-    reason = refused_for(with_held_values(telemetry, message, rows, (only,)))
+    reason = refused_for(held(telemetry, message, rows, (only,)))
     assert reason.code is NotLearnableReason.VALUES_REPEATED and reason.figures["name"] == message
     assert reason.figures["rate"] == approx(100)
     # At its turning points a rounded command may be the same twice running.
@@ -419,14 +417,14 @@ def test_values_sent_again_and_again_are_refused_for_the_rate_of_new_ones(
 
 def test_motors_that_stand_still_because_they_are_rounded_are_not_held():
     """A command that moves by less than a step from message to message repeats whole rows, and then goes on by one."""
-    rounded = in_whole_pulses(Hover(command=2.0).telemetry())
-    assert np.mean((np.diff(pulses(rounded)) == 0).all(axis=0)) > 0.8
+    whole = in_whole_pulses(Hover(command=2.0).telemetry())
+    assert np.mean((np.diff(pulses(whole)) == 0).all(axis=0)) > 0.8
     # For most of a flight it moves faster.
     faster = np.where(
-        HOVER.stamps(100.0) > 30.0, pulses(Hover(command=80.0).telemetry()), pulses(rounded)
+        HOVER.stamps(100.0) > 30.0, pulses(Hover(command=80.0).telemetry()), pulses(whole)
     )
-    for telemetry in (rounded, in_whole_pulses(with_pulses(rounded, faster))):
-        learnability = roll_learnability(telemetry)
+    for telemetry in (whole, in_whole_pulses(with_pulses(whole, faster))):
+        learnability = judged(telemetry)
         assert learnability.learnable and learnability.figures.motor_fresh == approx(100)
 
 
@@ -448,7 +446,7 @@ def test_an_attitude_near_its_resolution_is_doubted_and_at_it_refused():
         roll=0.3 * np.sin(0.3 * time),
         rollspeed=0.09 * np.cos(0.3 * time),
     )
-    assert roll_learnability(slow).learnable
+    assert judged(slow).learnable
     refused = refused_for(with_steps(0.05, slow))
     assert refused.code is NotLearnableReason.OUTPUT_ROUNDED
     assert refused.figures["angle_step"] == approx(0.05)
@@ -470,7 +468,7 @@ def test_a_message_that_cannot_be_is_left_out_and_reported(field, wrong):
     telemetry = HOVER.telemetry()
     values = telemetry.messages["ATTITUDE"][field].copy()
     values[3000] = wrong
-    learnability = roll_learnability(changed(telemetry, "ATTITUDE", **{field: values}))
+    learnability = judged(changed(telemetry, "ATTITUDE", **{field: values}))
     caution = learnability.cautions[0]
     assert caution.code is Caution.IMPOSSIBLE_ATTITUDE
     assert (caution.figures["count"], caution.figures["sent"]) == (1, len(values))
@@ -480,13 +478,11 @@ def test_a_message_that_cannot_be_is_left_out_and_reported(field, wrong):
     assert abs(flight.outputs).max() < 1
 
 
-def test_a_single_outlier_does_not_decide_on_the_unit_and_degrees_are_recognised():
+def test_one_wild_rate_does_not_decide_and_degrees_are_reported_as_such():
     telemetry = Hover(sway=0.01).telemetry()
     rate = telemetry.messages["ATTITUDE"]["rollspeed"].copy()
     rate[3000] = 30.0
-    assert (
-        roll_learnability(changed(telemetry, "ATTITUDE", rollspeed=rate)).figures.consistency > 0.99
-    )
+    assert judged(changed(telemetry, "ATTITUDE", rollspeed=rate)).figures.consistency > 0.99
     telemetry = Hover(sway=0.0743).telemetry()  # 1.1 % of it beyond a turn
     degrees = {
         name: np.degrees(telemetry.messages["ATTITUDE"][name]) for name in ("roll", "rollspeed")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mavdem.dataset.segments import Segment, in_segments, slice_of_segment
+from mavdem.dataset.segments import Segment, in_segments, rows_of_segment
 from mavdem.dataset.time_series import TimeSeries, clean_series
 
 
@@ -20,12 +20,12 @@ def test_rows_of_a_segment_are_those_of_its_boot_and_time(segment):
     expected = is_in_time & (series.boot == segment.boot)
     np.testing.assert_array_equal(in_segments(series, segment), expected)
     np.testing.assert_array_equal(
-        series.values[slice_of_segment(series, segment)], series.values[expected]
+        series.values[rows_of_segment(series, segment)], series.values[expected]
     )
 
 
 def test_a_segment_of_another_boot_has_no_rows():
-    assert not len(two_boots().values[slice_of_segment(two_boots(), Segment(2, 0.0, 1.0))])
+    assert not len(two_boots().values[rows_of_segment(two_boots(), Segment(2, 0.0, 1.0))])
 
 
 def test_a_whole_message_is_not_copied():

@@ -41,9 +41,9 @@ def with_quaternion(rate):
     pitch = 0.2 * np.sin(time)
     yaw = 0.3 * time
     q = Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll])).as_quat(scalar_first=True)
-    components = {f"q{n}": column for n, column in enumerate(q.T, 1)}
+    turned = {f"q{n}": column for n, column in enumerate(q.T, 1)}
     rates = {"rollspeed": HOVER.roll_rate(time), "pitchspeed": 0.2, "yawspeed": 0.3}
-    sent = columns(time, **components, **rates)
+    sent = columns(time, **turned, **rates)
     return changed(HOVER.telemetry(10.0), "ATTITUDE_QUATERNION", **sent)
 
 
@@ -123,9 +123,9 @@ def test_disordered_repeated_and_broken_samples_leave_clean_columns():
     shuffled["roll"][-1] += 1.0  # another value at the same stamp
     got = attitude.attitude_of_axis(changed(telemetry, "ATTITUDE", **shuffled), "roll")
     assert got.unused_count == 1 + np.count_nonzero(np.isnan(shuffled["roll"]))
-    undamaged = attitude.attitude_of_axis(telemetry, "roll")
-    assert_array_equal(got.time, undamaged.time[undamaged.time != lost])
-    assert_array_equal(got.angle, undamaged.angle[undamaged.time != lost])
+    whole = attitude.attitude_of_axis(telemetry, "roll")
+    assert_array_equal(got.time, whole.time[whole.time != lost])
+    assert_array_equal(got.angle, whole.angle[whole.time != lost])
 
 
 def test_ardupilot_motors_by_servo_function_and_frame():
@@ -151,14 +151,14 @@ def test_yaw_is_by_the_direction_of_the_propellers():
     functions = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, 5)}
     for frame_type, signs in ((1, [1, 1, -1, -1]), (3, [-1, -1, 1, 1]), (14, [1, -1, 1, -1])):
         frame = functions | {"FRAME_CLASS": 1.0, "FRAME_TYPE": float(frame_type)}
-        motors = motor_geometry(
+        found = motor_geometry(
             "QUADROTOR", "ARDUPILOTMEGA", frame, moving_channels=range(1, 5), bank_size=8
         )
-        assert_array_equal(4 * motors.mixer_row("yaw"), signs)
+        assert_array_equal(4 * found.mixer_row("yaw"), signs)
     rotors = {f"PWM_MAIN_FUNC{n}": 100.0 + n for n in range(1, 5)}
     rotors |= px4_rotors((1, 1, 0.05), (-1, -1, 0.04), (1, -1, 0.0), (-1, 1, -0.04))
-    motors = motor_geometry("QUADROTOR", "PX4", rotors, moving_channels=range(1, 5), bank_size=16)
-    assert motors.mixer_row("yaw") is None, "it is not known how the third one turns"
+    found = motor_geometry("QUADROTOR", "PX4", rotors, moving_channels=range(1, 5), bank_size=16)
+    assert found.mixer_row("yaw") is None, "it is not known how the third one turns"
 
 
 def test_without_parameters_the_moving_channels_are_assumed_and_said():
@@ -177,11 +177,11 @@ def test_without_parameters_the_moving_channels_are_assumed_and_said():
 
 def test_a_tricopter_s_tilt_servo_is_no_motor_and_an_unknown_frame_has_no_places():
     parameters = {"FRAME_CLASS": 7.0} | {f"SERVO{n}_FUNCTION": 32.0 + n for n in (1, 2, 4, 7)}
-    motors = motor_geometry(
+    found = motor_geometry(
         "TRICOPTER", "ARDUPILOTMEGA", parameters, moving_channels=[1, 2, 4, 7], bank_size=8
     )
-    assert motors.motors == (1, 2, 4) and not motors.positions_assumed
-    assert motors.positions[1] == approx((0.5, -(3**0.5) / 2)), "of 120° from arm to arm"
+    assert found.motors == (1, 2, 4) and not found.positions_assumed
+    assert found.positions[1] == approx((0.5, -(3**0.5) / 2)), "of 120° from arm to arm"
     # A hexarotor of unknown frame has no places.
     motors = motor_geometry(
         "HEXAROTOR", "ARDUPILOTMEGA", {}, moving_channels=range(1, 9), bank_size=8
@@ -202,23 +202,21 @@ def test_every_frame_balances(frame_class, frame_type, count):
     """Equal thrust on every motor turns nothing, and both axes can be turned."""
     functions = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, count + 1)}
     frame = functions | {"FRAME_CLASS": frame_class, "FRAME_TYPE": frame_type}
-    motors = motor_geometry(
+    found = motor_geometry(
         "QUADROTOR", "ARDUPILOTMEGA", frame, moving_channels=range(1, count + 1), bank_size=8
     )
-    assert len(motors.motors) == count and not motors.positions_assumed
+    assert len(found.motors) == count and not found.positions_assumed
     yawless = frame_class == 1 and frame_type in (16, 17)
     if yawless:
-        assert motors.mixer_row("yaw") is None
+        assert found.mixer_row("yaw") is None
     else:
-        assert motors.mixer_row("yaw") is not None
+        assert found.mixer_row("yaw") is not None
     for axis in ("roll", "pitch", *([] if yawless else ["yaw"])):
-        assert motors.mixer_row(axis).sum() == approx(0, abs=1e-6)
-        assert abs(motors.mixer_row(axis)).sum() == approx(1)
+        assert found.mixer_row(axis).sum() == approx(0, abs=1e-6)
+        assert abs(found.mixer_row(axis)).sum() == approx(1)
         # Turning about one axis turns nothing about the others.
-        other_rows = [
-            motors.mixer_row(other_axis) for other_axis in ("roll", "pitch") if other_axis != axis
-        ]
-        assert_allclose(np.array(other_rows) @ motors.mixer_row(axis), 0, atol=1e-6)
+        others = [found.mixer_row(other) for other in ("roll", "pitch") if other != axis]
+        assert_allclose(np.array(others) @ found.mixer_row(axis), 0, atol=1e-6)
 
 
 def test_rounding_is_measured_before_a_bank_is_moved_to_the_stamps_of_another():
@@ -232,18 +230,18 @@ def test_rounding_is_measured_before_a_bank_is_moved_to_the_stamps_of_another():
     outputs = np.round(1500 + 100 * np.sin(np.outer(time, 1 + 0.1 * np.arange(16))))
     port = np.resize([0.0, 1.0], 2 * len(time))
     banks = enumerate(outputs.reshape(-1, 8).T, 1)  # a row a message
-    both_banks = {f"servo{n}_raw": column for n, column in banks}
-    both_banks |= {"time": np.repeat(time, 2) + 0.003 * port, "port": port}
+    both = {f"servo{n}_raw": column for n, column in banks}
+    both |= {"time": np.repeat(time, 2) + 0.003 * port, "port": port}
     motors = motor_outputs.motor_outputs_or_reason(
-        changed(telemetry, "SERVO_OUTPUT_RAW", **both_banks, boot=0)
+        changed(telemetry, "SERVO_OUTPUT_RAW", **both, boot=0)
     )
     assert motors.geometry.channels == (5, 6, 7, 8, 9, 10)
     assert np.any(motors.outputs % 1), "the second bank falls between the stamps"
     assert motors.scale.step == 1.0
-    outputs_of_both = motor_outputs.motor_outputs_or_reason(
-        changed(telemetry, "SERVO_OUTPUT_RAW", **both_banks, boot=port.astype(int))
+    apart = motor_outputs.motor_outputs_or_reason(
+        changed(telemetry, "SERVO_OUTPUT_RAW", **both, boot=port.astype(int))
     )
-    assert outputs_of_both.code is UnusableOutputs.OUTPUTS_NOT_FINITE
+    assert apart.code is UnusableOutputs.OUTPUTS_NOT_FINITE
 
 
 def test_a_message_without_motors_that_move_leaves_the_next():
@@ -328,11 +326,9 @@ def test_a_position_is_metres_north_east_down_of_the_first_even_over_the_date_li
     # Before the first fix, and damaged.
     degrees = np.array([[0.0, 0.0], [60.0, 179.9999], [60.0001, -179.9999], [95.0, 0.0]])
     fields = dict(zip(("lat", "lon"), np.round(1e7 * degrees.T), strict=True), relative_alt=5000.0)
-    telemetry = HOVER.telemetry(without=("LOCAL_POSITION_NED",))
-    telemetry = changed(telemetry, "GLOBAL_POSITION_INT", **columns(np.arange(4.0), **fields))
-    assert_allclose(
-        Signals(telemetry).position.values, [[0, 0, -5], [11.119, 11.119, -5]], atol=1e-3
-    )
+    made = HOVER.telemetry(without=("LOCAL_POSITION_NED",))
+    made = changed(made, "GLOBAL_POSITION_INT", **columns(np.arange(4.0), **fields))
+    assert_allclose(Signals(made).position.values, [[0, 0, -5], [11.119, 11.119, -5]], atol=1e-3)
 
 
 def measured_voltage(time, millivolts):
@@ -368,8 +364,8 @@ def test_without_a_battery_monitor_there_is_none():
     ],
 )
 def test_height_and_climb_are_in_metres_upwards(signal, message, field, value):
-    telemetry = HOVER.telemetry(10.0, without=("LOCAL_POSITION_NED",))
-    telemetry = changed(telemetry, message, **columns(np.arange(5.0), **{field: np.full(5, value)}))
+    flown = HOVER.telemetry(10.0, without=("LOCAL_POSITION_NED",))
+    telemetry = changed(flown, message, **columns(np.arange(5.0), **{field: np.full(5, value)}))
     assert getattr(Signals(telemetry), signal).values == approx(12.0)
 
 
@@ -379,7 +375,7 @@ def test_the_wind_is_where_the_air_moves_to():
     assert wind.values[0] == approx([-1.0, -np.sqrt(3.0)])
 
 
-def test_results_and_refusals_are_computed_once_for_each_axis():
+def test_what_is_sought_once_is_known_of_its_axis_and_so_is_why_nothing_was_found():
     sought = []
 
     @cached_per_vehicle("axis")

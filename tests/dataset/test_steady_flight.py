@@ -25,11 +25,11 @@ def steady_seconds(turn=0.0, stray=0.0):
 
 
 def test_a_turn_and_what_strays_are_not_steady():
-    all_seconds = steady_seconds()
-    assert all_seconds == approx(40.0, abs=3.0)
-    assert steady_seconds(turn=9.5) == all_seconds
+    whole = steady_seconds()
+    assert whole == approx(40.0, abs=3.0)
+    assert steady_seconds(turn=9.5) == whole
     # The second after the turn is lost too, over which headings are compared.
-    assert all_seconds - steady_seconds(turn=11.0) == approx(4.2, abs=0.1)
-    assert steady_seconds(stray=14.0) == all_seconds
-    assert all_seconds - steady_seconds(stray=16.0) == approx(5.0, abs=0.2)
-    assert steady_seconds(turn=180.0, stray=16.0) == approx(all_seconds - 10.0, abs=0.2)
+    assert whole - steady_seconds(turn=11.0) == approx(4.2, abs=0.1)
+    assert steady_seconds(stray=14.0) == whole
+    assert whole - steady_seconds(stray=16.0) == approx(5.0, abs=0.2)
+    assert steady_seconds(turn=180.0, stray=16.0) == approx(whole - 10.0, abs=0.2)

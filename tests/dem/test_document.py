@@ -44,7 +44,7 @@ def test_json_both_ways_keeps_every_forecast(settings):
 
 
 @mark.parametrize("text", ["5", "null", "{}", '{"settings": {}}', "not JSON"])
-def test_a_text_that_is_no_learned_model_is_refused(text):
+def test_something_else_is_no_learned_model(text):
     with raises(ValueError, match="^not the document of a learned model: "):
         Learned.from_json(text)
 
@@ -77,7 +77,7 @@ def test_every_field_of_a_document_is_needed_and_checked(document):
 
 
 @mark.slow
-def test_a_document_keeps_what_a_flight_records_of_its_vehicle():
+def test_what_a_flight_says_of_its_vehicle_is_kept():
     flight = FLIGHT[:500]
     directions = np.ones(flight.inputs.shape[1])
     known = replace(flight, effect_directions=directions)

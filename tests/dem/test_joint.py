@@ -190,7 +190,7 @@ def test_live_it_is_the_model_learnt_of_the_same_samples(monkeypatch):
     assert live_model._hyperparameters == learnt.hyperparameters
 
 
-def test_lagged_samples_do_not_cross_a_gap():
+def test_no_lag_reaches_across_a_gap():
     """Samples after it are elsewhere, far from what the model has seen."""
     flight = in_closed_loop(wind=10.0, samples=1206)
     far = 1000.0

@@ -267,7 +267,7 @@ def test_segments_that_do_not_belong_together_are_named(change, named):
         learn([first, Flight(**other)], CLEAN)
 
 
-def test_training_data_that_are_no_segments_of_a_flight_are_refused():
+def test_what_are_no_segments_of_a_flight_is_named():
     flight = simulated()
     short = [flight[i : i + 6] for i in range(0, 600, 6)]
     for train, named in (([], "hold"), ({"dt": 1}, "be a Flight"), (short, "be longer")):

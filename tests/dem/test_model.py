@@ -239,9 +239,7 @@ def joint(model, start, inputs, outputs, spread=None):
     radius=st.floats(0.1, 1.1),
     steady_change=st.sampled_from([1e-11, 0.0]),
 )
-def test_smoothed_states_are_those_of_the_joint_gaussian(
-    seed, n, k, m, samples, radius, steady_change
-):
+def test_it_is_the_joint_gaussian_given_the_outputs(seed, n, k, m, samples, radius, steady_change):
     with MonkeyPatch.context() as patched:
         patched.setattr(kalman, "STEADY_CHANGE", steady_change)
         rng = default_rng(seed)

@@ -58,7 +58,7 @@ def test_a_memory_has_its_latest_samples():
     assert memory.record().inputs.ravel().tolist() == list(range(128, 140))
 
 
-def test_dropped_blocks_are_those_since_a_time_of_the_latest_boot():
+def test_what_is_taken_back_is_forgotten_and_nothing_of_an_earlier_boot():
     memory = SampleMemory(0.01, block_size=4, max_blocks=9)
     for start in (500.0, 3.0):
         for sample in range(13):
@@ -72,7 +72,7 @@ def test_dropped_blocks_are_those_since_a_time_of_the_latest_boot():
 
 @mark.slow
 @mark.parametrize("horizon", [None, 0.3])
-def test_online_learning_gives_the_same_model_as_learning_all_samples(horizon):
+def test_it_arrives_where_learning_at_once_does(horizon):
     flight = simulated(samples=600, wind=1.0, lag=0.05)
     settings = dataclasses.replace(COMPLETE, horizon=horizon)
     online = OnlineLearner(settings, dt=flight.dt, memory=30.0)
@@ -120,7 +120,7 @@ def test_a_vehicle_that_stood_still_is_learnt_from_soon_after_it_moves():
 
 
 @mark.slow
-def test_with_many_samples_learning_is_less_frequent(monkeypatch):
+def test_of_many_samples_it_learns_less_often(monkeypatch):
     tracker = FreeEnergyMonitor.from_model(mavdem.learn(WINDY[:300], COMPLETE), 3.0)
     learns = Mock(return_value=tracker)
     monkeypatch.setattr(learner, "_learn_and_monitor", learns)

@@ -66,7 +66,7 @@ def test_a_choice_says_why():
 
 
 @mark.parametrize("arguments", [{"max_order": 0}, {"max_order": 9}])
-def test_wrong_arguments_are_refused_by_name(arguments):
+def test_what_is_no_argument_is_named(arguments):
     with raises(ValueError, match=next(iter(arguments))):
         free_energy_by_order(simulated(samples=200), **arguments)
 

@@ -158,7 +158,7 @@ def test_a_second_process_ends_with_its_block_and_takes_no_interrupt(two_cores, 
     assert time.monotonic() - began < 600
 
 
-def test_no_second_process_is_started_without_a_second_core(monkeypatch):
+def test_there_is_no_second_process_without_a_second_core(monkeypatch):
     monkeypatch.setattr(parallel, "available_workers", lambda: 1)
     with in_second_process(os.getpid) as result:
         assert result() is None

@@ -128,7 +128,7 @@ def test_every_order_from_zero_to_six_can_be_learnt(p, d):
         ([1.0, 2.0], [[1.0, 0.5], [0.0, 1.0]], "^precision must be symmetric"),
     ],
 )
-def test_a_mean_or_precision_of_no_gaussian_is_refused(mean, precision, named):
+def test_what_is_no_gaussian_is_named(mean, precision, named):
     with raises(ValueError, match=named):
         Gaussian(mean, precision)
 

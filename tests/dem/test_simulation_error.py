@@ -133,7 +133,7 @@ def test_too_little_leaves_theta_where_generalized_coordinates_led_it_and_says_s
     assert_array_equal(learned.theta, short.theta)
 
 
-def test_no_simulation_crosses_a_gap_and_long_flights_are_thinned():
+def test_nothing_runs_across_a_gap_and_long_flights_are_thinned():
     flight = simulated(samples=400, wind=1.0)
     parts = [
         (flight.inputs[:150], flight.outputs[:150]),

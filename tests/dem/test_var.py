@@ -123,7 +123,7 @@ def test_inputs_that_are_constant_copied_or_mixed_change_nothing_and_may_move_la
         ).all()
 
 
-def test_a_forecast_that_overflows_is_the_training_mean_with_infinite_variance():
+def test_what_overflows_is_the_training_mean_with_infinite_variance():
     growing = model()._replace(coefficients=1e30 * model().coefficients)
     samples = run(model(), LAGS + 40)
     for found in (

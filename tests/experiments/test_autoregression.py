@@ -16,7 +16,7 @@ def model():
     return baselines.var(TRAIN)
 
 
-def test_lags_of_the_autoregression_do_not_cross_a_gap():
+def test_no_lag_of_var_reaches_across_a_gap():
     """Each segment begins with what is known without a past."""
     again = baselines.var([*APART, APART[0]], order=4).one_step()
     assert again.shape == (900, 2)
@@ -43,7 +43,7 @@ def test_units_do_not_matter_to_it(model):
         (lambda model: model.simulate(TEST.inputs), r"use Learned\.simulate"),
     ],
 )
-def test_wrong_arguments_of_a_regression_are_refused_by_name(model, ask, said):
+def test_what_cannot_be_is_named(model, ask, said):
     with raises(ValueError, match=said):
         ask(model)
 

@@ -121,7 +121,7 @@ def test_over_flights_each_counts_once(compared):
 
 
 @mark.slow
-def test_with_six_flights_each_flight_is_a_pair():
+def test_of_six_flights_each_is_a_pair():
     parts = [
         window
         for name in "abcdef"

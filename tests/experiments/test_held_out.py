@@ -41,7 +41,7 @@ def test_every_sample_after_the_first_windows_is_held_out_once(held_out):
     assert_array_equal(held_out.measured.reshape(-1, 2), FLIGHT.outputs[at])
 
 
-def test_a_forecast_uses_no_later_sample(held_out):
+def test_nothing_after_a_sample_is_used_to_forecast_it(held_out):
     changed = FLIGHT.outputs.copy()
     moved = FLIGHT.inputs.copy()
     last = np.searchsorted(FLIGHT.time, held_out.time[-1, 0])

@@ -68,7 +68,7 @@ def test_a_system_is_recovered_as_well_as_can_be(order, feedback):
     assert least < error_of(model, system, 2000, **how) < most
 
 
-def test_a_fit_that_has_not_converged_has_a_caution(monkeypatch):
+def test_what_has_not_settled_is_said(monkeypatch):
     monkeypatch.setattr(maximum_likelihood, "MAX_ITERATIONS", 1)
     cautions = [caution.code for caution in baselines.pem(TRAIN, 1).cautions]
     assert ForecastFact.STILL_IMPROVING in cautions
@@ -207,7 +207,7 @@ STILL = replace(TRAIN, outputs=np.zeros((700, 2)))
         *((partial(method, STILL), "^outputs column 0 must vary") for method in METHODS.values()),
     ],
 )
-def test_training_data_of_no_use_are_refused_by_name(make, said):
+def test_what_cannot_be_learned_from_is_named(make, said):
     with raises(ValueError, match=said):
         make()
 

@@ -112,12 +112,12 @@ def test_a_method_that_diverged_lost_that_window():
 
 
 @mark.parametrize("ours, theirs", [([1, 2], [1]), ([1, np.nan], [1, 1]), ([1, -1], [1, 1]), (1, 1)])
-def test_errors_that_are_not_of_the_same_windows_are_refused(ours, theirs):
+def test_what_are_no_errors_of_the_same_windows_is_refused(ours, theirs):
     with raises(ValueError, match="^ours"):
         paired(ours, theirs)
 
 
-def test_a_difference_needs_six_pairs_that_agree_in_sign():
+def test_what_is_distinguished_takes_six_pairs_and_a_side():
     assert (
         paired([1.0] * 6, [2.0] * 6).result is TestResult.LOWER
         and paired([2.0] * 6, [1.0] * 6).result is TestResult.HIGHER

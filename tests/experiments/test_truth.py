@@ -148,7 +148,7 @@ def test_the_truth_of_another_flight_is_refused(flight, motion, path, tmp_path):
     ],
     ids=["missing", "shorter", "single", "other", "pickle"],
 )
-def test_a_file_that_is_no_truth_file_is_refused(change, path, tmp_path):
+def test_what_is_no_truth_file_is_refused_in_a_sentence(change, path, tmp_path):
     parts = dict(np.load(path))
     change(parts)
     np.savez(tmp_path / "odd.npz", **parts)

@@ -102,7 +102,7 @@ def test_no_other_message_is_read_for_one_by_its_name_in_the_log(telemetry):
     assert CountedMessages.names_of_read == ["ATTITUDE_QUATERNION"]
 
 
-def test_a_missing_message_field_or_instance_is_refused_with_the_existing_ones(telemetry):
+def test_what_the_log_lacks_is_refused_with_what_it_has(telemetry):
     with raises(ValueError, match="the log has no GPS: it has ATTITUDE_QUATERNION, ESC"):
         field_samples(telemetry, "GPS", "Alt")
     with raises(ValueError, match="ESC has no field rpm: it has Instance, RPM"):

@@ -154,7 +154,7 @@ def result(flight):
 
 
 @mark.slow
-def test_the_learned_model_is_written_beside_the_flight(tmp_path, result):
+def test_what_was_learned_stands_beside_it(tmp_path, result):
     train, test, learned, held_out = result
     write_channels(tmp_path / "flight.mcap", [train], learned, held_out)
     series = read(tmp_path / "flight.mcap")

@@ -63,8 +63,8 @@ def test_a_map_may_have_any_name():
     geojson, kml = io.BytesIO(), io.BytesIO()
     write_geojson(geojson, name, geographic_paths(telemetry_with_positions()))
     write_kml(kml, name, geographic_paths(telemetry_with_positions()))
-    valid_name_text = "a\\x01\\udcff<é>.tlog"
+    shown_name = "a\\x01\\udcff<é>.tlog"
     (feature,) = json.loads(geojson.getvalue())["features"]
-    assert feature["properties"]["name"] == valid_name_text
+    assert feature["properties"]["name"] == shown_name
     document = ElementTree.fromstring(kml.getvalue())
-    assert document.find("kml:Document/kml:name", KML).text == valid_name_text
+    assert document.find("kml:Document/kml:name", KML).text == shown_name

@@ -58,9 +58,9 @@ def test_only_vehicles_that_were_judged_anew_are_summed_up_again(tmp_path):
 
     def summaries(store, version="1"):
         outdated = outdated_vehicles(store)
-        found = cached_summaries(store, version, outdated, make)
+        cached = cached_summaries(store, version, outdated, make)
         mark_pages_updated(store, outdated)
-        return found
+        return cached
 
     rows = [flight_row(name, 0, key=f"{name}-1") for name in "abc"]
     fleet_of(tmp_path, rows)

@@ -20,7 +20,7 @@ def dataflash_message(name, time, *values):
     return dataflash_logs.message(name, round(1e6 * time), *values)
 
 
-def test_the_first_of_several_barometers_and_imus_in_dataflash_is_read(tmp_path):
+def test_of_several_barometers_and_imus_in_dataflash_the_first_is_read(tmp_path):
     pieces = []
     for time in TIMES:
         for number in (1, 0):

@@ -44,11 +44,11 @@ def steps(tmp_path):
 def by_dfreader(path, names=None):
     """Every message as plain DFReader reads it, as lists by message and field."""
     reader = DFReader.DFReader_binary(str(path))
-    values = defaultdict(lambda: defaultdict(list))
+    read = defaultdict(lambda: defaultdict(list))
     while (message := reader.recv_match(type=names, strict=True)) is not None:
         for field, value in message.to_dict().items():
-            values[message.get_type()][field].append(value)
-    return values
+            read[message.get_type()][field].append(value)
+    return read
 
 
 ANGLE = np.pi / 180
@@ -82,28 +82,17 @@ TRANSLATED = {
 @mark.parametrize("log", TRANSLATED)
 def test_the_translation_holds_dfreaders_values_in_mavlinks_units(log, steps):
     path = steps if log == STEPS else shared(log)
-    values_by_dfreader = by_dfreader(
-        path, [*{logged_message for _, _, logged_message, _, _ in TRANSLATED[log]}, "PARM"]
-    )
+    read = by_dfreader(path, [*{own for _, _, own, _, _ in TRANSLATED[log]}, "PARM"])
     (vehicle,) = read_dataflash(path).vehicles
-    for message, field, logged_message, name, factor in TRANSLATED[log]:
-        primary = (
-            np.array(
-                values_by_dfreader[logged_message].get(
-                    "C", np.zeros(len(values_by_dfreader[logged_message][name]))
-                )
-            )
-            == 0
-        )
-        expected = factor * np.array(values_by_dfreader[logged_message][name])[primary]
+    for message, field, own, name, factor in TRANSLATED[log]:
+        primary = np.array(read[own].get("C", np.zeros(len(read[own][name])))) == 0
+        expected = factor * np.array(read[own][name])[primary]
         name_of_message, _, port = message.partition(":")
         columns = vehicle.messages[name_of_message]
         values = columns[field][columns["port"] == int(port)] if port else columns[field]
         assert_allclose(values, expected, rtol=1e-14)
-        assert vehicle.name_in_source(name_of_message) in (logged_message, "ANG", "RCOU/RCO2")
-    named = dict(
-        zip(values_by_dfreader["PARM"]["Name"], values_by_dfreader["PARM"]["Value"], strict=True)
-    )
+        assert vehicle.name_in_source(name_of_message) in (own, "ANG", "RCOU/RCO2")
+    named = dict(zip(read["PARM"]["Name"], read["PARM"]["Value"], strict=True))
     assert vehicle.parameters == named
     if log != STEPS:
         # 9023 is 831, and beyond the tenth bit that the filter knows of its take-off and uses GPS
@@ -111,10 +100,10 @@ def test_the_translation_holds_dfreaders_values_in_mavlinks_units(log, steps):
         assert set(flags.tolist()) == {9023 & 1023}
         return
     yaw = vehicle.messages["ATTITUDE"]["yaw"]
-    heading_vectors = np.exp(1j * np.radians(values_by_dfreader["ANG"]["Yaw"]))
-    assert np.allclose(np.exp(1j * yaw), heading_vectors, atol=1e-12) and abs(yaw).max() <= np.pi
+    turned = np.exp(1j * np.radians(read["ANG"]["Yaw"]))
+    assert np.allclose(np.exp(1j * yaw), turned, atol=1e-12) and abs(yaw).max() <= np.pi
     controls = vehicle.messages["ACTUATOR_CONTROL_TARGET"]["controls"]
-    demands = [values_by_dfreader["RATE"][name] for name in ("ROut", "POut", "YOut", "AOut")]
+    demands = [read["RATE"][name] for name in ("ROut", "POut", "YOut", "AOut")]
     assert np.array_equal(controls[:, :4], np.column_stack(demands))
     assert (vehicle.system, vehicle.vehicle, vehicle.autopilot) == (1, "QUADROTOR", "ARDUPILOTMEGA")
 
@@ -134,10 +123,10 @@ def test_between_events_that_contradict_each_other_nothing_is_reported(tmp_path)
     for row, stamp in ((13, 26_100_000), (5, 22_100_000)):
         rows.insert(row, made.message("EV", stamp, 28))
     states = vehicle_in(tmp_path, *rows).messages["EXTENDED_SYS_STATE"]
-    state_at_time = dict(
+    told = dict(
         zip(np.floor(states["time"]).tolist(), states["landed_state"].tolist(), strict=False)
     )
-    assert [state_at_time[second] for second in range(20, 30)] == [1, 1, 2, 0, 0, 0, 2, 0, 0, 0]
+    assert [told[second] for second in range(20, 30)] == [1, 1, 2, 0, 0, 0, 2, 0, 0, 0]
     assert states["landed_state"][states["time"] == 26.0].tolist() == [1]
 
 
@@ -193,7 +182,7 @@ def test_yaw_is_between_half_turns_and_rates_move_to_the_angles_stamps(tmp_path)
     assert np.allclose(np.degrees(columns["rollspeed"]), 10.0 * np.arange(10) - 0.3)
 
 
-def test_the_attitude_is_not_interpolated_between_slow_rates_or_in_gaps(tmp_path):
+def test_no_attitude_is_invented_between_slow_rates_nor_in_their_gaps(tmp_path):
     angles = [made.att(20 + 0.01 * i, 0.1 * i) for i in range(301)]
     rates = [made.rate(20 + 0.05 * i, 1.0) for i in range(61) if not 20 < i < 40]
     rows = sorted(angles + rates, key=lambda row: row[3:11][::-1])
@@ -203,13 +192,11 @@ def test_the_attitude_is_not_interpolated_between_slow_rates_or_in_gaps(tmp_path
 
 
 def test_an_appended_log_of_other_definitions_is_left_out(tmp_path):
-    appended_log = (
-        made.fmt("ATT", kind=130) + made.fmt("RATE", kind=129) + other_id(made.att(3, 6.0), 130)
-    )
+    other = made.fmt("ATT", kind=130) + made.fmt("RATE", kind=129) + other_id(made.att(3, 6.0), 130)
     flight = b"".join(made.flight([500 + 0.1 * row for row in range(50)]))
-    vehicle = vehicle_of(made.formats() + flight + appended_log, tmp_path)
+    vehicle = vehicle_of(made.formats() + flight + other, tmp_path)
     assert len(vehicle.messages["ATTITUDE"]["time"]) == 50
-    assert counts(vehicle) == {Repair.BYTES_SKIPPED: len(appended_log)}
+    assert counts(vehicle) == {Repair.BYTES_SKIPPED: len(other)}
 
 
 def other_id(message, kind):
@@ -265,7 +252,7 @@ def spoiled(case):
         ("stamp", {Repair.STAMPS_IGNORED: 1}),
     ],
 )
-def test_damage_loses_only_the_damaged_messages(tmp_path, case, repairs):
+def test_what_is_wrong_costs_itself_only(tmp_path, case, repairs):
     vehicle = vehicle_of(spoiled(case), tmp_path)
     attitude = vehicle.messages["ATTITUDE"]
     assert np.allclose(attitude["time"], TIMES, atol=1e-9)
@@ -275,10 +262,10 @@ def test_damage_loses_only_the_damaged_messages(tmp_path, case, repairs):
     servos = np.round(vehicle.messages["SERVO_OUTPUT_RAW"]["time"], 6).tolist()
     lost = set(np.round(TIMES, 6).tolist()) - set(servos)
     assert lost <= ({round(TIMES[79], 6)} if case.startswith("garbage") else set())
-    repair_counts = counts(vehicle)
-    assert repair_counts.keys() == repairs.keys()
+    found = counts(vehicle)
+    assert found.keys() == repairs.keys()
     if not lost:
-        assert repair_counts == repairs
+        assert found == repairs
 
 
 def test_markers_between_two_stretches_of_a_log_count(monkeypatch):
@@ -290,7 +277,7 @@ def test_markers_between_two_stretches_of_a_log_count(monkeypatch):
 
 
 @mark.parametrize(
-    "firmware_text, parameters, expected",
+    "said, parameters, expected",
     [
         ("ArduCopter V4.5.7 (2a3dc4b7)", {"FRAME_CLASS": 2.0}, "HEXAROTOR"),
         ("APM:Copter V3.4.6 (e707341b)", {}, "GENERIC_MULTIROTOR"),
@@ -300,14 +287,12 @@ def test_markers_between_two_stretches_of_a_log_count(monkeypatch):
         ("hello", {"FRAME_CLASS": 1.0}, "UNKNOWN"),
     ],
 )
-def test_the_type_of_vehicle_follows_from_firmware_text_and_parameters(
-    tmp_path, firmware_text, parameters, expected
-):
-    messages = made.message("MSG", 1, firmware_text) + b"".join(
+def test_who_flies(tmp_path, said, parameters, expected):
+    told = made.message("MSG", 1, said) + b"".join(
         made.message("PARM", 1, *pair, 0.0) for pair in parameters.items()
     )
     assert (
-        vehicle_of(made.formats() + messages + b"".join(made.flight(TIMES)), tmp_path).vehicle
+        vehicle_of(made.formats() + told + b"".join(made.flight(TIMES)), tmp_path).vehicle
         == expected
     )
 
@@ -318,7 +303,7 @@ def test_setpoints_of_rate_and_att_are_in_order(tmp_path):
     assert vehicle.name_in_source("ATTITUDE_TARGET") == "RATE and ATT"
 
 
-def test_signals_of_system_identification_have_their_injection_point(tmp_path):
+def test_what_system_identification_injects_is_known_by_its_axis(tmp_path):
     pieces = made.flight(TIMES)
     for row, (axis, size) in enumerate(
         ((1, 2.0), (4, 3.0), (7, 4.0), (10, 0.5), (11, 0.25), (14, 9.0))
@@ -329,19 +314,17 @@ def test_signals_of_system_identification_have_their_injection_point(tmp_path):
             pieces[20 * row] += made.message("SIDD", stamp, 0.0, size * step)
     vehicle = vehicle_in(tmp_path, *pieces)
     injected = Signals(vehicle).injected_signals
-    values_by_point = {
-        injection.injection_point: injection.signal.values[1] for injection in injected
-    }
-    assert values_by_point == {
+    found = {one.injection_point: one.signal.values[1] for one in injected}
+    assert found == {
         Injection.ANGLE_SETPOINT: approx(np.radians(2)),
         Injection.RECOVERED_ANGLE_SETPOINT: approx(np.radians(3)),
         Injection.RATE_SETPOINT: approx(np.radians(4)),
         Injection.DEMAND: 0.5,
     }
     assert injected[-1].signal.time == approx(21.104 + 0.0025 * np.arange(3))
-    assert [
-        injection.injection_point for injection in Signals(vehicle, axis="pitch").injected_signals
-    ] == [Injection.DEMAND]
+    assert [one.injection_point for one in Signals(vehicle, axis="pitch").injected_signals] == [
+        Injection.DEMAND
+    ]
     assert Signals(vehicle, axis="yaw").injected_signals == ()
 
 

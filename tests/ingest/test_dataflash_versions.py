@@ -74,8 +74,8 @@ def test_the_unit_of_rate_is_told_by_the_gyro(tmp_path, rate, gyro):
         assert [fact.code is CENTIDEGREES for fact in vehicle.repairs].count(True) == 1
     else:
         assert [fact.code is CENTIDEGREES for fact in vehicle.repairs].count(True) == 0
-    (setpoint,) = recorded_setpoints(vehicle, "roll")
-    assert_allclose(setpoint.signal.values, 2 * ROLL_RATE, rtol=1e-4, atol=1e-6)
+    (asked,) = recorded_setpoints(vehicle, "roll")
+    assert_allclose(asked.signal.values, 2 * ROLL_RATE, rtol=1e-4, atol=1e-6)
     # Rounding and bias of a vehicle at rest make any ratio.
     assert CENTIDEGREES not in [fact.code for fact in log(tmp_path, 100.0, swing=0.001).repairs]
 
@@ -99,8 +99,8 @@ def test_rate_with_columns_nobody_knows_leaves_the_gyro(tmp_path):
 
 def test_rate_of_3_3_before_its_release_is_read_under_its_own_names(tmp_path):
     vehicle = log(tmp_path, RATE="TimeUS,Rll,Pit,Yaw,RllOut,PitOut,YawOut,x,RllDes,PitDes,YawDes")
-    (setpoint,) = recorded_setpoints(vehicle, "roll")
-    assert_allclose(setpoint.signal.values, 2 * ROLL_RATE, rtol=1e-4, atol=1e-6)
+    (asked,) = recorded_setpoints(vehicle, "roll")
+    assert_allclose(asked.signal.values, 2 * ROLL_RATE, rtol=1e-4, atol=1e-6)
     assert_allclose(vehicle.messages["ATTITUDE"]["rollspeed"], ROLL_RATE, rtol=1e-4, atol=1e-6)
     controls = vehicle.messages["ACTUATOR_CONTROL_TARGET"]["controls"]
     assert (controls[:, 0] == 0.1).all() and np.isnan(controls[:, 3]).all()
@@ -111,14 +111,14 @@ def test_rate_of_3_3_before_its_release_is_read_under_its_own_names(tmp_path):
 
 
 def test_lines_that_are_no_messages_cost_themselves_only(tmp_path):
-    undamaged = log(tmp_path, firmware="a, text, with commas")
+    whole = log(tmp_path, firmware="a, text, with commas")
     path = tmp_path / "flight.log"
     text = path.read_text().replace("\nRATE", "\nRATE, 5\nnonsense\nRATE", 1) + "ATT, 1, 2"
     path.write_text("ArduCopter V4\r\n\r\n" + text.replace("\n", "\r\n"), newline="")
     (vehicle,) = read_dataflash(path).vehicles
     left_out, *_ = vehicle.repairs
     assert (left_out.code, left_out.figures["count"]) == (Repair.LINES_LEFT_OUT, 4)
-    for name, fields in undamaged.messages.items():
+    for name, fields in whole.messages.items():
         for field, values in fields.items():
             assert_array_equal(vehicle.messages[name][field], values)
     assert vehicle.messages["STATUSTEXT"]["text"].tolist() == ["a, text, with commas"]
@@ -144,10 +144,10 @@ def test_a_dataflash_log_has_its_board_and_the_time_of_the_first_receiver(tmp_pa
         pieces.append(dataflash.message("GPS", 20_000_000 + n * 1_000_000, 0, fix, *at))
     path = tmp_path / "a.bin"
     path.write_bytes(dataflash.log(*dataflash.flight(np.arange(20.0, 25.0, 0.1)), *pieces))
-    (vehicle,) = read_dataflash(path).vehicles
-    assert (vehicle.board, vehicle.hardware) == ("001a002f3039511333333539", "CUAVv5Nano")
+    (found,) = read_dataflash(path).vehicles
+    assert (found.board, found.hardware) == ("001a002f3039511333333539", "CUAVv5Nano")
     # The time is that of messages with a fix.
-    unix = vehicle.messages["SYSTEM_TIME"]["time_unix_usec"] / 1e6
+    unix = found.messages["SYSTEM_TIME"]["time_unix_usec"] / 1e6
     assert_allclose(unix, moment.timestamp() + np.arange(1, 5), rtol=1e-12)
 
 

@@ -66,33 +66,33 @@ def test_every_frame_is_found_and_decodes_as_pymavlink_does(frames, gap, data):
     table = frames_in(content, gap)
     assert [content[start:end] for start, end in zip(table.start, table.end, strict=True)] == frames
     assert (table.checksum == CHECKSUM_MATCHES).all()
-    data = np.frombuffer(content, dtype=np.uint8)
+    read = np.frombuffer(content, dtype=np.uint8)
     for row, each in enumerate(frames):
         expected = dialect.MAVLink(None).decode(bytearray(each))
-        is_read_as(data, table[row : row + 1], expected)
-        columns_are_read_as(data, table[row : row + 1], [expected])
+        is_read_as(read, table[row : row + 1], expected)
+        columns_are_read_as(read, table[row : row + 1], [expected])
 
 
-def is_read_as(content, frames, expected):
+def is_read_as(content, found, expected):
     """Asserts that the one frame ``found`` in the ``content`` is the message that pymavlink reads."""
     sender = (expected.get_srcSystem(), expected.get_srcComponent(), expected.get_seq())
-    assert (frames.system, frames.component, frames.sequence) == sender
-    assert frames.message_id == expected.get_msgId()
+    assert (found.system, found.component, found.sequence) == sender
+    assert found.message_id == expected.get_msgId()
     definition = definitions_by_id()[expected.get_msgId()]
-    parsed_frame = parse_frame(content[int(frames.start[0]) : int(frames.end[0])].tobytes())
-    assert parsed_frame.checksum == CHECKSUM_MATCHES
+    one = parse_frame(content[int(found.start[0]) : int(found.end[0])].tobytes())
+    assert one.checksum == CHECKSUM_MATCHES
     assert_equal(
-        field_values(parsed_frame.payload, definition),
+        field_values(one.payload, definition),
         {name: getattr(expected, name) for name in expected.fieldnames},
     )
 
 
-def columns_are_read_as(content, frames, expected):
+def columns_are_read_as(content, found, expected):
     """Asserts that the columns of the frames ``found``, all of one message, have the fields that pymavlink reads."""
     definition = definitions_by_id()[expected[0].get_msgId()]
     for name in definition.fields:
-        values = decoded_field(content, frames.start, definition, name)
-        theirs = [getattr(message, f"_{name}_raw", getattr(message, name)) for message in expected]
+        values = decoded_field(content, found.start, definition, name)
+        theirs = [getattr(one, f"_{name}_raw", getattr(one, name)) for one in expected]
         np.testing.assert_array_equal(values, np.asarray(theirs, values.dtype), name)
 
 
@@ -102,16 +102,16 @@ def test_a_recorded_stream_is_read_as_pymavlink_reads_it(log, tmp_path):
     path = tmp_path / log.name
     path.write_bytes(log.read_bytes()[:50_000])
     content = np.fromfile(path, np.uint8)
-    frames = frames_in(content.tobytes(), STAMP_BYTES)
-    assert (frames.checksum == CHECKSUM_MATCHES).all() and len(frames) > 1000
+    found = frames_in(content.tobytes(), STAMP_BYTES)
+    assert (found.checksum == CHECKSUM_MATCHES).all() and len(found) > 1000
     reader = mavutil.mavlogfile(str(path))
-    expected = [reader.recv_match() for _ in range(len(frames))]
+    expected = [reader.recv_match() for _ in range(len(found))]
     reader.close()
     for row, message in enumerate(expected):
-        is_read_as(content, frames[row : row + 1], message)
-    for message_id in np.unique(frames.message_id):
-        rows = np.flatnonzero(frames.message_id == message_id)
-        columns_are_read_as(content, frames[rows], [expected[row] for row in rows])
+        is_read_as(content, found[row : row + 1], message)
+    for message_id in np.unique(found.message_id):
+        rows = np.flatnonzero(found.message_id == message_id)
+        columns_are_read_as(content, found[rows], [expected[row] for row in rows])
 
 
 def test_a_frame_carried_inside_a_damaged_one_is_not_taken():
@@ -143,18 +143,18 @@ def test_a_flood_of_markers_hides_no_frame_and_makes_none(flood):
 @settings(max_examples=40)
 def test_a_damaged_stamp_misleads_nobody(row, wrong):
     frames = [heartbeat(), *flight(TIMES)]
-    offset = sum(STAMP_BYTES + len(each) for each in frames[:row])
+    place = sum(STAMP_BYTES + len(each) for each in frames[:row])
     content = bytearray(tlog(frames))
-    content[offset : offset + STAMP_BYTES] = wrong
+    content[place : place + STAMP_BYTES] = wrong
     log = read(bytes(content))
     assert log.receive_time == approx((NOW / 1e6, NOW / 1e6 + 0.01 * (len(frames) - 1)))
     assert np.allclose(log.vehicles[0].messages["ATTITUDE"]["time"], TIMES)
 
 
-@mark.parametrize("remaining_bytes", range(12))
-def test_a_cut_tail_costs_no_whole_message(remaining_bytes):
+@mark.parametrize("left", range(12))
+def test_a_cut_tail_costs_no_whole_message(left):
     """Nor where the cut lies in the stamp of the next, or behind it; nor what comes before all."""
     content = tlog([heartbeat(), *flight(TIMES)])
-    log = read(bytes(remaining_bytes) + content + tlog([heartbeat()])[:remaining_bytes])
+    log = read(bytes(left) + content + tlog([heartbeat()])[:left])
     assert sum(log.components[0].messages.values()) == log.frames == 1 + 2 * len(TIMES)
-    assert (log.unread, log.bytes_skipped) == ((), 2 * remaining_bytes)
+    assert (log.unread, log.bytes_skipped) == ((), 2 * left)

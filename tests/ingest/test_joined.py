@@ -13,7 +13,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.sources import Repair, Separation, SourceFact
 from mavdem.ingest.joined import join_logs
-from mavdem.ingest.telemetry import selected_messages
+from mavdem.ingest.telemetry import selected_rows
 
 UTC = 1.7e9
 """UNIX time at which the clock of the first log reads 0, s."""
@@ -39,9 +39,9 @@ def with_utc(telemetry, utc_at_boot):
 
 def halves(silence=4.0, restarted=True, has_utc=True):
     """A flight whose record is silent for a while in the air, and goes on in a second log."""
-    telemetry = Hover().telemetry()
-    first = only(telemetry, lambda time: time < CUT)
-    second = only(telemetry, lambda time: time >= CUT + silence)
+    whole = Hover().telemetry()
+    first = only(whole, lambda time: time < CUT)
+    second = only(whole, lambda time: time >= CUT + silence)
     clock_shift = CUT + silence - 2.0 if restarted else 0.0
     second = replace(moved(second, clock_shift), source="second.tlog")
     if has_utc:
@@ -98,7 +98,7 @@ def test_logs_with_utc_may_be_in_any_order():
 def test_an_autopilot_that_ran_on_has_one_boot(has_utc):
     first, second = halves(restarted=False, has_utc=has_utc)
     # The second log repeats a message that is older than itself, as PX4 does.
-    older = selected_messages(first.messages["HEARTBEAT"], slice(-1, None))
+    older = selected_rows(first.messages["HEARTBEAT"], slice(-1, None))
     beats = second.messages["HEARTBEAT"]
     repeated = {name: np.concatenate([older[name], beats[name]]) for name in beats}
     log = joined(first, changed(second, "HEARTBEAT", **repeated))
@@ -172,8 +172,8 @@ def test_without_utc_the_vehicle_is_armed_before_and_after():
 
 def test_a_log_of_two_vehicles_is_not_joined():
     first, second = halves()
-    with_two_vehicles = replace(without_clock(first), vehicles=(first, second))
-    fact = unreadable(join_logs, [with_two_vehicles, without_clock(second)])
+    both = replace(without_clock(first), vehicles=(first, second))
+    fact = unreadable(join_logs, [both, without_clock(second)])
     assert fact.figures["reason"] is Separation.NOT_ONE_VEHICLE
 
 

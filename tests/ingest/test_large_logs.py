@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from pytest import mark
 
-from mavdem.ingest import byte_strings, contents
-from mavdem.ingest.byte_strings import mapping_of
+from mavdem.ingest import byte_rows, contents
+from mavdem.ingest.byte_rows import mapping_of
 from mavdem.ingest.contents import mapped_bytes
 from mavdem.ingest.mavlink import frame_columns, sender_streams
 from mavdem.ingest.mavlink.sender_streams import sender_stream_of
@@ -37,15 +37,15 @@ def test_a_mapped_log_reads_like_one_in_memory(tmp_path, monkeypatch):
     path = flight_log(tmp_path)
     in_memory = read_tlog(path)
     monkeypatch.setattr(contents, "MIN_MAPPED_BYTES", 1)
-    monkeypatch.setattr(byte_strings, "RESIDENT_BYTES", 1000)
+    monkeypatch.setattr(byte_rows, "RESIDENT_BYTES", 1000)
     assert mapping_of(mapped_bytes(path)) is not None
     mapped = read_tlog(path)
     assert mapped.receive_time == in_memory.receive_time
     assert mapped.bytes_skipped == in_memory.bytes_skipped
     expected = columns_of(in_memory)
-    columns_of_mapped = columns_of(mapped)
-    assert columns_of_mapped.keys() == expected.keys()
-    for key, values in columns_of_mapped.items():
+    found = columns_of(mapped)
+    assert found.keys() == expected.keys()
+    for key, values in found.items():
         np.testing.assert_array_equal(values, expected[key])
 
 
@@ -92,14 +92,14 @@ def test_frames_that_are_compared_all_over_a_mapped_log_do_not_stay_in_memory(
     path = tmp_path / "flight.tlog"
     path.write_bytes(tlog(flight(np.arange(0.5, 120.5, 0.02))))
     stream = tlog_stream(path)
-    byte_strings.release_pages(stream.data)
+    byte_rows.release_pages(stream.data)
     sender_stream_of(stream.data, stream.frames, np.arange(len(stream.frames)))
     assert resident_bytes(path) < len(stream.data) / 2
 
 
 def test_sequence_numbers_are_compared_across_parts(monkeypatch):
     sequence = np.random.default_rng(0).integers(0, 3, 1000).cumsum().astype(np.uint8)
-    steps_at_once = sender_streams._sequence_steps(sequence)
-    monkeypatch.setattr(sender_streams, "BLOCK_FRAMES", 7)
-    assert sender_streams._sequence_steps(sequence) == steps_at_once
-    assert steps_at_once.irregular > 0 and steps_at_once.missing > 0
+    whole = sender_streams._sequence_steps(sequence)
+    monkeypatch.setattr(sender_streams, "ROWS_AT_ONCE", 7)
+    assert sender_streams._sequence_steps(sequence) == whole
+    assert whole.irregular > 0 and whole.missing > 0

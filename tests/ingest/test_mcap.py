@@ -50,9 +50,7 @@ def test_json_alone_tells_the_same(log, tmp_path):
     path = tmp_path / log.name
     path.write_bytes(log.read_bytes()[:200_000])
     ours, theirs = map(read_log, (json_only(converted(path, tmp_path), tmp_path), path))
-    assert [vars(component) for component in ours.components] == [
-        vars(component) for component in theirs.components
-    ]
+    assert [vars(one) for one in ours.components] == [vars(one) for one in theirs.components]
     for mine, other in zip(ours.vehicles, theirs.vehicles, strict=True):
         # The bits of a NaN are an integer of PX4's, and JSON has but one NaN: these, with their types, are lost.
         known = {name: other.parameters[name] for name in mine.parameters}
@@ -172,15 +170,13 @@ def test_a_channel_of_encoding_mavlink_may_begin_within_a_frame(recorder):
     assert messages == {"ATTITUDE": 300, "SERVO_OUTPUT_RAW": 300}
 
 
-def test_json_of_a_sender_that_was_recorded_as_frames_is_skipped(recorder):
+def test_who_is_heard_in_frames_is_not_read_again_from_json(recorder):
     for row, frame in enumerate(flight(TIMES[:20], system=1)):
         recorder.write("raw", frame, "mavlink", schema=False)
         recorder.blueos("ATTITUDE", {"time_boot_ms": row + 1, "roll": 9.0}, row, system=1)
     recorder.flight(TIMES[:20], system=2)
     log = recorder.log()
-    assert [
-        (component.system, component.messages.get("ATTITUDE")) for component in log.components
-    ] == [
+    assert [(one.system, one.messages.get("ATTITUDE")) for one in log.components] == [
         (1, 20),
         (2, 20),
     ]
@@ -196,16 +192,16 @@ def test_the_library_reads_the_same_messages(compression, chunked, tmp_path):
     recording = McapRecording(path.read_bytes())
     ours = list(recording.messages())
     with path.open("rb") as file:
-        read_messages = NonSeekingReader(file).iter_messages(log_time_order=False)
-        assert ours == [message for *_, message in read_messages]
+        read = NonSeekingReader(file).iter_messages(log_time_order=False)
+        assert ours == [one for *_, one in read]
     assert not recording.repairs()
 
 
 @mark.parametrize("topic", ["two\nlines", "\x1b[2Jcleared", "\u202etnorf ot kcab", "long" * 10_000])
 def test_a_topic_may_be_called_anything(topic, recorder):
     recorder.write(topic, b"{}")
-    reason = unreadable(recorder.log).sentence_and_remedy
-    assert reason.isprintable() and len(reason) < 300 + len(str(recorder.path))
+    said = unreadable(recorder.log).sentence_and_remedy
+    assert said.isprintable() and len(said) < 300 + len(str(recorder.path))
 
 
 # Damage and malice
@@ -248,15 +244,15 @@ def small(folder, compression, frames):
 def test_a_cut_recording_is_read_up_to_the_cut(frames, tmp_path):
     content = small(tmp_path, CompressionType.ZSTD if frames else CompressionType.LZ4, frames)
     path = tmp_path / "cut.mcap"
-    all_stamps = [round(time * 1e3) for time in TIMES[: 60 if frames else 30]]
+    whole = [round(time * 1e3) for time in TIMES[: 60 if frames else 30]]
     fewest = 0
     for cut in [*range(0, 40, 5), *range(40, len(content), 211), len(content)]:
         path.write_bytes(content[:cut])
-        stamps_read = attitudes(path) or []
-        assert stamps_read == all_stamps[: len(stamps_read)]
-        assert len(stamps_read) >= fewest
-        fewest = len(stamps_read)
-    assert fewest == len(all_stamps)
+        read = attitudes(path) or []
+        assert read == whole[: len(read)]
+        assert len(read) >= fewest
+        fewest = len(read)
+    assert fewest == len(whole)
     path.write_bytes(content[: len(content) // 2])
     assert Repair.RECORDING_CUT in [fact.code for fact in read_mcap(path).vehicles[0].repairs]
 
@@ -278,27 +274,27 @@ def test_damage_never_makes_an_error_or_a_false_message(tmp_path_factory, seed, 
                 recorder, UNIX + SHORT[:60]
             )
     spoil(path, random.Random(seed))
-    stamps_read = set(attitudes(path) or [])
+    read = set(attitudes(path) or [])
     # MAVROS's seconds count from another first message where the first are lost.
     assert (
-        all(0 < stamp <= 61_000 for stamp in stamps_read)
+        all(0 < one <= 61_000 for one in read)
         if kind == "mavros"
-        else stamps_read <= {round(1e3 * time) for time in TIMES}
+        else read <= {round(1e3 * at) for at in TIMES}
     )
 
 
 @mark.parametrize("compression", COMPRESSIONS)
 def test_a_damaged_stretch_costs_its_own_messages(compression, tmp_path):
     content = bytearray(small(tmp_path, compression, frames=True))
-    offset = len(MAGIC)
-    while content[offset] != mcap_records.Opcode.CHUNK:
-        offset += 9 + int.from_bytes(content[offset + 1 : offset + 9], "little")
+    place = len(MAGIC)
+    while content[place] != mcap_records.Opcode.CHUNK:
+        place += 9 + int.from_bytes(content[place + 1 : place + 9], "little")
     # The length of the first chunk: the file can no longer be walked from record to record.
-    content[offset + 1 : offset + 9] = struct.pack("<Q", 2**62)
+    content[place + 1 : place + 9] = struct.pack("<Q", 2**62)
     path = tmp_path / "damaged.mcap"
     path.write_bytes(content)
-    stamps_read = attitudes(path)
-    assert len(stamps_read) > 30
+    read = attitudes(path)
+    assert len(read) > 30
     repairs = {fact.code: fact for fact in read_mcap(path).vehicles[0].repairs}
     assert repairs[Repair.BYTES_SKIPPED].figures["part"] == "recording"
 
@@ -317,10 +313,10 @@ def test_json_of_a_damaged_chunk_is_not_used(tmp_path):
     assert 0.0 < figures["duration"] < TIMES[30] - TIMES[0]
 
 
-def test_a_recording_of_only_damaged_mavlink_is_refused_as_damaged(tmp_path):
+def test_of_damaged_mavlink_alone_it_says_that_it_is_damaged(tmp_path):
     content = bytearray(small(tmp_path, CompressionType.ZSTD, frames=False))
-    for offset in range(60, int.from_bytes(content[-28:-20], "little"), 40):  # up to the summary
-        content[offset] ^= 0xFF
+    for place in range(60, int.from_bytes(content[-28:-20], "little"), 40):  # up to the summary
+        content[place] ^= 0xFF
     (tmp_path / "small.mcap").write_bytes(content)
     assert unreadable(read_mcap, tmp_path / "small.mcap").code is SourceFact.MCAP_DAMAGED
 
@@ -380,24 +376,24 @@ def chunk(packed):
     return record(6, head + struct.pack("<Q", len(packed)) + packed)
 
 
-def test_the_unpacked_size_of_chunks_is_bounded(tmp_path, monkeypatch):
+def test_what_chunks_unpack_to_is_bounded(tmp_path, monkeypatch):
     bomb = chunk(zstandard.ZstdCompressor().compress(record(0x80, bytes(1 << 23))))
-    unpacked_sizes = []
+    given = []
     unpack = mcap_records._unpacked_records
 
-    def counted_unpacking(compression, packed, max_size):
-        records = unpack(compression, packed, max_size)
-        assert len(records) <= max_size
-        unpacked_sizes.append(len(records))
+    def watched(compression, packed, most):
+        records = unpack(compression, packed, most)
+        assert len(records) <= most
+        given.append(len(records))
         return records
 
-    monkeypatch.setattr(mcap_records, "_unpacked_records", counted_unpacking)
+    monkeypatch.setattr(mcap_records, "_unpacked_records", watched)
     path = tmp_path / "bomb.mcap"
     path.write_bytes(MAGIC + 100 * bomb)
     assert attitudes(path) is None
-    assert len(unpacked_sizes) == 100
-    assert sum(unpacked_sizes) <= (1 << 26) + 100 * path.stat().st_size
-    assert sum(unpacked_sizes) < 50 << 23
+    assert len(given) == 100
+    assert sum(given) <= (1 << 26) + 100 * path.stat().st_size
+    assert sum(given) < 50 << 23
 
 
 def test_texts_of_json_are_as_on_the_wire(recorder):

@@ -64,8 +64,8 @@ def test_the_file_is_that_of_the_writer_of_mcap(topics):
 def test_the_reader_of_mcap_finds_messages_by_their_index():
     reader = make_reader(io.BytesIO(written_by_column(SERIES)), validate_crcs=True)
     assert reader.get_summary().statistics.chunk_count > 3
-    messages = [
+    found = [
         (message.log_time, json.loads(message.data))
         for _, _, message in reader.iter_messages(["held_out"], starting_at=200_000_000)
     ]
-    assert messages == [(250_000_000, {"band": 1.0}), (250_000_000, {"band": 3.0})]
+    assert found == [(250_000_000, {"band": 1.0}), (250_000_000, {"band": 3.0})]

@@ -77,5 +77,5 @@ def test_px4s_drivers_get_the_banks_in_which_their_outputs_change():
 def test_four_motors_of_an_old_autopilot_are_arranged_as_frame_says(frame, source):
     """Its log does not name the kind of frame, but four motors are those of a quadrotor."""
     parameters = {} if frame is None else {"FRAME": frame}
-    motors = motor_geometry("GENERIC_MULTIROTOR", "ARDUPILOTMEGA", parameters, [1, 2, 3, 4], 16)
-    assert motors.position_source is source
+    found = motor_geometry("GENERIC_MULTIROTOR", "ARDUPILOTMEGA", parameters, [1, 2, 3, 4], 16)
+    assert found.position_source is source

@@ -47,7 +47,7 @@ def test_blocks_of_an_older_log_are_left_out_and_counted(old_start, tmp_path):
     assert repair.figures["duration"] == approx(30.0, abs=0.2)
 
 
-def test_a_block_that_was_swapped_with_the_next_one_is_left_out(tmp_path):
+def test_of_swapped_blocks_the_one_in_the_wrong_place_is_left_out(tmp_path):
     content = attitudes(20.0, 50.0) + attitudes(54.0, 58.0) + attitudes(50.0, 54.0)
     vehicle = vehicle_of(tmp_path, content + attitudes(58.0, 90.0))
     assert duration_and_boots(vehicle) == (approx(70.0, abs=0.1), 1)

@@ -116,17 +116,14 @@ def test_failures_are_distinguished(tmp_path):
     assert log.frames == len(frames)
 
 
-def test_frames_that_come_late_or_twice_do_not_count_as_lost(tmp_path):
+def test_what_is_overtaken_or_comes_twice_is_not_lost(tmp_path):
     steps = np.array([0, 1, 2, 128, 129, -32, -33])
     assert missing_messages(7, 7 + steps).tolist() == [0, 0, 1, 127, 0, -33, 0]
     frames = [heartbeat(), *flight(TIMES, sequence=1)]
     frames[520:530] = frames[525:530] + frames[520:525]
     del frames[541:546], frames[300:305]
     twice = [frame for each in frames for frame in (each, each)]
-    assert [
-        log_of(tlog(recorded_frames), tmp_path).components[0].lost
-        for recorded_frames in (frames, twice)
-    ] == [10, 10]
+    assert [log_of(tlog(one), tmp_path).components[0].lost for one in (frames, twice)] == [10, 10]
 
 
 def test_a_file_transferred_as_text_is_restored(tmp_path):
@@ -241,9 +238,7 @@ WITHOUT_CLOCK = b"FMT, 129, 0, ATT, ccc, Roll,Pitch,Yaw\nATT, 1, 2, 3\n"
         ("a.log", WITHOUT_CLOCK, SourceFact.DATAFLASH_WITHOUT_FLIGHT, {}),
     ],
 )
-def test_a_file_that_cannot_be_read_is_refused_with_the_reason(
-    tmp_path, name, content, code, figures
-):
+def test_what_cannot_be_read_is_said(tmp_path, name, content, code, figures):
     path = tmp_path / name
     path.write_bytes(content)
     fact = unreadable(path)
@@ -270,7 +265,7 @@ def test_a_frame_that_chance_makes_in_another_file_is_no_log(tmp_path):
     assert log_of(heartbeat(), tmp_path).frames == 1
 
 
-def test_a_path_that_is_no_regular_file_is_refused_with_the_reason(tmp_path):
+def test_what_is_no_file_is_said(tmp_path):
     folder = unreadable(tmp_path)
     assert (folder.code, folder.figures["count"]) == (SourceFact.FOLDER_GIVEN, 0)
     assert unreadable(tmp_path / "missing.tlog").code is SourceFact.FILE_MISSING
@@ -283,7 +278,7 @@ def test_a_path_that_is_no_regular_file_is_refused_with_the_reason(tmp_path):
 
 
 @mark.parametrize("path", [None, 5, [], 1.5])
-def test_an_argument_that_is_no_path_is_refused(path):
+def test_what_is_no_path_is_named(path):
     with raises(ValueError, match="path must"):
         read_log(path)
 
@@ -298,8 +293,8 @@ def test_a_signalling_nan_is_no_number_and_no_warning(tmp_path):
     ]
     vehicle = vehicle_of([heartbeat(), odd, *rolls, *flight(TIMES)], tmp_path)
     assert "SYSID_THISMAV" not in vehicle.parameters
-    attitude = attitude_of_axis(vehicle, "roll")
-    assert attitude.sent_count == len(TIMES) + 3 and len(attitude.time) == len(TIMES)
+    seen = attitude_of_axis(vehicle, "roll")
+    assert seen.sent_count == len(TIMES) + 3 and len(seen.time) == len(TIMES)
 
 
 def test_a_path_may_be_bytes_and_have_any_name(tmp_path):

@@ -53,7 +53,7 @@ def message(vehicle, name, *fields):
     )
 
 
-def test_attitude_and_rates_of_mavros_are_converted_to_mavlinks_axes(recorder):
+def test_what_mavros_turned_is_turned_back(recorder):
     angles = np.radians((170, -80, 30))
     rates = (0.3, -0.2, 0.1)
     recorder.mavros("state", "mavros_msgs/msg/State", UNIX, armed=True)
@@ -68,16 +68,16 @@ def test_attitude_and_rates_of_mavros_are_converted_to_mavlinks_axes(recorder):
 
 
 @mark.slow
-def test_velocity_outputs_states_and_demands_of_mavros_are_read(recorder):
+def test_what_else_mavros_tells(recorder):
     mavros_flight(recorder)
-    for stamp in (UNIX + TIMES).tolist():
+    for at in (UNIX + TIMES).tolist():
         velocity = {"linear": {"x": 1.0, "y": 2.0, "z": 3.0}}
         recorder.mavros(
-            "local_position/velocity_local", "geometry_msgs/msg/TwistStamped", stamp, twist=velocity
+            "local_position/velocity_local", "geometry_msgs/msg/TwistStamped", at, twist=velocity
         )
-        demand = [0.1, 0.2, 0.3, stamp % 1, 0.0, 0.0, 0.0, 0.0]
+        demand = [0.1, 0.2, 0.3, at % 1, 0.0, 0.0, 0.0, 0.0]
         recorder.mavros(
-            "target_actuator_control", "mavros_msgs/msg/ActuatorControl", stamp, controls=demand
+            "target_actuator_control", "mavros_msgs/msg/ActuatorControl", at, controls=demand
         )
     vehicle = recorder.vehicle()
     assert message(vehicle, "LOCAL_POSITION_NED", "vx", "vy", "vz")[0].tolist() == [2.0, 1.0, -3.0]
@@ -113,7 +113,7 @@ def test_modes_tell_the_autopilot(mode, autopilot, recorder):
 
 @mark.slow
 @mark.parametrize("prefix", ["/fmu/out/", "fmu/out/", "/a/b/fmu/out/", "/uav/", "/", "/fmu/in/"])
-def test_px4s_topics_are_read_in_any_namespace(prefix, recorder):
+def test_wherever_px4s_topics_lie(prefix, recorder):
     px4_flight(recorder, prefix=prefix, system_id=7)
     vehicle = recorder.vehicle()
     assert (vehicle.system, vehicle.vehicle, vehicle.translated_from) == (
@@ -136,17 +136,17 @@ def test_the_system_id_is_the_most_frequent_one(recorder):
 
 @mark.slow
 def test_versions_and_directions_of_topics(recorder):
-    for stamp in TIMES.tolist():
-        recorder.px4("vehicle_status", stamp, "/fmu/out/", arming_state=2, system_type=2)
+    for at in TIMES.tolist():
+        recorder.px4("vehicle_status", at, "/fmu/out/", arming_state=2, system_type=2)
         for later in (0, 1):
-            status = {"timestamp": round(stamp * 1e6) + later, "arming_state": 2, "system_type": 13}
+            status = {"timestamp": round(at * 1e6) + later, "arming_state": 2, "system_type": 13}
             recorder.write("/fmu/out/vehicle_status_v1", "px4_msgs/msg/VehicleStatus", status)
-        recorder.px4("vehicle_torque_setpoint", stamp, "/fmu/in/", xyz=[0.5, 0.0, 0.0])
-        recorder.px4("vehicle_torque_setpoint", stamp, "/fmu/out/", xyz=[stamp % 1, 0.0, 0.0])
-        recorder.px4("vehicle_thrust_setpoint", stamp, "/fmu/in/", xyz=[0.0, 0.0, -0.25])
+        recorder.px4("vehicle_torque_setpoint", at, "/fmu/in/", xyz=[0.5, 0.0, 0.0])
+        recorder.px4("vehicle_torque_setpoint", at, "/fmu/out/", xyz=[at % 1, 0.0, 0.0])
+        recorder.px4("vehicle_thrust_setpoint", at, "/fmu/in/", xyz=[0.0, 0.0, -0.25])
         # What looks like the attitude and is something else.
         recorder.write(
-            "/fmu/out/vehicle_attitude", "geometry_msgs/msg/TwistStamped", {"header": header(stamp)}
+            "/fmu/out/vehicle_attitude", "geometry_msgs/msg/TwistStamped", {"header": header(at)}
         )
         recorder.write(
             "/fmu/out/vehicle_attitude_groundtruth",
@@ -173,7 +173,7 @@ def test_several_vehicles_are_listed_and_chosen(tmp_path):
 
     path = written(tmp_path, write)
     vehicles = read_log(path).vehicles
-    assert [vehicle.system for vehicle in vehicles] == [1, 2, 3, 4, 5]
+    assert [one.system for one in vehicles] == [1, 2, 3, 4, 5]
     numbering = [
         dict(fact.figures)
         for vehicle in vehicles[2:4]
@@ -192,10 +192,10 @@ def test_several_vehicles_are_listed_and_chosen(tmp_path):
 
 
 def test_stamps_that_are_missing_or_astray_are_left_out(recorder):
-    for row, stamp in enumerate(TIMES.tolist()):
-        recorder.px4("vehicle_angular_velocity", 0.0 if row == 9 else stamp, xyz=[0.0, 0.0, 0.0])
-        recorder.px4("vehicle_attitude", 7000.0 if row == 50 else stamp, q=[1.0, 0.0, 0.0, 0.0])
-        recorder.px4("actuator_motors", 1e13 if row == 70 else stamp, control=[0.5] * 12)
+    for row, at in enumerate(TIMES.tolist()):
+        recorder.px4("vehicle_angular_velocity", 0.0 if row == 9 else at, xyz=[0.0, 0.0, 0.0])
+        recorder.px4("vehicle_attitude", 7000.0 if row == 50 else at, q=[1.0, 0.0, 0.0, 0.0])
+        recorder.px4("actuator_motors", 1e13 if row == 70 else at, control=[0.5] * 12)
     vehicle = recorder.vehicle()
     assert np.allclose(vehicle.messages["ATTITUDE_QUATERNION"]["time"], np.delete(TIMES, 9))
     assert np.allclose(vehicle.messages["HIL_ACTUATOR_CONTROLS"]["time"], np.delete(TIMES, 70))
@@ -207,10 +207,10 @@ def test_stamps_that_are_missing_or_astray_are_left_out(recorder):
 def test_the_wrap_of_servo_output_raw_that_mavros_hands_on_is_undone(recorder):
     wrap = 2**32 / 1e6
     recorder.mavros("state", "mavros_msgs/msg/State", UNIX, armed=True)
-    for stamp in (wrap - 1.5 + TIMES - TIMES[0]).tolist():
-        recorder.imu(UNIX + stamp, (0.1, 0.0, 0.0), (0.0, 0.0, 0.0))
-        channels = [1500 + round(100 * (stamp % 1))] * 4
-        recorder.mavros("rc/out", "mavros_msgs/msg/RCOut", UNIX + stamp % wrap, channels=channels)
+    for at in (wrap - 1.5 + TIMES - TIMES[0]).tolist():
+        recorder.imu(UNIX + at, (0.1, 0.0, 0.0), (0.0, 0.0, 0.0))
+        channels = [1500 + round(100 * (at % 1))] * 4
+        recorder.mavros("rc/out", "mavros_msgs/msg/RCOut", UNIX + at % wrap, channels=channels)
     vehicle = recorder.vehicle()
     times = [vehicle.messages[name]["time"] for name in ("ATTITUDE_QUATERNION", "SERVO_OUTPUT_RAW")]
     assert len(times[1]) == 300 and np.allclose(times[0], times[1], rtol=0, atol=1e-5)
@@ -296,10 +296,10 @@ def write_raw(path, definition, bodies):
         channel = channel_of(writer, definition)
         for row, body in enumerate(bodies):
             writer.add_message(channel, row, b"\0\1\0\0" + body, row)
-        for stamp in TIMES.tolist():
-            recorder.px4("vehicle_angular_velocity", stamp, xyz=[0.0, 0.0, 0.0])
-            recorder.px4("actuator_motors", stamp, control=[stamp % 1] * 12)
-            recorder.px4("vehicle_status", stamp, arming_state=2, system_type=2, system_id=1)
+        for at in TIMES.tolist():
+            recorder.px4("vehicle_angular_velocity", at, xyz=[0.0, 0.0, 0.0])
+            recorder.px4("actuator_motors", at, control=[at % 1] * 12)
+            recorder.px4("vehicle_status", at, arming_state=2, system_type=2, system_id=1)
 
 
 @mark.parametrize(
@@ -346,40 +346,33 @@ def test_setpoints_of_mavros_are_turned_back(recorder):
     rpy = (0.3, -0.2, 1.0)
     pqr = np.array([0.5, -0.6, 0.7])
     mavros_flight(recorder)
-    stamp = float(UNIX + TIMES[50])
-    mavros_rates = {"x": pqr[0], "y": -pqr[1], "z": -pqr[2]}
+    at = float(UNIX + TIMES[50])
+    turned = {"x": pqr[0], "y": -pqr[1], "z": -pqr[2]}
     recorder.mavros(
         "setpoint_raw/target_attitude",
         "mavros_msgs/msg/AttitudeTarget",
-        stamp,
+        at,
         orientation=xyzw(to_ros(rpy)),
-        body_rate=mavros_rates,
+        body_rate=turned,
         type_mask=1,
     )
     vehicle = recorder.vehicle()
     assert [
-        (setpoint.name, setpoint.signal.values.tolist())
-        for setpoint in recorded_setpoints(vehicle, "roll")
+        (one.name, one.signal.values.tolist()) for one in recorded_setpoints(vehicle, "roll")
     ] == [("roll setpoint", [approx(rpy[0])])]
-    assert {
-        setpoint.name: setpoint.signal.values[0]
-        for setpoint in recorded_setpoints(vehicle, "pitch")
-    } == {
+    assert {one.name: one.signal.values[0] for one in recorded_setpoints(vehicle, "pitch")} == {
         "pitch rate setpoint": approx(pqr[1]),
         "pitch setpoint": approx(rpy[1]),
     }
 
 
-def test_a_recording_without_a_flight_of_a_vehicle_is_refused(tmp_path):
+def test_what_holds_no_flight_of_a_vehicle_is_refused(tmp_path):
     """Setpoints alone, another sensor's IMU; and where a stream of MAVLink is asked for, topics."""
     for code, write in (
-        (
-            SourceFact.ROS2_DAMAGED,
-            lambda recorder: recorder.px4("vehicle_rates_setpoint", 20.0, roll=1.0),
-        ),
+        (SourceFact.ROS2_DAMAGED, lambda one: one.px4("vehicle_rates_setpoint", 20.0, roll=1.0)),
         (
             SourceFact.MCAP_WITHOUT_FLIGHT,
-            lambda recorder: recorder.imu(20.0, (0.1, 0, 0), (0, 0, 0), node="/camera"),
+            lambda one: one.imu(20.0, (0.1, 0, 0), (0, 0, 0), node="/camera"),
         ),
     ):
         assert unreadable(read_log, written(tmp_path, write)).code is code
@@ -391,16 +384,16 @@ def test_a_recording_without_a_flight_of_a_vehicle_is_refused(tmp_path):
 def test_the_flight_is_the_motion_that_it_was_made_of(write, begin, tmp_path):
     """On UNIX time the recording's first second counts as 1."""
     sent = (UNIX if begin else 0) + 20 + 0.01 * np.arange(1500)
-    flight = mavdem.read_flight(written(tmp_path, lambda recorder: write(recorder, sent)))
-    angle, rate = roll(flight.time + begin)
-    assert flight.dt == 0.01 and len(flight) > 900
+    found = mavdem.read_flight(written(tmp_path, lambda recorder: write(recorder, sent)))
+    angle, rate = roll(found.time + begin)
+    assert found.dt == 0.01 and len(found) > 900
     # PX4's topics carry quaternions as 32-bit floats, and on UNIX time a stamp is off by up to 1e-6 s.
-    assert np.allclose(flight.outputs, np.column_stack([angle, rate]), rtol=0, atol=2e-5)
+    assert np.allclose(found.outputs, np.column_stack([angle, rate]), rtol=0, atol=2e-5)
     motors = np.outer(angle, [-1, 1, 1, -1])
     motors = 0.5 + motors if write is px4_flight else 1500 + 100 * motors
-    assert np.allclose(flight.inputs, motors, rtol=0, atol=1e-6 if write is px4_flight else 0.501)
-    assert flight.provenance["vehicle"] == ("QUADROTOR" if write is px4_flight else "UNKNOWN")
-    assert any("assumed" in caution for caution in flight.provenance["cautions"])
+    assert np.allclose(found.inputs, motors, rtol=0, atol=1e-6 if write is px4_flight else 0.501)
+    assert found.provenance["vehicle"] == ("QUADROTOR" if write is px4_flight else "UNKNOWN")
+    assert any("assumed" in caution for caution in found.provenance["cautions"])
 
 
 @mark.slow

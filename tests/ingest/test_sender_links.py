@@ -68,7 +68,7 @@ def test_a_second_link_changes_nothing(delay):
     assert repair.figures["delay"] == approx(min(delay, 20.0), abs=0.05)
 
 
-def test_frames_that_one_link_lost_are_taken_from_the_other():
+def test_what_one_link_lost_comes_over_the_other():
     once = sent()
     first = without(once, 0.1, seed=1)
     second = without(once, 0.1, seed=2)

@@ -60,16 +60,16 @@ def test_values_are_those_pyulog_reads(name):
     assert same(np.rint(ours["time"] * 1e6), attitude["timestamp"])
     outputs = vehicle.messages["SERVO_OUTPUT_RAW"]
     for topic in (topic for topic in plain.data_list if topic.name == "actuator_outputs"):
-        is_of_port = outputs["port"] == topic.multi_id
-        assert same(np.rint(outputs["time"][is_of_port] * 1e6), topic.data["timestamp"])
-        assert same(outputs["servo16_raw"][is_of_port], topic.data["output[15]"])
+        here = outputs["port"] == topic.multi_id
+        assert same(np.rint(outputs["time"][here] * 1e6), topic.data["timestamp"])
+        assert same(outputs["servo16_raw"][here], topic.data["output[15]"])
     expected = {name: float(value) for name, value in plain.initial_parameters.items()}
     expected |= {name: float(value) for _, name, value in plain.changed_parameters}
     assert vehicle.parameters == expected
     assert (vehicle.vehicle, vehicle.autopilot, vehicle.system) == ("QUADROTOR", "PX4", 1)
 
 
-def test_records_other_than_data_agree_with_pyulog():
+def test_what_is_no_data_is_what_pyulog_reads():
     """Parameters before and in flight, defaults, information, texts and dropouts, also before any subscription."""
 
     def keyed(kind, key, value, flags=b""):
@@ -183,33 +183,31 @@ def test_instances_of_outputs_are_ports(tmp_path):
         subscription("actuator_outputs", 1),
         *(outputs(row, port) for row in range(10) for port in (0, 1)),
     ]
-    outputs = vehicle_in(tmp_path, *pieces).messages["SERVO_OUTPUT_RAW"]
+    sent = vehicle_in(tmp_path, *pieces).messages["SERVO_OUTPUT_RAW"]
     for port in (0, 1):
         assert np.array_equal(
-            outputs["servo1_raw"][outputs["port"] == port], 1000 * (port + 1) + np.arange(10) + 0.5
+            sent["servo1_raw"][sent["port"] == port], 1000 * (port + 1) + np.arange(10) + 0.5
         )
-    assert not outputs["servo2_raw"].any()  # beyond the outputs in use
+    assert not sent["servo2_raw"].any()  # beyond the outputs in use
 
 
 def test_a_topic_subscribed_to_twice_is_one(tmp_path):
-    second_subscription = subscription("actuator_controls_0", number=900)
+    again = subscription("actuator_controls_0", number=900)
     first = [data("actuator_controls_0", 20 + row, *[row] * 8) for row in range(5)]
-    later_data = [
-        data("actuator_controls_0", 25 + row, *[5 + row] * 8, number=900) for row in range(5)
+    then = [data("actuator_controls_0", 25 + row, *[5 + row] * 8, number=900) for row in range(5)]
+    controls = vehicle_in(tmp_path, *first, again, *then).messages["ACTUATOR_CONTROL_TARGET"][
+        "controls"
     ]
-    controls = vehicle_in(tmp_path, *first, second_subscription, *later_data).messages[
-        "ACTUATOR_CONTROL_TARGET"
-    ]["controls"]
     assert controls[:, 0].tolist() == list(range(10))
 
 
 def test_setpoints_are_in_order_and_without_attitudes_that_are_not_valid(tmp_path):
     pieces = flight(TIMES)
     for row in range(4):
-        stamp = 20 + row / 2
+        at = 20 + row / 2
         pieces += [
-            data("vehicle_attitude_setpoint", stamp, 0, 1, 0, 0, 0, row != 2),
-            data("vehicle_rates_setpoint", stamp + 0.1, row, 0, 0),
+            data("vehicle_attitude_setpoint", at, 0, 1, 0, 0, 0, row != 2),
+            data("vehicle_rates_setpoint", at + 0.1, row, 0, 0),
         ]
     target = vehicle_in(tmp_path, *pieces).messages["ATTITUDE_TARGET"]
     assert_allclose(target["time"], [20, 20.1, 20.5, 20.6, 21.1, 21.5, 21.6])
@@ -223,7 +221,7 @@ def test_an_attitude_setpoint_of_euler_angles_is_read_where_there_is_no_quaterni
     assert_allclose(np.transpose(euler_angles(target["q"])), np.transpose([*angles.values()]))
 
 
-def test_the_signal_of_px4s_autotune_is_injected_into_the_rate_setpoint(tmp_path):
+def test_what_the_autotune_adds_to_the_rates_is_injected(tmp_path):
     pieces = flight(TIMES)
     pieces += [
         data("autotune_attitude_control_status", 20 + row / 2, row, 0, 0) for row in range(4)
@@ -270,8 +268,8 @@ def test_landed_states(tmp_path):
         data("vehicle_land_detected", 40, True),
     ]
     states = vehicle_in(tmp_path, *pieces).messages["EXTENDED_SYS_STATE"]
-    state_at_time = dict(zip(states["time"].tolist(), states["landed_state"].tolist(), strict=True))
-    assert state_at_time == {10: 1, 10.5: 1, 11: 1, 12: 3, 20: 2, 30: 4, 31: 2, 32: 4, 33: 2, 40: 1}
+    told = dict(zip(states["time"].tolist(), states["landed_state"].tolist(), strict=True))
+    assert told == {10: 1, 10.5: 1, 11: 1, 12: 3, 20: 2, 30: 4, 31: 2, 32: 4, 33: 2, 40: 1}
     # A vertical speed that is not valid is left out.
     pieces = [
         data("vehicle_local_position", 20 + row, 0, 0, 0, 0, 0, row, row % 2 == 0)
@@ -291,9 +289,7 @@ def test_landed_states(tmp_path):
         ((2, 0, 0), b"", "UNKNOWN"),
     ],
 )
-def test_the_type_of_vehicle_follows_from_status_and_parameters(
-    tmp_path, status, parameters, expected
-):
+def test_what_the_vehicle_is(tmp_path, status, parameters, expected):
     pieces = [data("vehicle_status", 20 + row, *status) for row in range(4)]
     vehicle = vehicle_in(tmp_path, *pieces, parameters=parameters)
     assert vehicle.vehicle == expected
@@ -370,10 +366,10 @@ def test_a_log_cut_off_anywhere_gives_what_came_before(tmp_path):
             assert end < begin + 200 and str(error).endswith(".")
             continue
         if WANTED in vehicle.messages:
-            stamps_found = stamps_of(vehicle)
-            assert stamps_found == INTACT[: len(stamps_found)] and content[:end].count(
-                b"D\x02\x00"
-            ) == approx(len(stamps_found), abs=1)
+            found = stamps_of(vehicle)
+            assert found == INTACT[: len(found)] and content[:end].count(b"D\x02\x00") == approx(
+                len(found), abs=1
+            )
 
 
 def test_stamps_that_cannot_be_are_left_out(tmp_path):
@@ -397,7 +393,7 @@ def test_a_part_whose_clock_is_years_ahead_is_left_out(tmp_path):
     assert Flaw.FAR_STAMP in [fact.figures.get("flaw") for fact in vehicle.repairs]
 
 
-def test_a_state_from_before_the_log_has_the_time_of_its_start(tmp_path):
+def test_what_held_when_logging_started_has_that_time(tmp_path):
     state = [data("vehicle_land_detected", 2.2, True), data("vehicle_land_detected", 21.0, False)]
     begun = HEADER.replace(struct.pack("<Q", 1_000_000), struct.pack("<Q", 20_000_000))
     content = log(state[0], *flight(TIMES[:100]), state[1], *flight(TIMES[100:]))

@@ -41,11 +41,11 @@ def attitude_stamps(vehicle):
 
 def kept_bytes(records):
     """The records that are kept, one after the other."""
-    pieces = []
+    kept = []
     for start in records.offsets.tolist():
         length, _ = HEADER.unpack_from(records.content, start)
-        pieces.append(bytes(records.content[start : start + HEADER.size + length]))
-    return b"".join(pieces)
+        kept.append(bytes(records.content[start : start + HEADER.size + length]))
+    return b"".join(kept)
 
 
 def records_of(*pieces):
@@ -193,14 +193,14 @@ def test_a_definition_that_is_lost_costs_its_topic_only(tmp_path):
 
 
 def test_a_repeated_subscription_keeps_what_came_before(tmp_path):
-    second_subscription = subscription("vehicle_attitude")
-    vehicle = vehicle_of(log(*UNMARKED[:700], second_subscription, *UNMARKED[700:]), tmp_path)
+    again = subscription("vehicle_attitude")
+    vehicle = vehicle_of(log(*UNMARKED[:700], again, *UNMARKED[700:]), tmp_path)
     assert attitude_stamps(vehicle) == STAMPS
 
 
 def test_a_second_definition_of_a_topic_does_not_replace_the_first(tmp_path):
-    second_definition = definitions("vehicle_attitude:vehicle_attitude[9] x;")
-    vehicle = vehicle_of(log(second_definition, *UNMARKED), tmp_path)
+    again = definitions("vehicle_attitude:vehicle_attitude[9] x;")
+    vehicle = vehicle_of(log(again, *UNMARKED), tmp_path)
     assert attitude_stamps(vehicle) == STAMPS
     assert vehicle.repairs == ()
 

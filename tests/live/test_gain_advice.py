@@ -22,7 +22,7 @@ from mavdem.facts.lights import Light
 from mavdem.facts.loops import GainFact, LoopFact, TwinFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.ingest import read_log
-from mavdem.ingest.telemetry import concatenated_columns, log_of_vehicles, selected_messages
+from mavdem.ingest.telemetry import concatenated_columns, log_of_vehicles, selected_rows
 from mavdem.live.gain_advice import (
     GainAdvice,
     GainAdviser,
@@ -150,7 +150,7 @@ def test_only_the_last_boot_that_flew_is_judged():
         part = {}
         for name, table in flown.messages.items():
             rows = np.flatnonzero(table["time"] < until)
-            part[name] = selected_messages(table, rows) | {"boot": np.full(len(rows), boot)}
+            part[name] = selected_rows(table, rows) | {"boot": np.full(len(rows), boot)}
         boots.append(part)
     messages = {
         name: concatenated_columns([part[name] for part in boots]) for name in flown.messages

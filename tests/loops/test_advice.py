@@ -74,8 +74,8 @@ def test_the_design_has_the_margins_in_90_percent_of_models(factor, tune):
     search = GainSearch(loop, target)
     design = search.rate_design()
     half = len(loop.effectiveness) // 2
-    judging_loop = loop.with_draws(slice(half, None)).with_parameters(design)
-    assert share_with_margins(judging_loop, target) >= 0.9
+    judged = loop.with_draws(slice(half, None)).with_parameters(design)
+    assert share_with_margins(judged, target) >= 0.9
     faster = {name: 1.15 * value for name, value in design.items()}
     assert search.margin_score(search.models.with_parameters(faster).rate) < 1
 
@@ -263,10 +263,9 @@ def test_models_that_no_gains_help_do_not_lower_the_design():
 @mark.slow
 def test_a_gain_of_0_stays_0():
     loop = made_up()
-    parameters = {**loop.record.parameters, "MC_ROLLRATE_D": 0.0}
+    known = {**loop.record.parameters, "MC_ROLLRATE_D": 0.0}
     advice = advise(
-        loop_from_plant(loop.plant, replace(loop.record, parameters=parameters)),
-        raises_sound_gains=True,
+        loop_from_plant(loop.plant, replace(loop.record, parameters=known)), raises_sound_gains=True
     )
     assert "MC_ROLLRATE_D" not in advice.gains
     assert advice.parameters.keys() == {"MC_ROLLRATE_P", "MC_ROLLRATE_I"}
@@ -285,9 +284,9 @@ def test_refusals_say_why():
         Fact(GainFact.LOOP_UNSTABLE): advise(made_up(6.0)),
         Fact(GainFact.GAINS_CHANGED, names=["MC_ROLL_P"]): retuned,
     }
-    for refusal, expected_reason in cases.items():
-        assert expected_reason.refusals == (refusal,) and not expected_reason.gains
-        assert expected_reason.conclusion == Fact(GainFact.NO_GAINS_ADVISED, reasons=[refusal])
+    for refusal, found in cases.items():
+        assert found.refusals == (refusal,) and not found.gains
+        assert found.conclusion == Fact(GainFact.NO_GAINS_ADVISED, reasons=[refusal])
 
 
 def test_the_next_step_is_as_careful_as_the_advice_is_sure():
@@ -338,7 +337,7 @@ def test_a_flight_that_shows_neither_lack_nor_success_is_flown_again_before_gain
 def test_a_loop_that_keeps_its_gains_does_not_make_those_of_another_less_sure():
     changes = advise(made_up(4.5))
     assert changes.parameters
-    kept_gains = {name: gain._replace(set=gain.now) for name, gain in changes.gains.items()}
-    keeps = replace(changes, gains=kept_gains, sure=0.1)
+    kept = {name: gain._replace(set=gain.now) for name, gain in changes.gains.items()}
+    keeps = replace(changes, gains=kept, sure=0.1)
     assert _advice_on_changed_loops([changes, keeps]) == [changes]
     assert _advice_on_changed_loops([keeps]) == [keeps]

@@ -71,7 +71,7 @@ HOVER = Hover()
 
 def test_gains_have_their_names_and_units_before_arducopter_34():
     """4500 was full demand, of 0.01 °/s: 1.27 times in radians, of which an X's mixer now turns √2 times as much."""
-    old_parameters = {
+    old = {
         "RATE_RLL_P": 0.13,
         "RATE_RLL_I": 0.1,
         "RATE_RLL_D": 0.005,
@@ -82,67 +82,54 @@ def test_gains_have_their_names_and_units_before_arducopter_34():
         "MOT_THST_MAX": 0.95,
         "MOT_THST_EXPO": 0.5,
     }
-    demand_controller = controller_from_parameters(old_parameters, "roll", (1.0,))
-    assert demand_controller.p == approx(0.13 * np.degrees(100) / 4500, rel=0.003)
-    assert (demand_controller.angle_gain, demand_controller.error_filter) == (9.0, 20.0)
-    motor_controller = controller_from_parameters(old_parameters, "roll", X_ROLL)
-    assert motor_controller.p == approx(demand_controller.p / 2**0.5, rel=0.003)
-    assert motor_controller.spin_range == (0.13, 0.95)
+    of_demand = controller_from_parameters(old, "roll", (1.0,))
+    assert of_demand.p == approx(0.13 * np.degrees(100) / 4500, rel=0.003)
+    assert (of_demand.angle_gain, of_demand.error_filter) == (9.0, 20.0)
+    of_motors = controller_from_parameters(old, "roll", X_ROLL)
+    assert of_motors.p == approx(of_demand.p / 2**0.5, rel=0.003)
+    assert of_motors.spin_range == (0.13, 0.95)
     # Motors are at a limit beyond their spin, a demand at the ends of its range.
-    outputs = np.array([[0.1], [0.5], [0.96]])
-    assert motor_controller.outputs_at_limit(np.tile(outputs, 4)).tolist() == [True, False, True]
-    assert not demand_controller.outputs_at_limit(outputs).any()
-    assert demand_controller.outputs_at_limit(np.eye(2)[:, :1]).all()
+    shares = np.array([[0.1], [0.5], [0.96]])
+    assert of_motors.outputs_at_limit(np.tile(shares, 4)).tolist() == [True, False, True]
     assert (
-        controller_from_parameters({**old_parameters, "FRAME": 0.0}, "roll", X_ROLL).p
-        == demand_controller.p
+        not of_demand.outputs_at_limit(shares).any()
+        and of_demand.outputs_at_limit(np.eye(2)[:, :1]).all()
     )
-    assert motor_controller.with_parameters({"RATE_RLL_P": 0.26}).p == approx(
-        2 * motor_controller.p
-    )
+    assert controller_from_parameters({**old, "FRAME": 0.0}, "roll", X_ROLL).p == of_demand.p
+    assert of_motors.with_parameters({"RATE_RLL_P": 0.26}).p == approx(2 * of_motors.p)
 
 
 def test_the_mixer_and_the_slope_of_the_thrust_curve_are_the_autopilots():
-    ardupilot = controller_from_parameters(ARDUPILOT, "roll", X_ROLL)
-    assert ardupilot.mixer == (-0.5, 0.5, 0.5, -0.5)
+    ours = controller_from_parameters(ARDUPILOT, "roll", X_ROLL)
+    assert ours.mixer == (-0.5, 0.5, 0.5, -0.5)
 
     # Thrust is 0.35 of the command and 0.65 of its square, from 15 to 95 % of the range.
     thrusts = np.polyval([0.65, 0.35, 0], (np.array([0.4995, 0.5005]) - 0.15) / 0.8)
     slope = 0.001 / np.diff(thrusts)
-    assert ardupilot.outputs_per_demand([0.5] * 4) == approx(
-        np.multiply(ardupilot.mixer, slope), rel=1e-5
-    )
-    px4 = controller_from_parameters(PX4)
-    assert (px4.p, px4.d) == (0.3, 0.006)
-    assert px4.with_parameters({"MC_ROLLRATE_D": 0.0}).d == 0
+    assert ours.outputs_per_demand([0.5] * 4) == approx(np.multiply(ours.mixer, slope), rel=1e-5)
+    theirs = controller_from_parameters(PX4)
+    assert (theirs.p, theirs.d) == (0.3, 0.006) and theirs.with_parameters(
+        {"MC_ROLLRATE_D": 0.0}
+    ).d == 0
     # Roll and pitch are scaled alike, so that the shorter arm has the larger factor.
-    assert px4.mixer == approx(np.multiply(X_ROLL, 0.5**1.5))
-    assert px4.thrust_expo == 0.3
+    assert theirs.mixer == approx(np.multiply(X_ROLL, 0.5**1.5)) and theirs.thrust_expo == 0.3
 
 
-def test_demands_of_fast_changes_follow_from_rotor_speeds_that_lag():
-    """The torque of rotors with lagging speeds is a first-order lag of the effective demand.
-
-    At samples that are slower than the lag, nothing is known of it, and the demand is that of the outputs alone.
-    """
-    controller = controller_from_parameters(PX4)
+def test_a_slam_turns_by_rotors_whose_speeds_lag():
+    """Thrusts of lagging speeds are those of the acting demand behind a lag; at slow samples nothing is known of it."""
+    ours = controller_from_parameters(PX4)
     step = 1e-4
-    is_slam = np.sin(np.arange(5000) * step * 100) > 0.7
-    outputs = 0.4 + np.outer(is_slam, [-0.4, 0.6, 0.6, -0.4])
-    decay = np.exp(-step / TYPICAL_ROTOR_LAG)
-    rotor_lag = [0.0, 1 - decay], [1.0, -decay]
-    commanded_speeds = np.sqrt(
-        (1 - controller.thrust_expo + controller.thrust_expo * outputs) * outputs
-    )
-    speeds, _ = lfilter(*rotor_lag, commanded_speeds, axis=0, zi=commanded_speeds[:1])
-    torque = speeds**2 @ controller.mixer / np.square(controller.mixer).sum()
-    static_demand = controller.demand_from_outputs(outputs)
-    corrected_demand = controller.demand_from_outputs(outputs, step)
-    # Only a part of the correction is applied to logs, since their rotors differ; here all of it.
-    effective_demand = static_demand + (corrected_demand - static_demand) / ROTOR_LAG_CORRECTION
-    assert lfilter(*rotor_lag, effective_demand) == approx(torque, abs=0.02 * np.ptp(torque))
-    slow_demand = controller.demand_from_outputs(outputs, 2 * TYPICAL_ROTOR_LAG)
-    assert_array_equal(slow_demand, static_demand)
+    slam = np.sin(np.arange(5000) * step * 100) > 0.7
+    shares = 0.4 + np.outer(slam, [-0.4, 0.6, 0.6, -0.4])
+    keeps = np.exp(-step / TYPICAL_ROTOR_LAG)
+    lag = [0.0, 1 - keeps], [1.0, -keeps]
+    asked = np.sqrt((1 - ours.thrust_expo + ours.thrust_expo * shares) * shares)
+    speeds, _ = lfilter(*lag, asked, axis=0, zi=asked[:1])
+    torque = speeds**2 @ ours.mixer / np.square(ours.mixer).sum()
+    linear, acting = ours.demand_from_outputs(shares), ours.demand_from_outputs(shares, step)
+    whole = linear + (acting - linear) / ROTOR_LAG_CORRECTION
+    assert lfilter(*lag, whole) == approx(torque, abs=0.02 * np.ptp(torque))
+    assert_array_equal(ours.demand_from_outputs(shares, 2 * TYPICAL_ROTOR_LAG), linear)
 
 
 def test_the_frame_of_older_firmware_is_its_class():
@@ -151,9 +138,8 @@ def test_the_frame_of_older_firmware_is_its_class():
     older = controller_from_parameters(old | {"FRAME": 1.0}, "roll", X_ROLL)
     newer = controller_from_parameters(ARDUPILOT, "roll", X_ROLL)
     assert replace(older, parameters={}) == replace(newer, parameters={})
-    reason = refused(controller_from_parameters, old | {"FRAME": 1.0}, "roll", ())
-    assert "FRAME_CLASS" not in reason.sentence
-    assert "FRAME" in reason.sentence
+    unknown = refused(controller_from_parameters, old | {"FRAME": 1.0}, "roll", ())
+    assert "FRAME_CLASS" not in unknown.sentence and "FRAME" in unknown.sentence
 
 
 @mark.parametrize(
@@ -208,79 +194,67 @@ def test_parameters_that_the_controller_model_leaves_out_are_reported():
         ControllerFact.DEMAND_BY_VOLTAGE,
         ControllerFact.NOTCHES_UNMODELLED,
     }
-    unmodelled_px4 = PX4 | {"MC_BAT_SCALE_EN": 1.0, "IMU_GYRO_DNF_EN": 1.0}
-    px4_cautions = controller_from_parameters(unmodelled_px4).cautions
-    assert [caution.code for caution in px4_cautions] == list(UNMODELLED_PARAMETERS.values())[-2:]
-    assert {caution.level for caution in px4_cautions} == {"watch"}
+    theirs = controller_from_parameters(
+        PX4 | {"MC_BAT_SCALE_EN": 1.0, "IMU_GYRO_DNF_EN": 1.0}
+    ).cautions
+    assert [one.code for one in theirs] == list(UNMODELLED_PARAMETERS.values())[-2:]
+    assert {one.level for one in theirs} == {"watch"}
 
 
-def test_an_aligned_flight_has_the_gains_that_were_different_at_its_start(monkeypatch):
-    decoding = Mock(wraps=decoded_parameters)
-    monkeypatch.setattr("mavdem.dataset.alignment.decoded_parameters", decoding)
+def test_gains_that_change_in_flight_come_with_it(monkeypatch):
+    read = Mock(wraps=decoded_parameters)
+    monkeypatch.setattr("mavdem.dataset.alignment.decoded_parameters", read)
     telemetry = HOVER.telemetry(parameters={"ATC_RAT_RLL_P": 0.25, "ATC_RAT_RLL_D": 0.125})
     names = np.repeat([b"ATC_RAT_RLL_P", b"ATC_RAT_RLL_D"], 2)
     sent = columns([1.0, 40.0, 1.0, 2.0], param_id=names, param_value=[0.5, 0.25, 0.5, 0.125])
     signals = Signals(changed(telemetry, "PARAM_VALUE", **sent))
     (segment,) = settled_segments(signals)
     for start, earlier in ((segment.start, {"ATC_RAT_RLL_P": 0.5}), (41.0, {})):
-        flight = aligned_flight(signals, replace(segment, start=start))
-        assert flight.provenance["earlier"] == earlier
-    # The parameters of a log are decoded once, and not for each segment.
-    assert decoding.call_count == 1
+        found = aligned_flight(signals, replace(segment, start=start))
+        assert found.provenance["earlier"] == earlier
+    assert read.call_count == 1  # of a log with many boots each segment would read all
 
 
 def ac_pid(controller, frequency):
-    """Responses of ArduPilot's AC_PID, without its setpoint's filter, and of a difference over a cycle.
-
-    They are computed from the difference equations of the program, with the unit delay z⁻¹.
-    """
+    """Responses of ArduPilot's AC_PID, without its setpoint's filter, and of a difference over a cycle."""
     dt = controller.loop_period
-    unit_delay = np.exp(-2j * np.pi * frequency * dt)
-    derivative = (1 - unit_delay) / dt
+    late = np.exp(-2j * np.pi * frequency * dt)
+    slope = (1 - late) / dt
 
     def low_pass(cutoff):
-        scaled_cutoff = 2 * np.pi * dt * cutoff
-        return scaled_cutoff / (1 + scaled_cutoff - unit_delay)
+        turn = 2 * np.pi * dt * cutoff
+        return turn / (1 + turn - late)
 
     filtered = low_pass(controller.error_filter)
     for notch in controller.error_notches:
-        angle = 2 * np.pi * notch.frequency * dt
-        alpha = np.sin(angle) * notch.bandwidth / notch.frequency / 2
-        undamped = 1 - 2 * np.cos(angle) * unit_delay + unit_delay**2
-        damping = alpha * (1 - unit_delay**2)
-        gain_at_centre = 10 ** (-notch.attenuation / 20)
-        filtered = filtered * (undamped + gain_at_centre * damping) / (undamped + damping)
-    derivative_term = controller.d * low_pass(controller.derivative_filter) * derivative
-    response = filtered * (controller.p + controller.i / derivative + derivative_term)
-    return response, derivative
+        turn = 2 * np.pi * notch.frequency * dt
+        alpha = np.sin(turn) * notch.bandwidth / notch.frequency / 2
+        kept, width = np.outer([alpha * 10 ** (-notch.attenuation / 20), alpha], 1 - late**2)
+        middle = 1 - 2 * np.cos(turn) * late + late**2
+        filtered = filtered * (middle + kept) / (middle + width)
+    of_slope = controller.d * low_pass(controller.derivative_filter)
+    return filtered * (controller.p + controller.i / slope + of_slope * slope), slope
 
 
-def test_the_response_of_ardupilots_controller_is_that_of_its_program():
+def test_the_controllers_response_is_that_of_its_program():
     filters = {"FLTE": 40.0, "FLTD": 20.0, "NEF": 2.0, "NTF": 2.0, "FF": 0.5, "D_FF": 0.25}
     notch = {"TYPE": 1.0, "NOTCH_FREQ": 60.0, "NOTCH_Q": 2.0, "NOTCH_ATT": 40.0}
-    parameters = ARDUPILOT | {f"ATC_RAT_RLL_{name}": value for name, value in filters.items()}
-    # The parameters of filter 2 are missing.
-    refused(controller_from_parameters, parameters, "roll", X_ROLL)
-    parameters |= {f"FILT2_{name}": value for name, value in notch.items()}
-    controller = controller_from_parameters(parameters, "roll", X_ROLL)
+    known = ARDUPILOT | {f"ATC_RAT_RLL_{end}": value for end, value in filters.items()}
+    refused(controller_from_parameters, known, "roll", X_ROLL)
+    known |= {f"FILT2_{end}": value for end, value in notch.items()}
+    controller = controller_from_parameters(known, "roll", X_ROLL)
     frequency = np.array([0.5, 4.0, 30.0, 150.0])
-    demand_from_setpoint, demand_from_rate = controller_response(controller, frequency)
-    expected_response, derivative = ac_pid(controller, frequency)
-    assert_allclose(demand_from_rate, expected_response)
-    parameters_without_notch = parameters | {"FILT2_TYPE": 0.0}
-    without_notch = controller_from_parameters(parameters_without_notch, "roll", X_ROLL)
-    assert without_notch.error_notches == without_notch.target_notches == ()
-    _, response_without_notch = controller_response(without_notch, frequency)
-    # The same notch filters the target, to which also the feed-forwards FF and D_FF are applied.
-    notch_response = demand_from_rate / response_without_notch
-    feed_forward = 0.5 + 0.25 * derivative
-    assert_allclose(
-        demand_from_setpoint, notch_response * (demand_from_rate + feed_forward), rtol=1e-12
-    )
+    forward, back = controller_response(controller, frequency)
+    run, slope = ac_pid(controller, frequency)
+    assert_allclose(back, run)
+    off = controller_from_parameters(known | {"FILT2_TYPE": 0.0}, "roll", X_ROLL)
+    assert off.error_notches == off.target_notches == ()
+    notched = back / controller_response(off, frequency)[1]
+    assert_allclose(forward, notched * (back + 0.5 + 0.25 * slope), rtol=1e-12)
 
 
 def tuned_by(loops, decisions=None, headline=None, **options):
-    """The tuning of a vehicle with these loops and decisions; a notch is advised, and nothing else is to be said."""
+    """Of a vehicle with nothing else to say but these decisions on its loops, with a notch."""
     evidence = partial_record(
         Evidence,
         loops=loops,
@@ -311,7 +285,7 @@ def test_an_axis_that_is_too_slow_gets_more_gain_with_a_notch_too():
     assert tuning.notch_parameters
 
 
-def test_if_one_axis_keeps_its_gains_the_next_step_names_the_other():
+def test_of_one_axis_that_keeps_its_gains_the_next_step_names_the_axis_that_needs_new_ones():
     to_tune = Fact(LoopAction.LOAD_ADVISED_GAINS, arguments=("flight.tlog",))
     reason = Fact(LoopFact.MARGIN_RATING, Level.BAD, axis="pitch", action=to_tune)
     decision = LoopDecision("pitch", LoopDiagnosis.BELOW_GOAL, reason, to_tune)
@@ -386,9 +360,8 @@ def test_gains_after_px4s_autotune_are_rated_like_those_before():
     sent = columns([1.0, 35.0], param_id=b"MC_ROLLRATE_K", param_value=[1.0, 6.0], param_type=9)
     tuned = autotune_fact(Signals(changed(telemetry, "PARAM_VALUE", **sent)), made_up())
     assert (tuned.level, tuned.time, tuned.end_time) == ("watch", 21.0, 29.0)
-    assert [rating.level for rating in tuned.figures["ratings"]] == ["good", "bad"]
-    assert tuned.figures["is_saved"]
-    assert "parameters are those from before" not in tuned.sentence
+    assert [one.level for one in tuned.figures["ratings"]] == ["good", "bad"]
+    assert tuned.figures["is_saved"] and "parameters are those from before" not in tuned.sentence
 
 
 def test_advice_starts_from_the_gains_with_which_the_log_ends():
@@ -443,19 +416,18 @@ def test_an_oscillating_axis_without_p_lowers_its_integral():
         ({"filtered": False}, {"dt": 0.1}, LoopFact.CROSSOVER_UNSEEN),
     ],
 )
-def test_a_flight_without_loops_is_refused_with_the_reason(plant, record, code):
-    loop = made_up()
-    changed_plant = loop.plant._replace(**plant)
-    changed_record = replace(loop.record, **record)
-    assert refused(loop_from_plant, changed_plant, changed_record).code is code
+def test_a_flight_without_loops_says_why(plant, record, code):
+    sound = made_up()
+    changes = sound.plant._replace(**plant), replace(sound.record, **record)
+    assert refused(loop_from_plant, *changes).code is code
 
 
-TYPICAL_DRAG = Drag.from_parameters()
+OF_ALL = Drag.from_parameters()
 
 
-def twin(loop, **arguments):
-    defaults = {"px4": True, "hover": 0.5, "wind": None, "drag": TYPICAL_DRAG, "mass": None}
-    return build_twin({"roll": loop}, **defaults | arguments)
+def twin(loop, **known):
+    usual = {"px4": True, "hover": 0.5, "wind": None, "drag": OF_ALL, "mass": None}
+    return build_twin({"roll": loop}, **usual | known)
 
 
 @mark.parametrize("bias, factor", [(-0.15, 1 / 0.85), (0.1, 1.0)])
@@ -476,30 +448,22 @@ def test_the_crossover_of_a_loop_that_wind_biases_may_be_faster():
     assert too_low.rate.crossover_interval[0] > loop.rate.crossover_interval[0]
 
 
-def test_the_phase_margin_is_marked_in_the_chart_of_the_phase():
-    _, phase, sensitivity = loop_charts({"now": made_up()})
-    assert phase.marks[0].name.endswith("°")
-    assert not sensitivity.marks[0].name
-
-
-def test_a_twin_has_notes_on_the_certainty_of_its_figures():
+def test_a_twin_says_of_each_figure_how_sure_it_is():
     loop = made_up()
-    body = twin(loop)
-    assert body.arm == (0.1, 0.2)
-    notes = body.notes
+    _, phase, sensitivity = loop_charts({"now": loop})
+    assert phase.marks[0].name.endswith("°") and not sensitivity.marks[0].name
+    found = twin(loop)
+    notes = found.notes
     assert notes["mass"] == Fact(TwinFact.MASS_NOTE, is_given=False)
-    assert notes["arm"] == Fact(TwinFact.ARM_NOTE, is_given=True)
+    assert notes["arm"] == Fact(TwinFact.ARM_NOTE, is_given=True) and found.arm == (0.1, 0.2)
     inertia = notes["inertia"].figures
-    assert inertia["pitch"] is None
-    assert inertia["roll"].code is TwinFact.EFFECT_NOTE
+    assert inertia["pitch"] is None and inertia["roll"].code is TwinFact.EFFECT_NOTE
     assert inertia["roll"].figures["share"] == approx(1.645 * 0.0095 / 0.36, rel=0.1)
     assert notes["moment"].code is TwinFact.MOMENT_NOTE
     assert notes["damping"] == Fact(TwinFact.DAMPING_NOTE, damping=loop.plant.interval().damping)
     status = {**loop.plant.status, "lag": Status.NOT_IDENTIFIABLE}
-    with_unknown_lag = replace(loop, plant=loop.plant._replace(status=status))
-    notes = twin(with_unknown_lag, mass=2.0).notes
-    assert notes["lag"] == Fact(TwinFact.LAG_NOTE, lag=None)
-    assert notes["mass"].figures["is_given"]
+    unsure = twin(replace(loop, plant=loop.plant._replace(status=status)), mass=2.0).notes
+    assert unsure["lag"] == Fact(TwinFact.LAG_NOTE, lag=None) and unsure["mass"].figures["is_given"]
     assert refused(twin, loop, hover=0.05) == Fact(TwinFact.NO_HOVER, share=0.05)
 
 
@@ -516,28 +480,27 @@ def test_a_twin_has_the_margins_of_its_loop_and_its_cycle_in_the_delay(delay):
         scenario = scenario_from_table(
             tomllib.loads(vehicle_text(body, ".toml", "")) | {"duration": 15.0}
         )
-        true_margins = truth(scenario, fly(scenario))["roll_rate_margins"]
-        margins = [loop.crossover, loop.phase_margin, loop.gain_margin, loop.ms]
-        assert true_margins == approx(margins, rel=0.02)
+        found = truth(scenario, fly(scenario))["roll_rate_margins"]
+        known = [loop.crossover, loop.phase_margin, loop.gain_margin, loop.ms]
+        assert found == approx(known, rel=0.02)
 
 
-@mark.parametrize("with_correction, with_feed_forward", [(0, 1), (1, 1), (1, 0)])
-def test_a_replay_has_the_rate_setpoints_without_the_correction_of_the_angle(
-    with_correction, with_feed_forward
+@mark.parametrize("with_correction, with_ahead", [(0, 1), (1, 1), (1, 0)])
+def test_setpoints_of_rates_are_flown_beside_what_the_angles_error_asks_for(
+    with_correction, with_ahead
 ):
-    """The cases are ArduPilot's ATTITUDE_TARGET, its RATE, and rate setpoints of the correction alone."""
+    """ArduPilot's ATTITUDE_TARGET, its RATE, and rates without what the attitude's own turn needs."""
     loop = made_up()
     loop = replace(loop, controller=replace(loop.controller, derivative_of_error=True))
     time = 0.005 * np.arange(2000)
     angle = 0.2 * np.sin(3 * time)
-    feed_forward = with_feed_forward * 0.6 * np.cos(3 * time)
-    angle_error = angle - loop.record.outputs[:, 0]
-    correction = with_correction * loop.controller.angle_gain * angle_error
-    setpoints = np.column_stack([angle, correction + feed_forward])
+    ahead = 0.6 * np.cos(3 * time)
+    asked = with_correction * loop.controller.angle_gain * (angle - loop.record.outputs[:, 0])
+    setpoints = np.column_stack([angle, asked + with_ahead * ahead])
     names = ("roll setpoint", "roll rate setpoint")
     record = replace(loop.record, setpoints=setpoints, setpoint_names=names)
-    segment = replay_segments({"roll": replace(loop, record=record)})["roll"]
-    assert_allclose(segment.setpoints[1:-1, 1], feed_forward[1:-1], atol=0.01)
+    again = replay_segments({"roll": replace(loop, record=record)})["roll"]
+    assert_allclose(again.setpoints[1:-1, 1], with_ahead * ahead[1:-1], atol=0.01)
     assert replay_segments({"roll": loop}) == {}
 
 
@@ -553,9 +516,7 @@ def test_a_twin_has_the_mean_wind_of_the_flight_where_it_is_known(known):
     scenario = scenario_from_table(tomllib.loads(vehicle_text(body, ".toml", "a.tlog")))
     assert scenario.wind == (SteadyWind(kind="steady", speed=3.0, direction=80.0),) * known
     assert str(body.notes["drag_linear"]).endswith(", typical: not identified from this flight")
-    assert scenario.vehicle.drag_linear == approx(TYPICAL_DRAG.linear, rel=1e-4), (
-        "the wind pushes it"
-    )
+    assert scenario.vehicle.drag_linear == approx(OF_ALL.linear, rel=1e-4), "the wind pushes it"
 
 
 @mark.parametrize(
@@ -567,21 +528,21 @@ def test_a_twin_has_the_mean_wind_of_the_flight_where_it_is_known(known):
         (30.0, 1.0, 0.0, ResponseFact.RESPONSE_UNEXPLAINED, None),
     ],
 )
-def test_a_measured_response_that_differs_from_the_predicted_one_has_a_reason(
+def test_a_response_that_is_not_the_predicted_one_says_how(
     by_wind, factor, limited_share, code, agrees
 ):
     """A rate that follows its setpoint by the closed loop, or ``factor`` times as far, and wind."""
-    loop = made_up()
+    sound = made_up()
     rng = default_rng(8)
-    dt = loop.record.dt
+    dt = sound.record.dt
     samples = 12000
-    predicted = loop.rate.frequency, loop.rate.closed_loop_response[0]
+    predicted = sound.rate.frequency, sound.rate.closed_loop_response[0]
     response = np.interp(np.fft.rfftfreq(samples, dt), *predicted)
     setpoint = rng.normal(0, 0.3, samples)
     rate = factor * np.fft.irfft(response * np.fft.rfft(setpoint), samples)
     rate += by_wind * rng.normal(0, 0.3, samples)
     record = replace(
-        loop.record,
+        sound.record,
         inputs=1500 + rng.normal(0, 1, (samples, 1)) * X_ROLL,
         outputs=np.column_stack([rate.cumsum() * dt, rate]),
         lengths=(samples,),
@@ -589,21 +550,19 @@ def test_a_measured_response_that_differs_from_the_predicted_one_has_a_reason(
         setpoint_names=("roll rate setpoint",),
     )
     measured = measured_rate_response(
-        record, loop.controller, np.array(X_ROLL), *predicted, limited_share=limited_share
+        record, sound.controller, np.array(X_ROLL), *predicted, limited_share=limited_share
     )
     assert getattr(measured.reason, "code", None) == code
-    assert replace(loop, measured=measured).agrees is agrees
+    assert replace(sound, measured=measured).agrees is agrees
 
 
 def test_an_attitude_loop_around_an_unstable_rate_loop_has_no_margins():
     """Its response alone looks as if it had: the poles of the rate loop in the right half plane do not show in it."""
     sound = made_up()
-    assert sound.rate.is_stable
-    assert sound.attitude.is_stable
+    assert sound.rate.is_stable and sound.attitude.is_stable
     assert sound.attitude.phase_margin > 0
     unstable = made_up(12.0)
-    assert not unstable.rate.is_stable
-    assert not unstable.attitude.is_stable
+    assert not unstable.rate.is_stable and not unstable.attitude.is_stable
     for name in ("phase_margin", "gain_margin", "delay_margin"):
         assert getattr(unstable.attitude, name) == -np.inf
     assert np.isfinite(unstable.attitude.crossover)

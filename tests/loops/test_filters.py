@@ -33,8 +33,8 @@ def test_px4s_notches_lose_half_of_the_power_at_the_ends_of_their_bandwidth():
     controller = controller_from_parameters(PX4 | names | none)
     assert controller.notches == (Notch(100.0, 20.0, inf),)
     edges = 100 * (sqrt(1 + 0.1**2) + np.array([-0.1, 0.1]))
-    gains = abs(gyro_response(controller, np.array([*edges, 100.0])))
-    assert gains == approx([sqrt(0.5), sqrt(0.5), 0.0], abs=1e-3)
+    found = abs(gyro_response(controller, np.array([*edges, 100.0])))
+    assert found == approx([sqrt(0.5), sqrt(0.5), 0.0], abs=1e-3)
     old = {"IMU_GYRO_NF_FREQ": 100.0, "IMU_GYRO_NF_BW": 20.0}
     assert controller_from_parameters(PX4 | old).notches == controller.notches
 
@@ -47,7 +47,7 @@ def test_px4s_derivative_filter_is_read_by_its_older_name():
 
 
 @mark.parametrize(
-    "parameters, expected",
+    "given, expected",
     [
         ({}, [80]),
         ({"HMNCS": 5.0}, [80, 240]),
@@ -65,12 +65,12 @@ def test_px4s_derivative_filter_is_read_by_its_older_name():
     ],
 )
 @mark.parametrize("prefix", ["INS_HNTCH_", "INS_HNTC2_"])
-def test_harmonic_notches_are_where_the_parameters_have_them(parameters, expected, prefix):
-    controller = ardupilot(NOTCH | parameters, prefix, MOT_THST_HOVER=0.4, INS_GYRO_RATE=1e38)
+def test_harmonic_notches_are_where_the_parameters_have_them(given, expected, prefix):
+    controller = ardupilot(NOTCH | given, prefix, MOT_THST_HOVER=0.4, INS_GYRO_RATE=1e38)
     assert controller.gyro_rate == 8000
-    assert [item.frequency for item in controller.notches] == approx(expected)
-    moving = [item.figures["name"] for item in controller.cautions]
-    assert moving == ([f"{prefix}MODE"] if parameters.get("MODE", 0) > 1 else [])
+    assert [one.frequency for one in controller.notches] == approx(expected)
+    moving = [one.figures["name"] for one in controller.cautions]
+    assert moving == ([f"{prefix}MODE"] if given.get("MODE", 0) > 1 else [])
 
 
 def test_a_notch_beyond_half_the_rate_is_off():
@@ -84,18 +84,18 @@ def test_the_filters_are_shown_with_their_lag_and_as_late_as_one_low_pass():
     assert gyro_filters(low_pass, 20.0) == (20.0, (), approx(90))
     assert gyro_delay(low_pass) == approx(0.5**0.5 / (np.pi * 20), rel=2e-3)
     assert gyro_delay(ardupilot()) == 0
-    with_both_filters = ardupilot(NOTCH, INS_GYRO_FILTER=20.0)
-    assert gyro_filters(with_both_filters, 20.0).phase_lag == approx(98.4, abs=0.1)
-    assert gyro_delay(low_pass) < gyro_delay(with_both_filters) < 1.4 * gyro_delay(low_pass)
+    both = ardupilot(NOTCH, INS_GYRO_FILTER=20.0)
+    assert gyro_filters(both, 20.0).phase_lag == approx(98.4, abs=0.1)
+    assert gyro_delay(low_pass) < gyro_delay(both) < 1.4 * gyro_delay(low_pass)
 
 
 @mark.slow
 def test_the_raw_gyro_through_the_filters_is_the_filtered_one():
     """Of a simulated ArduCopter, where it is above its rounding: in the loop's band, and in the line of the motors."""
     signals = Signals(recorded("sitl_raw/ap_raw_on.BIN.xz"))
-    spectra = vibration_spectra(signals, settled_segments(signals))
-    before, behind = spectra["gyro_before"], spectra["gyro"]
-    raw, filtered = (np.median(spectrum.density[:, 0], axis=0) for spectrum in (before, behind))
+    found = vibration_spectra(signals, settled_segments(signals))
+    before, behind = found["gyro_before"], found["gyro"]
+    raw, filtered = (np.median(one.density[:, 0], axis=0) for one in (before, behind))
     frequency = behind.frequency
     controller = controller_from_parameters(signals.telemetry.parameters, "roll", X_ROLL)
     assert_allclose(frequency, before.frequency, rtol=1e-3)
@@ -103,10 +103,10 @@ def test_the_raw_gyro_through_the_filters_is_the_filtered_one():
     for low, high, decibels in ((4, 15, 1.5), (15, 40, 1.5), (125, 145, 4.0)):
         band = (frequency > low) & (frequency < high)
         assert abs(10 * np.log10(filtered[band].sum() / predicted[band].sum())) < decibels
-    measured_noise = MeasuredNoise(
-        spectra, {name: find_spectral_lines(spectrum) for name, spectrum in spectra.items()}
+    seen = MeasuredNoise(
+        found, {name: find_spectral_lines(spectrum) for name, spectrum in found.items()}
     )
-    (removed,) = (fact for fact in measured_noise.facts if fact.code is NoiseFact.FILTERS_REMOVE)
-    remaining_power = behind.mean_power(104, 188) / before.mean_power(104, 188)
+    (removed,) = (fact for fact in seen.facts if fact.code is NoiseFact.FILTERS_REMOVE)
+    left = behind.mean_power(104, 188) / before.mean_power(104, 188)
     assert removed.figures["frequency"] == approx(139.0, rel=0.02)
-    assert removed.figures["share"] == approx(1 - remaining_power, abs=0.1 * remaining_power)
+    assert removed.figures["share"] == approx(1 - left, abs=0.1 * left)

@@ -82,7 +82,7 @@ def thinned(log, every):
     return replace(log, vehicles=(replace(vehicle, messages=messages),))
 
 
-def signals_and_flights(log):
+def flown(log):
     signals = Signals(log.vehicles[0])
     segments, _ = usable_segments(signals, log.components, MIN_SLOW_MOTION_RATE)
     return signals, segments
@@ -90,16 +90,16 @@ def signals_and_flights(log):
 
 def identified_loop(log):
     """The loop of roll, of a plant that is identified in it."""
-    signals, flights = signals_and_flights(log)
+    signals, flights = flown(log)
     return loop_from_plant(identify_plant_in_loop(signals, flights), Record.from_flights(flights))
 
 
 @mark.parametrize("every, within", [(1, (5.0, 1.5)), (8, (12.0, np.inf))])
 def test_a_loop_has_its_true_margins_at_200_and_at_25_hz(flight, every, within):
     """The intervals hold them; beyond half of the log's rate the gain margin is said to be extrapolated."""
-    true_values, log = flight
+    known, log = flight
     loop = identified_loop(thinned(log, every))
-    _, *margins, _ = true_values["roll_rate_margins"]
+    _, *margins, _ = known["roll_rate_margins"]
     for name, true, error in zip(("phase_margin", "gain_margin"), margins, within, strict=True):
         assert abs(getattr(loop, name) - true) < error
         low, high = getattr(loop, f"{name}_interval")
@@ -117,9 +117,9 @@ def test_a_loop_has_nearly_its_true_margins_at_400_hz():
     stream = SCENARIO.stream.model_copy(update={"rate": 400, "rates": {"ATTITUDE_TARGET": 400}})
     # From a low hover, which begins early, to the 20 s of settled flight that margins take.
     fast = {"duration": 40.0, "height": 2.0, "vehicle": vehicle, "stream": stream}
-    true_values, log = logged(SCENARIO.model_copy(update=fast))
+    known, log = logged(SCENARIO.model_copy(update=fast))
     loop = identified_loop(log)
-    _, phase_margin, gain_margin, _ = true_values["roll_rate_margins"]
+    _, phase_margin, gain_margin, _ = known["roll_rate_margins"]
     assert loop.phase_margin == approx(phase_margin, abs=5.0)
     assert loop.gain_margin == approx(gain_margin, abs=1.5)
 
@@ -133,8 +133,8 @@ def refusal(signals, flights):
     return refused(identify_plant_in_loop, Signals(signals.telemetry), flights).code
 
 
-def test_a_plant_that_is_not_identifiable_in_its_loop_is_refused_with_the_reason(log, monkeypatch):
-    signals, flights = signals_and_flights(log)
+def test_what_a_plant_in_its_loop_takes_is_said(log, monkeypatch):
+    signals, flights = flown(log)
     (flight,) = flights
     assert refusal(signals, [flight[:2000]]) is LoopFact.LOOP_TOO_SHORT
     without = {k: v for k, v in signals.telemetry.messages.items() if k != "ATTITUDE_TARGET"}
@@ -179,33 +179,29 @@ def rows_of(columns, rows):
     ids=["constant", "of another boot", "2 Hz", "gaps longer than windows"],
 )
 def test_setpoints_that_say_too_little_are_refused(log, change, code):
-    signals, flights = signals_and_flights(with_setpoints(thinned(log, 8), change))
+    signals, flights = flown(with_setpoints(thinned(log, 8), change))
     assert refusal(signals, flights) is code
 
 
 def test_another_boot_at_the_same_stamps_does_not_count(log):
-    signals, (flight,) = signals_and_flights(thinned(log, 8))
+    signals, (flight,) = flown(thinned(log, 8))
     segment = {**flight.provenance["segment"], "boot": 1}
-    flight_of_other_boot = replace(
-        flight[:-1], provenance={**flight.provenance, "segment": segment}
-    )
+    other = replace(flight[:-1], provenance={**flight.provenance, "segment": segment})
     alone = identify_plant_in_loop(signals, [flight])
-    plant_of_both = identify_plant_in_loop(
-        signals, [flight_of_other_boot, flight, flight_of_other_boot]
-    )
-    assert np.array_equal(plant_of_both.covariance, alone.covariance)
+    both = identify_plant_in_loop(signals, [other, flight, other])
+    assert np.array_equal(both.covariance, alone.covariance)
 
 
 def test_a_plant_without_draws_is_refused_and_unknown_margins_end_at_half_a_turn(log, monkeypatch):
-    signals, flights = signals_and_flights(thinned(log, 8))
+    signals, flights = flown(thinned(log, 8))
 
     # The fit is that of the other tests of this log, done once.
     identify = in_flight.identify_axis
 
     def plant_with(share):
         def spread(axis):
-            plant = identify(axis)
-            return plant._replace(covariance=plant.covariance * share)
+            found = identify(axis)
+            return found._replace(covariance=found.covariance * share)
 
         monkeypatch.setattr(in_flight, "identify_axis", spread)
         return identify_plant_in_loop(Signals(signals.telemetry), flights)
@@ -244,32 +240,30 @@ def test_an_unknown_margin_is_called_uncertain_only_if_its_interval_is_wide(
 
 
 @mark.parametrize(
-    "effect_factor, change, status",
+    "more, change, status",
     [
         (2.0, {}, Status.REPORTED),  # a phase margin of 33°
         (2.6, {}, Status.BIASED),  # of 19°
         (0.9, {"lag": 0.002, "delay": 0.05}, Status.REPORTED),  # of 19°, for the delay's sake
     ],
 )
-def test_a_plant_whose_identified_loop_has_a_small_phase_margin_is_biased(
-    log, effect_factor, change, status
+def test_of_a_loop_that_rings_beyond_its_motors_effect_and_lag_are_biased(
+    log, more, change, status
 ):
-    signals, flights = signals_and_flights(thinned(log, 8))
+    signals, flights = flown(thinned(log, 8))
     plant = identify_plant_in_loop(signals, flights)
     _, controller, directions = in_flight._identified_loop(signals, tuple(flights))
-    changed_plant = plant._replace(
-        effect=effect_factor * plant.effect, covariance=1e-4 * plant.covariance
-    )
-    checked = in_flight._checked_plant(changed_plant._replace(**change), directions, controller)
+    sure = plant._replace(effect=more * plant.effect, covariance=1e-4 * plant.covariance)
+    checked = in_flight._checked_plant(sure._replace(**change), directions, controller)
     assert set(checked.status.values()) == {status}
 
 
 @mark.parametrize("gain", [0.0, 0.5])
 def test_a_controller_of_other_gains_than_flew_finds_no_plant(log, gain):
-    signals, (flight,) = signals_and_flights(thinned(log, 8))
+    signals, (flight,) = flown(thinned(log, 8))
     parameters = {**flight.provenance["parameters"], "MC_ROLLRATE_K": gain}
-    with_other_gains = replace(flight, provenance={**flight.provenance, "parameters": parameters})
-    assert refusal(signals, [with_other_gains]) is LoopFact.LOOP_NOT_FOUND
+    other = replace(flight, provenance={**flight.provenance, "parameters": parameters})
+    assert refusal(signals, [other]) is LoopFact.LOOP_NOT_FOUND
 
 
 def test_with_motors_at_their_limits_the_margins_are_true():
@@ -279,17 +273,17 @@ def test_with_motors_at_their_limits_the_margins_are_true():
     hard["vehicle"]["parameters"] = {"IMU_GYRO_RATEMAX": 200}
     hard["stream"] = {"rate": 100, "rates": {"ATTITUDE_TARGET": 100}}
     hard["excitation"] |= {"amplitude": 25.0, "width": 0.1}
-    true_values, log = logged(scenario_from_table(hard))
-    signals, flights = signals_and_flights(log)
+    known, log = logged(scenario_from_table(hard))
+    signals, flights = flown(log)
     loop = loop_from_plant(identify_plant_in_loop(signals, flights), Record.from_flights(flights))
     fit, *_ = (found.fit for found in signals.cache.values() if hasattr(found, "fit"))
     assert 0.5 < fit.saturation_loss < fit.posterior.saturated_share
-    _, phase, gain, _ = true_values["roll_rate_margins"]
+    _, phase, gain, _ = known["roll_rate_margins"]
     assert abs(loop.phase_margin - phase) < 5 and abs(loop.gain_margin - gain) < 1.5
 
 
 def test_output_that_the_controller_does_not_explain_widens_the_effect_alone(log):
-    signals, flights = signals_and_flights(log)
+    signals, flights = flown(log)
     identify_plant_in_loop(signals, flights)
     fit, gains = next(
         (found.fit, found.inputs_per_demand)
@@ -315,10 +309,10 @@ def test_a_setpoint_with_the_correction_of_the_angle_in_it_is_taken_as_it_is():
     loop = learned.loop()
     assert loop.measured is not None and loop.measured.agreement > 90
     # Results are read-only, also after another process has received them.
-    restored = pickle.loads(pickle.dumps(learned))
+    again = pickle.loads(pickle.dumps(learned))
     torque = learned.wind_torque.band
     for array in (
-        restored.model.A,
+        again.model.A,
         learned.physical.effect,
         torque,
         loop.effectiveness,
@@ -327,7 +321,7 @@ def test_a_setpoint_with_the_correction_of_the_angle_in_it_is_taken_as_it_is():
         assert not array.flags.writeable
 
 
-def test_the_correction_of_the_angle_is_added_to_ardupilots_rate_setpoint():
+def test_what_the_angles_error_asks_for_is_added_to_ardupilots_setpoint_of_the_rate():
     time = np.arange(10.0, 40.0, 0.01)
     wanted, ahead = 0.1 * np.sin(time), 0.1 * np.cos(time)
     controller = controller_from_parameters(ARDUPILOT, "roll", X_ROLL)
@@ -343,18 +337,18 @@ def test_a_simulated_flight_has_the_margins_of_its_linearised_loop():
     vehicle = {"model": "iris", "rate_gain": 1.4, "parameters": parameters}
     stream = {"autopilot": "ardupilot", "rates": {"ATTITUDE_TARGET": 100}}
     scenario = {"excitation": steered, "stream": stream, "seed": 5, "duration": 45}
-    true_values, log = logged(scenario_from_table(scenario | {"vehicle": vehicle}))
-    record = Record.from_flights(signals_and_flights(log)[1])
+    known, log = logged(scenario_from_table(scenario | {"vehicle": vehicle}))
+    record = Record.from_flights(flown(log)[1])
     plant = physical(record)
     loop = loop_from_plant(plant, record)
-    crossover, phase, *_ = margins = true_values["roll_rate_margins"]
+    crossover, phase, *_ = margins = known["roll_rate_margins"]
     assert loop.crossover == approx(crossover, rel=0.1)
     assert loop.phase_margin == approx(phase, abs=6)
     names = ("crossover", "phase_margin", "gain_margin", "ms")
     for name, true in zip(names, margins, strict=True):
         low, high = getattr(loop, f"{name}_interval")
         assert low <= true <= high
-    assert loop.attitude.crossover == approx(true_values["roll_attitude_margins"][0], rel=0.1)
+    assert loop.attitude.crossover == approx(known["roll_attitude_margins"][0], rel=0.1)
     assert loop.agrees and loop.measured.fit > 80 and loop.rate.stable.all()
     assert loop.measured.controller_gain == approx(1, abs=0.2)
     name = loop.controller.parameter_names["p"]

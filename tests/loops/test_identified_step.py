@@ -27,8 +27,8 @@ TIME = np.linspace(0.0, 0.5, 101)
 @fixture(scope="module")
 def loop():
     """A loop whose controller explains nearly all of the output."""
-    made_up_loop = made_up()
-    return replace(made_up_loop, plant=made_up_loop.plant._replace(unexplained_output=0.01))
+    made = made_up()
+    return replace(made, plant=made.plant._replace(unexplained_output=0.01))
 
 
 def test_the_step_of_an_identified_loop_is_that_of_its_estimate_with_draws_about_it(loop):
@@ -44,8 +44,8 @@ def test_the_step_of_an_identified_loop_is_that_of_its_estimate_with_draws_about
 
 
 def test_a_controller_that_explains_too_little_of_the_output_shows_no_step(loop):
-    unexplained_plant = loop.plant._replace(unexplained_output=2 * MAX_UNEXPLAINED_OUTPUT)
-    assert identified_steps(replace(loop, plant=unexplained_plant), TIME, 5) is None
+    other = loop.plant._replace(unexplained_output=2 * MAX_UNEXPLAINED_OUTPUT)
+    assert identified_steps(replace(loop, plant=other), TIME, 5) is None
     # The made-up plant, as one of inputs and outputs alone, has a share of NaN.
     assert identified_steps(made_up(), TIME, 5) is None
 

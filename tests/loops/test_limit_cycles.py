@@ -1,4 +1,4 @@
-"""Limit cycles are found by their spectral line; gusts, steps and a motor at its limit are none."""
+"""Limit cycles are found by their line, at the frequency they have; gusts, steps and a motor at its limit are none."""
 
 import numpy as np
 from hover import X_QUAD, Hover, changed, pulses, with_pulses
@@ -14,13 +14,13 @@ from mavdem.loops.limit_cycles import MIN_DURATION, detect_starting_limit_cycle
 HOVER = Hover(hovering=40.0)
 
 
-def oscillation_of(rate, command, hertz=100.0, offset=0.0, pitch=0.0):
-    """The limit cycle in a hover whose roll rate (N,), deg/s, and command (N,), µs, are functions of time, s."""
+def found(rate, command, hertz=100.0, offset=0.0, pitch=0.0):
+    """Of a hover with a roll rate (N,), deg/s, and a roll command (N,), µs, that are functions of time, s."""
     return measure_condition(hover_signals(rate, command, hertz, offset, pitch)).oscillation
 
 
 def hover_signals(rate, command, hertz=100.0, offset=0.0, pitch=0.0):
-    """The signals of the hover of ``oscillation_of``."""
+    """The hover that ``found`` judges."""
     telemetry = HOVER.telemetry(attitude_time=hertz, motor_time=hertz)
     time = HOVER.stamps(hertz)
     telemetry = with_limited_outputs(telemetry, X_QUAD, command(time), offset)
@@ -38,7 +38,7 @@ def with_limited_outputs(telemetry, signs, command, offset=0.0):
     return with_pulses(telemetry, limited)
 
 
-def sine(hertz, size):
+def swinging(hertz, size):
     return lambda time: size * np.sin(2 * np.pi * hertz * time)
 
 
@@ -57,22 +57,17 @@ def gusts(size):
 
 @mark.parametrize("hertz", [1.5, 7.0, 12.0])
 def test_a_limit_cycle_has_its_frequency_rate_and_time_at_a_limit(hertz):
-    oscillation = oscillation_of(
-        lambda time: sine(hertz, 85.0)(time) + gusts(10.0)(time),
-        lambda time: sine(hertz, 900.0)(time) + gusts(40.0)(time),
+    one = found(
+        lambda time: swinging(hertz, 85.0)(time) + gusts(10.0)(time),
+        lambda time: swinging(hertz, 900.0)(time) + gusts(40.0)(time),
         pitch=0.5,
     )
-    assert oscillation.axis == "roll"
-    assert not oscillation.growing
-    assert oscillation.frequency == approx(hertz, abs=0.25)
-    assert oscillation.rate == approx(np.hypot(85.0 / np.sqrt(2), 10.0), rel=0.05)
-    assert oscillation.at_limit > 0.5
-    assert oscillation.seconds > 30
-    (pitch_oscillation,) = oscillation.other_axes
-    assert (pitch_oscillation.axis, pitch_oscillation.rate) == (
-        "pitch",
-        approx(oscillation.rate / 2),
-    )
+    assert one.axis == "roll" and not one.growing
+    assert one.frequency == approx(hertz, abs=0.25)
+    assert one.rate == approx(np.hypot(85.0 / np.sqrt(2), 10.0), rel=0.05)
+    assert one.at_limit > 0.5 and one.seconds > 30
+    (other,) = one.other_axes
+    assert (other.axis, other.rate) == ("pitch", approx(one.rate / 2))
 
 
 YAW_QUAD = np.array([1.0, 1.0, -1.0, -1.0])
@@ -81,8 +76,8 @@ YAW_QUAD = np.array([1.0, 1.0, -1.0, -1.0])
 
 def test_yaw_oscillates_like_the_other_axes():
     time = HOVER.stamps(100.0)
-    yaw_rate = np.radians(sine(6.0, 60.0)(time))
-    limited = with_limited_outputs(HOVER.telemetry(), YAW_QUAD, sine(6.0, 900.0)(time))
+    yaw_rate = np.radians(swinging(6.0, 60.0)(time))
+    limited = with_limited_outputs(HOVER.telemetry(), YAW_QUAD, swinging(6.0, 900.0)(time))
     turning = changed(limited, "ATTITUDE", yawspeed=yaw_rate)
     condition = measure_condition(Signals(turning))
     assert condition.oscillation.axis == "yaw" and not condition.oscillation.other_axes
@@ -92,43 +87,43 @@ def test_yaw_oscillates_like_the_other_axes():
 
 def test_a_yaw_that_a_rolling_vehicle_shakes_does_not_oscillate_by_itself():
     time = HOVER.stamps(100.0)
-    roll_rate = np.radians(sine(7.0, 85.0)(time))
-    limited = with_limited_outputs(HOVER.telemetry(), X_QUAD, sine(7.0, 900.0)(time))
+    roll_rate = np.radians(swinging(7.0, 85.0)(time))
+    limited = with_limited_outputs(HOVER.telemetry(), X_QUAD, swinging(7.0, 900.0)(time))
     turning = changed(limited, "ATTITUDE", rollspeed=roll_rate, yawspeed=0.2 * roll_rate)
     condition = measure_condition(Signals(turning))
     assert (condition.oscillation.axis, condition.oscillation.other_axes) == ("roll", ())
 
 
 @mark.parametrize("seconds, growing", [(12.0, True), (33.0, True), (45.0, False)])
-def test_a_growing_limit_cycle_is_found_before_motors_reach_their_limits(seconds, growing):
+def test_one_that_grows_is_found_before_motors_reach_their_limits(seconds, growing):
     def grows(size):
-        return lambda time: np.exp((time - 50.0) / seconds) * sine(5.0, size)(time)
+        return lambda time: np.exp((time - 50.0) / seconds) * swinging(5.0, size)(time)
 
-    oscillation = oscillation_of(grows(60.0), grows(120.0))
-    assert (oscillation.growing, oscillation.at_limit) == (growing, 0)
-    assert oscillation.frequency == approx(5.0, abs=0.25)
+    one = found(grows(60.0), grows(120.0))
+    assert (one.growing, one.at_limit) == (growing, 0)
+    assert one.frequency == approx(5.0, abs=0.25)
 
 
-def test_a_lasting_limit_cycle_is_found_without_growth_and_limits():
-    oscillation = oscillation_of(sine(4.0, 30.0), sine(4.0, 60.0))
-    assert not oscillation.growing and oscillation.at_limit == 0
+def test_one_that_lasts_is_found_though_it_neither_grows_nor_reaches_a_limit():
+    one = found(swinging(4.0, 30.0), swinging(4.0, 60.0))
+    assert not one.growing and one.at_limit == 0
 
 
 @mark.parametrize(
     "phase", [lambda t: 0.5 * t + 0.06 * t**2, lambda t: 3.0 * t], ids=["sweep", "sine"]
 )
-def test_manoeuvres_of_system_identification_are_no_limit_cycle(phase):
+def test_what_is_steered_to_identify_is_none(phase):
     """Sweeps from 0.5 to 5 Hz and sines of up to 3 Hz, as ArduPilot's system identification mode flies them."""
 
     def swept(size):
         return lambda time: size * np.sin(2 * np.pi * phase(time))
 
-    assert oscillation_of(swept(30.0), swept(60.0)) is None
+    assert found(swept(30.0), swept(60.0)) is None
 
 
 def test_motors_from_stop_to_stop_show_it_though_the_vehicle_sways_besides():
-    oscillation = oscillation_of(gusts(100.0), sine(17.0, 900.0))
-    assert round(oscillation.frequency) == 17 and oscillation.rate < 20.0
+    one = found(gusts(100.0), swinging(17.0, 900.0))
+    assert round(one.frequency) == 17 and one.rate < 20.0
 
 
 @mark.parametrize("hertz", [17.0, 3.0])
@@ -137,7 +132,7 @@ def test_in_flight_a_small_one_from_stop_to_stop_is_found_when_it_has_lasted(her
     begun, ended = 20.0, 32.0
 
     def swings(size):
-        return lambda time: sine(hertz, size)(time) * ((time >= begun) & (time < ended))
+        return lambda time: swinging(hertz, size)(time) * ((time >= begun) & (time < ended))
 
     signals = hover_signals(swings(6.0), swings(900.0))
     found_at = [
@@ -159,7 +154,7 @@ def test_in_flight_a_small_one_from_stop_to_stop_is_found_when_it_has_lasted(her
 
 @mark.parametrize("steered_share, is_found", [(0.0, True), (1.0, False), (None, False)])
 def test_in_flight_a_slow_one_is_told_from_steering_by_the_setpoint(steered_share, is_found):
-    signals = hover_signals(sine(1.5, 40.0), sine(1.5, 900.0))
+    signals = hover_signals(swinging(1.5, 40.0), swinging(1.5, 900.0))
     roll = signals.attitudes[0]
     setpoints = {}
     if steered_share is not None:
@@ -171,24 +166,24 @@ def test_in_flight_a_slow_one_is_told_from_steering_by_the_setpoint(steered_shar
     assert (cycle is not None) == is_found
 
 
-def test_slow_messages_do_not_determine_the_frequency_of_a_limit_cycle():
-    oscillation = oscillation_of(sine(12.0, 85.0), sine(12.0, 900.0), 10.0)
-    assert oscillation.frequency is None
+def test_where_messages_come_too_slowly_the_frequency_is_not_told():
+    one = found(swinging(12.0, 85.0), swinging(12.0, 900.0), 10.0)
+    assert one.frequency is None
 
 
 @mark.parametrize(
     "rate, command, offset", [(40.0, 300.0, 0.0), (10.0, 40.0, 600.0), (3.0, 20.0, 0.0)]
 )
 def test_wind_is_none_though_motors_reach_their_limits(rate, command, offset):
-    assert oscillation_of(gusts(rate), gusts(command), offset=offset) is None
+    assert found(gusts(rate), gusts(command), offset=offset) is None
 
 
 def test_steps_to_the_side_are_none():
     def square(size):
-        return lambda time: size * np.sign(sine(0.25, 1.0)(time))
+        return lambda time: size * np.sign(swinging(0.25, 1.0)(time))
 
-    assert oscillation_of(square(40.0), square(900.0)) is None
+    assert found(square(40.0), square(900.0)) is None
 
 
-def test_a_line_of_the_rate_alone_is_no_limit_cycle():
-    assert oscillation_of(sine(7.0, 85.0), gusts(300.0)) is None
+def test_what_moves_only_the_rate_is_an_alias_or_a_vibration():
+    assert found(swinging(7.0, 85.0), gusts(300.0)) is None

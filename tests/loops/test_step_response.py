@@ -38,16 +38,16 @@ def test_samples_are_left_out_behind_the_low_pass_of_scipy(decimation):
     assert_allclose(decimated, expected, atol=1e-12 * abs(piece).max())
 
 
-@mark.parametrize("feed_forward", [False, True])
-def test_an_attitude_whose_rate_is_asked_for_too_is_followed_at_once(feed_forward):
+@mark.parametrize("ahead", [False, True])
+def test_an_attitude_whose_rate_is_asked_for_too_is_followed_at_once(ahead):
     """By an ideal rate loop, of which the attitude is the integral."""
     s = 2j * np.pi * FREQUENCY
     angle = 4.5
     attitude = Mock(frequency=FREQUENCY, closed_loop_of_estimate=angle / (s + angle))
-    signals_stand_in = Mock(attitude=attitude, controller=Mock(angle_gain=angle))
+    known = Mock(attitude=attitude, controller=Mock(angle_gain=angle))
     assert_allclose(
-        predicted_attitude_response(signals_stand_in, has_feedforward=feed_forward),
-        1.0 if feed_forward else angle / (s + angle),
+        predicted_attitude_response(known, has_feedforward=ahead),
+        1.0 if ahead else angle / (s + angle),
     )
 
 
@@ -66,11 +66,11 @@ def steered(seed=1, slow=0.9):
     return lfilter([1 - slow], [1.0, -slow], values)
 
 
-def flight(rate, setpoint, angle=None, angle_setpoint=None):
+def flight(rate, setpoint, angle=None, wanted=None):
     """A hover at 200 Hz with a roll rate and its setpoint, (N,) rad/s, and an angle and its setpoint, rad."""
     roll = 0 * TIME if angle is None else angle
     telemetry = changed(HOVER.telemetry(200.0, 200.0), "ATTITUDE", rollspeed=rate, roll=roll)
-    return asking(telemetry, TIME, 128 if angle_setpoint is None else 0, setpoint, angle_setpoint)
+    return asking(telemetry, TIME, 128 if wanted is None else 0, setpoint, wanted)
 
 
 def measured(telemetry, response=rate_step_response):
@@ -82,23 +82,23 @@ def measured(telemetry, response=rate_step_response):
 @mark.parametrize("repeated", [slice(0), slice(3000, 5000)])
 def test_a_resonance_is_measured_with_a_band_that_holds_it(repeated):
     numerator, denominator, closed = loop()
-    setpoint = steered()
+    asked = steered()
     gusts = 0.05 * lfilter([1.0], [1.0, -0.95], steered(2, slow=0.0))
-    rate = lfilter(numerator, denominator, setpoint) + gusts
-    rate[repeated] = setpoint[repeated] = 0.1
-    response = measured(flight(rate, setpoint))
-    true = step_from_frequency_response(FREQUENCY, closed, response.time)
-    assert np.mean(abs(response.step - true) <= response.step_half) > 0.8
-    assert response.overshoot.value == approx(true.max() - 1, abs=0.03)
+    rate = lfilter(numerator, denominator, asked) + gusts
+    rate[repeated] = asked[repeated] = 0.1
+    found = measured(flight(rate, asked))
+    true = step_from_frequency_response(FREQUENCY, closed, found.time)
+    assert np.mean(abs(found.step - true) <= found.step_half) > 0.8
+    assert found.overshoot.value == approx(true.max() - 1, abs=0.03)
     peak = np.argmax(abs(closed))
-    assert response.peak.value == approx(abs(closed[peak]), rel=0.1)
-    assert response.peak_frequency.value == approx(FREQUENCY[peak], rel=0.05)
-    assert response.coherence > 0.8 and response.max_frequency > 15
-    assert response.fact.code is StepResponseFact.STEP_MEASURED
-    assert response.comparison(FREQUENCY, closed).code is StepResponseFact.PREDICTION_AGREES
-    slower = response.comparison(FREQUENCY, loop(5.0)[2])
+    assert found.peak.value == approx(abs(closed[peak]), rel=0.1)
+    assert found.peak_frequency.value == approx(FREQUENCY[peak], rel=0.05)
+    assert found.coherence > 0.8 and found.max_frequency > 15
+    assert found.fact.code is StepResponseFact.STEP_MEASURED
+    assert found.comparison(FREQUENCY, closed).code is StepResponseFact.PREDICTION_AGREES
+    slower = found.comparison(FREQUENCY, loop(5.0)[2])
     assert slower.code is StepResponseFact.PREDICTION_DOUBTED and slower.figures["share"] > 0.5
-    faster = response.comparison(FREQUENCY, loop(90.0, damping=0.1)[2])
+    faster = found.comparison(FREQUENCY, loop(90.0, damping=0.1)[2])
     assert faster.code is StepResponseFact.MEASUREMENT_DOUBTED
 
 
@@ -106,26 +106,26 @@ def test_a_resonance_is_measured_with_a_band_that_holds_it(repeated):
 @mark.parametrize("is_corrected", [True, False])
 def test_wind_that_the_attitude_controller_answers_does_not_bias_it(is_corrected):
     """The setpoint of the rate answers the wind, whether the log has that correction in it or not."""
-    angle_setpoint = 0.6 * lfilter([0.01], [1.0, -0.99], steered(3))
-    feed_forward = 200 * np.gradient(angle_setpoint)
+    wanted = 0.6 * lfilter([0.01], [1.0, -0.99], steered(3))
+    ahead = 200 * np.gradient(wanted)
     wind = 0.5 * lfilter([0.05], [1.0, -0.95], steered(4, slow=0.0))
     frequency = np.fft.rfftfreq(len(TIME), 1 / 200)
     turning = 200 * (np.exp(2j * np.pi * frequency / 200) - 1)
     *_, closed = loop(frequency=frequency)
-    moved = closed * np.fft.rfft(feed_forward + 4.5 * angle_setpoint) + np.fft.rfft(wind)
+    moved = closed * np.fft.rfft(ahead + 4.5 * wanted) + np.fft.rfft(wind)
     angle = np.fft.irfft(moved / (turning + 4.5 * closed), len(TIME))
     rate = 200 * (np.roll(angle, -1) - angle)
-    setpoint = feed_forward + 4.5 * (angle_setpoint - angle)
-    telemetry = flight(rate, setpoint if is_corrected else feed_forward, angle, angle_setpoint)
-    response = measured(telemetry)
-    true = step_from_frequency_response(frequency[1:], closed[1:], response.time)
-    assert np.mean(abs(response.step - true) <= response.step_half) > 0.7
-    assert response.peak_frequency.value == approx(12.0, rel=0.1)
+    asked = ahead + 4.5 * (wanted - angle)
+    telemetry = flight(rate, asked if is_corrected else ahead, angle, wanted)
+    found = measured(telemetry)
+    true = step_from_frequency_response(frequency[1:], closed[1:], found.time)
+    assert np.mean(abs(found.step - true) <= found.step_half) > 0.7
+    assert found.peak_frequency.value == approx(12.0, rel=0.1)
     outer = measured(telemetry, attitude_step_response)
     assert outer.loop == "attitude" and outer.step[-1] == approx(1.0, abs=0.1)
 
 
-def test_higher_gains_predict_a_faster_step_with_more_overshoot():
+def test_of_higher_gains_a_faster_step_with_more_overshoot_is_predicted():
     usual, high = (predicted_step(made_up(factor).rate, 0.6) for factor in (1.0, 2.0))
     assert high.rise_time.value < usual.rise_time.value
     assert high.overshoot.value > usual.overshoot.value
@@ -135,20 +135,20 @@ def test_higher_gains_predict_a_faster_step_with_more_overshoot():
 @mark.slow
 def test_a_step_response_begins_at_zero():
     numerator, denominator, _ = loop()
-    setpoint = steered()
-    response = measured(
-        flight(lfilter(numerator, denominator, setpoint) + steered(2, slow=0.0) / 50, setpoint)
+    asked = steered()
+    found = measured(
+        flight(lfilter(numerator, denominator, asked) + steered(2, slow=0.0) / 50, asked)
     )
-    assert response.time[0] == response.step[0] == 0.0
+    assert found.time[0] == found.step[0] == 0.0
 
 
 @mark.slow
 def test_a_rate_without_an_angle_setpoint_as_fast_is_measured_unless_it_lacks_a_correction():
     """PX4 logs the setpoint of the attitude at 20 Hz, and that of the rate, complete, at 50 Hz."""
     numerator, denominator, _ = loop(4.0)
-    setpoint = steered()
-    rate = lfilter(numerator, denominator, setpoint) + steered(2, slow=0.0) / 50
-    telemetry = flight(rate, setpoint, 0 * TIME, steered(3))
+    asked = steered()
+    rate = lfilter(numerator, denominator, asked) + steered(2, slow=0.0) / 50
+    telemetry = flight(rate, asked, 0 * TIME, steered(3))
     targets = telemetry.messages["ATTITUDE_TARGET"]
     is_slow = np.arange(len(targets["time"])) % 10 > 0
     mask = targets["type_mask"] + IGNORE_ATTITUDE * is_slow
@@ -161,25 +161,25 @@ def test_a_rate_without_an_angle_setpoint_as_fast_is_measured_unless_it_lacks_a_
 @mark.slow
 def test_a_slow_setpoint_does_not_show_a_fast_response():
     """Whatever follows at once looks the same: the band is too wide to be drawn."""
-    setpoint = lfilter([0.01], [1.0, -0.99], steered(1, slow=0.97))
+    asked = lfilter([0.01], [1.0, -0.99], steered(1, slow=0.97))
     noise = steered(2, slow=0.0) / 2000
-    response = measured(flight(setpoint + noise, setpoint))
-    assert response.code is StepResponseFact.TOO_LITTLE_ASKED
+    found = measured(flight(asked + noise, asked))
+    assert found.code is StepResponseFact.TOO_LITTLE_ASKED
 
 
 def test_pieces_too_short_for_a_window_give_no_step_response():
     """Each gap in the messages begins another piece; here a flight is nothing but pieces of 2.2 s."""
     pieces = [Segment(0, start, start + 2.2) for start in np.arange(12.0, 60.0, 3.0)]
-    response = rate_step_response(Signals(flight(steered(), steered())), pieces)
-    assert response.code is StepResponseFact.TOO_LITTLE_ASKED
+    found = rate_step_response(Signals(flight(steered(), steered())), pieces)
+    assert found.code is StepResponseFact.TOO_LITTLE_ASKED
 
 
 @mark.slow
 def test_a_setpoint_that_moves_before_the_windows_only_gives_no_step_response():
-    setpoint = np.where(TIME < 12.8, steered(), 0.0)
-    flight_segment = Segment(0, 12.0, 60.0)
-    response = rate_step_response(Signals(flight(0 * TIME, setpoint)), [flight_segment])
-    assert response.code is StepResponseFact.TOO_LITTLE_ASKED
+    asked = np.where(TIME < 12.8, steered(), 0.0)
+    whole = Segment(0, 12.0, 60.0)
+    found = rate_step_response(Signals(flight(0 * TIME, asked)), [whole])
+    assert found.code is StepResponseFact.TOO_LITTLE_ASKED
 
 
 @mark.slow
@@ -197,7 +197,7 @@ def test_nothing_is_estimated_without_setpoint_or_from_infinite_values():
 def test_why_there_is_no_step_response(monkeypatch):
     rate = steered()
     without = measured(HOVER.telemetry(200.0, 200.0))
-    without_steering = measured(flight(rate, 0 * rate))
+    still = measured(flight(rate, 0 * rate))
     telemetry = flight(rate, rate)
     slow = measured(only(telemetry, lambda time: np.isin(time, TIME[::10]), "ATTITUDE_TARGET"))
     unflown = rate_step_response(Signals(telemetry), ())
@@ -207,4 +207,4 @@ def test_why_there_is_no_step_response(monkeypatch):
     assert without.code is unasked.code is StepResponseFact.NO_SETPOINT
     assert slow.code is StepResponseFact.TOO_SLOW
     assert unflown.code is StepResponseFact.TOO_LITTLE_FLIGHT
-    assert without_steering.code is unsure.code is StepResponseFact.TOO_LITTLE_ASKED
+    assert still.code is unsure.code is StepResponseFact.TOO_LITTLE_ASKED

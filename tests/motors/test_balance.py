@@ -70,7 +70,7 @@ def test_effects_of_lean_from_six_blocks_hold_the_truth():
     assert np.mean(inside) > 0.9 - 3 * np.sqrt(0.9 * 0.1 / 200)
 
 
-def test_the_balance_is_unknown_where_lean_geometry_or_time_do_not_determine_it():
+def test_what_cannot_be_seen_is_not_known():
     time, commands, lean = flown(1)
     steady = figures(time, commands, np.full((len(time), 2), 0.02))
     assert np.isnan(steady.lean_effect).all() and np.isfinite(steady.mean).all()

@@ -38,19 +38,17 @@ def flight(seed, seconds=45.0, sd=0.01, coloured_by=0.5, motors=4):
     return time, 0.6 * (1 + sd * noise @ MIXERS[motors].T)
 
 
-def detector_after(time, commands, heading=lambda sample_time: 0.0, detector=None, lean=(0.0, 0.0)):
-    """A detector after all samples of a flight with a constant lean, roll and pitch in degrees."""
-    detector = detector or MotorLossDetector(geometry(commands.shape[1]))
-    for sample_time, sample_commands in zip(time.tolist(), commands, strict=True):
-        alarms = detector.update(
-            sample_time, sample_commands, heading(sample_time), np.radians(lean)
-        )
-        assert all(alarm.onset_time < alarm.time <= sample_time for alarm in alarms)
-    return detector
+def watched(time, commands, heading=lambda at: 0.0, watch=None, lean=(0.0, 0.0)):
+    """A detector that saw a flight with one lean, roll and pitch in degrees."""
+    watch = watch or MotorLossDetector(geometry(commands.shape[1]))
+    for at, row in zip(time.tolist(), commands, strict=True):
+        found = watch.update(at, row, heading(at), np.radians(lean))
+        assert all(one.onset_time < one.time <= at for one in found)
+    return watch
 
 
-def changes(*flight_and_heading):
-    return detector_after(*flight_and_heading).alarms
+def changes(*flown):
+    return watched(*flown).alarms
 
 
 def after(time, rise):
@@ -113,26 +111,24 @@ def test_every_fault_is_found_and_its_end(faults):
     rises = np.ones_like(commands)
     for begin, rise in faults.items():
         rises[time >= 100.0 + begin] = rise
-    changes_found = changes(time, commands * rises)
+    found = changes(time, commands * rises)
     before = [1.0] * 4
     for begin, rise in faults.items():
         for motor in np.flatnonzero(np.subtract(rise, before)):
-            change = changes_found.pop(0)
-            assert change.motor == motor + 1 and begin < change.time - 100.0 < begin + 2.5
-            assert change.onset_time == 100.0 + begin
+            one = found.pop(0)
+            assert one.motor == motor + 1 and begin < one.time - 100.0 < begin + 2.5
+            assert one.onset_time == 100.0 + begin
             if rise[motor] > 1:
-                assert change.is_weak
+                assert one.is_weak
             else:
-                assert not change.is_weak
-            assert change.size == approx(rise[motor] - 1, abs=0.05)
+                assert not one.is_weak
+            assert one.size == approx(rise[motor] - 1, abs=0.05)
             code = (
-                MotorWatchFact.MOTOR_LOST_THRUST
-                if change.is_weak
-                else MotorWatchFact.MOTOR_RECOVERED
+                MotorWatchFact.MOTOR_LOST_THRUST if one.is_weak else MotorWatchFact.MOTOR_RECOVERED
             )
-            assert change.fact.code is code
+            assert one.fact.code is code
         before = rise
-    assert not changes_found
+    assert not found
 
 
 @mark.parametrize("shift", [(0.05, 0.0), (0.0, -0.06), (-0.05, 0.05), (0.03, 0.06)])
@@ -168,38 +164,32 @@ def test_a_load_that_shifts_on_a_leaning_vehicle_is_no_motor_even_where_yaw_chan
     """
     time, commands = flight(3, sd=0.003)
     shift = 0.6 * quad(0.0, -0.03, -0.03, -0.02)
-    [first, *_] = detector_after(time, commands + after(time, shift), lean=lean).alarms
+    [first, *_] = watched(time, commands + after(time, shift), lean=lean).alarms
     assert first.motor == motor
 
 
-def heading_with_turns(*turns):
-    """The heading, rad, as a function of time: each turn has start and end, s, and its angle, rad."""
-    return lambda time: sum(
-        angle * np.clip((time - start) / (end - start), 0, 1) for start, end, angle in turns
-    )
+def turned(*turns):
+    """The heading at a time: so much, rad, is turned evenly from a beginning to an end, s, for each of the turns."""
+    return lambda at: sum(angle * np.clip((at - a) / (b - a), 0, 1) for a, b, angle in turns)
 
 
 @mark.slow
-def test_a_change_that_comes_with_a_turn_names_no_motor():
+def test_what_changes_with_the_heading_names_no_motor():
     """The nose turns from 18 to 22 s, in which a motor begins to work harder."""
     time, commands = flight(1, 60.0, 0.005)
-    rise = 0.12 * np.eye(4)[0]
-    weak = commands + after(time, rise)
+    harder = 0.12 * np.eye(4)[0]
+    weak = commands + after(time, harder)
     turn = (118.0, 122.0, 2.0)
-    next_turn, turn_back = (128.0, 130.0, 2.0), (128.0, 130.0, -2.0)
-    assert not changes(time, weak, heading_with_turns(turn))
-    # If it persists after the next turn, the heading is not the cause; nor is it after a turn back, or a small one.
-    small_turn = (118.0, 122.0, np.pi / 6 - 0.01)
-    for turns, earliest in (
-        ((turn, next_turn), 130.0),
-        ((turn, turn_back), 130.0),
-        ((small_turn,), 120.0),
-    ):
-        [alarm] = changes(time, weak, heading_with_turns(*turns))
+    further, back = (128.0, 130.0, 2.0), (128.0, 130.0, -2.0)
+    assert not changes(time, weak, turned(turn))
+    # Still so after the next turn: the heading is not why. Nor is it at the heading of before, or near it.
+    near = (118.0, 122.0, np.pi / 6 - 0.01)
+    for turns, earliest in (((turn, further), 130.0), ((turn, back), 130.0), ((near,), 120.0)):
+        [alarm] = changes(time, weak, turned(*turns))
         assert alarm.motor == 1 and earliest < alarm.time < earliest + 3.0
-    # A change that ends with the turn back is no recovery of a motor.
-    commands_of_that_heading = commands + np.outer((time >= 120) & (time < 129), rise)
-    assert not changes(time, commands_of_that_heading, heading_with_turns(turn, turn_back))
+    # A turn back to what was before is no recovery of a motor.
+    there = commands + np.outer((time >= 120) & (time < 129), harder)
+    assert not changes(time, there, turned(turn, back))
 
 
 @mark.parametrize("earlier_share, named_motors", [(0.0, [1]), (0.6, [])])
@@ -207,7 +197,7 @@ def test_a_change_that_shows_at_an_earlier_heading_names_no_motor(earlier_share,
     """Before the break the nose points elsewhere for 3 s, where a share of the same rise shows."""
     time, commands = flight(1, 60.0, 0.005)
     rise = 0.2 * np.eye(4)[0]
-    heading = heading_with_turns(
+    heading = turned(
         (107.0, 108.0, 2.1), (111.0, 112.0, -2.1), (118.0, 120.0, 1.05), (130.0, 132.0, 2.1)
     )
     is_elsewhere = (time >= 107.5) & (time < 111.5)
@@ -216,15 +206,14 @@ def test_a_change_that_shows_at_an_earlier_heading_names_no_motor(earlier_share,
 
 
 @mark.slow
-def test_no_motor_is_named_within_ten_seconds_of_steady_flight():
+def test_no_motor_is_named_before_ten_seconds_were_steady():
     time, commands = flight(1, 60.0, 0.005)
     weak = commands + after(time, 0.12 * np.eye(4)[0])
     for end_time in (112.0, 115.0):
         unknown = np.where(time < end_time, np.nan, 0.0)
         turning = np.minimum(time, end_time)
-        for headings in (unknown, turning):
-            heading_at = dict(zip(time, headings, strict=True)).get
-            [alarm] = changes(time, weak, heading_at)
+        for heading in (dict(zip(time, one, strict=True)) for one in (unknown, turning)):
+            [alarm] = changes(time, weak, heading.get)
             assert alarm.time == approx(max(end_time + 10.0, 122.0), abs=0.6)
 
 
@@ -238,7 +227,7 @@ def test_no_motor_is_named_within_ten_seconds_of_steady_flight():
     ],
     ids=["yaw alone", "thrust alone", "a gust that passes", "manoeuvres after calm hover"],
 )
-def test_changes_that_no_motor_causes_give_no_alarm(size, balance):
+def test_what_is_no_motor_gives_no_alarm(size, balance):
     time, commands = flight(4, 60.0, 0.003)
     assert not changes(time, commands + 0.6 * np.outer(size(time - 100.0), quad(*balance)))
 
@@ -246,20 +235,20 @@ def test_changes_that_no_motor_causes_give_no_alarm(size, balance):
 @mark.slow
 @mark.parametrize("sd, seconds", [(0.01, 0.1), (0.02, 3.0)])
 def test_coloured_noise_gives_no_alarm(sd, seconds):
-    """In five minutes each. Slow noise is larger than the prior of the test, which must learn it."""
+    """Over five minutes each; what is slow is more than the test was told of at first, and it must learn that."""
     time, commands = flight(3, 300.0, sd, seconds)
     assert HOURS_TO_FALSE_ALARM > 2 * 300 / 3600
-    assert not [change for change in changes(time, commands) if change.motor is not None]
+    assert not [one for one in changes(time, commands) if one.motor is not None]
 
 
-def test_an_alarm_names_the_motor_and_whether_the_geometry_is_assumed():
+def test_it_names_the_motor_and_says_when_that_rests_on_an_assumption():
     time, commands = flight(2)
     weak = commands + after(time, 0.15 * np.eye(4)[1])
     [alarm] = changes(time, weak)
     assert (alarm.fact.subject, alarm.fact.level) == ("motor 2 (rear left)", Level.BAD)
     assert not alarm.fact.figures["assumed"]
     layout = motor_geometry("QUADROTOR", "PX4", {}, (1, 2, 3, 4), 16)
-    [alarm] = detector_after(time, weak, detector=MotorLossDetector(layout)).alarms
+    [alarm] = watched(time, weak, watch=MotorLossDetector(layout)).alarms
     assert alarm.fact.figures["assumed"]
 
 
@@ -268,23 +257,23 @@ def test_a_bad_link_hides_no_fault_and_no_recovery():
     draw = default_rng(8)
     time, commands = flight(6, 70.0, 0.005)
     commands[(time >= 120.0) & (time < 145.0)] *= [1.2, 1.0, 1.0, 1.0]
-    received = np.flatnonzero((draw.random(len(time)) > 0.2) & ((time - 100.0) % 27.5 < 25.0))
-    received = np.repeat(received, 1 + (draw.random(len(received)) < 0.05))
-    overtake(draw, received)
-    weak, sound = changes(time[received], commands[received])
+    kept = np.flatnonzero((draw.random(len(time)) > 0.2) & ((time - 100.0) % 27.5 < 25.0))
+    kept = np.repeat(kept, 1 + (draw.random(len(kept)) < 0.05))
+    overtake(draw, kept)
+    weak, sound = changes(time[kept], commands[kept])
     assert (weak.motor, sound.motor) == (1, 1) and weak.is_weak and not sound.is_weak
     assert 120.0 < weak.time < 125.0 and 145.0 < sound.time < 150.0
 
 
-@mark.parametrize("silence_seconds", [MAX_GAP - 0.2, MAX_GAP + 0.2])
-def test_flight_before_a_long_silence_is_no_reference(silence_seconds):
+@mark.parametrize("silent", [MAX_GAP - 0.2, MAX_GAP + 0.2])
+def test_after_a_long_silence_what_was_before_is_no_reference(silent):
     time, commands = flight(6, 40.0, 0.005)
     commands[time > 120.0] *= [1.2, 1.0, 1.0, 1.0]
-    is_received = abs(time - 120.0) > silence_seconds / 2
-    if silence_seconds < MAX_GAP:
-        assert len(changes(time[is_received], commands[is_received])) == 1
+    heard = abs(time - 120.0) > silent / 2
+    if silent < MAX_GAP:
+        assert len(changes(time[heard], commands[heard])) == 1
     else:
-        assert len(changes(time[is_received], commands[is_received])) == 0
+        assert len(changes(time[heard], commands[heard])) == 0
 
 
 @mark.parametrize("motor", range(4))
@@ -292,40 +281,40 @@ def test_a_motor_that_loses_a_fifth_of_its_thrust_is_named_at_the_rate_of_ground
     time, commands = flight(motor + 20, seconds=100.0)
     commands[time >= 150.0] += 0.15 * 0.6 * np.eye(4)[motor]
     # Of the 20 samples of 2 s, 8 arrive: 4 Hz.
-    is_received = np.arange(len(time)) % 5 % 3 == 0
-    (change,) = changes(time[is_received], commands[is_received])
+    kept = np.arange(len(time)) % 5 % 3 == 0
+    (change,) = changes(time[kept], commands[kept])
     assert change.motor == motor + 1 and change.is_weak
     assert 150.0 < change.time <= 155.0
 
 
-def test_a_detector_that_cannot_detect_states_the_reason():
+def test_where_nothing_can_be_found_it_says_why():
     time, commands = flight(2)
     weak = commands + after(time, 0.15 * np.eye(4)[0])
-    slow = detector_after(4 * time, weak)
+    slow = watched(4 * time, weak)
     assert (
         not slow.alarms and slow.undetectable_reason.code is MotorWatchFact.MOTOR_OUTPUTS_TOO_SLOW
     )
-    assert detector_after(time + 400.0, commands, detector=slow).undetectable_reason is None
-    silent = detector_after(time, weak, detector=MotorLossDetector(geometry(spins=())))
+    assert watched(time + 400.0, commands, watch=slow).undetectable_reason is None
+    silent = watched(time, weak, watch=MotorLossDetector(geometry(spins=())))
     assert (
         not silent.alarms and silent.undetectable_reason.code is MotorWatchFact.MOTOR_PLACES_UNKNOWN
     )
 
 
 def test_json_keeps_alarms_apart_from_changes_that_name_no_motor():
-    loss = MotorChange(30.0, 28.5, 2, "motor 2", 0.25, 0.98, loss=(0.2, 0.4))
-    torque_change = MotorChange(40.0, 30.0, None, "", 0.1, 0.97)
-    recovery = MotorChange(50.0, 49.0, 2, "motor 2", 0.0, 0.99)
-    figures = alarm_figures([torque_change, loss, recovery])
-    assert (figures["alarms"], figures["recoveries"]) == ([loss], [recovery])
-    assert figures["torque_changes"] == [torque_change]
-    rate_limit, basis = figures["false_alarms_per_hour"].values()
-    assert rate_limit == approx(-np.log(0.05) / 5.55, abs=0.01)
+    named = MotorChange(30.0, 28.5, 2, "motor 2", 0.25, 0.98, loss=(0.2, 0.4))
+    torque = MotorChange(40.0, 30.0, None, "", 0.1, 0.97)
+    sound = MotorChange(50.0, 49.0, 2, "motor 2", 0.0, 0.99)
+    found = alarm_figures([torque, named, sound])
+    assert (found["alarms"], found["recoveries"]) == ([named], [sound])
+    assert found["torque_changes"] == [torque]
+    at_most, basis = found["false_alarms_per_hour"].values()
+    assert at_most == approx(-np.log(0.05) / 5.55, abs=0.01)
     assert basis.figures["duration"] == 5.55 * 3600
 
 
 def test_a_batch_as_long_as_the_run_shows_no_variance():
-    variance = long_run_variance(
+    found = long_run_variance(
         np.ones((2, 1)), np.ones((1, 2), bool), np.zeros((1, 1)), np.zeros(1), 0.01
     )
-    assert variance == approx(2 / 2.02)
+    assert found == approx(2 / 2.02)

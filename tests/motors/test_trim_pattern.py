@@ -81,7 +81,7 @@ def test_an_even_trim_that_may_hide_a_lost_motor_is_not_called_good():
     assert trim((0.0, 0.0, 0.0), geometry(8)).code is TrimFact.TRIM_EVEN
 
 
-def test_a_trim_within_its_error_of_even_is_no_alarm():
+def test_what_cannot_be_told_from_even_is_no_alarm():
     half = 1.645 * 0.01
     limit = FAULT_RISE
     for yaw, code, level in (
@@ -113,14 +113,14 @@ def test_a_trim_within_its_error_of_even_is_no_alarm():
         (1.05, 0.02, TrimFact.TRIM_NEAR_LIMIT),
     ],
 )
-def test_a_single_motor_that_works_hardest_is_to_be_watched(share, error, code):
+def test_one_motor_that_leads_alone_is_to_be_watched(share, error, code):
     signature = motor_signatures(QUAD).weak_motor_balance[1, 1:]
     fact = trim(share * FAULT_RISE / 0.75 * signature, error=error)
     assert fact.code is code
     assert fact.subject == (QUAD.names[1] if code is TrimFact.TRIM_OF_LEADING_MOTOR else "")
 
 
-def test_the_trim_is_unknown_with_little_flight_or_unknown_geometry():
+def test_nothing_is_said_of_little_flight_or_without_the_places():
     assert trim_pattern(None, geometry()).code is TrimFact.TRIM_UNKNOWN
     for spins in ((), (0, 0)):  # not known, or turning nothing
         fact = trim_pattern(None, geometry(spins=spins))

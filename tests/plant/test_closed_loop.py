@@ -1,4 +1,4 @@
-"""Identification in closed loop: spectra of simulated loops, derivatives by differences, and identified plants."""
+"""The closed loop: spectra against simulation at any rate, slopes against differences, plants given back."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -35,181 +35,156 @@ from mavdem.plant.closed_loop.spectra import (
 
 CYCLE = 0.0025
 SECONDS = 90.0
-EFFECT, DAMPING, LAG = 150.0, 1.0, 0.03
-DELAY_CYCLES = 2
-"""Cycles from the gyro's sample to the output that acts on the motors."""
-P, D, ANGLE_GAIN = 0.1, 0.002, 5.0
-GYRO_NOISE, ANGLE_NOISE = 0.005, 2e-4
+EFFECT, DAMPING, LAG, LATE = 150.0, 1.0, 0.03, 2  # cycles from the rate to the output that acts
+P, D, ANGLE = 0.1, 0.002, 5.0
+NOISE, ANGLE_NOISE = 0.005, 2e-4
 
 
-class SimulatedLoop(NamedTuple):
-    """Signals of a linear rate loop, one value per cycle."""
+class Flown(NamedTuple):
+    """A linear loop, a value a cycle."""
 
     rate: np.ndarray
     output: np.ndarray
     setpoint: np.ndarray
-    pilot_command: np.ndarray
+    asked: np.ndarray
 
 
 @cache
-def simulated_loop(
-    seed, command_size=1.0, hold_unit=1, turbulence=((0.5, 2.0),), gyro_noise=GYRO_NOISE
-):
-    """Simulates a closed loop in turbulence, whose pilot commands random steps of the rate.
-
-    Steps last a multiple of ``hold_unit`` cycles. Turbulence is a sum of first-order noises, each with its correlation
-    time, s, and standard deviation, rad/s².
-    """
+def fly(seed, steered=1.0, in_time=1, turbulence=((0.5, 2.0),), noise=NOISE):
+    """Rate, output, setpoint and what was asked of a plant in turbulence (s, rad/s²) that steps are asked of."""
     rng = default_rng(seed)
     count = round(SECONDS / CYCLE)
-    # States are angle, rate and torque; inputs are the output of the controller and the wind torque.
     A = np.array([[0, 1, 0], [0, -DAMPING, 1], [0, 0, -1 / LAG]])
     B = np.array([[0, 0], [0, 1], [EFFECT / LAG, 0]])
     A, B, *_ = cont2discrete((A, B, A, B), CYCLE)
-    hold_cycles = hold_unit * rng.integers(40 // hold_unit, 200 // hold_unit, count // 40)
-    steps = rng.normal(0, 1, len(hold_cycles))
-    pilot_command = command_size * np.repeat(steps, hold_cycles)[:count]
+    holds = in_time * rng.integers(40 // in_time, 200 // in_time, count // 40)  # cycles
+    asked = steered * np.repeat(rng.normal(0, 1, len(holds)), holds)[:count]
     wind = sum(
         lfilter([(2 * CYCLE / time) ** 0.5], [1, CYCLE / time - 1], rng.normal(0, size, count))
         for time, size in turbulence
     )
-    rate_errors, angle_errors = rng.normal(0, [[gyro_noise], [ANGLE_NOISE]], (2, count))
-    state = np.zeros(3)
-    outputs = [0.0] * DELAY_CYCLES
-    previous_rate = 0.0
-    signals = np.empty((count, 3))
+    heard, shaken = rng.normal(0, [[noise], [ANGLE_NOISE]], (2, count))
+    state, held, before = np.zeros(3), [0.0] * LATE, 0.0
+    rows = np.empty((count, 3))
     for k in range(count):
-        rate = state[1] + rate_errors[k]
-        setpoint = pilot_command[k] - ANGLE_GAIN * (state[0] + angle_errors[k])
-        output = P * (setpoint - rate) - D * (rate - previous_rate) / CYCLE
-        previous_rate = rate
-        outputs.append(output)
-        signals[k] = rate, output, setpoint
-        # The output of ``DELAY_CYCLES`` before acts now.
-        state = A @ state + B @ [outputs[k], wind[k]]
-    return SimulatedLoop(*signals.T, pilot_command)
+        rate = state[1] + heard[k]
+        setpoint = asked[k] - ANGLE * (state[0] + shaken[k])
+        output = P * (setpoint - rate) - D * (rate - before) / CYCLE
+        before = rate
+        held.append(output)
+        rows[k] = rate, output, setpoint
+        state = A @ state + B @ [held[k], wind[k]]
+    return Flown(*rows.T, asked)
 
 
-def feedback_response(frequency):
-    """The response of the simulated controller's output to the rate, with its sign reversed."""
+def back(frequency):
+    """Of the controller that flies."""
     return P + D * (1 - np.exp(-2j * np.pi * frequency * CYCLE)) / CYCLE
 
 
 KNOWN = KnownController(
-    lambda f: (np.full(np.shape(f), P, complex), feedback_response(f)),
+    lambda f: (np.full(np.shape(f), P, complex), back(f)),
     lambda f: np.ones(np.shape(f), complex),
-    ANGLE_GAIN,
+    ANGLE,
     CYCLE,
 )
 STAMPS = 7.0 + CYCLE * np.arange(round(SECONDS / CYCLE))
 STARTS = np.arange(STAMPS[0], STAMPS[-1] - SPECTRUM_SECONDS, SPECTRUM_SECONDS / 2)
 
 
-def sent(values, every=1, first=0, late=0):
-    """Messages of every ``every``-th value from ``first`` on; each second one is sent ``late`` cycles later."""
-    cycles = np.arange(first, len(STAMPS) - late, every)
-    cycles[1::2] += late
-    return Messages(STAMPS[cycles], values[cycles])
+def sent(one, every=1, begin=0, late=0):
+    """Every so many messages of a quantity, each second of them so many cycles late."""
+    rows = np.arange(begin, len(STAMPS) - late, every)
+    rows[1::2] += late
+    return Messages(STAMPS[rows], one[rows])
 
 
-def posterior(loop, *sending):
-    """The posterior of the loop's parameters by messages of its signals, sent as :func:`sent` says."""
-    spectra = cross_spectra([sent(signal, *sending) for signal in loop], STARTS)
-    return AxisPosterior(spectra, KNOWN, 0.0)
+def axis(flown, *every):
+    """As spectra, of every so many messages."""
+    return AxisPosterior(cross_spectra([sent(one, *every) for one in flown], STARTS), KNOWN, 0.0)
 
 
 TRUE = {
     "effect": np.log(EFFECT),
     "damping": np.log(DAMPING),
     "lag": np.log(LAG),
-    # The output is held for a cycle, which adds half a cycle to the delay.
-    "delay": np.log((DELAY_CYCLES + 0.5) * CYCLE),
+    "delay": np.log((LATE + 0.5) * CYCLE),
 }
-TRUE_THETA = np.append(list(TRUE.values()), PRIOR_MEAN[len(TRUE) :])
+KNOWN_PLANT = np.append(list(TRUE.values()), PRIOR_MEAN[len(TRUE) :])
 
 
 @mark.slow
-@mark.parametrize("sending", [(), (4,), (4, 0, 1)])
-def test_the_parameters_of_a_simulated_plant_are_identified(sending):
-    """Errors are within three standard deviations and a small bias."""
-    identified = identify_axis(posterior(simulated_loop(3), *sending))
-    max_bias = [0.03, 0.3, 0.05, 0.05]
-    max_errors = 3 * np.sqrt(identified.covariance.diagonal())[: len(TRUE)] + max_bias
-    assert (abs(identified.theta - TRUE_THETA)[: len(TRUE)] <= max_errors).all()
-    assert identified.posterior.reference_share(identified.theta) > 0.5
+@mark.parametrize("every", [(), (4,), (4, 0, 1)])
+def test_a_plant_is_given_back(every):
+    """With its delay, which has half a cycle of hold, within three standard deviations and a share of the truth."""
+    found = identify_axis(axis(fly(3), *every))
+    allowed = 3 * np.sqrt(found.covariance.diagonal())[: len(TRUE)] + [0.03, 0.3, 0.05, 0.05]
+    assert (abs(found.theta - KNOWN_PLANT)[: len(TRUE)] <= allowed).all()
+    assert found.posterior.reference_share(found.theta) > 0.5
 
 
 @mark.slow
-@mark.parametrize("hold_unit, every", [(1, 16), (4, 4)])
-def test_the_sum_of_lag_and_delay_is_identified_at_25_hz_and_with_synchronous_steps(
-    hold_unit, every
-):
-    """Each alone is hardly identifiable there: an earlier step and a slower motor have similar effects."""
-    loop = simulated_loop(3, hold_unit=hold_unit)
-    effect, _, lag, delay, *_ = np.exp(identify_axis(posterior(loop, every)).theta)
-    assert lag + delay == approx(LAG + (DELAY_CYCLES + 0.5) * CYCLE, rel=0.25)
-    assert effect == approx(EFFECT, rel=0.2)
+@mark.parametrize("in_time, every", [(1, 16), (4, 4)])
+def test_lag_and_delay_together_are_known_at_25_hz_and_where_steps_keep_time(in_time, every):
+    """Of neither of which alone much is known there: whether a step comes sooner or the motors later looks alike."""
+    found = np.exp(identify_axis(axis(fly(3, in_time=in_time), every)).theta)
+    assert found[2] + found[3] == approx(LAG + (LATE + 0.5) * CYCLE, rel=0.25)
+    assert found[0] == approx(EFFECT, rel=0.2)
 
 
 @mark.slow
-def test_fast_eddies_in_turbulence_do_not_bias_the_lag():
-    """With a single correlation time of the wind the identified lag was a quarter too short."""
-    loop = simulated_loop(3, command_size=0.3, turbulence=((2.0, 6.0), (0.03, 6.0)))
-    assert identify_axis(posterior(loop)).theta[2] == approx(TRUE["lag"], abs=0.1)
+def test_eddies_in_turbulence_are_not_taken_for_a_lag():
+    """Of one colour for both, the wind made it a quarter shorter."""
+    eddies = fly(3, 0.3, turbulence=((2.0, 6.0), (0.03, 6.0)))
+    assert identify_axis(axis(eddies)).theta[2] == approx(TRUE["lag"], abs=0.1)
 
 
 @mark.slow
-@mark.parametrize("gyro_noise, every", [(GYRO_NOISE, 4), (GYRO_NOISE / 5, 1)])
-def test_modelled_densities_agree_with_measured_ones(gyro_noise, every):
-    """The mean ratio of both is 1 for rate and output, also with a quiet gyro."""
-    identified = identify_axis(posterior(simulated_loop(3, gyro_noise=gyro_noise), every))
-    modelled = identified.posterior.densities.density(identified.theta)
-    measured = identified.posterior.spectra.mean_density
+@mark.parametrize("noise, every", [(NOISE, 4), (NOISE / 5, 1)])
+def test_the_densities_are_those_of_the_flight(noise, every):
+    """Whitened by the model, the spectra of rate and output are one, also of a quiet gyro."""
+    found = identify_axis(axis(fly(3, noise=noise), every))
+    model = found.posterior.densities.density(found.theta)
     for quantity in (0, 1):
-        ratio = measured[:, quantity, quantity] / modelled[:, quantity, quantity]
+        ratio = (
+            found.posterior.spectra.mean_density[:, quantity, quantity]
+            / model[:, quantity, quantity]
+        )
         assert np.mean(ratio.real) == approx(1.0, abs=0.1)
 
 
 @mark.slow
 @mark.parametrize("late", [0, 2])
-def test_the_gradient_of_the_log_posterior_agrees_with_differences(late):
-    """Also for setpoints that are logged in another cycle than rate and output."""
-    first_cycles = 0, 0, late, late
-    signals = zip(simulated_loop(3), first_cycles, strict=True)
-    streams = [sent(signal, every=4, first=first) for signal, first in signals]
-    log_posterior = AxisPosterior(cross_spectra(streams, STARTS), KNOWN, 0.0)
-    expansion = log_posterior.expand(TRUE_THETA)
+def test_the_slopes_are_those_of_the_value(late):
+    """Also of setpoints of another cycle, in which the angle has noise of its own."""
+    begins = 0, 0, late, late
+    streams = [sent(one, 4, begin) for begin, one in zip(begins, fly(3), strict=True)]
+    one = AxisPosterior(cross_spectra(streams, STARTS), KNOWN, 0.0)
+    about = one.expand(KNOWN_PLANT)
     for k, name in enumerate(PARAMETER_NAMES):
         step = np.eye(len(PARAMETER_NAMES))[k] * 1e-4 * PRIOR_SD[k]
-        value_difference = log_posterior.value(TRUE_THETA + step) - log_posterior.value(
-            TRUE_THETA - step
-        )
-        slope = value_difference / (2 * step[k])
-        tolerance = 1e-3 * np.sqrt(expansion.curvature[k, k])
-        assert expansion.gradient[k] == approx(slope, rel=1e-3, abs=tolerance), name
+        slope = (one.value(KNOWN_PLANT + step) - one.value(KNOWN_PLANT - step)) / (2 * step[k])
+        sd = np.sqrt(about.curvature[k, k])
+        assert about.gradient[k] == approx(slope, rel=1e-3, abs=1e-3 * sd), name
 
 
 @mark.slow
-def test_without_commands_the_reference_causes_no_motion():
-    hover = posterior(simulated_loop(4, command_size=1e-6), 4)
-    assert hover.reference_share(TRUE_THETA) < 0.05
+def test_nothing_asked_is_nothing_steered():
+    still = axis(fly(4, steered=1e-6), 4)
+    assert still.reference_share(KNOWN_PLANT) < 0.05
 
 
-def test_spectra_of_streams_with_several_rates_have_the_slowest_rate():
-    loop = simulated_loop(3)
-    spectra = cross_spectra([sent(loop.rate, every=4), sent(loop.output, every=10)], STARTS)
-    assert spectra.message_rate == approx(40.0, rel=1e-3)
-    assert spectra.frequency[-1] < 20.0
-    assert abs(np.array(spectra.stamp_offsets)).max() < 4 * CYCLE
-
-
-def test_lost_messages_hardly_change_the_spectra():
-    complete = sent(simulated_loop(3).rate, every=4)
-    is_received = default_rng(1).random(len(complete.time)) > 0.2
-    received = Messages(complete.time[is_received], complete.values[is_received])
-    density_with_losses = cross_spectra([received], STARTS).mean_density[:10]
-    density = cross_spectra([complete], STARTS).mean_density[:10]
-    assert np.log(density_with_losses / density).real == approx(0.0, abs=0.3)
+def test_messages_of_several_rates_count_at_the_slowest():
+    """And what is lost of them is not made up."""
+    found = cross_spectra([sent(fly(3).rate, 4), sent(fly(3).output, 10)], STARTS)
+    assert found.message_rate == approx(40.0, rel=1e-3) and found.frequency[-1] < 20.0
+    assert abs(np.array(found.stamp_offsets)).max() < 4 * CYCLE
+    stream = sent(fly(3).rate, 4)
+    kept = default_rng(1).random(len(stream.time)) > 0.2
+    lossy = cross_spectra([Messages(*(part[kept] for part in stream))], STARTS)
+    whole = cross_spectra([stream], STARTS)
+    few = min(len(lossy.frequency), len(whole.frequency), 10)
+    assert np.log(lossy.mean_density[:few] / whole.mean_density[:few]).real == approx(0.0, abs=0.3)
 
 
 @dataclass(frozen=True)
@@ -220,26 +195,17 @@ class PosteriorStandIn:
     saturated_share: float = 0.0
 
 
-def test_modes_are_weighted_by_their_evidence_and_each_counts_once():
-    """Two modes have the same curvature, and the second is three times as probable. It is reached by two ascents."""
+def test_maxima_at_several_times_of_steps_count_as_their_evidence_and_each_once():
+    """Two of one curvature, the other three times as probable, and one of them found again; a prior of variance 1."""
     size = len(PRIOR_MEAN)
     axis = PosteriorStandIn(prior_sd=np.ones(size))
-    first = PRIOR_MEAN.copy()
-    first[STEP_TIME] -= 2.0
-    second = PRIOR_MEAN.copy()
-    second[STEP_TIME] += 2.0
-    second[0] += 1.0
-    log_ratio = np.log(3)
-    ends = [(first, 5.0), (second, 5.0 + log_ratio), (second + 1e-3, 4.9 + log_ratio)]
-    curvature = 4 * np.eye(size)
-    expansions = [
-        QuadraticExpansion(point, value, np.zeros(size), curvature) for point, value in ends
-    ]
-    mixture = _mixture_of_modes(axis, expansions)
-    # The weights are 1/4 and 3/4.
-    assert mixture.theta[[0, STEP_TIME]] == approx([PRIOR_MEAN[0] + 0.75, 1.0])
-    variance = 0.6 / 4 + 0.4 / 16 + 3 / 16
-    assert mixture.covariance[0, [0, STEP_TIME]] == approx([variance, 4 * 3 / 16])
+    one, other = (PRIOR_MEAN + far * (np.arange(size) == STEP_TIME) for far in (-2.0, 2.0))
+    other[0] += 1.0
+    values = (one, 5.0), (other, 5.0 + np.log(3)), (other + 1e-3, 4.9 + np.log(3))
+    ended = [QuadraticExpansion(at, value, 0 * at, 4 * np.eye(size)) for at, value in values]
+    found = _mixture_of_modes(axis, ended)
+    assert found.theta[[0, STEP_TIME]] == approx([PRIOR_MEAN[0] + 0.75, 1.0])
+    assert found.covariance[0, [0, STEP_TIME]] == approx([0.6 / 4 + 0.4 / 16 + 3 / 16, 4 * 3 / 16])
     with raises(np.linalg.LinAlgError):
         _mixture_of_modes(axis, [QuadraticExpansion(PRIOR_MEAN, -np.inf, PRIOR_MEAN, np.eye(size))])
 
@@ -274,33 +240,32 @@ class PosteriorOfTwoStepTimes:
     def prior_mean(self):
         return PRIOR_MEAN
 
-    def value(self, theta):
-        return self.expand(theta).value
+    def value(self, at):
+        return self.expand(at).value
 
-    def expand(self, theta):
+    def expand(self, at):
         precision = PRIOR_SD**-2.0
         precision[STEP_TIME] = 400.0
         mode = PRIOR_MEAN.copy()
-        mode[STEP_TIME], height = theta[STEP_TIME], -100.0
+        mode[STEP_TIME], height = at[STEP_TIME], -100.0
         for step_time, peak in ((0.0, 0.0), (1.6, 8.0)):
-            if abs(theta[STEP_TIME] - step_time) < 0.5:
+            if abs(at[STEP_TIME] - step_time) < 0.5:
                 mode[STEP_TIME], height = step_time, peak
-        gradient = precision * (mode - theta)
-        value = height + gradient @ (theta - mode) / 2
-        return QuadraticExpansion(theta, value, gradient, np.diag(precision))
+        slope = precision * (mode - at)
+        return QuadraticExpansion(at, height + slope @ (at - mode) / 2, slope, np.diag(precision))
 
 
 def test_a_higher_mode_between_the_first_step_times_is_found():
-    identified = identify_axis(PosteriorOfTwoStepTimes(PRIOR_SD))
-    assert identified.main_mode[STEP_TIME] == approx(1.6, abs=0.01)
+    found = identify_axis(PosteriorOfTwoStepTimes(PRIOR_SD))
+    assert found.main_mode[STEP_TIME] == approx(1.6, abs=0.01)
 
 
-def test_the_faster_of_both_poles_is_assigned_to_the_motor_lag():
+def test_the_quicker_pole_is_the_lags():
     def response(theta):
         effect, damping, lag, _ = np.exp(theta[list(PLANT)])
-        return effect / (lag * s + 1) / (s + damping)
+        return effect / (lag * turn + 1) / (turn + damping)
 
-    s = 2j * np.pi * np.geomspace(0.1, 100, 20)
+    turn = 2j * np.pi * np.geomspace(0.1, 100, 20)
     theta = PRIOR_MEAN.copy()
     theta[list(PLANT)] = np.log([3e5, 1650.0, 0.4, 0.001])
     assert response(with_quicker_pole_as_lag(theta)) == approx(response(theta))
@@ -311,36 +276,26 @@ def test_the_faster_of_both_poles_is_assigned_to_the_motor_lag():
     )
 
 
-def identified_with_gain(gain, saturated_share, main_mode_gain=None):
-    """An identified axis whose controller has the gain relative to its parameters, as mean and in the highest mode."""
-    gain_of_theta = np.eye(len(PARAMETER_NAMES))[PARAMETER_NAMES.index("controller")]
-    theta = PRIOR_MEAN + np.log(gain) * gain_of_theta
-    main_mode = PRIOR_MEAN + np.log(main_mode_gain or gain) * gain_of_theta
-    posterior = PosteriorStandIn(saturated_share=saturated_share)
-    return IdentifiedAxis(posterior, theta, np.eye(len(theta)), main_mode)
+def test_limits_explain_a_controller_of_less_gain_and_none_of_more():
+    row = np.eye(len(PARAMETER_NAMES))[PARAMETER_NAMES.index("controller")]
 
+    def of(gain, limited, likeliest=1.0):
+        theta, best = (PRIOR_MEAN + np.log(each) * row for each in (gain, gain * likeliest))
+        return IdentifiedAxis(
+            PosteriorStandIn(saturated_share=limited), theta, np.eye(len(theta)), best
+        )
 
-def test_saturation_explains_a_lower_gain_of_the_controller():
-    often_saturated = identified_with_gain(0.5, saturated_share=0.6)
-    assert often_saturated.controller_consistent
-    assert often_saturated.saturation_loss == approx(0.5)
-    assert identified_with_gain(0.5, saturated_share=0.3).saturation_loss == 0.3
-    assert not identified_with_gain(0.5, saturated_share=0.0).controller_consistent
-
-
-def test_a_gain_near_1_needs_no_saturation():
-    identified = identified_with_gain(0.9, saturated_share=0.0)
-    assert identified.controller_consistent
-    assert identified.saturation_loss == 0.0
-    # Of several modes the highest must be consistent, too.
-    other_mode = identified_with_gain(0.9, saturated_share=0.0, main_mode_gain=0.9 * 0.6)
-    assert not other_mode.controller_consistent
-
-
-def test_saturation_does_not_explain_a_higher_gain_of_the_controller():
-    identified = identified_with_gain(2.0, saturated_share=0.9)
-    assert not identified.controller_consistent
-    assert identified.saturation_loss == 0.0
+    assert of(0.5, 0.6).controller_consistent and of(0.5, 0.6).saturation_loss == approx(0.5)
+    assert of(0.5, 0.3).saturation_loss == 0.3
+    assert (
+        not of(0.5, 0.0).controller_consistent
+        and of(0.9, 0.0).controller_consistent
+        and of(0.9, 0.0).saturation_loss == 0.0
+    )
+    assert not of(2.0, 0.9).controller_consistent and of(2.0, 0.9).saturation_loss == 0.0
+    assert not of(
+        0.9, 0.0, likeliest=0.6
+    ).controller_consistent  # of several maxima the highest must, too
 
 
 @mark.parametrize("rate", [80.0, 400.0])

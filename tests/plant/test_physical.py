@@ -77,22 +77,22 @@ def test_a_density_has_a_factor_that_is_causal_as_its_inverse_is(samples):
 
 
 @mark.parametrize("steps", [-0.4, 0.0, 0.3, 1.0, 1.7, 3.2])
-def test_inputs_are_delayed_by_a_fraction_of_samples(steps):
+def test_commands_act_as_late_as_they_are(steps):
     before, after = delayed_inputs(np.arange(20.0)[:, None], steps)
-    samples = np.arange(5, 19)
-    assert_allclose(before[5:, 0], samples - max(0.0, steps))
-    assert_allclose(after[5:, 0], samples + 1 - max(0.0, steps))
+    now = np.arange(5, 19)
+    assert_allclose(before[5:, 0], now - max(0.0, steps))
+    assert_allclose(after[5:, 0], now + 1 - max(0.0, steps))
 
 
 @mark.parametrize("gain", [0.0, 3.0])
-def test_the_response_of_inputs_to_innovations_of_the_rate_is_estimated(gain):
+def test_what_answers_a_sample_is_found(gain):
     rng = default_rng(6)
     rate = np.cumsum(rng.standard_normal((3, 600)), axis=1)
-    innovation = np.diff(rate, axis=1, prepend=0.0)
-    slow_inputs = np.cumsum(0.2 * rng.standard_normal((3, 600)), axis=1)
-    inputs = (slow_inputs - gain * innovation)[:, :, None]
-    response = responses_to_innovations(inputs, rate)[:, 10:, 0]
-    assert_allclose(response, -gain * innovation[:, 10:], atol=0.25 * max(gain, 1))
+    new = np.diff(rate, axis=1, prepend=0.0)
+    slow = np.cumsum(0.2 * rng.standard_normal((3, 600)), axis=1)
+    inputs = (slow - gain * new)[:, :, None]
+    found = responses_to_innovations(inputs, rate)[:, 10:, 0]
+    assert_allclose(found, -gain * new[:, 10:], atol=0.25 * max(gain, 1))
 
 
 def steered_windows():
@@ -103,15 +103,15 @@ def steered_windows():
     return FlightWindows.from_samples(inputs, rate, responses_to_innovations(inputs, rate), DT)
 
 
-def test_the_gradient_of_the_log_posterior_agrees_with_differences():
+def test_the_slope_of_the_log_joint_is_that_of_its_value():
     windows = steered_windows()
-    model, start = initial_model(windows, np.sign(MOTORS))
-    objective = LogPosterior(model, windows)
-    expansion = objective.expand(start)
-    for index, slope in enumerate(expansion.gradient):
-        step = 1e-5 * np.eye(len(start))[index]
+    plain, start = initial_model(windows, np.sign(MOTORS))
+    objective = LogPosterior(plain, windows)
+    about = objective.expand(start)
+    for place, slope in enumerate(about.gradient):
+        step = 1e-5 * np.eye(len(start))[place]
         ends = [objective.value(start + side * step) for side in (-1, 1)]
-        assert slope == approx(np.diff(ends)[0] / 2e-5, abs=1e-2 * abs(expansion.gradient).max())
+        assert slope == approx(np.diff(ends)[0] / 2e-5, abs=1e-2 * abs(about.gradient).max())
 
 
 def refined_model():
@@ -167,36 +167,36 @@ def test_a_fit_to_commands_logged_late_converges_at_no_delay():
     [np.sign(MOTORS), -np.sign(MOTORS), None],
     ids=["known geometry", "turns counted the other way round", "inferred geometry"],
 )
-def test_the_true_parameters_are_identified_from_a_steered_flight(directions):
+def test_a_steered_flight_gives_the_truth_back(directions):
     flight = in_closed_loop(0, steering=1.0)
-    plant = physical(replace(flight, effect_directions=directions))
-    assert plant.status == dict.fromkeys(PARAMETERS, "reported")
-    assert plant.caution is None
-    half_width = plant.interval(0.99)
-    assert np.all(abs(plant.effect - MOTORS) < half_width.effect)
-    mean, half_width_of_mean = plant.mean_effect(0.99)
-    assert abs(mean - abs(MOTORS).mean()) < half_width_of_mean < half_width.effect.mean()
-    assert abs(plant.damping - DAMPING) < half_width.damping
-    assert abs(plant.lag - LAG) < half_width.lag
-    assert repr(plant).startswith("<Physical: mean effect ")
+    found = physical(replace(flight, effect_directions=directions))
+    assert found.status == dict.fromkeys(PARAMETERS, "reported")
+    assert found.caution is None
+    half = found.interval(0.99)
+    assert np.all(abs(found.effect - MOTORS) < half.effect)
+    mean, of_mean = found.mean_effect(0.99)
+    assert abs(mean - abs(MOTORS).mean()) < of_mean < half.effect.mean()
+    assert abs(found.damping - DAMPING) < half.damping
+    assert abs(found.lag - LAG) < half.lag
+    assert repr(found).startswith("<Physical: mean effect ")
 
 
-def test_an_effect_that_the_wind_biases_is_too_low():
-    """The motors counteract the wind, so that their effect seems smaller."""
+def test_an_effect_that_the_wind_biases_comes_out_low():
+    """The motors answer the wind: what they do counts for less."""
     flight = in_closed_loop(0, steering=0.4)
-    plant = physical(replace(flight, effect_directions=np.sign(MOTORS)))
-    assert plant.status["effect"] == Status.BIASED and plant.bias < 0
+    found = physical(replace(flight, effect_directions=np.sign(MOTORS)))
+    assert found.status["effect"] == Status.BIASED and found.bias < 0
 
 
-def test_a_motor_that_does_not_follow_its_command_biases_the_effect():
+def test_a_motor_that_does_not_do_what_it_is_commanded_is_no_right_effect():
     """The mixer has four motors, of which one was stuck: its commands moved nothing."""
     flight = in_closed_loop(0, steering=1.0)
     inputs = flight.inputs.copy()
     inputs[:, 1] = default_rng(1).permutation(inputs[:, 1])
-    plant = physical(replace(flight, inputs=inputs, effect_directions=np.sign(MOTORS)))
-    assert plant.status["effect"] == Status.BIASED
-    assert plant.reasons["effect"].code is ParameterDoubt.MOTORS_DIFFER
-    assert "does not answer its command" in plant.reasons["effect"].sentence
+    found = physical(replace(flight, inputs=inputs, effect_directions=np.sign(MOTORS)))
+    assert found.status["effect"] == Status.BIASED
+    assert found.reasons["effect"].code is ParameterDoubt.MOTORS_DIFFER
+    assert "does not answer its command" in found.reasons["effect"].sentence
 
 
 SDS = dict.fromkeys(PARAMETERS, 0.05)
@@ -332,12 +332,12 @@ def test_several_doubts_are_one_reason():
 
 
 @mark.slow
-def test_no_filter_runs_across_a_gap():
+def test_gaps_are_not_filtered_across():
     flight = in_closed_loop(1, steering=1.0)
-    without_gap = physical(flight)
-    with_gap = physical([flight[:350], flight[350:]])
-    assert_allclose(with_gap.effect @ MOTORS, without_gap.effect @ MOTORS, rtol=0.05)
-    assert with_gap.windows == 2
+    whole = physical(flight)
+    apart = physical([flight[:350], flight[350:]])
+    assert_allclose(apart.effect @ MOTORS, whole.effect @ MOTORS, rtol=0.05)
+    assert apart.windows == 2
 
 
 @mark.slow
@@ -361,10 +361,10 @@ def test_inputs_that_curve_are_seen_on_unseen_windows_and_straight_ones_are_not(
         (lambda f: Flight(f.time, f.inputs, 0 * f.time), NoPhysical.NO_LIKELIHOOD),
     ],
 )
-def test_a_flight_that_cannot_be_fitted_has_a_reason(change, reason):
-    result = physical(change(in_closed_loop(0, steering=1.0)))
-    assert isinstance(result, NotIdentifiable) and result.reason.code is reason
-    assert result.reason.figures.get("rate", 25.0) == approx(25.0)
+def test_what_cannot_be_fitted_is_said(change, reason):
+    found = physical(change(in_closed_loop(0, steering=1.0)))
+    assert isinstance(found, NotIdentifiable) and found.reason.code is reason
+    assert found.reason.figures.get("rate", 25.0) == approx(25.0)
 
 
 STEPS = 100
@@ -376,45 +376,43 @@ VEHICLE = MOTORS, DAMPING, LAG, DT, np.zeros((7, 7)), *REPORTED, 0.0
 TRUE = Physical(*VEHICLE, 0.05, TURBULENCE, 0.005, {}, 1)
 
 
-def test_the_true_plant_predicts_the_motion_in_calm_air():
+def test_the_true_plant_does_what_the_vehicle_does_in_calm_air():
     flight = in_closed_loop(0, steering=0.5, samples=400 + STEPS, wind=0.0, commanded=DOUBLET)
     train = flight[:400]
     test = flight[400:]
-    simulated_outputs = simulate_response(TRUE, Record.from_flights(train), test.inputs).mean
+    found = simulate_response(TRUE, Record.from_flights(train), test.inputs).mean
     # The last measured rate has noise of 0.005 rad/s, and so has each of the test.
-    assert_allclose(simulated_outputs, test.outputs, atol=0.04)
+    assert_allclose(found, test.outputs, atol=0.04)
     assert np.ptp(test.outputs, axis=0).min() > 0.4
 
 
-def test_a_vehicle_that_turns_steadily_at_its_trim_continues_to_turn():
+def test_what_turns_steadily_at_its_trim_goes_on_turning():
     time = DT * np.arange(400)
     outputs = np.stack([0.5 * time - 1e-3 * np.cos(time), 0.5 + 1e-3 * np.sin(time)], axis=1)
     turning = Flight(time, np.full((400, 4), 1500.0), outputs)
-    simulated_outputs = simulate_response(
-        TRUE, Record.from_flights(turning), turning.inputs[:STEPS]
-    ).mean
-    assert_allclose(simulated_outputs[:, 1], 0.5, atol=2e-3)
+    found = simulate_response(TRUE, Record.from_flights(turning), turning.inputs[:STEPS]).mean
+    assert_allclose(found[:, 1], 0.5, atol=2e-3)
 
 
-def test_the_variance_of_a_response_is_that_of_uncontrolled_flight_in_wind():
-    """The variance over many simulated winds agrees within four standard errors."""
+def test_the_variance_is_that_of_wind_which_nothing_counteracts():
+    """Over many winds, from the same beginning: four standard errors of a variance of so many flights."""
     record = Record.from_flights(in_closed_loop(0, steering=0.5))
     flights = 400
     variance = simulate_response(TRUE, record, record.inputs[:STEPS]).variance
     rng = default_rng(0)
-    substeps = 10
-    step = DT / substeps
-    decay = np.exp(-step / 0.5)
+    fine = 10
+    step = DT / fine
+    keeps = np.exp(-step / 0.5)
     drift = rng.standard_normal(flights)
     rate = np.zeros(flights)
     angle = np.zeros(flights)
     for k in range(STEPS):
-        for _ in range(substeps):
+        for _ in range(fine):
             rate, angle = rate + step * (drift - DAMPING * rate), angle + step * rate
-            drift = decay * drift + np.sqrt(1 - decay**2) * rng.standard_normal(flights)
+            drift = keeps * drift + np.sqrt(1 - keeps**2) * rng.standard_normal(flights)
         if k in (9, 49, 99):
-            variance_of_flights = np.array([angle.var(), rate.var()])
-            assert_allclose(variance_of_flights, variance[k], rtol=4 * np.sqrt(2 / flights))
+            found = np.array([angle.var(), rate.var()])
+            assert_allclose(found, variance[k], rtol=4 * np.sqrt(2 / flights))
 
 
 ESTIMATES = np.array([40.0, -20.0, 1.5, 0.05, 0.01])
@@ -434,7 +432,7 @@ def covariance_by_omissions(spectrum_range=(0.0, 0.0, 0.0), **figures):
     )
 
 
-def test_the_covariance_includes_the_errors_of_what_the_model_omits():
+def test_what_the_model_leaves_out_adds_its_variances():
     """Where the likelihood knows everything exactly: two effects, damping, lag and delay."""
     covariance = covariance_by_omissions()
     errors = limits.OmissionErrors
@@ -507,40 +505,35 @@ def test_jumps_may_come_early_in_a_step_and_not_late(seed, advance, fitted):
     """The log has the jumps earlier or later than the vehicle: the fit must move them back."""
     flight = in_closed_loop(seed, steering=1.0, wind=0.2)
     logged = with_advanced_jumps(flight.inputs[None], advance)[0]
-    plant = physical(replace(flight, inputs=logged, effect_directions=np.sign(MOTORS)))
-    assert plant.refinements.get(Refinement.JUMPS) == fitted
+    found = physical(replace(flight, inputs=logged, effect_directions=np.sign(MOTORS)))
+    assert found.refinements.get(Refinement.JUMPS) == fitted
     if fitted is not None:
-        effect, _ = plant.mean_effect()
+        effect, _ = found.mean_effect()
         assert effect == approx(abs(MOTORS).mean(), rel=0.02)
 
 
-def test_uncertain_parameters_add_to_the_variance_to_first_order():
+def test_uncertain_parameters_widen_it_to_first_order():
     record = Record.from_flights(in_closed_loop(0, steering=0.5))
     sd = 0.03 * abs(MOTORS)
     covariance = np.zeros((7, 7))
     covariance[:4, :4] = np.outer(sd, sd)
-    uncertain_variance = simulate_response(
+    uncertain = simulate_response(
         TRUE._replace(covariance=covariance), record, 1500 + DOUBLET
     ).variance
-    simulation = simulate_response(TRUE, record, 1500 + DOUBLET)
-    changed_simulation = simulate_response(
-        TRUE._replace(effect=MOTORS + sd), record, 1500 + DOUBLET
-    )
-    assert_allclose(
-        uncertain_variance - simulation.variance,
-        (changed_simulation.mean - simulation.mean) ** 2,
-        rtol=1e-3,
-        atol=1e-12,
-    )
+    base = simulate_response(TRUE, record, 1500 + DOUBLET)
+    other = simulate_response(TRUE._replace(effect=MOTORS + sd), record, 1500 + DOUBLET)
+    assert_allclose(uncertain - base.variance, (other.mean - base.mean) ** 2, rtol=1e-3, atol=1e-12)
 
 
 def test_outputs_may_come_in_any_order_and_must_be_an_angle_and_its_rate():
     flight = in_closed_loop(0, steering=0.5)
-    with_rate_first = replace(flight, outputs=flight.outputs[:, ::-1])
-    response = simulate_response(TRUE, Record.from_flights(flight), 1500 + DOUBLET)
-    rate_first = simulate_response(TRUE, Record.from_flights(with_rate_first), 1500 + DOUBLET)
-    assert_allclose(response.mean, rate_first.mean[:, ::-1])
-    assert_allclose(response.variance, rate_first.variance[:, ::-1])
+    turned = replace(flight, outputs=flight.outputs[:, ::-1])
+    one, other = (
+        simulate_response(TRUE, Record.from_flights(each), 1500 + DOUBLET)
+        for each in (flight, turned)
+    )
+    assert_allclose(one.mean, other.mean[:, ::-1])
+    assert_allclose(one.variance, other.variance[:, ::-1])
     with raises(ValueError, match="an angle and its rate"):
         rates = Flight(flight.time, flight.inputs, flight.outputs[:, 1:])
         simulate_response(TRUE, Record.from_flights(rates), DOUBLET)
@@ -572,14 +565,14 @@ def test_bands_hold_commanded_flights():
 
 
 @mark.slow
-def test_motors_that_only_react_to_wind_identify_no_parameter_and_give_no_band():
+def test_nothing_is_identifiable_where_motors_only_react_to_wind_and_no_band_exists():
     flight = in_closed_loop(0, steering=0.0, wind=3.0)
     learned = mavdem.learn(flight, SETTINGS)
-    plant = learned.physical
-    assert plant.status == dict.fromkeys(PARAMETERS, "not identifiable")
-    assert np.isnan(plant.interval().effect).all()
-    assert plant.caution.code is NoPhysical.EFFECT_NOT_IDENTIFIABLE
-    assert plant.caution.figures["reason"] == plant.reasons["effect"]
+    found = learned.physical
+    assert found.status == dict.fromkeys(PARAMETERS, "not identifiable")
+    assert np.isnan(found.interval().effect).all()
+    assert found.caution.code is NoPhysical.EFFECT_NOT_IDENTIFIABLE
+    assert found.caution.figures["reason"] == found.reasons["effect"]
     with warns(UserWarning, match="may be far off.*not identifiable"):
         assert learned.simulate(flight.inputs[:20]).shape == (20, 2)
     with raises(ValueError, match="not be larger"), warns(UserWarning):

@@ -117,11 +117,11 @@ def test_a_repaired_vehicle_says_that_later_flights_show_nothing():
         [flight_row("quad", 1)],
     ]
     assert vehicle_health(flights) == "ok"
-    words = vehicle_texts(flights).all_flights
+    summary_text = vehicle_texts(flights).all_flights
     # That a motor is weak, whichever it is: the row has no probability of this motor.
     assert (
-        "motor 1 (probability of a fault 0.99)" in words
-        and "The latest flight that was judged shows none." in words
+        "motor 1 (probability of a fault 0.99)" in summary_text
+        and "The latest flight that was judged shows none." in summary_text
     )
     text = plain_text(fleet_blocks([row for flight in flights for row in flight]))
     assert text.startswith("No drift and no fault in the latest flights of 1 vehicle")

@@ -108,7 +108,7 @@ def injected_response(crossover):
 
 def tracking_fact(axis, code=TrackingLight.FOLLOWS_SETPOINT, level=Level.GOOD, **figures):
     """Returns the fact on how an axis follows its setpoint."""
-    known = {
+    all_figures = {
         "angle_error": 0.01,
         "error_limit": 0.17,
         "offset_angle": 0.0,
@@ -116,7 +116,7 @@ def tracking_fact(axis, code=TrackingLight.FOLLOWS_SETPOINT, level=Level.GOOD, *
         "rate_error": 0.1,
         **figures,
     }
-    return Fact(code, level, axis=axis, **known)
+    return Fact(code, level, axis=axis, **all_figures)
 
 
 def overshooting_response(axis):
@@ -297,7 +297,7 @@ def rerun_texts(assessment, path):
 
 def surfaces(assessment, tuning, path):
     """What each surface says, by its name."""
-    said = {
+    surface_texts = {
         "lights": " ".join(fact.sentence_and_remedy for fact in assessment.lights.values()),
         "next step": assessment.next_step.sentence_and_remedy,
         "screen": review_screen(assessment).replace("\n", " "),
@@ -311,8 +311,8 @@ def surfaces(assessment, tuning, path):
         ),
     }
     if isinstance(tuning, Fact):
-        return said | {"tune": tuning.sentence_and_remedy}
-    return said | {
+        return surface_texts | {"tune": tuning.sentence_and_remedy}
+    return surface_texts | {
         "tune": " ".join(texts(tune_blocks(tuning))),
         "tune, short": " ".join(texts(tune_blocks(tuning, is_full=False))),
         "tune's next step": tuning.judgement.next_step.sentence_and_remedy,
@@ -479,7 +479,11 @@ def test_no_goal_heads_a_report_of_tune_whose_loops_are_not_all_trusted(tunings)
 def test_room_for_higher_gains_heads_the_report_of_tune(tunings):
     tuning = tunings["below the goal"]
     good = Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)
-    advice = next(one for one in tuning.axes.values() if getattr(one, "parameters", {}))
+    advice = next(
+        axis_advice
+        for axis_advice in tuning.axes.values()
+        if getattr(axis_advice, "parameters", {})
+    )
     raised = replace(advice, rating=advice.rating.replace(Level.GOOD), sure=1.0)
     axes = {"roll": raised, "yaw": Fact(LoopFact.NO_LOOP, reasons=(good,))}
     judgement = replace(tuning.judgement, headline=good)

@@ -1,4 +1,4 @@
-"""Motor commands of the simulated autopilot, its state estimate, and the plan that it follows."""
+"""What the autopilot asks of motors, and the plan it follows."""
 
 from functools import cache
 from math import radians
@@ -23,51 +23,50 @@ CYCLE = 0.004
 
 
 def test_saturation_takes_thrust_first_and_keeps_the_demands_in_proportion():
-    at_full_thrust = np.array(mixed_commands(X, (0.3, 0.0, 0.0, 1.0)))
-    assert at_full_thrust.max() == approx(1)
-    assert at_full_thrust[1] - at_full_thrust[0] == approx(0.6)
-    # These demands of roll and pitch exceed the whole range.
-    beyond_range = np.array(mixed_commands(X, (0.9, 0.6, 0.0, 0.5)))
-    assert beyond_range.min() == approx(IDLE_COMMAND)
-    assert beyond_range.max() == approx(1)
-    roll = beyond_range @ X.roll
-    pitch = beyond_range @ X.pitch
+    full = np.array(mixed_commands(X, (0.3, 0.0, 0.0, 1.0)))
+    assert full.max() == approx(1)
+    assert full[1] - full[0] == approx(0.6)
+    beyond = np.array(mixed_commands(X, (0.9, 0.6, 0.0, 0.5)))
+    assert beyond.min() == approx(IDLE_COMMAND)
+    assert beyond.max() == approx(1)
+    roll = beyond @ X.roll
+    pitch = beyond @ X.pitch
     assert roll / pitch == approx(1.5)
-    # For yaw PX4 reduces the thrust only by a part.
-    yawing = px4_thrusts(np.array([X.roll, X.pitch, X.yaw]), (0.0, 0.0, 0.3, 0.9))
-    assert np.ptp(yawing) == approx(0.5)
+    turned = px4_thrusts(np.array([X.roll, X.pitch, X.yaw]), (0.0, 0.0, 0.3, 0.9))
+    assert np.ptp(turned) == approx(0.5)  # with a little more thrust than the most
 
 
-def estimated_states(sensors, states):
-    estimator = StateEstimator(Scenario(sensors=sensors))
-    return [estimator.estimate(state) for state in states]
+def sensed(sensors, states):
+    sensing = StateEstimator(Scenario(sensors=sensors))
+    return [sensing.estimate(state) for state in states]
 
 
-def test_the_estimated_state_is_late_by_the_delay():
+def test_what_is_known_is_late_by_the_delay():
     states = [State(velocity=(float(k), 0.0, 0.0)) for k in range(10)]
-    no_noise = {"rate_sd": 0.0, "attitude_sd": 0.0, "position_sd": 0.0, "velocity_sd": 0.0}
-    # 10 ms are 2.5 cycles.
-    delayed = estimated_states(Sensors(**no_noise, delay=0.010), states)
-    assert [state.velocity[0] for state in delayed[3:]] == approx(np.arange(3, 10) - 2.5)
-    without_delay = estimated_states(Sensors(**no_noise, delay=0.0), states)
-    assert [state.velocity[0] for state in without_delay] == list(range(10))
+    quiet = {"rate_sd": 0.0, "attitude_sd": 0.0, "position_sd": 0.0, "velocity_sd": 0.0}
+    known = sensed(Sensors(**quiet, delay=0.010), states)
+    assert [each.velocity[0] for each in known[3:]] == approx(np.arange(3, 10) - 2.5)
+    at_once = sensed(Sensors(**quiet, delay=0.0), states)
+    assert [each.velocity[0] for each in at_once] == list(range(10))
 
 
 @mark.slow
-def test_the_noise_of_the_estimated_state_has_the_given_deviations():
+def test_what_is_known_is_as_noisy_as_asked():
     sds = {"rates": 0.1, "attitude": 0.02, "position": 0.5, "velocity": 0.3}
     sensors = Sensors(**{f"{name.removesuffix('s')}_sd": sd for name, sd in sds.items()})
-    estimates = estimated_states(sensors, [State()] * 20000)
+    known = sensed(sensors, [State()] * 20000)
     for name, sd in sds.items():
-        values = np.array([getattr(estimate, name) for estimate in estimates])
-        if name == "attitude":
-            # The vector part of a quaternion is half of a small rotation.
-            values = 2 * values[:, 1:]
+        seen = np.array(
+            [
+                [2 * e for e in each.attitude[1:]] if name == "attitude" else getattr(each, name)
+                for each in known
+            ]
+        )
         # The standard error of a standard deviation of 60000 values is 0.3 %.
-        assert values.std() == approx(sd, rel=0.012)
+        assert seen.std() == approx(sd, rel=0.012)
 
 
-def references_with(excitation, duration=60.0, cycle=CYCLE):
+def excited(excitation, duration=60.0, cycle=CYCLE):
     plan = FlightPlan(Scenario(duration=duration, excitation=excitation))
     return [plan.reference_at(k * cycle) for k in range(round(duration / cycle))]
 
@@ -76,7 +75,7 @@ def references_with(excitation, duration=60.0, cycle=CYCLE):
 def demands_of_kind(kind, axis):
     """The attitudes (N, 3) that an excitation of this kind about an axis demands, in 30 s."""
     (name,) = kind.model_fields["kind"].annotation.__args__
-    references = references_with(kind(kind=name, axis=axis), duration=30.0)
+    references = excited(kind(kind=name, axis=axis), duration=30.0)
     return np.array([reference.attitude_demand for reference in references])
 
 
@@ -85,68 +84,63 @@ def demands_of_kind(kind, axis):
 @mark.parametrize("kind", [Doublets, Chirp, Multisine, Sticks])
 def test_an_excitation_is_about_its_axis(kind, axis):
     demands = demands_of_kind(kind, axis)
-    is_axis = np.array(["roll", "pitch", "yaw"]) == axis
-    assert not demands[:, ~is_axis].any()
-    demands_of_axis = demands[:, is_axis][:, 0]
+    about = np.array(["roll", "pitch", "yaw"]) == axis
+    assert not demands[:, ~about].any()
     if kind is not Sticks:
-        # The same demands on every axis; those of sticks are random.
-        assert_array_equal(demands_of_axis, demands_of_kind(kind, "roll")[:, 0])
-    assert demands_of_axis.std() > radians(1)
+        rolls = demands_of_kind(kind, "roll")[:, 0]
+        assert_array_equal(demands[:, about][:, 0], rolls)
+    assert demands[:, about].std() > radians(1)
 
 
-def test_a_chirp_has_as_many_periods_as_its_mean_frequency_implies():
-    chirp = Chirp(kind="chirp", lowest=1.0, highest=4.0, period=20.0)
-    demands = np.array([reference.attitude_demand[0] for reference in references_with(chirp)])
-    demands = demands[: round(50 / CYCLE)]
-    excitation = demands[demands != 0]
-    last_sweep = excitation[-round(20 / CYCLE) :]
-    period_count = np.count_nonzero(np.diff(np.sign(last_sweep))) / 2
-    assert period_count == approx(20.0 * 2.5, abs=1)
-    assert abs(excitation).max() == approx(radians(chirp.amplitude), rel=1e-3)
+def test_a_chirp_turns_as_often_as_its_mean_frequency_says():
+    wanted = Chirp(kind="chirp", lowest=1.0, highest=4.0, period=20.0)
+    demands = np.array([at.attitude_demand[0] for at in excited(wanted)])[: round(50 / CYCLE)]
+    periods = demands[demands != 0]
+    turns = np.count_nonzero(np.diff(np.sign(periods[-round(20 / CYCLE) :]))) / 2
+    assert turns == approx(20.0 * 2.5, abs=1)
+    assert abs(periods).max() == approx(radians(wanted.amplitude), rel=1e-3)
 
 
 def test_doublets_of_all_axes_take_turns():
-    doublets = Doublets(kind="doublets", axis="all", period=1.0)
-    references = references_with(doublets, duration=30.0)
-    demands = np.array([reference.attitude_demand for reference in references])
+    wanted = Doublets(kind="doublets", axis="all", period=1.0)
+    demands = np.array([at.attitude_demand for at in excited(wanted, duration=30.0)])
     assert (demands != 0).sum(axis=1).max() == 1
     assert (demands != 0).any(axis=0).all()
 
 
 def test_multisines_of_all_axes_share_no_frequency_and_are_orthogonal():
-    multisine = Multisine(
-        kind="multisine", axis="all", sd=3.0, lowest=0.5, highest=5.0, period=10.0
-    )
-    demands = np.degrees([reference.attitude_demand for reference in references_with(multisine)])
-    # One period in hover.
-    demands = demands[round(20 / CYCLE) : round(30 / CYCLE)]
+    wanted = Multisine(kind="multisine", axis="all", sd=3.0, lowest=0.5, highest=5.0, period=10.0)
+    demands = np.degrees([at.attitude_demand for at in excited(wanted)])[
+        round(20 / CYCLE) : round(30 / CYCLE)
+    ]
     assert_allclose(np.cov(demands.T, bias=True), 9.0 * np.eye(3), atol=1e-9)
-    has_frequency = abs(np.fft.rfft(demands, axis=0)) > 1e-6
-    assert has_frequency.sum(axis=0).tolist() == [16, 15, 15]
-    assert has_frequency.sum(axis=1).max() == 1
+    power = abs(np.fft.rfft(demands, axis=0)) > 1e-6
+    assert power.sum(0).tolist() == [16, 15, 15]
+    assert power.sum(1).max() == 1
 
 
 @mark.parametrize("height", [0.6, 1.5, 5.0, 12.0])
 def test_a_descent_never_climbs_and_ends_at_the_landing_speed_until_touch_down(height):
     plan = FlightPlan(Scenario(duration=60.0, height=height))
     landing = [plan.reference_at(time) for time in np.arange(40, 65, CYCLE)]
-    heights = np.array([reference.height for reference in landing])
-    rates = np.array([reference.climb_rate for reference in landing])
+    heights = np.array([at.height for at in landing])
+    rates = np.array([at.climb_rate for at in landing])
     assert_allclose(np.diff(heights) / CYCLE, (rates[1:] + rates[:-1]) / 2, atol=1e-3)
-    assert rates.max() == 0
-    assert heights[0] == height
-    assert (rates[heights < 0.3] == -LANDING_SPEED).all()
-    assert heights[-1] < -2
+    assert rates.max() == 0 and heights[0] == height
+    assert (rates[heights < 0.3] == -LANDING_SPEED).all() and heights[-1] < -2
     # Touch-down is planned a second before disarming.
     assert heights[round((60 - 1 - 40) / CYCLE)] == approx(0, abs=0.01)
 
 
 @mark.slow
-def test_sticks_move_independently_with_the_given_deviation_and_time():
+def test_sticks_move_as_slowly_as_asked_and_each_for_itself():
     cycle = 0.02
-    references = references_with(Sticks(kind="sticks", axis="all"), 600.0, cycle)
     demands = np.degrees(
-        [reference.attitude_demand for reference in references if reference.by_stick]
+        [
+            at.attitude_demand
+            for at in excited(Sticks(kind="sticks", axis="all"), 600.0, cycle)
+            if at.by_stick
+        ]
     )
     assert len(demands) * cycle == approx(586.3, abs=0.5)
     # 586 s hold about 586/(2√π 0.25) = 660 independent values: standard errors of 2.8 % and of 0.04.
@@ -161,7 +155,7 @@ def test_sticks_move_independently_with_the_given_deviation_and_time():
 @mark.slow
 @mark.usefixtures("coarse_physics")
 @mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_a_controller_from_the_reported_parameters_flies_like_the_default_controller(autopilot):
+def test_the_parameters_that_are_sent_fly_as_the_own_controller_does(autopilot):
     vehicle = {"quadratic_thrust": 0.4, "frame": "plus"}
     table = {
         "duration": 15,
@@ -169,24 +163,23 @@ def test_a_controller_from_the_reported_parameters_flies_like_the_default_contro
         "excitation": {"kind": "doublets"},
         "stream": {"autopilot": autopilot},
     }
-    reported_parameters = {
+    own = scenario_from_table(table)
+    given = {
         name: value
-        for name, value in control_parameters(scenario_from_table(table)).items()
+        for name, value in control_parameters(own).items()
         if CONTROL_PARAMETERS.match(name)
     }
-    roll_p = "MC_ROLLRATE_P" if autopilot == "px4" else "ATC_RAT_RLL_P"
-    assert roll_p in reported_parameters
-
-    def rates_with(parameters):
-        """The body rates of a flight with the controller of these parameters; the default one without any."""
-        scenario = table | {"vehicle": vehicle | {"parameters": parameters}}
-        return fly(scenario_from_table(scenario)).rates
-
-    rates = rates_with({})
-    difference = rates_with(reported_parameters) - rates
-    difference_by_low_gain = rates_with(reported_parameters | {roll_p: 0.05}) - rates
-    assert difference.std(axis=0).max() < 0.06 * rates[:, 0].std()
-    assert 0.06 * rates[:, 0].std() < 0.1 * difference_by_low_gain[:, 0].std()
+    other = given | {
+        next(name for name in given if name in ("MC_ROLLRATE_P", "ATC_RAT_RLL_P")): 0.05
+    }
+    flown = [
+        fly(scenario_from_table(table | {"vehicle": vehicle | {"parameters": one}})).rates
+        for one in ({}, given, other)
+    ]
+    moved = flown[0]
+    differs = flown[1] - flown[0]
+    softer = flown[2] - flown[0]
+    assert differs.std(0).max() < 0.06 * moved[:, 0].std() < 0.1 * softer[:, 0].std()
 
 
 @mark.slow

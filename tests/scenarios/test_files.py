@@ -33,9 +33,7 @@ def test_an_empty_file_is_the_default_scenario(tmp_path):
         "".join(f"a{i} = 1\n" for i in range(2000)): "a0 is no key of a scenario",
     }.items(),
 )
-def test_a_wrong_scenario_is_refused_in_a_sentence_that_names_file_and_key(
-    tmp_path, text, sentence
-):
+def test_what_is_wrong_is_said_in_a_sentence_that_names_file_and_key(tmp_path, text, sentence):
     file = tmp_path / "own.toml"
     file.write_text(text)
     with raises(ValueError) as caught:
@@ -46,7 +44,7 @@ def test_a_wrong_scenario_is_refused_in_a_sentence_that_names_file_and_key(
     assert type(caught.value) is ValueError
 
 
-def test_a_file_that_is_no_text_or_does_not_exist_is_refused(tmp_path):
+def test_what_is_no_text_or_no_file_is_said_too(tmp_path):
     (tmp_path / "own.toml").write_bytes(b"\xff\xfe")
     with raises(ValueError, match="own.toml is no scenario or vehicle file"):
         load(tmp_path / "own.toml")

@@ -18,17 +18,17 @@ class Played:
     def __init__(self, seconds):
         self.cycle = 0.004
         self._motion = made_up_motion(seconds, begin=1.0)
-        self._cycle = 0
+        self._row = 0
         self.asked = []
 
     @property
     def finished(self):
-        return self._cycle >= len(self._motion)
+        return self._row >= len(self._motion)
 
     def advance(self, cycles):
-        flown = slice(self._cycle, self._cycle + cycles)
-        self._cycle += cycles
-        return self._motion[flown]
+        rows = slice(self._row, self._row + cycles)
+        self._row += cycles
+        return self._motion[rows]
 
     def set_armed(self, armed, force=False):
         self.asked.append(armed)
@@ -65,7 +65,7 @@ class Nearby:
 
 
 @mark.slow
-def test_a_live_simulation_flies_at_the_requested_speed(monkeypatch):
+def test_it_flies_no_faster_than_asked(monkeypatch):
     ground = Nearby(monkeypatch)
     outcome, _ = ground.flown(2.0, 4.0)
     assert outcome.flown == approx(2.0, abs=0.1) and outcome.took == approx(0.5, abs=0.05)
@@ -76,7 +76,7 @@ def test_a_live_simulation_flies_at_the_requested_speed(monkeypatch):
 
 
 @mark.slow
-def test_commands_of_a_ground_station_are_executed(monkeypatch):
+def test_what_is_asked_for_is_done(monkeypatch):
     rate = dialect.MAVLink_command_long_message(1, 1, 511, 0, 30, 40_000, 0, 0, 0, 0, 0)
     ground = Nearby(
         monkeypatch,

@@ -35,7 +35,7 @@ def read(tmp_path, flown, motion):
 
 @mark.slow
 @mark.parametrize("autopilot", AUTOPILOTS)
-def test_a_written_log_is_read_back_with_the_true_values(autopilot, tmp_path):
+def test_what_is_read_back_is_what_was_true(autopilot, tmp_path):
     motion = made_up_motion(autopilot=autopilot)
     log = read(tmp_path, scenario(autopilot, system=7), motion)
     assert (log.unread, log.bytes_skipped) == ((), 0)

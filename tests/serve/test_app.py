@@ -84,8 +84,8 @@ def test_an_uploaded_log_is_listed_with_its_review(served):
     entry = next(flight for flight in listed["flights"] if flight["name"] == "a.ulg")
     assert (entry["stage"], entry["level"], entry["lights"]["motors"]) == (Stage.DONE, "bad", "bad")
     assert (entry["modes"], entry["vehicle"]) == (["Loiter", "Land"], "quad 7")
-    found = served.get(f"/api/flights/{entry['id']}").json
-    assert found["flight"] == entry and found["review"]["headline"] == "One."
+    flight_document = served.get(f"/api/flights/{entry['id']}").json
+    assert flight_document["flight"] == entry and flight_document["review"]["headline"] == "One."
     assert served.get(f"/f/{entry['id']}/log").text == log("One.").decode()
     assert served.get(f"/f/{entry['id']}/report.json").json == {"headline": "One."}
     assert {"model.json", "../fleet.sqlite"}.isdisjoint(entry["files"])
@@ -128,9 +128,9 @@ def test_a_file_that_is_no_log_is_refused_with_its_name(served):
     for path in ("/api/logs", "/upload"):
         answer = served.upload(*letters, path=path)
         assert answer.status == 415 and answer.code == SourceFact.FORMAT_UNKNOWN
-    both = served.upload(("letter.txt", b"text"), ("a.ulg", log("One."))).json
-    assert [refusal["name"] for refusal in both["refused"]] == ["letter.txt"] and len(
-        both["flights"]
+    answer_to_both = served.upload(("letter.txt", b"text"), ("a.ulg", log("One."))).json
+    assert [refusal["name"] for refusal in answer_to_both["refused"]] == ["letter.txt"] and len(
+        answer_to_both["flights"]
     ) == 1
     assert list((served.library.folder / "incoming").iterdir()) == []
 
@@ -203,13 +203,21 @@ def test_a_flight_is_changed_found_and_deleted(served):
         )
     ] == [1, 1, 1, 2, 2, 2]
     served.library.change(id, motor=3, wind_speed=4.5)
-    assert [total(served, one) for one in ("motor:3", "motor:2", "wind<5")] == [1, 0, 1]
+    assert [total(served, search_term) for search_term in ("motor:3", "motor:2", "wind<5")] == [
+        1,
+        0,
+        1,
+    ]
     # With an interval, the whole of it is above or below, and a speed within it is equal, whatever the light.
     served.library.change(id, wind="unknown", wind_low=3.3, wind_high=5.7)
     searches = ("wind>3", "wind>4", "wind<5", "wind<6", "wind:5", "wind:6")
-    assert [total(served, one) for one in searches] == [1, 0, 0, 1, 1, 0]
+    assert [total(served, search_term) for search_term in searches] == [1, 0, 0, 1, 1, 0]
     served.library.change(id, motor=None, headline="Motor 12 (rear left) lost 4 to 12 %.")
-    assert [total(served, one) for one in ("motor:12", "motor:2", "motor:1")] == [1, 0, 0]
+    assert [total(served, search_term) for search_term in ("motor:12", "motor:2", "motor:1")] == [
+        1,
+        0,
+        0,
+    ]
     assert total(served, "MC_ROLL_P<6") == total(served, "wind>5") == 0
     assert len(served.get("/api/flights?offset=1").json["flights"]) == 1
     assert served.ask("DELETE", f"/api/flights/{id}").status == 204

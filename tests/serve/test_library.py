@@ -100,16 +100,28 @@ def test_a_search_by_an_unknown_property_names_the_known_ones():
 
 def library_page(entries, anomalous_rows=None, **values):
     """The page with the list of these flights, as somebody who may read sees it."""
-    shown = {"entries": entries, "total": len(entries), "query": "", "order": "upload", "offset": 0}
-    shown |= {"page": 50, "is_empty": False, "sample": None, "is_live": False, "vehicles": []}
-    shown |= {
+    template_values = {
+        "entries": entries,
+        "total": len(entries),
+        "query": "",
+        "order": "upload",
+        "offset": 0,
+    }
+    template_values |= {
+        "page": 50,
+        "is_empty": False,
+        "sample": None,
+        "is_live": False,
+        "vehicles": [],
+    }
+    template_values |= {
         "anomalous_rows": anomalous_rows or {},
         "may_read": True,
         "key": "",
         "has_token": False,
     }
-    shown |= {"address": "", "upload": "", "given": GivenNames(), "frames": {}}
-    return render_server_page("library", **shown | values)
+    template_values |= {"address": "", "upload": "", "given": GivenNames(), "frames": {}}
+    return render_server_page("library", **template_values | values)
 
 
 @mark.parametrize("health, level", [("ok", "good"), ("drift", "watch"), ("fault", "bad")])
@@ -242,16 +254,18 @@ def test_a_folder_that_is_named_by_its_parent_lists_each_flight_once(tmp_path):
 
 
 def test_servers_that_share_a_folder_leave_each_other_alone(tmp_path):
-    one, other_library = Library(tmp_path), Library(tmp_path)
-    entries = [stored_entry(one, f"{number}.") for number in range(4)]
-    for library, entry in zip((one, other_library, one, other_library), entries, strict=True):
+    first_library, other_library = Library(tmp_path), Library(tmp_path)
+    entries = [stored_entry(first_library, f"{number}.") for number in range(4)]
+    for library, entry in zip(
+        (first_library, other_library, first_library, other_library), entries, strict=True
+    ):
         assert library.claim().id == entry.id
-    assert one.claim() is None
-    part = one.new_incoming_path()
+    assert first_library.claim() is None
+    part = first_library.new_incoming_path()
     part.write_bytes(b"half of a log")
     recover(other_library)
     assert part.is_file() and other_library.claim() is None
-    release_lock(one)
+    release_lock(first_library)
     recover(other_library)
     assert not part.is_file()
     assert [other_library.claim().id for _ in range(2)] == [entries[0].id, entries[2].id]
@@ -304,12 +318,12 @@ def test_a_fleet_is_shown_as_it_is(tmp_path):
     library.add_fleet_logs()
     entries, total = library.find(*ALL, 100)
     assert total == 3 and {entry.name for entry in entries} == {"a.bin", "b.bin", "c.bin"}
-    (one,), _ = library.find(*search_condition("vehicle:b"), 100)
-    assert [row.vehicle for row in library.flight_rows([one])] == ["b"]
+    (fleet_entry,), _ = library.find(*search_condition("vehicle:b"), 100)
+    assert [row.vehicle for row in library.flight_rows([fleet_entry])] == ["b"]
     (least,), _ = library.find(*search_condition("vehicle<b"), 100)
     assert least.name == "a.bin", "a vehicle without a given name is compared by its own"
     assert library.find(*search_condition("date<2100"), 100)[1] == 0, "no log has a date"
-    library.delete(one.id)
+    library.delete(fleet_entry.id)
     library.add_fleet_logs()
     assert library.find(*ALL, 100)[1] == 2 and len(read_rows(tmp_path)) == 2
     library.change(entries[0].id, note="mine")
@@ -411,8 +425,8 @@ def test_an_altered_index_removes_and_shows_nothing_outside(tmp_path):
         mended = server.library.entry(lost.id)
         assert (mended.digest, mended.note) == (lost.digest, "of mine")
         server.library.change(page.id, stage=Stage.DONE)
-        for place in ("", "/log"):
-            assert "Secret" not in server.get(f"/f/{page.id}{place}").text
+        for address in ("", "/log"):
+            assert "Secret" not in server.get(f"/f/{page.id}{address}").text
         compare = f"/compare?a={page.id}&b={lost.id}"
         # The log of one of them is only now read again.
         assert "is still being read" in server.get(compare).text

@@ -51,6 +51,6 @@ def test_in_a_weak_wind_with_unknown_drag_only_a_flight_with_a_box_shows_drag_an
     assert "In that flight" in advice.sentence
 
 
-def test_no_flight_is_advised_if_none_improves_the_wind_much():
+def test_what_no_flight_improves_much_needs_no_advice():
     errors = HOVER._replace(speed_error=0.8, direction_error=None, drag_sd=0.1)
     assert advised_flight(errors, drag(lean_sd=0.05)) is None

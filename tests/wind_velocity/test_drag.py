@@ -48,7 +48,7 @@ def test_circles_in_calm_air_show_the_drag_and_no_wind():
         mavdem.estimate_wind(time, tilts.T, velocity, 0.3)
 
 
-def test_the_drag_parameters_of_the_autopilot_replace_the_populations_drag():
+def test_what_somebody_set_in_the_autopilot_takes_the_place_of_the_populations_drag():
     usual = Drag.from_parameters(
         "PX4", {"EKF2_MCOEF": 0.15, "EKF2_BCOEF_X": 25, "EKF2_BCOEF_Y": 100}
     )

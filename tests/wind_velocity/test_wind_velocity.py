@@ -38,7 +38,7 @@ from mavdem.wind_velocity.from_log import (
     wind_of_signals,
 )
 from mavdem.wind_velocity.identifiability import lower_speed_bound, speed_status
-from mavdem.wind_velocity.mean_wind import _layer_steps
+from mavdem.wind_velocity.mean_wind import _layer_rows
 from mavdem.wind_velocity.torque_share import torque_share_of_wind
 from mavdem.wind_velocity.vehicle_drag import Drag, drag_model_setting
 from mavdem.wind_velocity.velocity import WindVelocity
@@ -100,11 +100,8 @@ def test_without_a_position_fix_there_is_no_wind(changes, parameters, code):
     if changes:
         fields = {name: np.full(len(stamps), value) for name, value in changes.items()}
         telemetry = changed(telemetry, "GPS_RAW_INT", **columns(stamps, **fields))
-    is_measured = measures_velocity(telemetry, 0, stamps)
-    if code is None:
-        assert is_measured.all()
-    else:
-        assert not is_measured.any()
+    known = measures_velocity(telemetry, 0, stamps)
+    assert known.all() == (code is None) and known.any() == (code is None)
     drift = columns(stamps, x=stamps, y=stamps, z=-stamps, vx=stamps, vy=stamps, vz=stamps)
     evidence = wind_evidence(Signals(changed(telemetry, "LOCAL_POSITION_NED", **drift)))
     if code is not None:
@@ -134,28 +131,28 @@ def test_legs_show_wind_drag_and_lean(seed):
 
 
 @mark.slow
-def test_the_band_contains_the_wind_and_a_jump_is_followed():
+def test_band_holds_and_a_jump_is_followed():
     time, attitude, velocity, air = flight(seed=7, jump=1.0)
     wind = mavdem.estimate_wind(time, attitude, velocity, height=5.0 + 10 * (time > 60))
-    true_velocity = interp1d(time, air, axis=0)(wind.time)
-    assert 0.8 < np.mean(abs(wind.velocity - true_velocity) <= wind.band) <= 1.0
+    true = interp1d(time, air, axis=0)(wind.time)
+    assert 0.8 < np.mean(abs(wind.velocity - true) <= wind.band) <= 1.0
     speeds = np.hypot(*wind.velocity.T)
     assert speeds[wind.time < 55].mean() < 6.5 and speeds[wind.time > 65].mean() > 8.5
     gusts = uniform_filter1d(np.hypot(*air.T), 30)
     assert wind.gust_interval[0] < gusts.max() < wind.gust_interval[1] < 1.5 * gusts.max()
     # The strongest gust is found where it blew, and its time is shown.
     assert wind.gust_time == approx(time[gusts.argmax()], abs=2.0)
-    blocks = wind_blocks(WindEvidence(wind, None, None))
-    assert f"at {wind.gust_time:.0f} s" in blocks[0].text
+    shown = wind_blocks(WindEvidence(wind, None, None))
+    assert f"at {wind.gust_time:.0f} s" in shown[0].text
     assert wind.lull == approx(gusts[15:-15].min(), abs=1.0)
-    assert f"lulls to {wind.lull:.1f} m/s" in blocks[0].text
+    assert f"lulls to {wind.lull:.1f} m/s" in shown[0].text
     # A jump in a flight of little more than a minute is seen in its parts.
-    short_wind = mavdem.estimate_wind(*(values[200:1000] for values in (time, attitude, velocity)))
-    assert [round(part["speed"] / 5) for part in short_wind.minutes] == [1, 2]
-    assert "the mean from 0 to 119 s; each" in blocks[1].text
-    assert wind.gust > 9 and [round(part["speed"] / 5) for part in wind.minutes] == [1, 2]
-    assert np.diff([(part["start"], part["end"]) for part in wind.minutes]) == approx(60.0, abs=1.0)
-    layers = [(part["height"], round(part["speed"] / 5)) for part in wind.profile]
+    short = mavdem.estimate_wind(*(values[200:1000] for values in (time, attitude, velocity)))
+    assert [round(one["speed"] / 5) for one in short.minutes] == [1, 2]
+    assert "the mean from 0 to 119 s; each" in shown[1].text
+    assert wind.gust > 9 and [round(one["speed"] / 5) for one in wind.minutes] == [1, 2]
+    assert np.diff([(one["start"], one["end"]) for one in wind.minutes]) == approx(60.0, abs=1.0)
+    layers = [(one["height"], round(one["speed"] / 5)) for one in wind.profile]
     assert layers == [(5.0, 1), (15.0, 2)]
 
 
@@ -201,31 +198,29 @@ def test_the_band_of_a_speed_is_0_7_m_s_or_12_percent_and_at_most_a_factor_of_ei
 
 
 @mark.slow
-def test_a_hover_uses_the_drag_of_another_flight():
+def test_hover_takes_the_drag_of_another_flight():
     hover = flight(legs=0.0, turning=0.0, seed=3)[:3]
-    without_drag = mavdem.estimate_wind(*hover)
+    alone = mavdem.estimate_wind(*hover)
     drag = mavdem.estimate_drag(*flight(seed=4))
-    assert without_drag.status["drag"] == "not identifiable"
-    assert without_drag.status["speed"] != "reported"
-    without_drag = replace(
-        without_drag, status=without_drag.status | {"speed": Status.NOT_IDENTIFIABLE}
-    )
-    assert "m/s" not in wind_blocks(WindEvidence(without_drag, None, None))[0].text
-    identified_figures = without_drag.identified_figures
-    assert np.isnan(identified_figures.speed) and not identified_figures.velocity
-    assert {doubt.code for doubt in without_drag.reasons.values()} == set(WindDoubt)
-    assert without_drag.drag.source == "population" and all(map(str, without_drag.reasons.values()))
+    assert alone.status["drag"] == "not identifiable"
+    assert alone.status["speed"] != "reported"
+    alone = replace(alone, status=alone.status | {"speed": Status.NOT_IDENTIFIABLE})
+    assert "m/s" not in wind_blocks(WindEvidence(alone, None, None))[0].text
+    shown = alone.identified_figures
+    assert np.isnan(shown.speed) and not shown.velocity
+    assert {doubt.code for doubt in alone.reasons.values()} == set(WindDoubt)
+    assert alone.drag.source == "population" and all(map(str, alone.reasons.values()))
     assert abs(drag.linear / LINEAR - 1).max() < 0.2
-    with_drag = mavdem.estimate_wind(*hover, drag=Drag.from_dict(drag.as_dict()))
-    widths = [np.diff(estimate.speed_interval)[0] for estimate in (with_drag, without_drag)]
-    assert abs(with_drag.speed - 5) < 0.7 and widths[0] < 0.6 * widths[1]
+    known = mavdem.estimate_wind(*hover, drag=Drag.from_dict(drag.as_dict()))
+    widths = [np.diff(one.speed_interval)[0] for one in (known, alone)]
+    assert abs(known.speed - 5) < 0.7 and widths[0] < 0.6 * widths[1]
     # What was advised does what it was to do: flight in several directions with turns of the heading.
-    drag_of_advised_flight = mavdem.estimate_wind(*flight(seed=5)[:3]).drag.for_next_flight()
-    low, high = mavdem.estimate_wind(*hover, drag=drag_of_advised_flight).speed_interval
-    assert without_drag.advice.code is WindAdvice.FLY_BOX
-    assert (high - low) / 2 == approx(without_drag.advice.figures["expected_speed_error"], rel=0.4)
+    advised = mavdem.estimate_wind(*flight(seed=5)[:3]).drag.for_next_flight()
+    low, high = mavdem.estimate_wind(*hover, drag=advised).speed_interval
+    assert alone.advice.code is WindAdvice.FLY_BOX
+    assert (high - low) / 2 == approx(alone.advice.figures["expected_speed_error"], rel=0.4)
     # After a crash nothing is advised to be flown.
-    grounded = without_flight_advice(WindEvidence(without_drag, None, None))
+    grounded = without_flight_advice(WindEvidence(alone, None, None))
     leads = [block.lead for block in wind_blocks(grounded)]
     assert grounded.estimate.advice is None and "To know it better:" not in leads
     assert not any(
@@ -234,25 +229,23 @@ def test_a_hover_uses_the_drag_of_another_flight():
 
 
 @mark.slow
-def test_in_calm_air_only_an_upper_bound_of_the_speed_is_reported():
+def test_calm_air_is_below_a_speed():
     wind = mavdem.estimate_wind(*flight(wind=(0, 0), gusts=0.05)[:3])
     assert wind.calm and wind.speed < 0.7 and wind.speed_interval[0] == 0
     # Still air has no gusts either.
     assert wind.gust_interval[0] == 0 < wind.gust
     assert lower_speed_bound(0.6, 6.0)
-    autopilots_wind = TimeSeries(
-        wind.time, np.zeros(len(wind.time), int), np.ones((len(wind.time), 2))
-    )
-    blocks = wind_blocks(WindEvidence(wind, autopilots_wind, None))
-    assert any("own estimate, 1.4 m/s from the south-west (225°)" in block.text for block in blocks)
-    of_other_boot = replace(autopilots_wind, boot=autopilots_wind.boot + 1)
-    blocks = wind_blocks(WindEvidence(wind, of_other_boot, None))
-    assert not any("own estimate" in block.text for block in blocks)
+    own = TimeSeries(wind.time, np.zeros(len(wind.time), int), np.ones((len(wind.time), 2)))
+    shown = wind_blocks(WindEvidence(wind, own, None))
+    assert any("own estimate, 1.4 m/s from the south-west (225°)" in block.text for block in shown)
+    of_other_boot = replace(own, boot=own.boot + 1)
+    shown = wind_blocks(WindEvidence(wind, of_other_boot, None))
+    assert not any("own estimate" in block.text for block in shown)
     # Where the autopilot makes none, the setting is named with which it does.
     setting = drag_model_setting("PX4", {})
-    blocks = wind_blocks(WindEvidence(wind, None, None, setting))
-    assert any("(EKF2_DRAG_CTRL 1 switches it on)" in block.text for block in blocks)
-    minutes = tuple(
+    shown = wind_blocks(WindEvidence(wind, None, None, setting))
+    assert any("(EKF2_DRAG_CTRL 1 switches it on)" in block.text for block in shown)
+    course = tuple(
         {
             "start": 60.0 * i,
             "end": 60.0 * i + 59,
@@ -263,7 +256,7 @@ def test_in_calm_air_only_an_upper_bound_of_the_speed_is_reported():
         }
         for i in range(10)
     )
-    (table,) = wind_tables(replace(wind, minutes=minutes, profile=()), max_rows=4)
+    (table,) = wind_tables(replace(wind, minutes=course, profile=()), max_rows=4)
     # The direction of a wind that may be still air is not shown, and the mounting is no reason for that.
     assert "Still air" in wind.reasons["direction"].sentence
     assert table.header == ["Time (s)", "Wind (m/s)"]
@@ -271,7 +264,7 @@ def test_in_calm_air_only_an_upper_bound_of_the_speed_is_reported():
     assert table.rows[1][1] == "3.0 (1.5 to 6.0)"
 
 
-def test_the_mean_of_a_wind_that_turned_is_reported_with_the_speed_of_its_minutes():
+def test_a_wind_that_turned_is_told_with_its_speed_beside_that_of_its_mean():
     wind = mavdem.estimate_wind(*flight(wind=(0, -5), gusts=0.5, seconds=60)[:3])
     assert wind.direction_identifiable
 
@@ -286,25 +279,20 @@ def test_the_mean_of_a_wind_that_turned_is_reported_with_the_speed_of_its_minute
             }
             for i, (speed, direction) in enumerate(zip(speeds, directions, strict=False))
         )
-        turned_wind = replace(wind, speed=mean_speed, minutes=minutes)
-        return wind_blocks(WindEvidence(turned_wind, None, None))[0].text
+        turned = replace(wind, speed=mean_speed, minutes=minutes)
+        return wind_blocks(WindEvidence(turned, None, None))[0].text
 
-    expected_text = (
-        "the mean of a wind that turned from the west-south-west (240°) to the west-north-west (300°) "
-        "at 5.2 m/s"
-    )
-    assert expected_text in lead_sentence(4.7, [5.3, 5.1])
-    expected_text = (
-        "turned from the north (350°) to the east (90°) and then to the north (5°) at 5.2 m/s"
-    )
-    assert expected_text in lead_sentence(2.0, [5.3, 5.2, 5.1], (350.0, 90.0, 5.0))
-    expected_text = "turned from the north (350°) to the south (175°) at 5.2 m/s"
-    assert expected_text in lead_sentence(2.0, [5.3, 5.2, 5.1], (350.0, 170.0, 175.0))
+    told = "the mean of a wind that turned from the west-south-west (240°) to the west-north-west (300°) at 5.2 m/s"
+    assert told in lead_sentence(4.7, [5.3, 5.1])
+    told = "turned from the north (350°) to the east (90°) and then to the north (5°) at 5.2 m/s"
+    assert told in lead_sentence(2.0, [5.3, 5.2, 5.1], (350.0, 90.0, 5.0))
+    told = "turned from the north (350°) to the south (175°) at 5.2 m/s"
+    assert told in lead_sentence(2.0, [5.3, 5.2, 5.1], (350.0, 170.0, 175.0))
     assert "turned" not in lead_sentence(5.1, [5.3, 5.1])
     assert "turned" not in lead_sentence(4.7, [5.3])
 
 
-def test_a_motion_that_is_no_free_flight_is_refused():
+def test_what_is_no_free_flight_is_refused():
     time, attitude, velocity, air = flight(seconds=60)
     wind = mavdem.estimate_wind
     assert refused(wind, time, attitude, 0.01 * velocity).code is AirflowFact.VELOCITY_INCONSISTENT
@@ -363,26 +351,22 @@ def test_velocity_of_another_core_stands_in_for_the_primary_s():
 
 
 @mark.slow
-def test_the_wind_of_a_real_hover_agrees_with_an_anemometer():
+def test_solo_beside_an_anemometer():
     path = shared("real/wind/solo_sonic_1hz.csv")
     table = np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding=None)
-    stamps = np.array([np.datetime64(stamp[:19]) for stamp in table["datetime"]]).astype(float)
+    stamps = np.array([np.datetime64(one[:19]) for one in table["datetime"]]).astype(float)
     attitude = np.radians(np.column_stack([table["solo_roll"], table["solo_pitch"], 0 * stamps]))
-    true_wind = -table["sonic_wind"] * np.exp(1j * np.radians(table["sonic_wind_dir"]))
-    air = np.column_stack([true_wind.real, true_wind.imag])
+    true = -table["sonic_wind"] * np.exp(1j * np.radians(table["sonic_wind_dir"]))
+    air = np.column_stack([true.real, true.imag])
     first, second = np.array_split(np.arange(len(stamps)), 2)
     hovers = [(stamps[part], attitude[part], 0 * attitude[part]) for part in (first, second)]
     drag = mavdem.estimate_drag(*hovers[0], air[first])
     wind = mavdem.estimate_wind(*hovers[1], drag=drag)
-    estimated_wind = np.interp(stamps[second], wind.time, wind.velocity @ [1, 1j])
-    for seconds, max_error in ((10, 0.6), (60, 0.4)):
-        used_seconds = len(estimated_wind) // seconds * seconds
-        means = (
-            np.array([estimated_wind[:used_seconds], true_wind[second][:used_seconds]])
-            .reshape(2, -1, seconds)
-            .mean(axis=2)
-        )
-        assert np.sqrt(np.mean(np.diff(abs(means), axis=0) ** 2)) < max_error
+    found = np.interp(stamps[second], wind.time, wind.velocity @ [1, 1j])
+    for seconds, most in ((10, 0.6), (60, 0.4)):
+        whole = len(found) // seconds * seconds
+        means = np.array([found[:whole], true[second][:whole]]).reshape(2, -1, seconds).mean(axis=2)
+        assert np.sqrt(np.mean(np.diff(abs(means), axis=0) ** 2)) < most
     assert np.degrees(np.sqrt(np.mean(np.angle(means[0] / means[1]) ** 2))) < 10
 
 
@@ -394,21 +378,21 @@ def drag_in_a_jump_of_the_wind():
 
 @mark.slow
 @mark.parametrize(
-    "scale, reason_text", [(1.0, ""), (0.01, "does not follow the tilt"), (0.0, "never changes")]
+    "scale, why", [(1.0, ""), (0.01, "does not follow the tilt"), (0.0, "never changes")]
 )
-def test_live_wind_is_estimated_in_free_flight_only(scale, reason_text):
+def test_live_rows_are_of_free_flight_only(scale, why):
     time, attitude, velocity, air = flight(seed=7, jump=1.0)
     live = LiveWind()
     live.earlier_drag = drag_in_a_jump_of_the_wind()
     inside = []
     downs_first = np.roll(scale * velocity, 1, axis=1)
-    for stamp, angles, moved_velocity in zip(time, attitude, downs_first, strict=True):
-        live.add_attitude(stamp, *angles)
-        live.add_velocity("LOCAL_POSITION_NED", stamp, moved_velocity)
+    for at, angles, moved in zip(time, attitude, downs_first, strict=True):
+        live.add_attitude(at, *angles)
+        live.add_velocity("LOCAL_POSITION_NED", at, moved)
         if row := live.latest:
             inside.append(abs(row.velocity - air[time > row.time][0]) < row.band)
-    if reason_text:
-        assert reason_text in str(live.no_estimate_reason)
+    if why:
+        assert why in str(live.no_estimate_reason)
         assert live.latest is None
         assert live.mean is None
     else:
@@ -419,23 +403,21 @@ def test_live_wind_is_estimated_in_free_flight_only(scale, reason_text):
 
 
 @mark.slow
-@mark.parametrize("lean, seconds, is_refused", [(27, 8, True), (27, 4, False), (23, 8, False)])
-def test_a_vehicle_that_something_holds_shows_no_wind(lean, seconds, is_refused):
+@mark.parametrize("lean, seconds, refused", [(27, 8, True), (27, 4, False), (23, 8, False)])
+def test_a_vehicle_that_something_holds_shows_no_wind(lean, seconds, refused):
     telemetry = recorded("sitl_events/ap_short_with_climb.tlog")
     attitude = telemetry.messages["ATTITUDE"]
-    position = telemetry.messages["LOCAL_POSITION_NED"]
+    place = telemetry.messages["LOCAL_POSITION_NED"]
 
-    def with_held_value(table, column, value):
+    def held(table, column, value):
         is_held = abs(table["time"] - 80 - seconds / 2) < seconds / 2
         return np.where(is_held, value, table[column])
 
-    leaning = changed(
-        telemetry, "ATTITUDE", roll=with_held_value(attitude, "roll", np.radians(lean))
-    )
-    fixed = {axis: with_held_value(position, axis, 0.0) for axis in "xyz"}
+    leaning = changed(telemetry, "ATTITUDE", roll=held(attitude, "roll", np.radians(lean)))
+    fixed = {axis: held(place, axis, 0.0) for axis in "xyz"}
     reason = wind_evidence(Signals(changed(leaning, "LOCAL_POSITION_NED", **fixed)))[2]
     code = None if reason is None else reason.code
-    if is_refused:
+    if refused:
         assert code is NoWind.STUCK
     else:
         assert code is not NoWind.STUCK
@@ -446,37 +428,35 @@ def test_a_missing_yaw_and_a_ground_spin_are_left_out_and_a_clock_jump_is_refuse
     telemetry = recorded("sitl_events/ap_short_with_climb.tlog")
     columns = telemetry.messages["ATTITUDE"]
 
-    def wind_with(**values):
+    def found(**values):
         return wind_of_signals(Signals(changed(telemetry, "ATTITUDE", **values)))
 
     yaw = np.where(np.arange(len(columns["yaw"])) % 50, columns["yaw"], 1e30)
-    unchanged_wind = wind_with()
-    assert wind_with(yaw=yaw).speed == approx(unchanged_wind.speed, abs=0.1)
+    sound = found()
+    assert found(yaw=yaw).speed == approx(sound.speed, abs=0.1)
     middle = np.median(columns["time"])
-    yaw_after_spin = columns["yaw"] + 2.0 * (columns["time"] > 120)
-    yaw_before_reset = columns["yaw"] + 2.0 * (columns["time"] < 60)
-    assert drag_settings(unchanged_wind.drag, telemetry) and not drag_settings(
+    spun = columns["yaw"] + 2.0 * (columns["time"] > 120)
+    reset = columns["yaw"] + 2.0 * (columns["time"] < 60)
+    assert drag_settings(sound.drag, telemetry) and not drag_settings(
         Drag.validated_or_population(None), telemetry
     )
-    assert wind_with(yaw=yaw_after_spin).speed == unchanged_wind.speed
-    assert wind_with(yaw=yaw_before_reset).time[0] > 60 > unchanged_wind.time[0]
-    with_clock_jump = {
+    assert found(yaw=spun).speed == sound.speed
+    assert found(yaw=reset).time[0] > 60 > sound.time[0]
+    late = {
         name: table | {"time": table["time"] + 2e6 * (table["time"] > middle)}
         for name, table in telemetry.messages.items()
     }
-    with_clock_jump = Signals(replace(telemetry, messages=with_clock_jump))
-    assert refused(wind_of_signals, with_clock_jump).code is NoWind.CLOCK_JUMPS
-    without_velocity = Signals(changed(telemetry, "LOCAL_POSITION_NED", vx=0.0))
-    assert refused(wind_of_signals, without_velocity).code is NoWind.NOT_MEASURED
+    late = Signals(replace(telemetry, messages=late))
+    assert refused(wind_of_signals, late).code is NoWind.CLOCK_JUMPS
+    still = Signals(changed(telemetry, "LOCAL_POSITION_NED", vx=0.0))
+    assert refused(wind_of_signals, still).code is NoWind.NOT_MEASURED
 
 
-def test_the_mean_of_a_layer_is_computed_like_the_mean_of_a_minute():
+def test_the_mean_of_a_layer_is_formed_as_that_of_a_minute():
     """Of an uncertain drag the mean over the posterior is larger than the median, which is reported."""
     time, attitude, velocity, _ = flight(legs=0.0, turning=0.0, seed=5)
     wind = mavdem.estimate_wind(time, attitude, velocity, height=5.0 + 10 * (time > time.mean()))
-    by_height, by_minute = (
-        [entry["speed"] for entry in entries] for entries in (wind.profile, wind.minutes)
-    )
+    by_height, by_minute = ([one["speed"] for one in part] for part in (wind.profile, wind.minutes))
     assert by_height == approx(by_minute, rel=0.005)
     assert min(by_height) < wind.speed < max(by_height)
 
@@ -484,10 +464,10 @@ def test_the_mean_of_a_layer_is_computed_like_the_mean_of_a_minute():
 def test_a_hover_at_one_height_is_one_layer():
     """It is partly above and partly below the border of two layers, which the vehicle climbed through to it."""
     heights = np.concatenate([np.linspace(0.0, 20.0, 300), 20.0 + 0.5 * np.sin(np.arange(600))])
-    climb, hover = _layer_steps(heights)
+    climb, hover = _layer_rows(heights)
     assert heights[climb].max() < 10 and len(climb) + len(hover) == len(heights)
     high = np.repeat([12.0, 27.0], 100)
-    assert [high[steps].mean() for steps in _layer_steps(high)] == [12, 27]
+    assert [high[rows].mean() for rows in _layer_rows(high)] == [12, 27]
 
 
 def test_the_speed_through_the_air_of_a_hover_in_gusts_is_that_of_the_gusts():
@@ -517,13 +497,11 @@ def test_a_live_mean_outlasts_flight_that_is_not_free_and_says_since_when():
     live = LiveWind()
     live.earlier_drag = drag_in_a_jump_of_the_wind()
     half = len(time) // 2
-    for number, (stamp, angles, measured_velocity) in enumerate(
-        zip(time, attitude, velocity, strict=True)
-    ):
+    for number, (at, angles, moved) in enumerate(zip(time, attitude, velocity, strict=True)):
         is_free = number < half
-        live.add_attitude(stamp, *angles)
-        moved_down_first = np.roll(measured_velocity if is_free else 0.01 * measured_velocity, 1)
-        live.add_velocity("LOCAL_POSITION_NED", stamp, moved_down_first)
+        live.add_attitude(at, *angles)
+        moved_down_first = np.roll(moved if is_free else 0.01 * moved, 1)
+        live.add_velocity("LOCAL_POSITION_NED", at, moved_down_first)
         if is_free:
             mean = live.mean
     assert live.latest is None

@@ -115,7 +115,7 @@ def test_a_drift_of_a_flight_without_a_recorded_landing_has_no_end():
 
 
 @mark.parametrize("drift", [0.0, 1.5, -2.0])
-def test_a_change_of_pressure_by_weather_or_warming_is_no_drift(drift):
+def test_what_weather_and_warmth_change_is_no_drift(drift):
     assert not drifts(flight(drift))
 
 

@@ -22,8 +22,8 @@ TAKE_OFF = 6.0
 
 def height(telemetry):
     """The height of the hover, m, at the stamps of its position."""
-    position = telemetry.messages["LOCAL_POSITION_NED"]
-    return np.cumsum(-position["vz"]) * 0.1
+    place = telemetry.messages["LOCAL_POSITION_NED"]
+    return np.cumsum(-place["vz"]) * 0.1
 
 
 def flight(noise=0.1, true_height=None):
@@ -86,22 +86,22 @@ def test_without_a_barometer_nothing_is_known_of_it():
 @mark.parametrize("speed, contradicts", [(2.0, False), (3.0, True)])
 def test_an_estimate_that_falls_beside_the_barometer_contradicts_it(speed, contradicts):
     telemetry = flight()
-    position = telemetry.messages["LOCAL_POSITION_NED"]
-    runs_away = (position["time"] > 30.0) & (position["time"] < 34.0)
-    telemetry = changed(telemetry, "LOCAL_POSITION_NED", vz=position["vz"] + speed * runs_away)
-    contradictions = trust(telemetry).height.contradictions
-    assert len(contradictions) == contradicts
+    place = telemetry.messages["LOCAL_POSITION_NED"]
+    runs_away = (place["time"] > 30.0) & (place["time"] < 34.0)
+    telemetry = changed(telemetry, "LOCAL_POSITION_NED", vz=place["vz"] + speed * runs_away)
+    found = trust(telemetry).height.contradictions
+    assert len(found) == contradicts
     if contradicts:
-        assert contradictions[0] == approx((30.4, 33.6), abs=0.8)
+        assert found[0] == approx((30.4, 33.6), abs=0.8)
 
 
 def test_a_contradiction_is_dated_to_its_beginning_under_power():
     telemetry = flight()
-    position = telemetry.messages["LOCAL_POSITION_NED"]
-    before_take_off = position["time"] < 4.0
-    in_flight = (position["time"] > 30.0) & (position["time"] < 38.0)
+    place = telemetry.messages["LOCAL_POSITION_NED"]
+    before_take_off = place["time"] < 4.0
+    in_flight = (place["time"] > 30.0) & (place["time"] < 38.0)
     runs_away = before_take_off | in_flight
-    telemetry = changed(telemetry, "LOCAL_POSITION_NED", vz=position["vz"] + 4.0 * runs_away)
+    telemetry = changed(telemetry, "LOCAL_POSITION_NED", vz=place["vz"] + 4.0 * runs_away)
     sensors = trust(telemetry)
     assert sensors.height.contradictions[0][0] < 4.0
     (check,) = [check for check in sensors.checks if check.code is TrustCheck.BAROMETER]
@@ -124,10 +124,8 @@ def test_heights_above_each_of_many_take_offs_take_no_memory():
     signals = Signals(flight(), inputs="motors")
     for take_off in np.arange(TAKE_OFF, TAKE_OFF + 5.0):
         assert trusted_height(signals, 0, float(take_off)).source == "estimate"
-    cached_values = [
-        value for key, value in signals.cache.items() if key[-1] in np.arange(5) + TAKE_OFF
-    ]
-    assert cached_values == ["estimate"] * 5
+    kept = [value for key, value in signals.cache.items() if key[-1] in np.arange(5) + TAKE_OFF]
+    assert kept == ["estimate"] * 5
 
 
 @mark.parametrize("gravity, is_sound", [(9.4, True), (8.2, False)])
@@ -161,7 +159,7 @@ def test_two_witnesses_against_a_flight_make_a_bench_run():
     assert {fact.figures["side"] for fact in never_flew.flight_check.sensor_facts} == {"against"}
 
 
-def test_a_single_sensor_against_a_flight_leaves_it_undecided():
+def test_one_witness_against_a_flight_leaves_it_undecided():
     telemetry = flight()
     telemetry = changed(
         telemetry, "SCALED_PRESSURE", **bench(telemetry).messages["SCALED_PRESSURE"]
@@ -259,15 +257,13 @@ def test_an_accelerometer_that_may_be_in_use_is_not_called_spare():
 
 
 def test_a_bench_run_has_no_flight_and_each_boot_rows_of_its_own():
-    bench_trust = trust(bench(flight()))
-    answers = {
-        row[0]: row[1] for row in trust_table([bench_trust, replace(bench_trust, boot=1)]).rows
-    }
+    held = trust(bench(flight()))
+    answers = {row[0]: row[1] for row in trust_table([held, replace(held, boot=1)]).rows}
     assert answers["that it flew, boot 1"] == answers["that it flew, boot 2"] == "no"
-    assert bench_trust.checks[0].sentence.startswith("It did not fly: the barometer stayed within")
+    assert held.checks[0].sentence.startswith("It did not fly: the barometer stayed within")
 
 
-def test_checks_of_sensors_that_were_not_recorded_are_unknown():
+def test_nothing_recorded_is_not_known():
     telemetry = Hover().telemetry(20.0, 20.0, without=("LOCAL_POSITION_NED", "SERVO_OUTPUT_RAW"))
     levels = [check.level for check in trust(telemetry).checks]
     assert levels == 7 * ["unknown"]

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import click
 import numpy as np
 
-from mavdem.ingest.byte_strings import Bytes, byte_strings_at
+from mavdem.ingest.byte_rows import Bytes, rows_of
 from mavdem.ingest.mavlink.checksums import frame_checksum
 from mavdem.ingest.mavlink.dialect import definitions_by_id
 from mavdem.ingest.mavlink.frame_stream import FrameStream
@@ -169,7 +169,7 @@ class Flight:
 
     def _integers(self, first_bytes: np.ndarray, width: int, byte_order: str) -> np.ndarray:
         """Reads unsigned integers of ``width`` bytes at offsets (n,) of the flight."""
-        return byte_strings_at(self.content, first_bytes, width).view(f"{byte_order}u{width}")[:, 0]
+        return rows_of(self.content, first_bytes, width).view(f"{byte_order}u{width}")[:, 0]
 
     def _add(
         self, content: Bytes, first_bytes: np.ndarray, width: int, units: int, byte_order: str

@@ -43,7 +43,7 @@ from mavdem.experiments.paper.flights import write_log
 from mavdem.facts import Fact
 from mavdem.files import load_adjacent_toml
 from mavdem.ingest import Log, read_log
-from mavdem.ingest.telemetry import Telemetry, rate_without_gaps, selected_messages
+from mavdem.ingest.telemetry import Telemetry, rate_without_gaps, selected_rows
 from mavdem.ingest.vocabulary import IN_AIR
 from mavdem.loops.autopilot_parameters import DEFAULT_LOOP_RATES, LOOP_RATE_PARAMETERS
 from mavdem.loops.axis_loops import Loop
@@ -482,7 +482,7 @@ def thinned_telemetry(vehicle: Telemetry, rate: float) -> Telemetry:
             stream_rate = rate_without_gaps(np.diff(columns["time"][rows]))
             decimation = max(1, round(stream_rate / rate))
             remaining_rows.append(rows[::decimation])
-        messages[name] = selected_messages(columns, np.sort(np.concatenate(remaining_rows)))
+        messages[name] = selected_rows(columns, np.sort(np.concatenate(remaining_rows)))
     return replace(vehicle, messages=messages)
 
 

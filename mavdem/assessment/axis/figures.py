@@ -242,8 +242,8 @@ class LogAnalysis:
     def findings(self) -> Findings:
         """Faults that make the flight doubtful, such as a weak motor, and the grade of its model for each purpose.
 
-        One of the faults is that the recorded body rates do not match the recorded angles, of which they should be the
-        derivative. Slow streams do not show that, so that it is tested only if the log allows a full model.
+        One of the faults is that the recorded body rates do not match the derivative of the recorded angles. Slow
+        streams do not show that, so that it is tested only if the log allows a full model.
         """
         # Fraction of the angle's changes that the recorded rates explain, 0 to 1.
         rate_consistency = None

@@ -246,8 +246,8 @@ def gain_history(signals: Signals) -> list[GainSet]:
 def _is_gain_of_axis(name: str, axis: str) -> bool:
     """Returns whether a parameter is a gain, or another setting, of the control of an axis.
 
-    Parameters without the name of an axis belong to all axes. Those that the autopilot sets itself, such as a learned
-    hover thrust, do not count: nobody changed them.
+    Parameters without the name of an axis belong to all axes. Parameters that the autopilot sets itself, such as a
+    learned hover thrust, do not count: nobody changed them.
 
     Args:
         name: name of the parameter, such as "ATC_RAT_RLL_P".

@@ -200,8 +200,8 @@ def _identified_plant(
     """Identifies the plant of an axis, in its closed loop if possible, otherwise by the gray-box fit.
 
     Identification in the closed loop uses the logged controller and setpoints. If these are not known, the plant is
-    that of the gray-box fit, which uses inputs and outputs alone. If the closed loop was identified, but too poorly for
-    margins, there is no result: margins by the gray-box fit would be even worse.
+    taken from the gray-box fit, which uses inputs and outputs alone. If the closed loop was identified, but too poorly
+    for margins, there is no result: margins by the gray-box fit would be even worse.
 
     Args:
         signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.

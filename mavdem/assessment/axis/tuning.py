@@ -335,14 +335,13 @@ def _next_step_with_new_gains(
     """
     changed_loops = _advice_on_changed_loops(advice_on_loops)
     if not any(advice.is_sound for advice in changed_loops):
-        # The flight that is needed is that of the axis whose advice is the most certain.
+        # The most certain advice says which flight is needed, and the fact names all axes.
         most_certain = max(
             changed_loops,
             key=lambda advice: max(advice.sure, advice.fraction_without_margins_before),
         )
-        flight = most_certain.flight_before_gains.replace(
-            names=tuple(advice.before.axis for advice in changed_loops)
-        )
+        axes = tuple(advice.before.axis for advice in changed_loops)
+        flight = most_certain.flight_before_gains.replace(names=axes)
         return Fact(NextStep.FLY_BEFORE_GAINS, judgement.headline.level, reason=flight)
     is_biased = any(
         caution.code is LoopFact.EFFECT_BIASED
@@ -424,8 +423,8 @@ def _next_step_without_new_gains(
         arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
 
     Returns:
-        The fact that advises to tune the other axes, if there are any. Otherwise to do what the first axis with a
-        remedy needs, such as to fly doublets; if no axis needs anything, to keep the gains of the first one.
+        The fact that advises to tune the other axes, if there are any. Otherwise to follow the remedy of the first axis
+        that has one, such as to fly doublets; if no axis needs anything, to keep the gains of the first one.
     """
     if other_axes:
         return Fact(

@@ -46,8 +46,8 @@ def vibration_light(evidence: Evidence) -> Fact:
 
     Landings and fast manoeuvres cause a few clips outside settled flight. If there are more than the limit, for example
     by a loose propeller, the clips of all free flight are used instead, and the fact has the figure
-    ``has_clipped_unsettled``. The vibration level is still the one of settled flight. What is not of settled flight
-    alone ends with the loss of the vehicle: so does the fact.
+    ``has_clipped_unsettled``. The vibration level is still measured in settled flight. If a figure is not of settled
+    flight alone, the fact ends with the loss of the vehicle.
 
     Args:
         evidence: signals, events and measurements of the vehicle.

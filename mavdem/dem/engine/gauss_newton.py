@@ -202,9 +202,6 @@ def predicted_gain(expansion: QuadraticExpansion, curvature: Array, step: Array)
         expansion: the expansion, of which only the gradient is used.
         curvature: negative second derivative (f, f).
         step: the step (f,).
-
-    Returns:
-        The gain, positive for a step along the gradient.
     """
     return float(expansion.gradient @ step - 0.5 * step @ curvature @ step)
 

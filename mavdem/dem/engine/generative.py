@@ -271,11 +271,10 @@ class GenerativeModel:
     def regressor_moments(self, moments: Array) -> RegressorMoments:
         """Computes the second moments of the regressors, with their orders weighted by the temporal precisions S.
 
-        Row i of [A B] multiplies the regressors [x; v] in the prediction error of state i, and their k-th derivatives,
-        [x; v]⁽ᵏ⁾, in the k-th derivative of that error. So the sum of weighted squares ½ Σ ε̃ᵀ Π̃ ε̃ is quadratic in
-        the row, with the matrix e^λ_i Σ_kl S_kl Σ_t [x; v]⁽ᵏ⁾ [x; v]⁽ˡ⁾ᵀ, where e^λ_i is the precision of the noise of
-        state i. The sums without this factor are returned. The noises of different channels are independent, so that no
-        two rows are coupled. The same holds for C, with the regressors x.
+        Row i of [A B] multiplies the regressors [x; v] in the prediction error of state i, and their derivatives in the
+        derivatives of that error. So ½ Σ ε̃ᵀ Π̃ ε̃ is quadratic in the row, with the matrix
+        e^λ_i Σ_kl S_kl Σ_t [x; v]⁽ᵏ⁾ [x; v]⁽ˡ⁾ᵀ; the sums without e^λ_i are returned. The noises of different channels
+        are independent, so that no two rows are coupled. The same holds for C, with the regressors x.
 
         Args:
             moments: (dim z, dim z) second moments of z = [ỹ; η̃; X], summed over the samples.

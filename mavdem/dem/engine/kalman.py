@@ -308,12 +308,11 @@ class KalmanFilter(NamedTuple):
 
     def predicted_covariances(self, samples: int) -> Array:
         """Returns the covariances of the predicted state before each sample and after the last, (samples + 1, n, n)."""
-        # Once the filter is steady, all later samples have the last covariance.
-        indices = np.minimum(np.arange(samples + 1), len(self.covariances) - 1)
-        return self.covariances[indices]
+        rows = np.minimum(np.arange(samples + 1), len(self.covariances) - 1)
+        return self.covariances[rows]
 
-    def gain_indices(self, samples: int) -> Indices:
-        """Returns the index in ``gains`` of the gain at each sample, (samples,): the last one once they are steady."""
+    def gain_rows(self, samples: int) -> Indices:
+        """Returns the row of ``gains`` that holds at each sample, (samples,): the last one once they are steady."""
         return np.minimum(np.arange(samples), len(self.gains) - 1)
 
     @may_overflow
@@ -329,20 +328,17 @@ class KalmanFilter(NamedTuple):
             Predicted states (…, T + 1, n), the last one after the last sample, and innovations (…, T, m).
         """
         samples = measurements.shape[-2]
-        gain_of_sample = self.gain_indices(samples)
+        # Index in ``gains`` of the gain of each sample: once the filter is steady, all later samples have the last one.
+        rows = self.gain_rows(samples)
         states = np.empty((*measurements.shape[:-2], samples + 1, len(self.A)))
         states[..., 0, :] = initial_state
         # With L = A − K C the filter is x̂⁺ = L x̂ + g + K y. L is transposed, since states are rows here. There is one L
         # for each gain.
         L_transposed = (self.A - self.gains @ self.C).mT
         # Letters of einsum: sample t, output m, state n.
-        driving_terms = forcing + np.einsum(
-            "...tm,tnm->...tn", measurements, self.gains[gain_of_sample]
-        )
-        for t, gain in enumerate(gain_of_sample):
-            states[..., t + 1, :] = (
-                states[..., t, :] @ L_transposed[gain] + driving_terms[..., t, :]
-            )
+        driving_terms = forcing + np.einsum("...tm,tnm->...tn", measurements, self.gains[rows])
+        for t, row in enumerate(rows):
+            states[..., t + 1, :] = states[..., t, :] @ L_transposed[row] + driving_terms[..., t, :]
         innovations = measurements - states[..., :-1, :] @ self.C.T
         return FilteredSegments(states, innovations)
 
@@ -361,7 +357,7 @@ class KalmanFilter(NamedTuple):
             measurements of the segment.
         """
         samples = innovations.shape[-2]
-        gain_of_sample = self.gain_indices(samples)
+        rows = self.gain_rows(samples)
         n = len(self.A)
         L = self.A - self.gains @ self.C
         F_inverse_C = self.innovation_precisions @ self.C
@@ -369,8 +365,8 @@ class KalmanFilter(NamedTuple):
         N = np.zeros((samples + 1, n, n))
         r = np.zeros_like(states)
         for t in range(samples - 1, -1, -1):
-            L_t = L[gain_of_sample[t]]
-            F_inverse_C_t = F_inverse_C[gain_of_sample[t]]
+            L_t = L[rows[t]]
+            F_inverse_C_t = F_inverse_C[rows[t]]
             N[t] = self.C.T @ F_inverse_C_t + L_t.T @ N[t + 1] @ L_t
             r[..., t, :] = innovations[..., t, :] @ F_inverse_C_t + r[..., t + 1, :] @ L_t
         P = self.predicted_covariances(samples)
@@ -378,7 +374,7 @@ class KalmanFilter(NamedTuple):
         return SmoothingResult(
             means=states + np.einsum("...ti,tij->...tj", r, P),
             covariances=P - P @ N @ P,
-            lag_one_covariances=(np.eye(n) - P[1:] @ N[1:]) @ L[gain_of_sample] @ P[:-1],
+            lag_one_covariances=(np.eye(n) - P[1:] @ N[1:]) @ L[rows] @ P[:-1],
         )
 
 
@@ -461,7 +457,7 @@ def smooth_states(
     forcing = inputs @ model.B.T + model.offset
     states, innovations = kalman_filter.filter(initial_state, forcing, outputs - model.trim)
     # The likelihood of the outputs is the likelihood of the innovations, which are independent Gaussians.
-    precisions = kalman_filter.innovation_precisions[kalman_filter.gain_indices(len(innovations))]
+    precisions = kalman_filter.innovation_precisions[kalman_filter.gain_rows(len(innovations))]
     # The sum of eᵀ F⁻¹ e over the samples t.
     squares = np.einsum("ti,tij,tj->", innovations, precisions, innovations)
     log_likelihood = 0.5 * (

@@ -74,9 +74,6 @@ def logdet(matrix: Array) -> float:
     Args:
         matrix: (k, k) symmetric positive definite.
 
-    Returns:
-        The natural logarithm.
-
     Raises:
         numpy.linalg.LinAlgError: the matrix is not positive definite.
     """

@@ -160,12 +160,6 @@ def _state_spread(posterior: Posterior) -> Array:
 
     It is the covariance of the states times the number of samples, since the moments are summed over the samples, in
     the block of X. The rest is 0: the data ỹ and η̃ are known exactly.
-
-    Args:
-        posterior: the posterior, of which the covariance of the states and the number of samples are used.
-
-    Returns:
-        Symmetric matrix of the size of the second moments (dim z, dim z), z = [ỹ; η̃; X].
     """
     hidden = posterior.model.hidden_columns
     state_spread = np.zeros_like(posterior.moments.joint_moments)

@@ -43,9 +43,6 @@ class ChannelScaling(NamedTuple):
 
         Args:
             record: training data, in physical units.
-
-        Returns:
-            The scaling; a constant channel is only centred.
         """
         inputs, outputs = record.channel_statistics
         mean = np.concatenate([outputs.mean, inputs.mean])

@@ -291,9 +291,9 @@ class ClosedLoop(ForecasterBase):
         for samples in self.posterior.data.segments:
             predicted_outputs = self._predicted_states(samples)[:-1] @ C.T
             innovations = samples - predicted_outputs
-            gain_of_sample = self._filter.gain_indices(len(samples))
+            rows = self._filter.gain_rows(len(samples))
             # Covariances (T, 3, 3) of the innovations of each sample.
-            covariances = np.linalg.inv(self._filter.innovation_precisions[gain_of_sample])
+            covariances = np.linalg.inv(self._filter.innovation_precisions[rows])
             # The slope of the regression of each channel's innovation on the motors' innovation (T, 3).
             motors_variances = covariances[:, [MOTORS_CHANNEL], MOTORS_CHANNEL]
             slopes = covariances[:, :, MOTORS_CHANNEL] / motors_variances
@@ -391,7 +391,7 @@ class ClosedLoop(ForecasterBase):
         else:
             # Each state is corrected by the motors of its own sample: x̂ + P Cᵀ F⁻¹ e.
             P = motors_filter.predicted_covariances(steps)[:-1]
-            precisions = motors_filter.innovation_precisions[motors_filter.gain_indices(steps)]
+            precisions = motors_filter.innovation_precisions[motors_filter.gain_rows(steps)]
             gains = P @ motors_output.T @ precisions
             # Letters of einsum: forecast s, sample t, state n, channel i. The gains are the same for all forecasts.
             estimates = states[:, :-1] + np.einsum("tni,sti->stn", gains, innovations)

@@ -19,9 +19,9 @@ from mavdem.ingest.dataflash.samples import GYRO_FIELDS
 from mavdem.ingest.dataflash.tables import (
     float_table,
     message_count,
-    messages_of_instance,
     messages_with_fields,
     resampled,
+    rows_of_instance,
     with_stamps,
 )
 from mavdem.ingest.telemetry import (
@@ -30,7 +30,7 @@ from mavdem.ingest.telemetry import (
     Tables,
     concatenated_columns,
     repair_facts,
-    selected_messages,
+    selected_rows,
 )
 from mavdem.ingest.vocabulary import attitude_target, quaternion, wrapped_angle
 
@@ -93,11 +93,11 @@ def rate_unit(tables: Tables) -> tuple[float, Facts]:
         tables: Columns of DataFlash's messages, by the name of the message ("ATT").
 
     Returns:
-        RATE's units per degree/s, 1 or 100, and a fact (a coded finding) that reports it if it is 100. It is 1 if there
-        are too few samples in turns to decide.
+        RATE's units per degree/s, 1 or 100, and a fact that reports it if it is 100. It is 1 if there are too few
+        samples in turns to decide.
     """
     rates = messages_with_fields(tables, "RATE", RATE_FIELDS)
-    gyro = messages_of_instance(messages_with_fields(tables, "IMU", GYRO_FIELDS), "I", 0)
+    gyro = rows_of_instance(messages_with_fields(tables, "IMU", GYRO_FIELDS), "I", 0)
     if not rates or not gyro:
         return 1.0, ()
     gyro_rate = np.linalg.norm(resampled(rates, gyro, float_table(gyro, GYRO_FIELDS)), axis=1)
@@ -133,7 +133,7 @@ def attitude(tables: Tables, units_per_degree: float) -> NamedMessage:
     angle_message = _faster_angle_message(tables, ANGLE_FIELDS)
     angles = messages_with_fields(tables, angle_message, ANGLE_FIELDS)
     rates = messages_with_fields(tables, "RATE", RATE_FIELDS)
-    gyro = messages_of_instance(messages_with_fields(tables, "IMU", GYRO_FIELDS), "I", 0)
+    gyro = rows_of_instance(messages_with_fields(tables, "IMU", GYRO_FIELDS), "I", 0)
     if not angles or not (rates or gyro):
         return NamedMessage(angle_message, {})
     enough_for_angles = MIN_PREFERRED_SHARE * message_count(angles)
@@ -211,7 +211,7 @@ def attitude_targets(tables: Tables, units_per_degree: float) -> NamedMessage:
         return NamedMessage("RATE", {})
     targets = concatenated_columns(tables_of_setpoints)
     time_order = np.lexsort((targets["time"], targets["boot"]))
-    return NamedMessage(" and ".join(names), selected_messages(targets, time_order))
+    return NamedMessage(" and ".join(names), selected_rows(targets, time_order))
 
 
 def rate_tuning(tables: Tables, attitude_columns: Columns, units_per_degree: float) -> Columns:
@@ -226,7 +226,7 @@ def rate_tuning(tables: Tables, attitude_columns: Columns, units_per_degree: flo
         units_per_degree: RATE's units per degree/s.
 
     Returns:
-        Three messages for each RATE, degrees/s: setpoint (``desired``) and body rate (``achieved``) about roll, pitch
+        Three messages per row of RATE, degrees/s: setpoint (``desired``) and body rate (``achieved``) about roll, pitch
         and yaw, whose ``axis`` is 1, 2 and 3. They come one axis after the other. Empty if it is not made.
     """
     logged_columns = messages_with_fields(tables, "RATE", (*RATE_SETPOINT_FIELDS, *RATE_FIELDS))
@@ -251,7 +251,7 @@ def derivative_terms(tables: Tables) -> Columns:
     """Makes D_TERM: the derivative terms of the rate controllers of roll, pitch and yaw, as x, y and z.
 
     D_TERM is no message of MAVLink, but a table of this package. ArduPilot logs PIDR, PIDP and PIDY in the same step of
-    its loop, so message i of each belongs to the same step. If the log ends within a step, the longer tables are cut.
+    its loop, so row i of each belongs to the same step. If the log ends within a step, the longer tables are cut.
 
     Args:
         tables: Columns of DataFlash's messages, by the name of the message ("ATT").
@@ -268,7 +268,7 @@ def derivative_terms(tables: Tables) -> Columns:
     terms = {
         axis: columns["D"][:count] for axis, columns in zip("xyz", logged_columns, strict=True)
     }
-    return with_stamps(selected_messages(logged_columns[0], slice(count)), terms)
+    return with_stamps(selected_rows(logged_columns[0], slice(count)), terms)
 
 
 def controller_demands(tables: Tables) -> tuple[Columns, Facts]:
@@ -282,7 +282,7 @@ def controller_demands(tables: Tables) -> tuple[Columns, Facts]:
 
     Returns:
         Columns with ``controls`` (N, 8): demands on roll, pitch and yaw, -1 to 1, then thrust, 0 to 1 (NaN where RATE
-        has none), then zeros; and a fact (a coded finding) that reports it if they were scaled.
+        has none), then zeros; and a fact that reports it if they were scaled.
     """
     logged_columns = messages_with_fields(tables, "RATE", DEMAND_FIELDS)
     if not logged_columns:

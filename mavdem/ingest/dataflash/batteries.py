@@ -9,11 +9,11 @@ from mavdem.arrays import Array
 from mavdem.ingest.dataflash.attitude import NamedMessage
 from mavdem.ingest.dataflash.tables import (
     float_table,
-    messages_of_instance,
     messages_with_fields,
+    rows_of_instance,
     with_stamps,
 )
-from mavdem.ingest.telemetry import Columns, Fields, Tables, concatenated_columns, selected_messages
+from mavdem.ingest.telemetry import Columns, Fields, Tables, concatenated_columns, selected_rows
 
 MAX_BATTERIES = 9
 """Number of batteries that have a message of their own in old versions: BAT, BAT2 to BAT9."""
@@ -51,7 +51,7 @@ def sys_status(tables: Tables) -> NamedMessage:
             continue
         first_battery = logged_columns
         for instance_field in INSTANCE_FIELDS:
-            first_battery = messages_of_instance(first_battery, instance_field, 0) or first_battery
+            first_battery = rows_of_instance(first_battery, instance_field, 0) or first_battery
         voltage, other_measurements = _battery_measurements(first_battery)
         fields = {"voltage_battery": voltage, **other_measurements}
         return NamedMessage(name, with_stamps(first_battery, fields))
@@ -79,12 +79,12 @@ def battery_status(tables: Tables) -> NamedMessage:
             if not logged_columns:
                 continue
             logged_names.append(name)
-            for battery_id, messages in _messages_by_battery(logged_columns, number - 1).items():
+            for battery_id, rows in _rows_by_battery(logged_columns, number - 1).items():
                 battery_ids.add(battery_id)
-                voltage, fields = _battery_measurements(messages)
+                voltage, fields = _battery_measurements(rows)
                 id_column = np.full(len(voltage), battery_id, np.uint8)
                 fields |= {"id": id_column, "voltages": voltage[:, None]}
-                tables_of_batteries.append(with_stamps(messages, fields))
+                tables_of_batteries.append(with_stamps(rows, fields))
         # Old versions of ArduPilot log CURR, new ones BAT; a log has one of them.
         if tables_of_batteries:
             break
@@ -93,10 +93,10 @@ def battery_status(tables: Tables) -> NamedMessage:
         return NamedMessage(BATTERY_MESSAGES[0], {})
     columns: Columns = concatenated_columns(tables_of_batteries)
     time_order = np.lexsort((columns["time"], columns["boot"]))
-    return NamedMessage("/".join(logged_names), selected_messages(columns, time_order))
+    return NamedMessage("/".join(logged_names), selected_rows(columns, time_order))
 
 
-def _messages_by_battery(logged_columns: Columns, default_id: int) -> dict[int, Columns]:
+def _rows_by_battery(logged_columns: Columns, default_id: int) -> dict[int, Columns]:
     """Groups the messages of one name by the number of the battery, from 0.
 
     Args:
@@ -110,8 +110,7 @@ def _messages_by_battery(logged_columns: Columns, default_id: int) -> dict[int, 
         if field in logged_columns:
             numbers = np.unique(logged_columns[field])
             return {
-                int(number): messages_of_instance(logged_columns, field, number)
-                for number in numbers
+                int(number): rows_of_instance(logged_columns, field, number) for number in numbers
             }
     return {default_id: logged_columns}
 

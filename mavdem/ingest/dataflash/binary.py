@@ -15,7 +15,7 @@ import numpy as np
 from mavdem.arrays import Integers
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
-from mavdem.ingest.byte_strings import Bytes, byte_strings_at
+from mavdem.ingest.byte_rows import Bytes, rows_of
 from mavdem.ingest.contents import FileContent
 from mavdem.ingest.dataflash.definitions import (
     DIVISORS,
@@ -32,7 +32,7 @@ from mavdem.ingest.dataflash.definitions import (
 )
 from mavdem.ingest.dataflash.recording import EMPTY_TABLE, DataflashRecording, MessageTable
 from mavdem.ingest.record_runs import PossibleRecords, RecordRuns
-from mavdem.ingest.telemetry import indices_by_value, repair_facts
+from mavdem.ingest.telemetry import repair_facts, rows_by_value
 
 MARKER_SEARCH_BYTES = 1 << 20
 """Bytes that are searched for markers at once: a log may be as large as the free memory."""
@@ -56,8 +56,8 @@ def read_binary(content: FileContent) -> DataflashRecording:
     starts = np.array(scan.starts, dtype=np.int64)
     definition_of_name = {}
     starts_of_name = {}
-    for message_id, indices in indices_by_value(data[starts + ID_BYTE]).items():
-        for definition, starts_of_message in scan.starts_by_definition(message_id, starts[indices]):
+    for message_id, rows in rows_by_value(data[starts + ID_BYTE]).items():
+        for definition, starts_of_message in scan.starts_by_definition(message_id, starts[rows]):
             definition_of_name[definition.name] = definition
             starts_of_name[definition.name] = starts_of_message
 
@@ -224,12 +224,12 @@ class _MessageScan:
         if message_id not in self.sharing_definitions:
             yield self.definitions[message_id], starts
             return
-        indices_by_definition: dict[FormatDefinition, list[int]] = {}
-        for index, offset in enumerate(starts.tolist()):
+        rows_by_definition: dict[FormatDefinition, list[int]] = {}
+        for row, offset in enumerate(starts.tolist()):
             definition = self._definition_of_message(offset)
-            indices_by_definition.setdefault(definition, []).append(index)
-        for definition, indices in indices_by_definition.items():
-            yield definition, starts[indices]
+            rows_by_definition.setdefault(definition, []).append(row)
+        for definition, rows in rows_by_definition.items():
+            yield definition, starts[rows]
 
     def _definition_of_message(self, offset: int) -> FormatDefinition:
         """Returns the definition of the message at an offset, by its id.
@@ -239,9 +239,6 @@ class _MessageScan:
 
         Args:
             offset: Offset of the message's header.
-
-        Returns:
-            The definition: name, fields and length of the message.
         """
         message_id = self.content[offset + ID_BYTE]
         first_definition = self.definitions[message_id]
@@ -269,11 +266,11 @@ class _MessageScan:
     def _learn_definitions(self) -> None:
         """Finds the first definition of each id anywhere in the log, since messages may precede their FMT.
 
-        A definition (FMT) gives the id, name, length and fields of one message type. Messages can be read only with the
-        right length, so a definition whose stated length equals the length of its fields is preferred. One whose stated
-        length differs is used only if there is no other with the same id; then the length of the fields is used, and a
-        fact (a coded finding) reports it. A field of a type newer than ``FIELD_TYPES`` is not damage: the length of the
-        fields is unknown then (``length_by_fields`` 0), and the stated one is used.
+        A definition (FMT) gives the id, name, length and fields of one message type. Messages can be read only with
+        the right length, so a definition whose stated length equals the length of its fields is preferred. One whose
+        stated length differs is used only if there is no other with the same id; then the length of the fields is used,
+        and a fact reports it. A field of a type newer than ``FIELD_TYPES`` is not damage: the length of the fields is
+        unknown then (``length_by_fields`` 0), and the stated one is used.
 
         The results are stored in ``definitions``, ``sharing_definitions`` and ``repairs``.
         """
@@ -305,7 +302,7 @@ class _MessageScan:
     ) -> None:
         """Uses definitions with a wrong stated length for those messages that have no other definition.
 
-        The length of the fields replaces the stated one, which a fact (a coded finding) in ``repairs`` reports.
+        The length of the fields replaces the stated one, which a fact in ``repairs`` reports.
 
         Args:
             contradictory_definitions: Definitions whose stated length is not the length of their fields, by message id.
@@ -410,7 +407,7 @@ def _message_table(data: Bytes, definition: FormatDefinition, starts: Integers) 
     if body_type is None or not is_consistent or not body_type.itemsize:
         return EMPTY_TABLE
     # Each message's bytes become a row of a table; the row is then read as one element of the structured type.
-    bodies = byte_strings_at(data, starts + HEADER_BYTES, body_type.itemsize)
+    bodies = rows_of(data, starts + HEADER_BYTES, body_type.itemsize)
     messages = bodies.view(body_type)[:, 0]
     columns = {}
     names_and_types = zip(definition.fields, definition.characters, strict=True)

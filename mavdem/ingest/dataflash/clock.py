@@ -15,9 +15,9 @@ from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair
 from mavdem.ingest.dataflash.recording import MessageTable
 from mavdem.ingest.dataflash.states import ARMING_EVENTS
-from mavdem.ingest.mavlink.clock_readings import Indices, MessageStamps
+from mavdem.ingest.mavlink.clock_readings import MessageStamps, Rows
 from mavdem.ingest.mavlink.clocks import boot_clock
-from mavdem.ingest.telemetry import Columns, Tables, repair_facts, selected_messages
+from mavdem.ingest.telemetry import Columns, Tables, repair_facts, selected_rows
 
 CLOCK_FIELDS = {"TimeUS": 1e6, "TimeMS": 1e3}
 """Fields with the time since boot, and their units per second; where a message has both, the last counts."""
@@ -48,8 +48,8 @@ class LogClock(NamedTuple):
     seconds: Array
     """Its stamp (n,), s."""
 
-    indices: Mapping[str, Integers]
-    """Index of each message of a name among these, by the name."""
+    rows: Mapping[str, Integers]
+    """Row of each message of a name among these, by the name."""
 
 
 def log_clock(logged_tables: Mapping[str, MessageTable]) -> LogClock:
@@ -62,7 +62,7 @@ def log_clock(logged_tables: Mapping[str, MessageTable]) -> LogClock:
 
     Returns:
         Names of the messages with stamps, positions in the file and times, s, of all N stamps in the order of the log,
-        and for each name the indices of its messages among these.
+        and for each name the rows of its messages among these.
     """
     stamps: dict[str, Array] = {}
     for name, table in logged_tables.items():
@@ -76,13 +76,13 @@ def log_clock(logged_tables: Mapping[str, MessageTable]) -> LogClock:
     positions = np.concatenate([logged_tables[name].position for name in names])
     seconds = np.concatenate([stamps[name] for name in names])
     order = np.argsort(positions, kind="stable")
-    # The inverse permutation gives, for each stamp in the order of the names, its index in the order of the log.
-    sorted_index = np.empty(len(order), dtype=np.int64)
-    sorted_index[order] = np.arange(len(order))
+    # The inverse permutation gives, for each stamp in the order of the names, its row in the order of the log.
+    sorted_row = np.empty(len(order), dtype=np.int64)
+    sorted_row[order] = np.arange(len(order))
     message_counts = [len(logged_tables[name].position) for name in names]
-    indices_of_messages = np.split(sorted_index, np.cumsum(message_counts)[:-1])
-    indices_by_name = dict(zip(names, indices_of_messages, strict=True))
-    return LogClock(names, positions[order], seconds[order], indices_by_name)
+    rows_of_messages = np.split(sorted_row, np.cumsum(message_counts)[:-1])
+    rows_by_name = dict(zip(names, rows_of_messages, strict=True))
+    return LogClock(names, positions[order], seconds[order], rows_by_name)
 
 
 def stamps_of_table(table: MessageTable) -> Array | None:
@@ -127,21 +127,17 @@ def on_boot_clock(
     tables: dict[str, Columns] = {}
     for name, table in logged_tables.items():
         if name in clock.names:
-            indices = clock.indices[name]
-            table_time = time[indices]
-            tables[name] = {
-                **table.columns,
-                "time": table_time,
-                "boot": _boots_of_messages(boot, indices),
-            }
+            rows = clock.rows[name]
+            table_time = time[rows]
+            tables[name] = {**table.columns, "time": table_time, "boot": _boots_of_rows(boot, rows)}
             # A message whose stamp was ignored has the time of the one before it: it is not to be trusted either.
-            is_trusted = table_time == seconds[indices]
+            is_trusted = table_time == seconds[rows]
             if not is_trusted.all():
-                tables[name] = selected_messages(tables[name], is_trusted)
+                tables[name] = selected_rows(tables[name], is_trusted)
         elif name in UNSTAMPED_MESSAGES and len(table.position):
-            # The index of the stamped message after each.
-            indices = np.searchsorted(positions, table.position)
-            tables[name] = _with_times_of_neighbours(name, table, indices, time, boot)
+            # The row of the stamped message after each.
+            rows = np.searchsorted(positions, table.position)
+            tables[name] = _with_times_of_neighbours(name, table, rows, time, boot)
     count = np.count_nonzero(is_impossible)
     impossible_stamps = repair_facts(
         Repair.LOGGED_MESSAGES_LEFT_OUT, count=count, flaw=Flaw.IMPOSSIBLE_STAMP
@@ -149,28 +145,28 @@ def on_boot_clock(
     return tables, impossible_stamps + clock_repairs
 
 
-def _boots_of_messages(boot: Indices, indices: NDArray[np.signedinteger]) -> Indices:
+def _boots_of_rows(boot: Rows, rows: NDArray[np.signedinteger]) -> Rows:
     """Returns in which boots of the autopilot some messages of a log were written.
 
     Args:
         boot: Number of the boot (n,), from 0, of each message of the log.
-        indices: Indices (N,) of the messages whose boots are wanted.
+        rows: Rows (N,) of the messages whose boots are wanted.
 
     Returns:
         Numbers of their boots (N,). If the log has only one boot, they are a view of a single 0, which saves memory.
     """
     has_single_boot = not boot.any()
     if has_single_boot:
-        return np.broadcast_to(np.int64(0), len(indices))
-    return boot[indices]
+        return np.broadcast_to(np.int64(0), len(rows))
+    return boot[rows]
 
 
 def _with_times_of_neighbours(
     name: str,
     table: MessageTable,
-    next_indices: NDArray[np.signedinteger],
+    next_rows: NDArray[np.signedinteger],
     time: Array,
-    boot: Indices,
+    boot: Rows,
 ) -> Columns:
     """Gives times to messages that have no stamps, or old ones, by the stamped messages before and after them.
 
@@ -182,28 +178,28 @@ def _with_times_of_neighbours(
     Args:
         name: Name of the messages, such as PARM.
         table: The messages (N,).
-        next_indices: Index (N,) of the first stamped message after each, in the order of the log.
+        next_rows: Row (N,) of the first stamped message after each, in the order of the log.
         time: Times (S,) of all stamped messages on the boot clock, s.
         boot: Numbers (S,) of their boots.
 
     Returns:
         The columns with ``time`` and ``boot``.
     """
-    index_before = np.maximum(next_indices - 1, 0)
-    index_after = np.minimum(next_indices, len(time) - 1)
+    row_before = np.maximum(next_rows - 1, 0)
+    row_after = np.minimum(next_rows, len(time) - 1)
     stamps = stamps_of_table(table)
     if stamps is None:
         is_arming = np.isin(table.columns.get("Id", 0), ARMING_EVENTS)
-        ends_gap = (name == "EV") & is_arming & (boot[index_after] == boot[index_before])
+        ends_gap = (name == "EV") & is_arming & (boot[row_after] == boot[row_before])
         # These are clipped below, to the time of the neighbour after the message (∞) or before it (−∞).
         stamps = np.where(ends_gap, np.inf, -np.inf)
-    earliest = time[index_before]
+    earliest = time[row_before]
     if name == "MSG":
         # A text from before the beginning of the log, such as "Arming motors", keeps the time at which it was sent.
-        earliest = np.where((next_indices == 0) & (stamps > 0), 0.0, earliest)
-    latest = np.maximum(time[index_after], earliest)
+        earliest = np.where((next_rows == 0) & (stamps > 0), 0.0, earliest)
+    latest = np.maximum(time[row_after], earliest)
     return {
         **table.columns,
         "time": np.clip(stamps, earliest, latest),
-        "boot": boot[index_before],
+        "boot": boot[row_before],
     }

@@ -13,13 +13,7 @@ from numpy.typing import NDArray
 
 from mavdem.arrays import Integers
 from mavdem.ingest.dataflash.tables import continuous_time, message_count
-from mavdem.ingest.telemetry import (
-    Columns,
-    Parameters,
-    Tables,
-    concatenated_columns,
-    selected_messages,
-)
+from mavdem.ingest.telemetry import Columns, Parameters, Tables, concatenated_columns, selected_rows
 
 FILTERS = {3: "XKF", 2: "NKF", 1: "EKF"}
 """Beginning of the names of each filter's messages, by the value of AHRS_EKF_TYPE; the latest filter first."""
@@ -61,9 +55,6 @@ def _message_of_core(prefix: str, number: int, core: int) -> str:
         prefix: Beginning of the names of the filter's messages ("XKF").
         number: Number of the message of core 0.
         core: Number of the core, from 0.
-
-    Returns:
-        The name.
     """
     return f"{prefix}{number + OLD_CORE_STEP * core}"
 
@@ -74,9 +65,9 @@ class FlownEstimates(NamedTuple):
     tables: Tables
     """All messages by name."""
     all_cores: Tables
-    """Messages of the filters by name ("XKF4"), of all cores, with their number as ``C``."""
+    """Messages of the filters by name ("XKF4"), with rows of all cores and their number as ``C``."""
     primary_cores: Mapping[str, NDArray[np.integer]]
-    """For messages of the filters that have a primary core: its number at each message of ``all_cores``, by name."""
+    """For messages of the filters that have a primary core: its number at each row of ``all_cores``, by name."""
     names: Mapping[str, str]
     """Name of a message with the number of its core ("XKF1[1]"), where only another than the primary was logged."""
     preferred_filter: str
@@ -98,7 +89,7 @@ def flown_estimates(tables: Tables, parameters: Parameters) -> FlownEstimates:
     """Selects, at each time, the messages of the estimator core whose estimates the autopilot used to fly.
 
     ArduPilot runs several instances (cores) of its Kalman filter, one per IMU, and uses the estimates of the primary
-    core. If the log has no message of the primary core, the core with most messages replaces it.
+    core. If the log has no row of the primary core, the core with most rows replaces it.
 
     Args:
         tables: DataFlash's messages by name, with ``time`` and ``boot``.
@@ -126,7 +117,7 @@ def flown_estimates(tables: Tables, parameters: Parameters) -> FlownEstimates:
                 most_logged_core = int(cores[counts.argmax()])
                 is_used = core == most_logged_core
                 names_with_core[name] = f"{name}[{most_logged_core}]"
-            used_messages[name] = selected_messages(logged_columns, is_used)
+            used_messages[name] = selected_rows(logged_columns, is_used)
             all_cores[name] = logged_columns
             primary_cores[name] = primary_core
     filter_number = int(parameters.get(FILTER_PARAMETER, 0))
@@ -165,14 +156,14 @@ def _with_cores(tables: Tables, name: str) -> Columns:
         return {}
     all_cores = concatenated_columns(cores)
     time_order = np.argsort(continuous_time(all_cores), kind="stable")
-    return selected_messages(all_cores, time_order)
+    return selected_rows(all_cores, time_order)
 
 
 def _primary_cores(logged_columns: Columns, status: Columns) -> Integers:
-    """Returns the primary core at each of some messages: the last one that the status named.
+    """Returns the primary core at each row of a message: the last one that the status named.
 
     Args:
-        logged_columns: The N messages.
+        logged_columns: The message (N rows).
         status: The message with the primary core (``PI``), of all cores. If it has none, core 0 is primary.
 
     Returns:
@@ -185,7 +176,7 @@ def _primary_cores(logged_columns: Columns, status: Columns) -> Integers:
         return np.zeros(count, np.int64)
     time = continuous_time(status)[is_named]
     order = np.argsort(time, kind="stable")
-    last_status = np.searchsorted(time[order], continuous_time(logged_columns), side="right") - 1
+    status_rows = np.searchsorted(time[order], continuous_time(logged_columns), side="right") - 1
     # Before the first status, the core is taken from that status.
-    last_status = np.maximum(last_status, 0)
-    return named[is_named][order][last_status].astype(np.int64)
+    status_rows = np.maximum(status_rows, 0)
+    return named[is_named][order][status_rows].astype(np.int64)

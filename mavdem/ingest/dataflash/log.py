@@ -301,8 +301,7 @@ def _without_old_blocks(
         content: The bytes of the file; empty for a text log.
 
     Returns:
-        The messages outside these blocks, with their clock, and a fact (a coded finding) that reports what was left
-        out.
+        The messages outside these blocks, with their clock, and a fact that reports what was left out.
     """
     clock = log_clock(logged_tables)
     if not clock.names:

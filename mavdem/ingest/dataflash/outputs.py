@@ -91,8 +91,8 @@ def _columns_of_port(
 ) -> Columns:
     """Makes the columns of SERVO_OUTPUT_RAW for one port, from up to three messages of the log.
 
-    They have the stamps of the message that was logged most often. The outputs in another message, which is logged a
-    moment later in the same step, have their last value before or at these stamps.
+    The rows have the stamps of the message with most rows. The outputs in another message, which is logged a moment
+    later in the same step, have their last value before or at these stamps.
 
     Args:
         tables: Columns of DataFlash's messages, by the name of the message ("ATT").
@@ -103,8 +103,8 @@ def _columns_of_port(
     Returns:
         Columns (N,): the number of the port, and the pulse width of each output as servo1_raw and so on.
     """
-    message_counts = {name: message_count(tables[name]) for name in widths_by_message}
-    main_message = max(message_counts, key=message_counts.__getitem__, default="RCOU")
+    row_counts = {name: message_count(tables[name]) for name in widths_by_message}
+    main_message = max(row_counts, key=row_counts.__getitem__, default="RCOU")
     main_columns = tables[main_message]
     count = message_count(main_columns)
     fields = {"port": np.full(count, port, np.uint8)}

@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from mavdem.arrays import Array
 from mavdem.containers import Names
-from mavdem.ingest.dataflash.tables import messages_of_instance, messages_with_fields
+from mavdem.ingest.dataflash.tables import messages_with_fields, rows_of_instance
 from mavdem.ingest.telemetry import (
     MICROSECONDS,
     Columns,
     Parameters,
     Tables,
     concatenated_columns,
-    indices_by_value,
+    rows_by_value,
 )
 
 GYRO_FIELDS = ("GyrX", "GyrY", "GyrZ")
@@ -139,9 +139,7 @@ def _single_samples(tables: Tables, message: str, fields: Names, instance: int) 
         ``time``, s, ``boot``, ``x``, ``y`` and ``z`` (N,), rad/s or m/s²; empty if there are none. The times
         are SampleUS, when the sample was taken, if it was logged; otherwise the times of the messages.
     """
-    logged_columns = messages_of_instance(
-        messages_with_fields(tables, message, fields), "I", instance
-    )
+    logged_columns = rows_of_instance(messages_with_fields(tables, message, fields), "I", instance)
     if not logged_columns:
         return {}
     axes = dict(zip("xyz", (logged_columns[field] for field in fields), strict=True))
@@ -193,36 +191,36 @@ def _batch_samples(tables: Tables, batch_type: int, instance: int) -> Columns:
     batch_numbers = data["N"]
     if batch_numbers.dtype.kind == "f":
         batch_numbers = batch_numbers.astype(np.int64)
-    data_indices_of_batch = indices_by_value(batch_numbers)
+    data_rows_of_batch = rows_by_value(batch_numbers)
     batch_start = _sample_time(headers, headers["SampleUS"])
     is_wanted = (headers["type"] == batch_type) & (headers["instance"] == instance)
     is_sound = (headers["mul"] > 0) & (headers["smp_rate"] > 0)
-    no_indices = np.zeros(0, np.intp)
+    no_rows = np.zeros(0, np.intp)
     batches = []
-    for index in np.flatnonzero(is_wanted & is_sound):
-        data_indices = data_indices_of_batch.get(int(headers["N"][index]), no_indices)
-        axes = _samples_by_axis(data, data_indices, scale=float(headers["mul"][index]))
+    for row in np.flatnonzero(is_wanted & is_sound):
+        data_rows = data_rows_of_batch.get(int(headers["N"][row]), no_rows)
+        axes = _samples_by_axis(data, data_rows, scale=float(headers["mul"][row]))
         count = len(axes["x"])
-        is_complete = count == headers["smp_cnt"][index]
+        is_complete = count == headers["smp_cnt"][row]
         if is_complete:
-            time = batch_start[index] + np.arange(count) / float(headers["smp_rate"][index])
-            boot = np.full(count, headers["boot"][index])
+            time = batch_start[row] + np.arange(count) / float(headers["smp_rate"][row])
+            boot = np.full(count, headers["boot"][row])
             batches.append({"time": time, "boot": boot, **axes})
     return concatenated_columns(batches) if batches else {}
 
 
 def _samples_by_axis(
-    data: Columns, indices: NDArray[np.signedinteger], scale: float
+    data: Columns, rows: NDArray[np.signedinteger], scale: float
 ) -> dict[str, Array]:
     """Returns the samples in some messages ISBD, in the order in which they were taken.
 
     Args:
         data: Columns of all messages ISBD: ``seqno``, the number of a message in its batch, and ``x``, ``y`` and ``z``.
-        indices: Indices of the messages of one batch, in any order.
+        rows: Rows of the messages of one batch, in any order.
         scale: Factor by which the values were multiplied to be logged as integers.
 
     Returns:
         Samples (n,) of each axis by name, rad/s or m/s².
     """
-    ordered_indices = indices[np.argsort(data["seqno"][indices], kind="stable")]
-    return {axis: data[axis][ordered_indices].ravel() / scale for axis in "xyz"}
+    ordered_rows = rows[np.argsort(data["seqno"][rows], kind="stable")]
+    return {axis: data[axis][ordered_rows].ravel() / scale for axis in "xyz"}

@@ -15,8 +15,8 @@ from mavdem.ingest.dataflash.tables import (
     continuous_time,
     float_table,
     message_count,
-    messages_of_instance,
     messages_with_fields,
+    rows_of_instance,
     with_stamps,
 )
 from mavdem.ingest.telemetry import (
@@ -25,7 +25,7 @@ from mavdem.ingest.telemetry import (
     Tables,
     concatenated_columns,
     fields_by_rule,
-    selected_messages,
+    selected_rows,
 )
 from mavdem.ingest.vocabulary import MILLIMETRES_PER_METRE, UNITS_PER_DEGREE
 
@@ -77,9 +77,7 @@ INSTANCE_FIELD = "I"
 """Field with the number of the sensor, from 0."""
 
 
-def messages_of_sensor(
-    tables: Tables, name: str, old_names: tuple[str, ...], number: int
-) -> Columns:
+def rows_of_sensor(tables: Tables, name: str, old_names: tuple[str, ...], number: int) -> Columns:
     """Returns the messages of one of several equal sensors, such as barometers.
 
     New versions of ArduPilot log all of them in one message, with the number of the sensor in a field. In old versions
@@ -96,7 +94,7 @@ def messages_of_sensor(
     """
     logged_columns = tables.get(name, {})
     if INSTANCE_FIELD in logged_columns:
-        return messages_of_instance(logged_columns, INSTANCE_FIELD, number)
+        return rows_of_instance(logged_columns, INSTANCE_FIELD, number)
     if number == 0:
         return logged_columns
     return tables.get(old_names[number - 1], {})
@@ -118,7 +116,7 @@ def further_sensors(
     for sensor in SENSORS:
         rule = rules[sensor.first_message]
         for number, message in enumerate(sensor.further_messages, 1):
-            logged_columns = messages_of_sensor(tables, sensor.name, sensor.old_names, number)
+            logged_columns = rows_of_sensor(tables, sensor.name, sensor.old_names, number)
             if not message_count(logged_columns):
                 continue
             try:
@@ -142,7 +140,7 @@ def further_accelerometers(tables: Tables) -> NamedMessage:
     """
     tables_of_imus: list[Columns] = []
     for number in (1, 2):
-        logged_columns = messages_of_sensor(tables, "IMU", OLD_IMU_MESSAGES, number)
+        logged_columns = rows_of_sensor(tables, "IMU", OLD_IMU_MESSAGES, number)
         logged_columns = messages_with_fields(
             {"IMU": logged_columns}, "IMU", tuple(ACCELEROMETER_FIELDS.values())
         )
@@ -156,7 +154,7 @@ def further_accelerometers(tables: Tables) -> NamedMessage:
         return NamedMessage("IMU", {})
     columns = concatenated_columns(tables_of_imus)
     order = np.argsort(continuous_time(columns), kind="stable")
-    return NamedMessage("IMU", selected_messages(columns, order))
+    return NamedMessage("IMU", selected_rows(columns, order))
 
 
 RECEIVER_MESSAGES = ("GPA", "GPA2", "UBX1")
@@ -203,10 +201,10 @@ def gps_fixes(tables: Tables, number: int) -> NamedMessage:
         number: Number of the receiver, 0 or 1.
 
     Returns:
-        A message for each fix; no columns if the receiver was not logged.
+        A row for each fix; no columns if the receiver was not logged.
     """
     fields = ("Status", "NSats", "HDop", "Lat", "Lng")
-    logged_columns = messages_of_sensor(tables, "GPS", ("GPS2",), number)
+    logged_columns = rows_of_sensor(tables, "GPS", ("GPS2",), number)
     name = _name_in_log(logged_columns, "GPS", ("GPS2",), number)
     logged_columns = messages_with_fields({"GPS": logged_columns}, "GPS", fields)
     if not logged_columns:
@@ -222,11 +220,11 @@ def gps_fixes(tables: Tables, number: int) -> NamedMessage:
     }
     if "Alt" in logged_columns:
         columns["alt"] = MILLIMETRES_PER_METRE * logged_columns["Alt"].astype(float)
-    accuracy = messages_of_sensor(tables, "GPA", ("GPA2",), number)
+    accuracy = rows_of_sensor(tables, "GPA", ("GPA2",), number)
     columns |= _last_values_at(logged_columns, accuracy, ACCURACY_FIELDS, MILLIMETRES_PER_METRE)
     noise = tables.get("UBX1", {})
     if noise:
-        noise = messages_of_instance(noise, "Instance", number)
+        noise = rows_of_instance(noise, "Instance", number)
     columns |= _last_values_at(logged_columns, noise, NOISE_FIELDS)
     return NamedMessage(name, with_stamps(logged_columns, columns))
 
@@ -237,8 +235,8 @@ def _last_values_at(
     """Returns the last values of fields of one message at the stamps of another, by their new names.
 
     Args:
-        target: The T messages with the stamps.
-        source: The N messages with the fields; those that it does not have are left out.
+        target: The message (T rows) with the stamps.
+        source: The message (N rows) with the fields; those that it does not have are left out.
         names: Names of the fields in ``source``, by their new names.
         factor: Factor by which the values are multiplied.
 
@@ -249,14 +247,12 @@ def _last_values_at(
         return {}
     time = continuous_time(source)
     order = np.argsort(time, kind="stable")
-    last_messages = np.searchsorted(time[order], continuous_time(target), side="right") - 1
+    rows = np.searchsorted(time[order], continuous_time(target), side="right") - 1
     columns = {}
     for name, field in names.items():
         if field in source:
             values = source[field][order].astype(float) * factor
-            columns[name] = np.where(
-                last_messages >= 0, values[np.maximum(last_messages, 0)], np.nan
-            )
+            columns[name] = np.where(rows >= 0, values[np.maximum(rows, 0)], np.nan)
     return columns
 
 
@@ -288,4 +284,4 @@ def motor_speeds(tables: Tables) -> NamedMessage:
         return NamedMessage("ESC", {})
     columns = concatenated_columns(tables_of_controllers)
     order = np.argsort(continuous_time(columns), kind="stable")
-    return NamedMessage("ESC1 to ESC8", selected_messages(columns, order))
+    return NamedMessage("ESC1 to ESC8", selected_rows(columns, order))

@@ -119,7 +119,7 @@ def states_of(tables: Tables, vehicle_type: int) -> StateMessages:
         vehicle_type: MAV_TYPE, for HEARTBEAT.
 
     Returns:
-        Columns of HEARTBEAT and of EXTENDED_SYS_STATE; empty ones where there are no events.
+        Columns of HEARTBEAT and of EXTENDED_SYS_STATE; without rows where there are no events.
     """
     # Cached, since all states need the stamps of each boot, and collecting them takes a pass over all messages.
     boot_stamps = cache(partial(_boot_stamps, tables))
@@ -215,26 +215,24 @@ def _with_changes_of_power_flags(event_changes: _StateChanges, tables: Tables) -
         event_time = event_changes.time[is_event]
         before_event = event_changes.before[is_event]
         after_event = event_changes.after[is_event]
-        is_in_boot = power["boot"] == boot
-        flag_time = power["time"][is_in_boot]
-        flag_state = flag_states[is_in_boot]
+        is_flag = power["boot"] == boot
+        flag_time = power["time"][is_flag]
+        flag_state = flag_states[is_flag]
         if len(flag_time) and flag_time[0] < event_time[1]:
             # The entry at the beginning of the boot has the state before the first event, which may be a later one.
             before_event[0] = after_event[0] = flag_state[0]
         for time, before, after in zip(event_time, before_event, after_event, strict=True):
             changes.append(_DatedChange(boot, time, before, after))
-        for index in np.flatnonzero(np.diff(flag_state)) + 1:
-            before, after = flag_state[index - 1], flag_state[index]
-            # An event reports a change of the flag if it made the same change, shortly before POWR or between the two
-            # messages of POWR between which the flag changed.
+        for row in np.flatnonzero(np.diff(flag_state)) + 1:
+            before, after = flag_state[row - 1], flag_state[row]
             is_same_change = (
-                (event_time >= flag_time[index - 1] - MAX_FLAG_LEAD)
-                & (event_time <= flag_time[index])
+                (event_time >= flag_time[row - 1] - MAX_FLAG_LEAD)
+                & (event_time <= flag_time[row])
                 & (before_event == before)
                 & (after_event == after)
             )
             if not np.any(is_same_change):
-                changes.append(_DatedChange(boot, flag_time[index], before, after))
+                changes.append(_DatedChange(boot, flag_time[row], before, after))
     return _sorted_changes(changes)
 
 
@@ -244,10 +242,10 @@ def _heartbeats_of_changes(
     """Converts the changes of the armed state to a table of HEARTBEATs, five for each change.
 
     The first has the state after the previous change, the next two the state before this change, the last two the state
-    after it. States come twice because a reader takes a single differing message for damage.
+    after it. States come twice because a reader takes a single differing row for damage.
 
-    The first HEARTBEAT differs from the second if a change between the two events was not logged. It happened before
-    the last message before this event, so the first three get the time of that message.
+    The first row differs from the second if a change between the two events was not logged. It happened before the last
+    message before this event, so the first three rows get the time of that message.
 
     Args:
         changes: The K changes of base_mode.
@@ -257,26 +255,26 @@ def _heartbeats_of_changes(
     Returns:
         Columns (5 K,) of HEARTBEAT.
     """
-    # The number of the boot rises at the first change of each boot. The state after the previous change is that of
-    # the entry before; for the first change of a boot there is none, and the state before that change is used.
+    # The number of the boot rises at the first change of each boot. The state after the previous change is in the row
+    # before; for the first change of a boot there is none, and the state before that change is used.
     is_first_of_boot = np.diff(changes.boot, prepend=-1) > 0
     previous_state = np.where(is_first_of_boot, changes.before, np.roll(changes.after, 1))
     time_before = changes.time.copy()
     misses_change = previous_state != changes.before
-    for boot_number in np.unique(changes.boot[misses_change]):
-        stamps = boot_stamps(boot_number)
-        is_selected = misses_change & (changes.boot == boot_number)
+    for boot in np.unique(changes.boot[misses_change]):
+        stamps = boot_stamps(boot)
+        is_selected = misses_change & (changes.boot == boot)
         # The last message before each of these changes, or the first one of the boot if there is none before.
-        last_stamp_indices = np.maximum(np.searchsorted(stamps, changes.time[is_selected]) - 1, 0)
-        time_before[is_selected] = stamps[last_stamp_indices]
+        last_stamp_rows = np.maximum(np.searchsorted(stamps, changes.time[is_selected]) - 1, 0)
+        time_before[is_selected] = stamps[last_stamp_rows]
     states = np.column_stack(
         [previous_state, changes.before, changes.before, changes.after, changes.after]
     )
     times = np.column_stack([time_before, time_before, time_before, changes.time, changes.time])
-    heartbeats_per_change = states.shape[1]
+    rows_per_change = states.shape[1]
     fields = heartbeat_fields(vehicle_type, ARDUPILOT, states.ravel())
-    boot = np.repeat(changes.boot, heartbeats_per_change).astype(np.int64)
-    return {"time": times.ravel(), "boot": boot, **fields}
+    boot_of_rows = np.repeat(changes.boot, rows_per_change).astype(np.int64)
+    return {"time": times.ravel(), "boot": boot_of_rows, **fields}
 
 
 def _boot_stamps(tables: Tables, boot: float) -> Array:
@@ -308,8 +306,8 @@ CONTRADICTION_SECONDS = 1.0
 def _landed_states(changes: _StateChanges, boot_stamps: BootStamps) -> Columns:
     """Turns take-off and landing events into a table of EXTENDED_SYS_STATE, as a vehicle would have sent it.
 
-    A boot with C changes gets a message at each change, and at the first logged message of each second. They lie at
-    logged messages and not on a grid of seconds, because a damaged clock may jump by a year. A message has the state
+    A boot with C changes gets a row at each change, and at the first logged message of each second. Rows lie at logged
+    messages and not on a grid of seconds, because a damaged clock may jump by a year. A row has the state
     after the last change before it, unless this is unsure. There are two such cases:
 
     - Two successive changes contradict each other: the second begins with another state than the first led to, so an
@@ -335,9 +333,8 @@ def _landed_states(changes: _StateChanges, boot_stamps: BootStamps) -> Columns:
         after = changes.after[is_of_boot]
         stamps = boot_stamps(boot)
         time = np.union1d(firsts_of_seconds(stamps), change_time)
-        # Each message has the number of changes up to its time, 0 to C. The arrays of C + 1 elements that are made
-        # below have one element for each of these numbers; indexing them by ``passed_changes`` gives the value of each
-        # message.
+        # Each row has the number of changes up to its time, 0 to C. The arrays of C + 1 elements that are made below
+        # have one element for each of these numbers; indexing them by ``passed_changes`` gives the value of each row.
         passed_changes = np.searchsorted(change_time, time, side="right")
         state = np.append(before[0], after)[passed_changes]
         contradicts_next = after[:-1] != before[1:]

@@ -4,7 +4,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.containers import Names
-from mavdem.ingest.telemetry import Columns, Tables, interpolated, selected_messages
+from mavdem.ingest.telemetry import Columns, Tables, interpolated, selected_rows
 
 
 def messages_with_fields(tables: Tables, name: str, fields: Names) -> Columns:
@@ -15,7 +15,7 @@ def messages_with_fields(tables: Tables, name: str, fields: Names) -> Columns:
     return columns
 
 
-def messages_of_instance(columns: Columns, field: str, number: float) -> Columns:
+def rows_of_instance(columns: Columns, field: str, number: float) -> Columns:
     """Returns the messages of one instance, such as a sensor or an estimator core.
 
     Args:
@@ -29,7 +29,7 @@ def messages_of_instance(columns: Columns, field: str, number: float) -> Columns
     if field not in columns:
         return columns
     is_instance = columns[field] == number
-    return selected_messages(columns, is_instance) if is_instance.any() else {}
+    return selected_rows(columns, is_instance) if is_instance.any() else {}
 
 
 def message_count(columns: Columns) -> int:
@@ -57,9 +57,6 @@ def field_texts(columns: Columns, field: str) -> list[str]:
     Args:
         columns: Columns of the message, by name of the field.
         field: Name of the field; without it there are no texts.
-
-    Returns:
-        The texts of the N messages, in their order; empty without the field.
     """
     texts = []
     values = columns.get(field, np.zeros(0))
@@ -93,8 +90,8 @@ def resampled(target: Columns, source: Columns, values: Array, is_angle: bool = 
     common stamps.
 
     Args:
-        target: The T messages at whose stamps the values are wanted.
-        source: The N messages of the values.
+        target: The message (T rows) at whose stamps the values are wanted.
+        source: The message (N rows) of the values.
         values: Values (N, k) of ``source``.
         is_angle: Whether the values are angles, rad, which are interpolated across a full turn.
 
@@ -106,17 +103,17 @@ def resampled(target: Columns, source: Columns, values: Array, is_angle: bool = 
         return values
     is_finite = np.isfinite(values).all(axis=1)
     # The first of several messages with one stamp counts.
-    source_time, first_indices = np.unique(continuous_time(source)[is_finite], return_index=True)
+    source_time, first_rows = np.unique(continuous_time(source)[is_finite], return_index=True)
     target_time = continuous_time(target)
     if len(source_time) < 2:
         return np.full((len(target_time), values.shape[1]), np.nan)
-    finite_values = values[is_finite][first_indices]
+    finite_values = values[is_finite][first_rows]
     if is_angle:
         finite_values = np.unwrap(finite_values, axis=0)
-    # Each stamp of the target lies in a step of the source, from sample ``step`` to the next one. A step much longer
-    # than usual is a gap, in which nothing is defined except at its ends.
-    index_before = np.searchsorted(source_time, target_time, side="right") - 1
-    step = np.clip(index_before, 0, len(source_time) - 2)
+    # Each stamp of the target lies in a step of the source, from row ``step`` to the next row. A step much longer than
+    # usual is a gap, in which nothing is defined except at its ends.
+    row_before = np.searchsorted(source_time, target_time, side="right") - 1
+    step = np.clip(row_before, 0, len(source_time) - 2)
     step_lengths = np.diff(source_time)
     is_long = step_lengths > MAX_USUAL_STEP_RATIO * np.median(step_lengths)
     is_at_end_of_step = (target_time == source_time[step]) | (target_time == source_time[step + 1])

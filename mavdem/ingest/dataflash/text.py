@@ -20,7 +20,7 @@ from mavdem.ingest.dataflash.definitions import (
     parse_definition,
 )
 from mavdem.ingest.dataflash.recording import EMPTY_TABLE, DataflashRecording, MessageTable
-from mavdem.ingest.telemetry import repair_facts, selected_messages
+from mavdem.ingest.telemetry import repair_facts, selected_rows
 
 _BYTE = re.compile(rb"\s*\d{1,3}\s*")
 """A number of one byte as text."""
@@ -125,18 +125,18 @@ def _message_table(definition: FormatDefinition, lines: list[_Line]) -> MessageT
         return EMPTY_TABLE
     is_numeric = [character not in NON_NUMERIC_CHARACTERS for character in definition.characters]
     line_numbers = []
-    values_of_lines = []
+    rows = []
     for line in lines:
-        values = _values_of_line(line, definition, is_numeric)
-        if values is not None:
-            values_of_lines.append(values)
+        row = _values_of_line(line, definition, is_numeric)
+        if row is not None:
+            rows.append(row)
             line_numbers.append(line.number)
-    is_valid = np.ones(len(values_of_lines), dtype=np.bool_)
+    is_valid = np.ones(len(rows), dtype=np.bool_)
     columns: dict[str, NDArray[Any]] = {}
     for i, name in enumerate(definition.fields):
         # Texts are kept as objects: an array of bytes would take the memory of the longest text for each.
         column_type = np.float64 if is_numeric[i] else np.object_
-        column = np.array([values[i] for values in values_of_lines], dtype=column_type)
+        column = np.array([row[i] for row in rows], dtype=column_type)
         if definition.characters[i] in INTEGER_CHARACTERS:
             is_integer = (column == np.trunc(column)) & (abs(column) < MAX_INTEGER)
             is_valid &= is_integer
@@ -144,7 +144,7 @@ def _message_table(definition: FormatDefinition, lines: list[_Line]) -> MessageT
         columns[name] = column
     valid_line_numbers = np.array(line_numbers, dtype=np.int64)[is_valid]
     unreadable_count = len(lines) - len(valid_line_numbers)
-    return MessageTable(valid_line_numbers, selected_messages(columns, is_valid), unreadable_count)
+    return MessageTable(valid_line_numbers, selected_rows(columns, is_valid), unreadable_count)
 
 
 def _values_of_line(

@@ -46,9 +46,9 @@ from mavdem.ingest.dataflash.tables import (
     continuous_time,
     field_texts,
     message_count,
-    messages_of_instance,
     messages_with_fields,
     resampled,
+    rows_of_instance,
     with_stamps,
 )
 from mavdem.ingest.dataflash.vibrations import vibration
@@ -61,7 +61,7 @@ from mavdem.ingest.telemetry import (
     fields_by_rule,
     last_values,
     repair_facts,
-    selected_messages,
+    selected_rows,
     translated_fields,
 )
 from mavdem.ingest.vocabulary import (
@@ -192,7 +192,7 @@ def mavlink_messages(
     """Translates a log's messages into MAVLink's.
 
     Each MAVLink message is made by a function of its own, or, where only names and units differ, by its rule in
-    ``translation.toml``. Messages that were not logged are left out.
+    ``translation.toml``. Messages without rows are left out.
 
     Args:
         tables: DataFlash's messages by name, with ``time`` and ``boot``.
@@ -279,7 +279,7 @@ def _renamed_message(estimates: FlownEstimates, message: str) -> NamedMessage:
         # Several sensors write the same message, with the number of the sensor in a field; the first sensor is read.
         instances = logged_columns.get(rule.get("instance_field", ""), np.zeros(0))
         if len(instances):
-            logged_columns = messages_of_instance(
+            logged_columns = rows_of_instance(
                 logged_columns, rule["instance_field"], instances.min()
             )
         if not message_count(logged_columns):
@@ -333,7 +333,7 @@ def _rows_of_running_estimator(position: Columns) -> Columns:
         return position
     fields = TRANSLATION_RULES["LOCAL_POSITION_NED"]["fields"]
     is_running = np.any([position[field] != 0 for field in fields], axis=0)
-    return selected_messages(position, is_running) if is_running.any() else {}
+    return selected_rows(position, is_running) if is_running.any() else {}
 
 
 def _global_position(messages: Mapping[str, NamedMessage]) -> NamedMessage:
@@ -378,10 +378,10 @@ def _estimator_instances(estimates: FlownEstimates, status: NamedMessage) -> Nam
 
     A test ratio is the size of an innovation relative to the limit beyond which the filter rejects it. ArduPilot runs
     one core (instance) of the filter per IMU. The ratios are in the same message of the log from which
-    EKF_STATUS_REPORT was made, which has only the values of the primary core.
+    EKF_STATUS_REPORT was made, which has only the rows of the primary core.
 
     Args:
-        estimates: DataFlash's messages, of all cores.
+        estimates: DataFlash's messages, with the rows of all cores.
         status: EKF_STATUS_REPORT of the primary core, with the name of its message in the log.
 
     Returns:
@@ -452,7 +452,7 @@ def _calendar_time(tables: Tables) -> Columns:
     if not logged_columns:
         return {}
     has_time = (logged_columns["Status"] >= STATUS_3D_FIX) & (logged_columns["GWk"] > 0)
-    logged_columns = selected_messages(logged_columns, has_time)
+    logged_columns = selected_rows(logged_columns, has_time)
     seconds = satellite_utc(logged_columns["GWk"], logged_columns["GMS"])
     microseconds = np.rint(1e6 * np.where(np.isfinite(seconds), seconds, 0.0))
     return with_stamps(logged_columns, {"time_unix_usec": microseconds.astype(np.uint64)})

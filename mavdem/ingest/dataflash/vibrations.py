@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from mavdem.ingest.dataflash.tables import (
     float_table,
     message_count,
-    messages_of_instance,
     messages_with_fields,
+    rows_of_instance,
     with_stamps,
 )
 from mavdem.ingest.mavlink.dialect import definitions_by_name
-from mavdem.ingest.telemetry import Columns, Tables, selected_messages
+from mavdem.ingest.telemetry import Columns, Tables, selected_rows
 
 VIBRATION_FIELDS = ("VibeX", "VibeY", "VibeZ")
 """Fields of VIBE with the standard deviations of an IMU's acceleration, m/s²."""
@@ -26,8 +26,8 @@ MAX_IMUS = sum("clipping" in name for name in definitions_by_name()["VIBRATION"]
 def vibration(tables: Tables) -> Columns:
     """Makes VIBRATION from VIBE, which is logged as one message per IMU, or of the first IMU alone in older versions.
 
-    Element i of the result joins the i-th messages of all IMUs. If the log ends before the last message of some IMU,
-    the others are cut to its length.
+    Row i of the result joins the i-th messages of all IMUs. If the log ends before the last message of some IMU, the
+    others are cut to its length.
 
     Args:
         tables: Columns of DataFlash's messages, by the name of the message ("ATT").
@@ -53,35 +53,35 @@ def vibration(tables: Tables) -> Columns:
 
 
 def _vibration_by_imu(vibe: Columns) -> list[Columns]:
-    """Splits the vibration message VIBE by IMU, so that each IMU has the same number of messages.
+    """Splits the vibration message VIBE by IMU, so that each IMU has the same number of rows.
 
     ArduPilot logs the messages of all IMUs in the same step. If the log ends within a step, the longer tables are cut.
 
     Args:
-        vibe: All messages VIBE, at least one; without a field ``IMU``, as in older versions, all are of the first IMU.
+        vibe: All rows of VIBE, at least one; without a field ``IMU``, as in older versions, all are of the first IMU.
 
     Returns:
-        The messages of each IMU, in the order of their numbers; message i of each was logged in the same step.
+        The rows of each IMU, in the order of their numbers; row i of each was logged in the same step.
     """
     possible_imus = MAX_IMUS if "IMU" in vibe else 1
     imus = []
     for number in range(possible_imus):
-        imu = messages_of_instance(vibe, "IMU", number)
+        imu = rows_of_instance(vibe, "IMU", number)
         if imu:
             imus.append(imu)
     common_count = min(map(message_count, imus))
-    return [selected_messages(imu, np.arange(common_count)) for imu in imus]
+    return [selected_rows(imu, np.arange(common_count)) for imu in imus]
 
 
 def _clip_counter(imus: Sequence[Columns], number: int) -> NDArray[Any]:
     """Returns the counter (N,) of the clips of one IMU; zeros if there is none.
 
     Args:
-        imus: the messages VIBE by IMU, N of each.
+        imus: the rows of VIBE by IMU, N of each.
         number: number of the IMU, from 0.
 
     Returns:
-        The number of clips so far (N,), for each message of the first IMU.
+        The number of clips so far (N,), for each row of the first IMU.
     """
     if "Clip" in imus[0]:
         # Each IMU's messages have its own counter.

@@ -16,7 +16,7 @@ import numpy as np
 from fastcrc.crc16 import mcrf4xx
 from numpy.typing import NDArray
 
-from mavdem.ingest.byte_strings import Bytes, Offsets
+from mavdem.ingest.byte_rows import Bytes, Offsets
 
 Registers = NDArray[np.uint16]
 """Contents of the register of the CRC."""
@@ -139,11 +139,10 @@ class BlockChecksums:
     def checksums(self, first: Offsets, end: Offsets) -> Registers:
         """Returns the CRC-16 of each of N pieces of the block, from the stored registers at their two ends.
 
-        The register of a CRC is the state that each byte updates. The block was cut into rows of ``ROW_BYTES``, in each
-        of which the register started with 0, but a checksum starts with 0xFFFF at the beginning of the piece. A CRC is
-        linear (an XOR of its inputs is an XOR of its results): two registers that differ by d before a piece differ
-        after it by the register that starts with d and takes in as many zero bytes. So the difference before the piece
-        is moved on by the length of the piece, and removed by XOR.
+        A stored register started with 0 at the beginning of its row, but a checksum starts with 0xFFFF at the beginning
+        of the piece. A CRC is linear (an XOR of its inputs is an XOR of its results): two registers that differ by d
+        before a piece differ after it by what d becomes after as many zero bytes. So the difference before the piece is
+        moved on by the length of the piece, and removed by XOR.
 
         ``tests/ingest/test_checksums.py`` compares the results with pymavlink's.
 

@@ -12,8 +12,8 @@ from mavdem.arrays import Flags
 Times = NDArray[np.float64]
 """Times or differences of times, s."""
 
-Indices = NDArray[np.integer]
-"""Indices of messages or frames, or numbers of boots."""
+Rows = NDArray[np.integer]
+"""Row numbers, or numbers of boots."""
 
 StreamPositions = NDArray[np.integer]
 """Where messages are in the stream: byte offsets or message numbers. Only their order matters."""
@@ -58,7 +58,7 @@ class BootTimes(NamedTuple):
 
     time: Times
     """Time since boot (n,), s."""
-    boot: Indices
+    boot: Rows
     """Number of the boot (n,), from 0."""
 
 
@@ -69,12 +69,12 @@ class ClockReadings(NamedTuple):
     """Position in the stream (m,), ascending."""
     time: Times
     """Time since boot (m,), s."""
-    boot: Indices
+    boot: Rows
     """Number of the boot (m,), from 0."""
 
-    def select(self, indices: Indices | Flags | slice) -> "ClockReadings":
+    def select(self, rows: Rows | Flags | slice) -> "ClockReadings":
         """Returns some of the messages."""
-        return ClockReadings(self.positions[indices], self.time[indices], self.boot[indices])
+        return ClockReadings(self.positions[rows], self.time[rows], self.boot[rows])
 
 
 def deviates_from_median(values: Times, window: int, limit: float | Times) -> Flags:
@@ -141,6 +141,6 @@ def stamped_messages(message_type: MessageStamps) -> tuple[StreamPositions, Time
     return message_type.positions[has_stamp], stamps[has_stamp]
 
 
-def last_indices_before(positions: StreamPositions, query: StreamPositions) -> Indices:
-    """Returns the index of the last of ``positions`` at or before each queried one; 0 where all are after it."""
+def last_rows_before(positions: StreamPositions, query: StreamPositions) -> Rows:
+    """Returns the row of the last of ``positions`` at or before each queried one; 0 where all are after it."""
     return np.maximum(np.searchsorted(positions, query, side="right") - 1, 0)

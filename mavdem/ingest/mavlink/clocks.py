@@ -17,12 +17,12 @@ from mavdem.facts.sources import Repair
 from mavdem.ingest.mavlink.clock_readings import (
     BootTimes,
     ClockReadings,
-    Indices,
     MessageStamps,
     ReceiveTimes,
+    Rows,
     StreamPositions,
     Times,
-    last_indices_before,
+    last_rows_before,
     outlier_stamps,
     stamped_messages,
 )
@@ -76,12 +76,12 @@ def boot_clock(
         if len(positions) and len(readings.positions):
             # A message whose stamp was ignored repeats the last time of its own type: the time of another type would
             # look like a time at which this message was sent.
-            readings_before = last_indices_before(readings.positions, positions)
-            indices = np.searchsorted(message_type.positions, positions)
+            readings_before = last_rows_before(readings.positions, positions)
+            rows = np.searchsorted(message_type.positions, positions)
             times = boot_times[message_type.message]
-            times.time[indices] = readings.time[readings_before]
+            times.time[rows] = readings.time[readings_before]
             if times.boot.flags.writeable:
-                times.boot[indices] = readings.boot[readings_before]
+                times.boot[rows] = readings.boot[readings_before]
     assign_times_to_unstamped_messages(message_types, boot_times, receive_times)
     return boot_times, repairs
 
@@ -117,10 +117,10 @@ def _readings_by_reference(
     time, offset, boot = _compare_with_reference(reference, positions, stamps, period)
     # Only messages between the first and the last of the reference can be compared with it. If there are none, all
     # messages are used.
-    first_index, end_index = np.searchsorted(
+    first_row, end_row = np.searchsorted(
         positions, reference.positions[[0, -1]], side="right"
     ).tolist()
-    comparable = offset[first_index:end_index] if first_index < end_index else offset
+    comparable = offset[first_row:end_row] if first_row < end_row else offset
     typical_offset = np.median(comparable)
     # Stamps of another epoch, such as UNIX time, are off by the same amount in each boot, and are moved by it.
     is_other_epoch = abs(typical_offset) > MIN_EPOCH_OFFSET
@@ -148,7 +148,7 @@ class _Comparison(NamedTuple):
     """Stamp (m,), s, with wraps undone."""
     offset: Times
     """Distance (m,), s, from the interval between the reference's stamps before and after; 0 inside of it."""
-    boot: Indices
+    boot: Rows
     """Number of the boot (m,)."""
 
 
@@ -171,12 +171,12 @@ def _compare_with_reference(
     Returns:
         For each message (m,) its stamp with wraps undone, s, its offset, s, and its boot.
     """
-    next_indices = np.searchsorted(reference.positions, positions)
-    index_before = np.maximum(next_indices - 1, 0)
-    index_after = np.minimum(next_indices, len(reference.positions) - 1)
-    time_before = reference.time[index_before]
-    time_after = reference.time[index_after]
-    is_same_boot = reference.boot[index_before] == reference.boot[index_after]
+    next_rows = np.searchsorted(reference.positions, positions)
+    row_before = np.maximum(next_rows - 1, 0)
+    row_after = np.minimum(next_rows, len(reference.positions) - 1)
+    time_before = reference.time[row_before]
+    time_after = reference.time[row_after]
+    is_same_boot = reference.boot[row_before] == reference.boot[row_after]
     # How often the counter has wrapped is not known. Two numbers are tried: with one the stamp is nearest to the
     # reference before it, with the other to the one after it. The smaller offset decides.
     stamp_by_before = _unwrapped(stamps, period, time_before)
@@ -191,7 +191,7 @@ def _compare_with_reference(
     return _Comparison(
         time=np.where(before_is_nearer, stamp_by_before, stamp_by_after),
         offset=np.where(before_is_nearer, offset_by_before, offset_by_after),
-        boot=np.where(before_is_nearer, reference.boot[index_before], reference.boot[index_after]),
+        boot=np.where(before_is_nearer, reference.boot[row_before], reference.boot[row_after]),
     )
 
 

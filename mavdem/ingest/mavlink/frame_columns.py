@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.ingest.byte_strings import Bytes, mapping_of
+from mavdem.ingest.byte_rows import Bytes, mapping_of
 from mavdem.ingest.mavlink.clock_readings import BootTimes
 from mavdem.ingest.mavlink.dialect import MessageDefinition
 from mavdem.ingest.mavlink.payloads import (

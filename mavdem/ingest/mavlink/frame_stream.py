@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from mavdem.confidence import Interval
 from mavdem.facts import Facts
-from mavdem.ingest.byte_strings import Bytes, Offsets
-from mavdem.ingest.mavlink.clock_readings import Indices, deviates_from_median
+from mavdem.ingest.byte_rows import Bytes, Offsets
+from mavdem.ingest.mavlink.clock_readings import Rows, deviates_from_median
 from mavdem.ingest.mavlink.framing import Frames, concatenated_frames
 from mavdem.ingest.telemetry import MICROSECONDS
 
@@ -39,8 +39,8 @@ class FrameStream:
     """The bytes with the frames, in the order of the recording."""
     frames: Frames
     """The frames (N,), in the same order."""
-    receive_stamps: Callable[[slice | Indices], NDArray[np.uint64]]
-    """Function that returns when the frames of some indices (n,) were received, UNIX µs, as recorded; 0 where not."""
+    receive_stamps: Callable[[slice | Rows], NDArray[np.uint64]]
+    """Function that returns when the frames in some rows (n,) were received, UNIX µs, as recorded; 0 where not."""
     bytes_skipped: int
     """Number of bytes of the recording that belong to no frame."""
     repairs: Facts
@@ -57,12 +57,12 @@ class FrameStream:
         A frame without a stamp gets the stamp of the last stamped frame before it; 0 if there is no such frame.
         """
         stamps = self.stamps
-        indices = np.arange(len(stamps))
-        last_stamped_index = np.maximum.accumulate(np.where(stamps > 0, indices, 0))
+        rows = np.arange(len(stamps))
+        last_stamped_row = np.maximum.accumulate(np.where(stamps > 0, rows, 0))
         # NumPy's view of the memory: slicing it is cheaper than slicing the array.
         content = self.data.data
         for stamp, start, end in zip(
-            stamps[last_stamped_index].tolist(),
+            stamps[last_stamped_row].tolist(),
             self.frames.start.tolist(),
             self.frames.end.tolist(),
             strict=True,
@@ -91,11 +91,11 @@ def receive_interval(stream: FrameStream) -> Interval:
     seconds = np.empty(0)
     # Number of them that were checked with the block before, and only serve for the median.
     checked_count = 0
-    for first_index in range(0, len(stream.frames), STAMPS_AT_ONCE):
-        end_index = first_index + STAMPS_AT_ONCE
-        stamps = stream.receive_stamps(slice(first_index, end_index))
+    for first_row in range(0, len(stream.frames), STAMPS_AT_ONCE):
+        end_row = first_row + STAMPS_AT_ONCE
+        stamps = stream.receive_stamps(slice(first_row, end_row))
         seconds = np.concatenate([seconds, stamps[stamps > 0] / MICROSECONDS])
-        is_last_block = end_index >= len(stream.frames)
+        is_last_block = end_row >= len(stream.frames)
         check_end = len(seconds)
         if not is_last_block:
             check_end = max(check_end - half_window, checked_count)

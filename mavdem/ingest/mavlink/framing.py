@@ -24,13 +24,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from mavdem.arrays import Flags
-from mavdem.ingest.byte_strings import (
-    RESIDENT_BYTES,
-    Bytes,
-    Offsets,
-    byte_strings_at,
-    release_pages,
-)
+from mavdem.ingest.byte_rows import RESIDENT_BYTES, Bytes, Offsets, release_pages, rows_of
 from mavdem.ingest.mavlink.checksums import BlockChecksums, registers_after
 from mavdem.ingest.mavlink.dialect import CrcExtras
 
@@ -114,24 +108,24 @@ class Frames:
     def __len__(self) -> int:
         return len(self.start)
 
-    def __getitem__(self, indices: slice | Flags | Offsets) -> Frames:
-        return Frames(*(column[indices] for column in vars(self).values()))
+    def __getitem__(self, rows: slice | Flags | Offsets) -> Frames:
+        return Frames(*(column[rows] for column in vars(self).values()))
 
 
-def frame_content(data: Bytes, frames: Frames, index: int) -> bytes:
+def frame_content(data: Bytes, frames: Frames, row: int) -> bytes:
     """Copies a whole frame out of the stream.
 
     Args:
         data: Bytes (B,) of the stream.
         frames: Frames (N,) that were found in these bytes.
-        index: Index of the wanted frame among them.
+        row: Row of the wanted frame among them.
 
     Returns:
         Its bytes, from the marker to the last byte.
     """
-    start = int(frames.start[index])
+    start = int(frames.start[row])
     # NumPy's view of the memory: slicing it is cheaper than slicing the array.
-    return bytes(data.data[start : start + int(frames.size[index])])
+    return bytes(data.data[start : start + int(frames.size[row])])
 
 
 COLUMN_TYPES = {
@@ -272,9 +266,9 @@ class _FrameBlock:
         self._bytes[: len(available)] = available
         block = self._bytes[: block_end - block_start]
         markers = np.flatnonzero((block == MARKER_V1) | (block == MARKER_V2))
-        headers = byte_strings_at(self._bytes, markers, HEADER_BYTES_V2)
-        version_1_indices = headers[:, 0] == MARKER_V1
-        has_known_flags = version_1_indices | (headers[:, INCOMPATIBILITY_BYTE] <= SIGNED_FLAG)
+        headers = rows_of(self._bytes, markers, HEADER_BYTES_V2)
+        is_version_1 = headers[:, 0] == MARKER_V1
+        has_known_flags = is_version_1 | (headers[:, INCOMPATIBILITY_BYTE] <= SIGNED_FLAG)
         self._headers = headers[has_known_flags]
         self.start = markers[has_known_flags] + block_start
         self.end = self.start + _frame_lengths(self._headers)
@@ -309,17 +303,17 @@ class _FrameBlock:
             The M ≤ N frames.
         """
         # Candidates of unknown messages are dropped first: without CRC_EXTRA their checksum cannot be computed.
-        indices = np.flatnonzero(selection & (self.end <= self._size))
-        frames = _frames_of_headers(self.start[indices], self._headers[indices])
+        rows = np.flatnonzero(selection & (self.end <= self._size))
+        frames = _frames_of_headers(self.start[rows], self._headers[rows])
         crc_extras = self._crc_extras.take(frames.message_id, mode="clip")
         is_known = crc_extras >= 0
         if not is_known.all():
             frames = frames[is_known]
             crc_extras = crc_extras[is_known]
-            indices = indices[is_known]
+            rows = rows[is_known]
         # From here on offsets count from the start of the block.
         start = frames.start - self._block_start
-        checksum_start = start + _bytes_before_checksum(self._headers[indices])
+        checksum_start = start + _bytes_before_checksum(self._headers[rows])
         low_byte = self._bytes[checksum_start]
         high_byte = self._bytes[checksum_start + 1].astype(np.uint16)
         sent_checksum = low_byte | high_byte << 8
@@ -383,12 +377,12 @@ def _frames_of_headers(start: Offsets, headers: Bytes) -> Frames:
     message_id = id_bytes.view("<i4")[:, 0]
     sequence, system, component = headers[:, SENDER_BYTES_V2].T
     # Then the fields of MAVLink 1 are put in their place.
-    version_1_indices = np.flatnonzero(headers[:, 0] == MARKER_V1)
-    if len(version_1_indices):
+    version_1_rows = np.flatnonzero(headers[:, 0] == MARKER_V1)
+    if len(version_1_rows):
         sender = headers[:, SENDER_BYTES_V2].copy()
-        sender[version_1_indices] = headers[version_1_indices, SENDER_BYTES_V1]
+        sender[version_1_rows] = headers[version_1_rows, SENDER_BYTES_V1]
         sequence, system, component = sender.T
-        message_id[version_1_indices] = headers[version_1_indices, MESSAGE_ID_BYTE_V1]
+        message_id[version_1_rows] = headers[version_1_rows, MESSAGE_ID_BYTE_V1]
     return Frames(
         start=start,
         size=_frame_lengths(headers),
@@ -420,9 +414,9 @@ def _without_overlaps(frames: Frames, first_offset: int) -> Frames:
     is_kept = np.zeros(len(frames), dtype=np.bool_)
     end_of_kept = first_offset
     bounds = zip(frames.start.tolist(), frames.end.tolist(), strict=True)
-    for index, (start, end) in enumerate(bounds):
+    for row, (start, end) in enumerate(bounds):
         if start >= end_of_kept:
-            is_kept[index] = True
+            is_kept[row] = True
             end_of_kept = end
     return frames[is_kept]
 

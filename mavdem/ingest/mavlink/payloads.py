@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.ingest.byte_strings import Bytes, byte_strings_at
+from mavdem.ingest.byte_rows import Bytes, rows_of
 from mavdem.ingest.mavlink.checksums import frame_checksum
 from mavdem.ingest.mavlink.dialect import MessageDefinition, definitions_by_name, mavlink_constant
 from mavdem.ingest.mavlink.framing import (
@@ -56,7 +56,7 @@ def sent_payloads(data: Bytes, start: NDArray[np.integer]) -> SentPayloads:
     Returns:
         Offset of each payload in its frame, and number of its bytes that were sent (N,).
     """
-    headers = byte_strings_at(data, start, LENGTH_BYTE + 1)
+    headers = rows_of(data, start, LENGTH_BYTE + 1)
     is_version_1 = headers[:, 0] == MARKER_V1
     header_bytes = np.where(is_version_1, HEADER_BYTES_V1, HEADER_BYTES_V2).astype(np.uint8)
     payload_bytes = headers[:, LENGTH_BYTE]
@@ -144,9 +144,9 @@ def _bytes_of_payloads(
     last_frames = np.flatnonzero(field_start + width > len(data))
     offsets_of_last = field_start[last_frames, None] + np.arange(width)
     field_start[last_frames] = 0
-    # ``byte_strings_at`` needs a stream that is at least as long as the field.
+    # ``rows_of`` needs a stream that is at least as long as the field.
     if len(last_frames) < len(start):
-        values = byte_strings_at(data, field_start, width)
+        values = rows_of(data, field_start, width)
     else:
         values = np.zeros((len(start), width), dtype=np.uint8)
     values[last_frames] = data.take(offsets_of_last, mode="clip")

@@ -43,10 +43,10 @@ def is_ended_on_purpose(stream: FrameStream, sender: FrameSender) -> bool:
         sender: ids of the vehicle, which sent at least one frame.
     """
     frames = stream.frames
-    last_index = len(frames) - 1
-    if frame_content(stream.data, frames, last_index) != end_mark():
+    last_row = len(frames) - 1
+    if frame_content(stream.data, frames, last_row) != end_mark():
         return False
     is_of_vehicle = (frames.system == sender.system) & (frames.component == sender.component)
-    indices = np.array([np.flatnonzero(is_of_vehicle)[-1], last_index])
-    last_receive_time, end_time = (stream.receive_stamps(indices) / MICROSECONDS).tolist()
+    rows = np.array([np.flatnonzero(is_of_vehicle)[-1], last_row])
+    last_receive_time, end_time = (stream.receive_stamps(rows) / MICROSECONDS).tolist()
     return bool(abs(end_time - last_receive_time) <= MAX_SILENCE_BEFORE_END)

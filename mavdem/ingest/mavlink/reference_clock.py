@@ -14,8 +14,8 @@ from mavdem.facts.sources import Repair
 from mavdem.ingest.mavlink.clock_readings import (
     MIN_REFERENCE_STAMPS,
     ClockReadings,
-    Indices,
     MessageStamps,
+    Rows,
     Times,
     outlier_stamps,
     stamped_messages,
@@ -103,7 +103,7 @@ def reference_readings(reference_type: MessageStamps) -> tuple[ClockReadings, Fa
         reference_type: The messages of the reference type and their stamps.
 
     Returns:
-        Stream position, time, s, and boot of its messages without outliers; and facts (coded findings) that report the
+        Stream position, time, s, and boot of its messages without outliers; and facts that report the
         number of outliers, whether wraps were undone, and the number of reboots.
     """
     name = reference_type.message
@@ -114,30 +114,28 @@ def reference_readings(reference_type: MessageStamps) -> tuple[ClockReadings, Fa
     stamps = stamps[~is_outlier]
     steps = np.diff(stamps)
     # If the clock falls, but with one period added would have risen by a short time, it has wrapped.
-    wrap_indices = 1 + np.flatnonzero((steps < 0) & (steps + period <= MAX_WRAP_GAP))
-    # Number of wraps up to each stamp.
-    wraps = np.cumsum(np.bincount(wrap_indices, minlength=len(stamps)))
-    time = stamps + period * wraps if len(wrap_indices) else stamps
-    reboot_indices = _reboot_indices(time)
-    boot = np.cumsum(np.bincount(reboot_indices, minlength=len(positions)))
-    if len(wrap_indices):
+    wrap_rows = 1 + np.flatnonzero((steps < 0) & (steps + period <= MAX_WRAP_GAP))
+    # Number of wraps up to each row.
+    wraps = np.cumsum(np.bincount(wrap_rows, minlength=len(stamps)))
+    time = stamps + period * wraps if len(wrap_rows) else stamps
+    reboot_rows = _reboot_rows(time)
+    boot = np.cumsum(np.bincount(reboot_rows, minlength=len(positions)))
+    if len(wrap_rows):
         # A counter starts again at each boot, so only the wraps since the boot's first message are added.
-        boot_start_indices = np.concatenate([[0], reboot_indices])
-        wraps_before_boot = wraps[boot_start_indices][boot]
+        boot_start_rows = np.concatenate([[0], reboot_rows])
+        wraps_before_boot = wraps[boot_start_rows][boot]
         time = stamps + period * (wraps - wraps_before_boot)
     repairs = repair_facts(Repair.STAMPS_IGNORED, count=np.count_nonzero(is_outlier), name=name)
-    if len(wrap_indices):
+    if len(wrap_rows):
         repairs += repair_facts(Repair.CLOCK_WRAPPED, name=name, period=period)
-    if len(reboot_indices):
-        last_time = time[reboot_indices[0] - 1]
-        repairs += repair_facts(
-            Repair.LOG_OF_SEVERAL_BOOTS, count=len(reboot_indices), time=last_time
-        )
+    if len(reboot_rows):
+        last_time = time[reboot_rows[0] - 1]
+        repairs += repair_facts(Repair.LOG_OF_SEVERAL_BOOTS, count=len(reboot_rows), time=last_time)
     return ClockReadings(positions, time, boot), repairs
 
 
-def _reboot_indices(time: Times) -> Indices:
-    """Finds the stamps at which a clock restarted: it fell to nearly zero, and rises again from there.
+def _reboot_rows(time: Times) -> Rows:
+    """Finds the rows at which a clock restarted: it fell to nearly zero, and rises again from there.
 
     A message that arrives late has a low stamp too, but those after it are high again. So a restart needs
     ``MIN_RESET_STAMPS`` stamps in a row that are all below the highest one since the last restart. If the clock fell by
@@ -152,7 +150,7 @@ def _reboot_indices(time: Times) -> Indices:
         time: Stamps (n,) in stream order, s, wraps undone.
 
     Returns:
-        Index of the first stamp of each boot after the first one, ascending.
+        The first row of each boot after the first one, ascending.
     """
     highest_ahead = _highest_ahead(time, MIN_RESET_STAMPS)
     if not (highest_ahead < np.maximum.accumulate(time) - MIN_RESET_STEP).any():
@@ -162,11 +160,11 @@ def _reboot_indices(time: Times) -> Indices:
     median_step = float(np.median(rising_steps)) if len(rising_steps) else MAX_LATE_SECONDS
     late_stamps = min(len(time), MIN_RESET_STAMPS + round(MAX_LATE_SECONDS / median_step))
     highest_far_ahead = _highest_ahead(time, late_stamps)
-    reboot_indices = []
+    reboot_rows = []
     highest_of_boot = -np.inf
     # Each stamp comes with the highest of the ``MIN_RESET_STAMPS`` from it on, and of those of ``MAX_LATE_SECONDS``.
     stamps = zip(time.tolist(), highest_ahead.tolist(), highest_far_ahead.tolist(), strict=True)
-    for index, (stamp, highest_near, highest_far) in enumerate(stamps):
+    for row, (stamp, highest_near, highest_far) in enumerate(stamps):
         is_near_zero = stamp <= MAX_RESTART_TIME
         has_fallen_far = highest_near < highest_of_boot - MAX_LATE_SECONDS
         if is_near_zero and has_fallen_far:
@@ -174,7 +172,7 @@ def _reboot_indices(time: Times) -> Indices:
         elif is_near_zero:
             has_fallen = highest_near < highest_of_boot - MIN_RESET_STEP
             stays_below = highest_far < highest_of_boot - MIN_RESET_STEP
-            following_stamps = time[index : index + late_stamps]
+            following_stamps = time[row : row + late_stamps]
             has_restarted = stays_below or (
                 has_fallen and rises_steadily(following_stamps, highest_of_boot, median_step)
             )
@@ -183,10 +181,10 @@ def _reboot_indices(time: Times) -> Indices:
         else:
             has_restarted = False
         if has_restarted:
-            reboot_indices.append(index)
+            reboot_rows.append(row)
             highest_of_boot = stamp
         highest_of_boot = max(highest_of_boot, stamp)
-    return np.array(reboot_indices, dtype=np.int64)
+    return np.array(reboot_rows, dtype=np.int64)
 
 
 def rises_steadily(stamps: Times, former_highest: float, median_step: float) -> bool:
@@ -209,14 +207,14 @@ def rises_steadily(stamps: Times, former_highest: float, median_step: float) -> 
 
 
 def _highest_ahead(values: Times, count: int) -> Times:
-    """Returns, for each value, the maximum of it and the ``count`` − 1 values after it; of fewer at the end.
+    """Returns, for each row, the maximum of its value and the ``count`` − 1 values after it; of fewer at the end.
 
     Args:
         values: Values (n,).
-        count: Number of values, at least 1, the value itself included.
+        count: Number of values, at least 1, the row itself included.
 
     Returns:
         Highest values (n,).
     """
-    # SciPy's window is centred on each value. The negative origin moves it so that it begins at the value.
+    # SciPy's window is centred on each row. The negative origin moves it so that it begins at the row.
     return scipy.ndimage.maximum_filter1d(values, count, origin=-(count // 2), mode="nearest")

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.arrays import Array, Flags
-from mavdem.ingest.byte_strings import Bytes, Offsets, byte_strings_at, release_pages
-from mavdem.ingest.mavlink.clock_readings import Indices
+from mavdem.ingest.byte_rows import Bytes, Offsets, release_pages, rows_of
+from mavdem.ingest.mavlink.clock_readings import Rows
 from mavdem.ingest.mavlink.dialect import definitions_by_id
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES, Frames, frame_content
 from mavdem.ingest.mavlink.payloads import decoded_field
@@ -64,7 +64,7 @@ class SenderStream:
     """Whether they are frames of two vehicles."""
 
 
-def sender_stream_of(data: Bytes, all_frames: Frames, indices: Indices) -> SenderStream:
+def sender_stream_of(data: Bytes, all_frames: Frames, rows: Rows) -> SenderStream:
     """Finds out which frames of a sender are copies from a second link, and how many frames are missing.
 
     Over one link the sequence numbers of a vehicle rise, by more than 1 where messages were lost. In most recordings
@@ -75,28 +75,28 @@ def sender_stream_of(data: Bytes, all_frames: Frames, indices: Indices) -> Sende
     Args:
         data: Bytes (B,) of the stream.
         all_frames: The frames (N,) of all senders, in stream order.
-        indices: Indices (n,) in ``all_frames`` of the frames of one sender, ascending.
+        rows: Rows (n,) of the frames of one sender, ascending.
 
     Returns:
         A flag for each frame (n,) that is not a copy, and the number of missing frames.
     """
-    steps = _sequence_steps(all_frames.sequence[indices])
-    has_many_irregular_steps = steps.irregular > MIN_IRREGULAR_FRACTION * max(len(indices) - 1, 0)
+    steps = _sequence_steps(all_frames.sequence[rows])
+    has_many_irregular_steps = steps.irregular > MIN_IRREGULAR_FRACTION * max(len(rows) - 1, 0)
     # Only frames with a boot clock are compared: others may have the same bytes without being copies.
-    clock_indices_in_sender = _indices_with_boot_clock(all_frames, indices)
-    clock_indices = indices[clock_indices_in_sender]
+    clock_indices = _indices_with_boot_clock(all_frames, rows)
+    clock_rows = rows[clock_indices]
     hashes = np.zeros(0, dtype=np.uint32)
     # Without an irregular step there are no copies, unless the whole recording is in the file twice.
-    if steps.irregular or _is_first_frame_repeated(data, all_frames, clock_indices):
-        hashes = _frame_hashes(data, all_frames, clock_indices)
-    if not has_many_irregular_steps and not _has_copies(data, all_frames, clock_indices, hashes):
+    if steps.irregular or _is_first_frame_repeated(data, all_frames, clock_rows):
+        hashes = _frame_hashes(data, all_frames, clock_rows)
+    if not has_many_irregular_steps and not _has_copies(data, all_frames, clock_rows, hashes):
         # One flag stands for all frames, and takes no memory. Duplicates may make the count negative.
-        return SenderStream(np.broadcast_to(np.True_, len(indices)), max(steps.missing, 0))
-    possible_copies = clock_indices_in_sender[_possible_copies(hashes)]
-    return _sender_stream_of_links(data, all_frames[indices], possible_copies)
+        return SenderStream(np.broadcast_to(np.True_, len(rows)), max(steps.missing, 0))
+    possible_copies = clock_indices[_possible_copies(hashes)]
+    return _sender_stream_of_links(data, all_frames[rows], possible_copies)
 
 
-BLOCK_FRAMES = 1 << 18
+ROWS_AT_ONCE = 1 << 18
 """Number of frames of which columns are compared at once: a choice, which bounds the memory for long recordings."""
 
 
@@ -121,17 +121,17 @@ def _sequence_steps(sequence: Bytes) -> _SequenceSteps:
         Number of irregular steps, and number of missing frames.
     """
     irregular = missing = 0
-    for block_start in range(0, len(sequence), BLOCK_FRAMES):
-        # One number more than ``BLOCK_FRAMES``, for the step to the next block. The numbers are signed, since their
+    for block_start in range(0, len(sequence), ROWS_AT_ONCE):
+        # One number more than ``ROWS_AT_ONCE``, for the step to the next block. The numbers are signed, since their
         # differences may be negative.
-        numbers = sequence[block_start : block_start + BLOCK_FRAMES + 1].astype(np.int16)
+        numbers = sequence[block_start : block_start + ROWS_AT_ONCE + 1].astype(np.int16)
         steps = np.diff(numbers) & (SEQUENCE_NUMBERS - 1)
         irregular += int(np.count_nonzero((steps == 0) | (steps > MAX_LATE_STEPS)))
         missing += int(missing_messages(numbers[:-1], numbers[1:]).sum())
     return _SequenceSteps(irregular, missing)
 
 
-def _indices_with_boot_clock(all_frames: Frames, indices: Indices) -> NDArray[np.int32]:
+def _indices_with_boot_clock(all_frames: Frames, rows: Rows) -> NDArray[np.int32]:
     """Finds the frames of a sender whose messages have a boot clock that the autopilot itself sets.
 
     These are the frames with a matching checksum and a message of ``READING_LAYOUTS``. In other messages a companion
@@ -139,16 +139,16 @@ def _indices_with_boot_clock(all_frames: Frames, indices: Indices) -> NDArray[np
 
     Args:
         all_frames: The frames (N,) of all senders.
-        indices: Indices (n,) of the sender's frames in ``all_frames``.
+        rows: Rows (n,) of the sender's frames in ``all_frames``.
 
     Returns:
-        Indices (m,) of these frames among the sender's, ascending.
+        Indices (m,) into ``rows``, ascending.
     """
     index_blocks = [np.zeros(0, dtype=np.int32)]
-    for block_start in range(0, len(indices), BLOCK_FRAMES):
-        block_indices = indices[block_start : block_start + BLOCK_FRAMES]
-        is_readable = all_frames.checksum[block_indices] == CHECKSUM_MATCHES
-        has_clock = _has_boot_clock(all_frames.message_id[block_indices]) & is_readable
+    for block_start in range(0, len(rows), ROWS_AT_ONCE):
+        block_rows = rows[block_start : block_start + ROWS_AT_ONCE]
+        is_readable = all_frames.checksum[block_rows] == CHECKSUM_MATCHES
+        has_clock = _has_boot_clock(all_frames.message_id[block_rows]) & is_readable
         index_blocks.append((np.flatnonzero(has_clock) + block_start).astype(np.int32))
     return np.concatenate(index_blocks)
 
@@ -168,7 +168,7 @@ def _has_boot_clock(message_ids: Offsets) -> Flags:
     return flags
 
 
-def _sender_stream_of_links(data: Bytes, frames: Frames, possible_copies: Indices) -> SenderStream:
+def _sender_stream_of_links(data: Bytes, frames: Frames, possible_copies: Rows) -> SenderStream:
     """Finds copies, missing frames and a second vehicle among the frames of a sender that several links may deliver.
 
     From a possible copy on, while a second link is known, each frame is compared with those before it, one by one. All
@@ -178,7 +178,7 @@ def _sender_stream_of_links(data: Bytes, frames: Frames, possible_copies: Indice
     Args:
         data: Bytes (B,) of the stream.
         frames: The frames (n,) of one sender, in stream order.
-        possible_copies: Indices of frames with a boot clock that may be copies of frames before them, ascending.
+        possible_copies: Rows of frames with a boot clock that may be copies of frames before them, ascending.
 
     Returns:
         Flags (n,) of frames that are not copies, numbers of missing frames and copies, the longest delay of a copy, s,
@@ -187,21 +187,19 @@ def _sender_stream_of_links(data: Bytes, frames: Frames, possible_copies: Indice
     links = SenderLinks()
     run_processor = _RunProcessor(data, frames, links)
     is_no_copy = np.ones(len(frames), dtype=np.bool_)
-    next_index = 0
-    # The end of the stream takes the place of a last possible copy, so that the run before it is processed too.
-    for copy_index in [*possible_copies.tolist(), len(frames)]:
-        # Frames before the possible copy, unless they were processed with the copy before.
-        if next_index < copy_index:
-            run_processor.process(next_index, copy_index)
-            next_index = copy_index
+    row = 0
+    for copy_row in [*possible_copies.tolist(), len(frames)]:
+        if row < copy_row:
+            run_processor.process(row, copy_row)
+            row = copy_row
         # The possible copy itself, and the frames after it while a second link is known.
-        for frame in _single_frames(data, frames, next_index):
-            if next_index > copy_index and not links.has_slower_link:
+        for frame in _single_frames(data, frames, row):
+            if row > copy_row and not links.has_slower_link:
                 break
-            is_no_copy[next_index] = links.process_frame(
+            is_no_copy[row] = links.process_frame(
                 frame.content, frame.message_id, frame.sequence, frame.is_readable
             )
-            next_index += 1
+            row += 1
     return SenderStream(
         is_no_copy,
         max(links.missing, 0),
@@ -234,7 +232,7 @@ def _single_frames(data: Bytes, frames: Frames, first: int) -> Iterator[_SingleF
     Args:
         data: Bytes (B,) of the stream.
         frames: The frames (n,) of the sender.
-        first: Index in ``frames`` of the first frame to yield; the frames before it are passed over.
+        first: Row in ``frames`` of the first frame to yield; the frames before it are passed over.
 
     Yields:
         Content, message and sequence number of each frame.
@@ -256,34 +254,34 @@ def _single_frames(data: Bytes, frames: Frames, first: int) -> Iterator[_SingleF
             yield _SingleFrame(bytes(content[start:end]), message_id, sequence, is_readable)
 
 
-def _is_first_frame_repeated(data: Bytes, all_frames: Frames, indices: Indices) -> bool:
+def _is_first_frame_repeated(data: Bytes, all_frames: Frames, rows: Rows) -> bool:
     """Returns whether the first frame with a boot clock occurs again, as in a file with a repeated recording.
 
     Args:
         data: Bytes (B,) of the stream.
         all_frames: The frames (N,) of all senders.
-        indices: Indices (n,) in ``all_frames`` of the frames of one sender that have a boot clock, ascending.
+        rows: Rows (n,) of the frames of one sender that have a boot clock, in stream order.
     """
-    if not len(indices):
+    if not len(rows):
         return False
-    first_index = int(indices[0])
-    message_id = all_frames.message_id[first_index]
-    sequence = all_frames.sequence[first_index]
-    first_content = frame_content(data, all_frames, first_index)
-    for block_start in range(0, len(indices), BLOCK_FRAMES):
+    first_row = int(rows[0])
+    message_id = all_frames.message_id[first_row]
+    sequence = all_frames.sequence[first_row]
+    first_content = frame_content(data, all_frames, first_row)
+    for block_start in range(0, len(rows), ROWS_AT_ONCE):
         # Few frames have the same message and sequence number; only of these the bytes are compared.
-        block_indices = indices[block_start : block_start + BLOCK_FRAMES]
-        is_similar = all_frames.message_id[block_indices] == message_id
-        is_similar &= all_frames.sequence[block_indices] == sequence
-        for index in block_indices[is_similar].tolist():
-            if index != first_index and frame_content(data, all_frames, index) == first_content:
+        block_rows = rows[block_start : block_start + ROWS_AT_ONCE]
+        is_similar = all_frames.message_id[block_rows] == message_id
+        is_similar &= all_frames.sequence[block_rows] == sequence
+        for row in block_rows[is_similar].tolist():
+            if row != first_row and frame_content(data, all_frames, row) == first_content:
                 return True
         # These frames lie all over a mapped file, whose pages would stay in memory.
         release_pages(data)
     return False
 
 
-def _frame_hashes(data: Bytes, all_frames: Frames, indices: Indices) -> NDArray[np.uint32]:
+def _frame_hashes(data: Bytes, all_frames: Frames, rows: Rows) -> NDArray[np.uint32]:
     """Computes hashes of frames: equal for equal frames, and rarely equal for different ones.
 
     A hash is made of the sequence number and the last four bytes: the end of the payload and the checksum, or the end
@@ -293,18 +291,18 @@ def _frame_hashes(data: Bytes, all_frames: Frames, indices: Indices) -> NDArray[
     Args:
         data: Bytes (B,) of the stream.
         all_frames: The frames (N,) of all senders.
-        indices: Indices (n,) in ``all_frames`` of frames of one sender.
+        rows: Rows (n,) of frames of one sender.
 
     Returns:
         Hashes (n,).
     """
-    hashes = np.empty(len(indices), dtype=np.uint32)
-    for block_start in range(0, len(indices), BLOCK_FRAMES):
-        frames = all_frames[indices[block_start : block_start + BLOCK_FRAMES]]
-        last_bytes = byte_strings_at(data, frames.end - LAST_BYTES, LAST_BYTES).view("<u4")[:, 0]
+    hashes = np.empty(len(rows), dtype=np.uint32)
+    for block_start in range(0, len(rows), ROWS_AT_ONCE):
+        frames = all_frames[rows[block_start : block_start + ROWS_AT_ONCE]]
+        last_bytes = rows_of(data, frames.end - LAST_BYTES, LAST_BYTES).view("<u4")[:, 0]
         # The product wraps at 32 bits.
         mixed_sequence = frames.sequence.astype(np.uint32) * MIXING_FACTOR
-        hashes[block_start : block_start + BLOCK_FRAMES] = mixed_sequence ^ last_bytes
+        hashes[block_start : block_start + ROWS_AT_ONCE] = mixed_sequence ^ last_bytes
     return hashes
 
 
@@ -315,9 +313,7 @@ def _repeated_values(values: NDArray[np.uint32]) -> NDArray[np.uint32]:
     return sorted_values[1:][is_repeated]
 
 
-def _has_copies(
-    data: Bytes, all_frames: Frames, indices: Indices, hashes: NDArray[np.uint32]
-) -> bool:
+def _has_copies(data: Bytes, all_frames: Frames, rows: Rows, hashes: NDArray[np.uint32]) -> bool:
     """Returns whether the same frame with a boot clock occurs twice among the frames of a sender.
 
     A vehicle sends no time twice, so that such a frame was delivered by two links, or recorded twice. Only frames whose
@@ -326,24 +322,24 @@ def _has_copies(
     Args:
         data: Bytes (B,) of the stream.
         all_frames: The frames (N,) of all senders.
-        indices: Indices (n,) in ``all_frames`` of the frames of one sender that have a boot clock, ascending.
+        rows: Rows (n,) of the frames of one sender that have a boot clock, in stream order.
         hashes: Their hashes (n,); empty if there cannot be copies.
     """
     repeated_hashes = _repeated_values(hashes)
     if not len(repeated_hashes):
         return False
     earlier_contents = set[bytes]()
-    for block_start in range(0, len(indices), BLOCK_FRAMES):
-        block_indices = indices[block_start : block_start + BLOCK_FRAMES]
-        block_hashes = hashes[block_start : block_start + BLOCK_FRAMES]
+    for block_start in range(0, len(rows), ROWS_AT_ONCE):
+        block_rows = rows[block_start : block_start + ROWS_AT_ONCE]
+        block_hashes = hashes[block_start : block_start + ROWS_AT_ONCE]
         # Binary search for each hash among the repeated ones, which are sorted.
         nearest_index = np.searchsorted(repeated_hashes, block_hashes)
         is_repeated = repeated_hashes.take(nearest_index, mode="clip") == block_hashes
-        for index in block_indices[is_repeated].tolist():
-            content = frame_content(data, all_frames, index)
+        for row in block_rows[is_repeated].tolist():
+            content = frame_content(data, all_frames, row)
             # Before the boot clock has begun, it reads 0, and frames without a time may be equal.
             if content in earlier_contents:
-                message_id = int(all_frames.message_id[index])
+                message_id = int(all_frames.message_id[row])
                 if clock_reading(content, message_id) is not None:
                     return True
             earlier_contents.add(content)
@@ -352,7 +348,7 @@ def _has_copies(
     return False
 
 
-def _possible_copies(hashes: NDArray[np.uint32]) -> Indices:
+def _possible_copies(hashes: NDArray[np.uint32]) -> Rows:
     """Finds the frames that may be copies of a frame that ``SenderLinks`` still remembers when they arrive.
 
     ``SenderLinks`` remembers the latest ``RECENT_FRAMES`` distinct frames. So a frame that repeats one of the latest
@@ -395,7 +391,7 @@ def _distance_to_equal_hash(hashes: NDArray[np.uint32]) -> Array:
     return distance
 
 
-REMEMBERED_FRAMES = 3 * RECENT_FRAMES
+REMEMBERED_ROWS = 3 * RECENT_FRAMES
 """Number of a run's last frames that are remembered: among them ``RECENT_FRAMES`` are usually distinct."""
 
 
@@ -414,9 +410,9 @@ class _RunProcessor:
         self._frames = frames
         self._links = links
         self._is_readable = frames.checksum == CHECKSUM_MATCHES
-        self._reading_indices, self._readings = _clock_readings(data, frames, self._is_readable)
+        self._reading_rows, self._readings = _clock_readings(data, frames, self._is_readable)
         has_attitude = np.isin(frames.message_id, list(ATTITUDE_LAYOUTS)) & self._is_readable
-        self._attitude_indices = np.flatnonzero(has_attitude)
+        self._attitude_rows = np.flatnonzero(has_attitude)
 
     def process(self, first: int, end: int) -> None:
         """Passes a run of frames, none of which is a copy, to the sender's links.
@@ -426,8 +422,8 @@ class _RunProcessor:
         where a number does not follow the one before.
 
         Args:
-            first: Index of the first frame among the sender's.
-            end: Index after the last frame.
+            first: Row of the first frame.
+            end: Row after the last frame.
         """
         # Signed numbers, so that their differences may be negative; the bit mask takes them modulo 256.
         sequence = self._frames.sequence[first:end].astype(np.int16)
@@ -435,14 +431,14 @@ class _RunProcessor:
         jumps = first + 1 + np.flatnonzero(steps != 1)
         division_bounds = np.concatenate([[first], jumps, [end]])
         # Two counters make a division of nearly every frame, so that their attitudes are looked up all at once.
-        attitude_bounds = np.searchsorted(self._attitude_indices, division_bounds).tolist()
-        for (start_index, end_index), (first_attitude, end_attitude) in zip(
+        attitude_bounds = np.searchsorted(self._attitude_rows, division_bounds).tolist()
+        for (start_row, end_row), (first_attitude, end_attitude) in zip(
             pairwise(division_bounds.tolist()), pairwise(attitude_bounds), strict=True
         ):
-            self._count_frames(start_index, end_index)
+            self._count_frames(start_row, end_row)
             if self._links.has_two_counters:
                 self._compare_attitudes(first_attitude, end_attitude)
-        first_reading, end_reading = np.searchsorted(self._reading_indices, [first, end]).tolist()
+        first_reading, end_reading = np.searchsorted(self._reading_rows, [first, end]).tolist()
         self._links.add_readings(self._readings.part(first_reading, end_reading))
         # Copies of these frames may follow, unless the recording ends here.
         if end < len(self._frames):
@@ -452,8 +448,8 @@ class _RunProcessor:
         """Counts frames whose sequence numbers rise by one, of which only the first may follow a gap.
 
         Args:
-            first: Index of the first frame among the sender's.
-            end: Index after the last frame.
+            first: Row of the first frame.
+            end: Row after the last frame.
         """
         sequence = self._frames.sequence
         self._links.count_frame(int(sequence[first]))
@@ -469,46 +465,46 @@ class _RunProcessor:
             first: Index of the first of these attitudes, among the frames of the sender that have one.
             end: Index after the last of them.
         """
-        for index in self._attitude_indices[first:end].tolist():
-            self._links.compare_attitude(self._content(index), int(self._frames.message_id[index]))
+        for row in self._attitude_rows[first:end].tolist():
+            self._links.compare_attitude(self._content(row), int(self._frames.message_id[row]))
 
     def _frames_to_remember(self, first: int, end: int) -> Iterator[tuple[int, bytes]]:
         """Yields the frames of a run by which ``SenderLinks`` may recognise later copies.
 
-        It remembers the latest ``RECENT_FRAMES`` distinct frames. These are usually among the last
-        ``REMEMBERED_FRAMES`` frames of the run; if too many of those are equal, all frames of the run are yielded.
-        Frames whose checksum fails are left out.
+        It remembers the latest ``RECENT_FRAMES`` distinct frames. These are usually among the last ``REMEMBERED_ROWS``
+        frames of the run; if too many of those are equal, all frames of the run are yielded. Frames whose checksum
+        fails are left out.
 
         Args:
-            first: Index of the first frame among the sender's.
-            end: Index after the last frame.
+            first: Row of the first frame.
+            end: Row after the last frame.
 
         Yields:
             Number of the sender's frames up to this one, itself included, and the bytes of this frame.
         """
-        indices = first + np.flatnonzero(self._is_readable[first:end])
-        last_indices = indices[-REMEMBERED_FRAMES:]
-        distinct_frames = {self._content(index) for index in last_indices.tolist()}
+        rows = first + np.flatnonzero(self._is_readable[first:end])
+        last_rows = rows[-REMEMBERED_ROWS:]
+        distinct_frames = {self._content(row) for row in last_rows.tolist()}
         if len(distinct_frames) >= RECENT_FRAMES:
-            indices = last_indices
-        for index in indices.tolist():
-            yield index + 1, self._content(index)
+            rows = last_rows
+        for row in rows.tolist():
+            yield row + 1, self._content(row)
 
-    def _content(self, index: int) -> bytes:
+    def _content(self, row: int) -> bytes:
         """Returns the bytes of a frame."""
-        return frame_content(self._data, self._frames, index)
+        return frame_content(self._data, self._frames, row)
 
 
-class _IndexedReadings(NamedTuple):
+class _RowsOfReadings(NamedTuple):
     """The boot clock, heading and position in frames of one sender, and which frames have them."""
 
-    indices: Indices
-    """Index (m,) of the frame of each, ascending."""
+    rows: Rows
+    """Row (m,) of the frame of each, ascending."""
     readings: ReadingColumns
     """The readings (m,)."""
 
 
-def _clock_readings(data: Bytes, frames: Frames, is_readable: Flags) -> _IndexedReadings:
+def _clock_readings(data: Bytes, frames: Frames, is_readable: Flags) -> _RowsOfReadings:
     """Decodes the boot clock, heading and position in all frames at once, as ``clock_reading`` does for one.
 
     Args:
@@ -517,8 +513,8 @@ def _clock_readings(data: Bytes, frames: Frames, is_readable: Flags) -> _Indexed
         is_readable: Whether the checksum of each (n,) matches.
 
     Returns:
-        Indices of the frames that have a boot clock, with clock (s), heading (rad), latitude and longitude (degrees);
-        NaN where a frame has none.
+        Rows of the frames that have a boot clock, with clock (s), heading (rad), latitude and longitude (degrees); NaN
+        where a frame has none.
     """
     # A clock of 0 means that the frame has none, or that it has not begun.
     clock = np.zeros(len(frames))
@@ -526,29 +522,26 @@ def _clock_readings(data: Bytes, frames: Frames, is_readable: Flags) -> _Indexed
     latitude = np.full(len(frames), np.nan)
     longitude = np.full(len(frames), np.nan)
     for message_id, layout in READING_LAYOUTS.items():
-        indices = np.flatnonzero((frames.message_id == message_id) & is_readable)
-        frame_starts = frames.start[indices]
+        rows = np.flatnonzero((frames.message_id == message_id) & is_readable)
+        frame_starts = frames.start[rows]
         definition = definitions_by_id()[message_id]
         boot_ms = decoded_field(data, frame_starts, definition, "time_boot_ms")
-        clock[indices] = boot_ms / CLOCK_UNITS_PER_SECOND
+        clock[rows] = boot_ms / CLOCK_UNITS_PER_SECOND
         if layout is ATTITUDE_LAYOUT:
             pitch = decoded_field(data, frame_starts, definition, "pitch").astype(np.float64)
             yaw = decoded_field(data, frame_starts, definition, "yaw").astype(np.float64)
             # Near the vertical, yaw is not a heading.
             is_heading = abs(pitch) <= MAX_HEADING_PITCH
-            heading[indices[is_heading]] = yaw[is_heading]
+            heading[rows[is_heading]] = yaw[is_heading]
         elif layout is POSITION_LAYOUT:
             latitude_units = decoded_field(data, frame_starts, definition, "lat")
             longitude_units = decoded_field(data, frame_starts, definition, "lon")
             # Both are 0 while the position is not known.
             is_known = (latitude_units != 0) | (longitude_units != 0)
-            latitude[indices[is_known]] = latitude_units[is_known] * DEGREES_PER_UNIT
-            longitude[indices[is_known]] = longitude_units[is_known] * DEGREES_PER_UNIT
-    clock_indices = np.flatnonzero(clock)
+            latitude[rows[is_known]] = latitude_units[is_known] * DEGREES_PER_UNIT
+            longitude[rows[is_known]] = longitude_units[is_known] * DEGREES_PER_UNIT
+    clock_rows = np.flatnonzero(clock)
     readings = ReadingColumns(
-        clock[clock_indices],
-        heading[clock_indices],
-        latitude[clock_indices],
-        longitude[clock_indices],
+        clock[clock_rows], heading[clock_rows], latitude[clock_rows], longitude[clock_rows]
     )
-    return _IndexedReadings(clock_indices, readings)
+    return _RowsOfReadings(clock_rows, readings)

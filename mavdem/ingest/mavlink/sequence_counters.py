@@ -321,16 +321,7 @@ def attitude_reading(payload: bytes, message_id: int) -> AttitudeReading | None:
 
 
 def _quaternion_of_angles(roll: float, pitch: float, heading: float) -> list[float]:
-    """Returns the quaternion (w, x, y, z) of rotations by heading, pitch and roll, rad, in this order.
-
-    Args:
-        roll: Roll, rad.
-        pitch: Pitch, rad.
-        heading: Heading, rad, clockwise from north.
-
-    Returns:
-        Unit quaternion (w, x, y, z) of the rotation from body to earth.
-    """
+    """Returns the quaternion (w, x, y, z) of rotations by heading, pitch and roll, rad, in this order."""
     cos_roll, sin_roll = cos(roll / 2), sin(roll / 2)
     cos_pitch, sin_pitch = cos(pitch / 2), sin(pitch / 2)
     cos_heading, sin_heading = cos(heading / 2), sin(heading / 2)

@@ -9,12 +9,12 @@ import numpy as np
 from mavdem.ingest.mavlink.clock_readings import (
     BootTimes,
     ClockReadings,
-    Indices,
     MessageStamps,
     ReceiveTimes,
+    Rows,
     StreamPositions,
     Times,
-    last_indices_before,
+    last_rows_before,
 )
 
 
@@ -48,8 +48,8 @@ def assign_times_to_unstamped_messages(
         # All later messages get these times first; those of the next section then replace what comes after it.
         for untimed in untimed_types:
             first = int(np.searchsorted(untimed.positions, readings.positions[0]))
-            indices_before = last_indices_before(readings.positions, untimed.positions[first:])
-            untimed.set_times(first, readings.time[indices_before], readings.boot[indices_before])
+            rows_before = last_rows_before(readings.positions, untimed.positions[first:])
+            untimed.set_times(first, readings.time[rows_before], readings.boot[rows_before])
     if receive_times is not None:
         for reboot in _unmixed_reboots(timed_types):
             for untimed in untimed_types:
@@ -83,12 +83,12 @@ def _unmixed_reboots(timed_types: Sequence[ClockReadings]) -> list[_Reboot]:
     """
     reboots: dict[int, _Reboot] = {}
     for readings in timed_types:
-        for index in np.flatnonzero(np.diff(readings.boot) > 0).tolist():
-            boot = int(readings.boot[index + 1])
+        for row in np.flatnonzero(np.diff(readings.boot) > 0).tolist():
+            boot = int(readings.boot[row + 1])
             reboot = _Reboot(
-                last_position=int(readings.positions[index]),
-                first_position=int(readings.positions[index + 1]),
-                first_time=float(readings.time[index + 1]),
+                last_position=int(readings.positions[row]),
+                first_position=int(readings.positions[row + 1]),
+                first_time=float(readings.time[row + 1]),
                 boot=boot,
             )
             # Each message type shows the restart. The last stamp before it and the first one after it, of all types,
@@ -131,12 +131,12 @@ class _UntimedMessages(NamedTuple):
 
     times: BootTimes
     """Times of all messages of the type."""
-    indices: Indices
-    """Indices of the m messages among them, ascending."""
+    rows: Rows
+    """Rows of the m messages among them, ascending."""
     positions: StreamPositions
     """Positions of the m messages in the stream."""
 
-    def set_times(self, first: int, time: Times, boot: Indices) -> None:
+    def set_times(self, first: int, time: Times, boot: Rows) -> None:
         """Sets the times of these messages from one on to the last.
 
         Args:
@@ -144,9 +144,9 @@ class _UntimedMessages(NamedTuple):
             time: Times (m − first,), s, or one (1,) for all.
             boot: Numbers of the boots, likewise. In a log of a single boot they cannot be written to, and stay 0.
         """
-        self.times.time[self.indices[first:]] = time
+        self.times.time[self.rows[first:]] = time
         if self.times.boot.flags.writeable:
-            self.times.boot[self.indices[first:]] = boot
+            self.times.boot[self.rows[first:]] = boot
 
     def move_to_next_boot(self, reboot: _Reboot, receive_times: ReceiveTimes) -> None:
         """Assigns the messages that a restarted autopilot sent before its first stamped message to the new boot.
@@ -165,9 +165,9 @@ class _UntimedMessages(NamedTuple):
         last_before, first_after = receive_times(bounds)
         received = receive_times(self.positions[first:end])
         is_of_next_boot = first_after - received < received - last_before
-        indices = self.indices[first:end][is_of_next_boot]
-        self.times.time[indices] = reboot.first_time
-        self.times.boot[indices] = reboot.boot
+        rows = self.rows[first:end][is_of_next_boot]
+        self.times.time[rows] = reboot.first_time
+        self.times.boot[rows] = reboot.boot
 
 
 def _messages_without_time(
@@ -185,9 +185,9 @@ def _messages_without_time(
     untimed_types = []
     for message_type in message_types:
         times = boot_times[message_type.message]
-        indices = np.flatnonzero(np.isnan(times.time))
-        if len(indices):
-            untimed_types.append(_UntimedMessages(times, indices, message_type.positions[indices]))
+        rows = np.flatnonzero(np.isnan(times.time))
+        if len(rows):
+            untimed_types.append(_UntimedMessages(times, rows, message_type.positions[rows]))
     return untimed_types
 
 
@@ -216,8 +216,8 @@ def _merged_in_stream_order(timed_types: Sequence[ClockReadings]) -> Iterator[Cl
         for readings in timed_types:
             # With bounds of another data type, ``searchsorted`` would convert a copy of all positions.
             bounds = np.array([section_start, section_end], dtype=readings.positions.dtype)
-            first_index, end_index = np.searchsorted(readings.positions, bounds).tolist()
-            sections.append(readings.select(slice(first_index, end_index)))
+            first_row, end_row = np.searchsorted(readings.positions, bounds).tolist()
+            sections.append(readings.select(slice(first_row, end_row)))
         merged = ClockReadings(
             *(np.concatenate(columns) for columns in zip(*sections, strict=True))
         )

@@ -65,12 +65,12 @@ class ReadingColumns(NamedTuple):
     longitude: Array
     """Longitude, degrees; NaN where the message has none."""
 
-    def reading(self, index: int) -> Reading:
+    def reading(self, row: int) -> Reading:
         """Returns one reading."""
-        return Reading(*(float(column[index]) for column in self))
+        return Reading(*(float(column[row]) for column in self))
 
     def part(self, first: int, end: int) -> "ReadingColumns":
-        """Returns the readings from one index to before another."""
+        """Returns the readings from one row to before another."""
         return ReadingColumns(*(column[first:end] for column in self))
 
 
@@ -220,32 +220,6 @@ class VehicleTracks:
         Args:
             reading: Boot clock, and heading or position, in a message.
         """
-        self._count_reading(reading)
-        contradictions = []
-        for index, track in enumerate(self._tracks):
-            contradiction = track.contradiction(reading)
-            if contradiction is not None:
-                contradictions.append(contradiction)
-                continue
-            track.add(reading)
-            is_first_track = index == 0
-            if not is_first_track:
-                if track.has_advancing_clock and self._tracks[0].has_advancing_clock:
-                    contradiction_to_first_track = contradictions[0]
-                    self._record_switch(contradiction_to_first_track)
-                self._tracks.insert(0, self._tracks.pop(index))
-            return
-        new_track = _VehicleTrack(reading)
-        new_track.add(reading)
-        self._tracks.insert(0, new_track)
-        del self._tracks[MAX_VEHICLES:]
-
-    def _count_reading(self, reading: Reading) -> None:
-        """Counts a reading by what it contains, and keeps the latest heading and the latest position.
-
-        Args:
-            reading: The next reading; every reading has a clock.
-        """
         self._reading_counts[Contradiction.CLOCK] += 1
         if not isnan(reading.latitude):
             self._reading_counts[Contradiction.POSITION] += 1
@@ -253,6 +227,23 @@ class VehicleTracks:
         if not isnan(reading.heading):
             self._reading_counts[Contradiction.HEADING] += 1
             self._latest_heading = reading
+        contradictions = []
+        for row, track in enumerate(self._tracks):
+            contradiction = track.contradiction(reading)
+            if contradiction is not None:
+                contradictions.append(contradiction)
+                continue
+            track.add(reading)
+            if row > 0:
+                if track.has_advancing_clock and self._tracks[0].has_advancing_clock:
+                    contradiction_to_first_track = contradictions[0]
+                    self._record_switch(contradiction_to_first_track)
+                self._tracks.insert(0, self._tracks.pop(row))
+            return
+        new_track = _VehicleTrack(reading)
+        new_track.add(reading)
+        self._tracks.insert(0, new_track)
+        del self._tracks[MAX_VEHICLES:]
 
     def add_all(self, readings: ReadingColumns) -> None:
         """Adds many readings, with the same result as ``add`` for each, but faster.
@@ -263,12 +254,12 @@ class VehicleTracks:
         Args:
             readings: Clock, heading and position in n messages, in the order of the stream.
         """
-        next_index = 0
-        for index in np.flatnonzero(_may_contradict(readings)).tolist():
-            self._add_consistent(readings.part(next_index, index))
-            self.add(readings.reading(index))
-            next_index = index + 1
-        self._add_consistent(readings.part(next_index, len(readings.clock)))
+        next_row = 0
+        for row in np.flatnonzero(_may_contradict(readings)).tolist():
+            self._add_consistent(readings.part(next_row, row))
+            self.add(readings.reading(row))
+            next_row = row + 1
+        self._add_consistent(readings.part(next_row, len(readings.clock)))
 
     def _add_consistent(self, readings: ReadingColumns) -> None:
         """Adds readings that are each consistent with the latest clock, heading and position before it.
@@ -281,12 +272,12 @@ class VehicleTracks:
             readings: The readings (n,), which may be none.
         """
         count = len(readings.clock)
-        next_index = 0
-        while next_index < count and not self._has_latest_heading_and_position():
-            self.add(readings.reading(next_index))
-            next_index += 1
-        if next_index < count:
-            self._extend_first_track(readings.part(next_index, count))
+        row = 0
+        while row < count and not self._has_latest_heading_and_position():
+            self.add(readings.reading(row))
+            row += 1
+        if row < count:
+            self._extend_first_track(readings.part(row, count))
 
     def _has_latest_heading_and_position(self) -> bool:
         """Returns whether the latest heading and the latest position of all tracks are both of the first track."""
@@ -306,17 +297,15 @@ class VehicleTracks:
         clocks = np.append(track.latest.clock, readings.clock)
         track.clock_advances += int(np.count_nonzero(np.diff(clocks) > 0))
         track.latest = readings.reading(-1)
-        heading_indices = np.flatnonzero(~np.isnan(readings.heading))
-        position_indices = np.flatnonzero(~np.isnan(readings.latitude))
-        if len(heading_indices):
-            track.latest_heading = self._latest_heading = readings.reading(int(heading_indices[-1]))
-        if len(position_indices):
-            track.latest_position = self._latest_position = readings.reading(
-                int(position_indices[-1])
-            )
+        heading_rows = np.flatnonzero(~np.isnan(readings.heading))
+        position_rows = np.flatnonzero(~np.isnan(readings.latitude))
+        if len(heading_rows):
+            track.latest_heading = self._latest_heading = readings.reading(int(heading_rows[-1]))
+        if len(position_rows):
+            track.latest_position = self._latest_position = readings.reading(int(position_rows[-1]))
         self._reading_counts[Contradiction.CLOCK] += len(readings.clock)
-        self._reading_counts[Contradiction.HEADING] += len(heading_indices)
-        self._reading_counts[Contradiction.POSITION] += len(position_indices)
+        self._reading_counts[Contradiction.HEADING] += len(heading_rows)
+        self._reading_counts[Contradiction.POSITION] += len(position_rows)
 
     def _record_switch(self, contradiction: Contradiction) -> None:
         """Records that the readings returned to an earlier track, and decides whether there are two vehicles.
@@ -362,19 +351,19 @@ def _may_contradict(readings: ReadingColumns) -> Flags:
     flags = np.concatenate([[True], ~is_clock_near])[: len(readings.clock)]
 
     # Each position is compared with the one before; messages without a position may come between them.
-    position_indices = np.flatnonzero(~np.isnan(readings.latitude))
-    flags[position_indices[:1]] = True
-    flags[position_indices[1:]] |= ~_are_positions_near(
-        readings.latitude[position_indices],
-        readings.longitude[position_indices],
-        readings.clock[position_indices],
+    position_rows = np.flatnonzero(~np.isnan(readings.latitude))
+    flags[position_rows[:1]] = True
+    flags[position_rows[1:]] |= ~_are_positions_near(
+        readings.latitude[position_rows],
+        readings.longitude[position_rows],
+        readings.clock[position_rows],
     )
 
     # Each heading is compared with the one before, too.
-    heading_indices = np.flatnonzero(~np.isnan(readings.heading))
-    flags[heading_indices[:1]] = True
-    flags[heading_indices[1:]] |= ~_are_headings_near(
-        readings.heading[heading_indices], readings.clock[heading_indices]
+    heading_rows = np.flatnonzero(~np.isnan(readings.heading))
+    flags[heading_rows[:1]] = True
+    flags[heading_rows[1:]] |= ~_are_headings_near(
+        readings.heading[heading_rows], readings.clock[heading_rows]
     )
     return flags
 

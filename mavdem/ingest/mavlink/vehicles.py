@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mavdem.errors import Unreadable
 from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair, SourceFact
-from mavdem.ingest.byte_strings import Bytes
+from mavdem.ingest.byte_rows import Bytes
 from mavdem.ingest.mavlink.clock_readings import BootTimes, MessageStamps, Times, stamped_messages
 from mavdem.ingest.mavlink.clocks import boot_clock
 from mavdem.ingest.mavlink.dialect import (
@@ -48,8 +48,8 @@ from mavdem.ingest.telemetry import (
     Tables,
     Telemetry,
     UnreadFrames,
-    indices_by_value,
     repair_facts,
+    rows_by_value,
 )
 from mavdem.ingest.vocabulary import NAMES, RADIO, RADIO_MESSAGES, UNNAMED
 
@@ -104,11 +104,11 @@ def assemble(stream: FrameStream) -> Log:
     sender_ids = _sender_ids(frames)
     sender_streams = {}
     is_first = np.ones(len(frames), dtype=np.bool_)
-    for sender_id, indices in indices_by_value(sender_ids).items():
-        sender_stream = sender_stream_of(stream.data, frames, indices)
+    for sender_id, rows in rows_by_value(sender_ids).items():
+        sender_stream = sender_stream_of(stream.data, frames, rows)
         sender_streams[sender_id] = sender_stream
         if sender_stream.copies:
-            is_first[indices] = sender_stream.is_first
+            is_first[rows] = sender_stream.is_first
     if not is_first.all():
         frames = frames[is_first]
         sender_ids = sender_ids[is_first]
@@ -161,8 +161,7 @@ def _telemetry_of_component(
         stream_repairs: Facts on what was repaired of the stream, which concern all its vehicles.
 
     Returns:
-        Messages and parameters of the vehicle, facts (coded findings) on what was repaired; and whether its recording
-        ended on purpose.
+        Messages and parameters of the vehicle, facts on what was repaired; and whether its recording ended on purpose.
     """
     component = record.component
     sender = FrameSender(component.system, component.component)
@@ -183,7 +182,7 @@ def _stream_repairs(stream: FrameStream, unread: Sequence[UnreadFrames]) -> Fact
     """Reports what was repaired or left out of a stream, for all its vehicles.
 
     Args:
-        stream: The recording, with facts (coded findings) on what was repaired when its frames were found.
+        stream: The recording, with facts on what was repaired when its frames were found.
         unread: Numbers of frames that could not be read, by message and sender, with the cause.
 
     Returns:
@@ -226,15 +225,15 @@ def _matching_frames(frames: Frames, sender_ids: NDArray[np.uint16]) -> dict[int
         For each sender, ascending, a mapping of message id to the offsets (n,) of its frames in the stream.
     """
     frames_of_senders: dict[int, OffsetsByMessage] = {}
-    for sender_id, indices in indices_by_value(sender_ids).items():
-        matching_indices = indices[frames.checksum[indices] == CHECKSUM_MATCHES]
-        if len(matching_indices):
-            starts = frames.start[matching_indices]
-            frames_of_messages = {}
-            message_ids = frames.message_id[matching_indices]
-            for message_id, message_indices in indices_by_value(message_ids).items():
-                frames_of_messages[message_id] = starts[message_indices]
-            frames_of_senders[sender_id] = frames_of_messages
+    for sender_id, rows in rows_by_value(sender_ids).items():
+        matching_rows = rows[frames.checksum[rows] == CHECKSUM_MATCHES]
+        if len(matching_rows):
+            rows_of_messages = rows_by_value(frames.message_id[matching_rows])
+            starts = frames.start[matching_rows]
+            frames_of_senders[sender_id] = {
+                message_id: starts[message_rows]
+                for message_id, message_rows in rows_of_messages.items()
+            }
     return frames_of_senders
 
 
@@ -271,20 +270,20 @@ def _unread_frames(
     # key shows it.
     message_ids = frames.message_id[is_unreadable].astype(np.int64)
     keys = message_ids << SENDER_BITS | sender_ids[is_unreadable]
-    for key, indices in indices_by_value(keys).items():
+    for key, rows in rows_by_value(keys).items():
         message_id = key >> SENDER_BITS
         sender_id = key & SENDER_MASK
         readable = frames_of_senders.get(sender_id, {}).get(message_id, ())
-        total = len(indices) + len(readable)
-        if checksums[indices[0]] == MESSAGE_UNKNOWN:
+        total = len(rows) + len(readable)
+        if checksums[rows[0]] == MESSAGE_UNKNOWN:
             is_foreign = sender_id in frames_of_senders
         else:
-            is_foreign = len(indices) == total >= MIN_FOREIGN_FRAMES
+            is_foreign = len(rows) == total >= MIN_FOREIGN_FRAMES
         yield UnreadFrames(
             message_id,
             system=sender_id >> COMPONENT_BITS,
             component=sender_id & COMPONENT_MASK,
-            frames=len(indices),
+            frames=len(rows),
             total=total,
             cause=Flaw.ANOTHER_DIALECT if is_foreign else Flaw.DAMAGE,
         )
@@ -510,12 +509,9 @@ def _receive_times(stream: FrameStream, starts: NDArray[np.integer]) -> NDArray[
     Args:
         stream: MAVLink frames of the recording, with their receive stamps.
         starts: Offset (n,) of each frame in the recording.
-
-    Returns:
-        Times (n,), UNIX s.
     """
-    indices = np.searchsorted(stream.frames.start, starts)
-    seconds = stream.receive_stamps(indices).astype(np.float64) / MICROSECONDS
+    rows = np.searchsorted(stream.frames.start, starts)
+    seconds = stream.receive_stamps(rows).astype(np.float64) / MICROSECONDS
     return np.where(seconds > 0, seconds, np.nan)
 
 

@@ -335,7 +335,7 @@ def _frames_of_json(content: bytes, topics: Mapping[int, JsonTopic]) -> _JsonMes
 
 
 def _no_mavlink_fact(source: str, recording: McapRecording, candidates: int) -> Fact:
-    """Returns the fact (a coded finding) why no MAVLink was read from a recording, and what it seems to be.
+    """Returns the fact that explains why no MAVLink was read from a recording, and what the recording seems to be.
 
     The most specific reason comes first:
 

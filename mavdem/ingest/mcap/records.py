@@ -124,7 +124,7 @@ class McapRecording:
                 yield record
 
     def repairs(self) -> Facts:
-        """Reports the damage that was found while the messages were read, as facts (coded findings) for the user.
+        """Reports the damage that was found while the messages were read, as facts for the user.
 
         Returns:
             A fact on damaged chunks, one on skipped bytes, and one if the recording was cut; those that apply.

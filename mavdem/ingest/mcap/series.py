@@ -92,7 +92,7 @@ class Messages(NamedTuple):
 def write_series(
     file: BinaryIO, series: Mapping[str, Series], chunk_bytes: int = CHUNK_BYTES
 ) -> None:
-    """Writes columns over time as JSON, one message for each time; a value that is not finite becomes null.
+    """Writes columns over time as JSON, one message per row; a value that is not finite becomes null.
 
     ``tests/ingest/test_mcap_series.py`` compares the file with the one that the library writes.
 
@@ -163,7 +163,7 @@ def _encoded_messages(series: Mapping[str, Series]) -> Messages:
     times = [np.empty(0)]
     channels = [np.empty(0, dtype=np.uint16)]
     for channel, (time, columns) in enumerate(series.values(), 1):
-        bodies += _json_objects(columns)
+        bodies += _json_rows(columns)
         times.append(time)
         channels.append(np.full(len(time), channel, dtype=np.uint16))
     seconds = np.concatenate(times)
@@ -181,21 +181,21 @@ def _encoded_messages(series: Mapping[str, Series]) -> Messages:
     return Messages(heads[order], [bodies[row].encode() for row in order.tolist()])
 
 
-def _json_objects(columns: Mapping[str, Array]) -> Iterator[str]:
-    """Returns the values of each time as one JSON object.
+def _json_rows(columns: Mapping[str, Array]) -> Iterator[str]:
+    """Returns the rows of a table as JSON objects.
 
-    Each whole column is formatted at once, as a JSON list whose items are then split; this is much faster than object
-    by object. The items of one time are put into a pattern, such as '{"x": %s, "y": %s}'.
+    Each whole column is formatted at once, as a JSON list whose items are then split; this is much faster than row by
+    row. The items of a row are put into a pattern, such as '{"x": %s, "y": %s}'.
 
     Args:
         columns: Columns (T,) by name.
 
     Returns:
-        JSON text of each of the T objects.
+        JSON text of each of the T rows.
     """
     # In a pattern "%%" stands for a percent sign.
     keys = [json.dumps(name).replace("%", "%%") for name in columns]
-    object_pattern = "{" + ", ".join(f"{key}: %s" for key in keys) + "}"
+    row_pattern = "{" + ", ".join(f"{key}: %s" for key in keys) + "}"
     texts_of_columns = []
     for column in columns.values():
         if len(column) == 0:
@@ -206,8 +206,8 @@ def _json_objects(columns: Mapping[str, Array]) -> Iterator[str]:
             values = json_value(values)
         list_text = json.dumps(values)
         texts_of_columns.append(list_text.removeprefix("[").removesuffix("]").split(", "))
-    texts_of_objects = zip(*texts_of_columns, strict=True)
-    return (object_pattern % texts for texts in texts_of_objects)
+    rows = zip(*texts_of_columns, strict=True)
+    return (row_pattern % row for row in rows)
 
 
 def _messages_by_chunk(

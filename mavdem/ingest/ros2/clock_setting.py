@@ -56,38 +56,38 @@ def with_joined_clocks(
         return dict(stamps), ()
     all_positions = np.concatenate([positions[name] for name in names])
     all_stamps = np.concatenate([stamps[name] for name in names])
-    stamped_indices = np.argsort(all_positions, kind="stable")
-    stamped_indices = stamped_indices[all_stamps[stamped_indices] > 0]
+    stamped_rows = np.argsort(all_positions, kind="stable")
+    stamped_rows = stamped_rows[all_stamps[stamped_rows] > 0]
     receive_stamps = np.array(
-        [receive_times[position] for position in all_positions[stamped_indices].tolist()]
+        [receive_times[position] for position in all_positions[stamped_rows].tolist()]
     )
-    ordered_stamps = all_stamps[stamped_indices]
-    if not len(stamped_indices):
+    ordered_stamps = all_stamps[stamped_rows]
+    if not len(stamped_rows):
         return dict(stamps), ()
     # Offsets are taken from the first one, so that floats resolve them to a microsecond.
     offsets = (ordered_stamps - receive_stamps) - (ordered_stamps[0] - receive_stamps[0])
     offset_seconds = offsets / NANOSECONDS
     typical_offsets = scipy.ndimage.median_filter(offset_seconds, OFFSET_WINDOW, mode="mirror")
-    shifts = np.zeros(len(stamped_indices), dtype=np.int64)
+    shifts = np.zeros(len(stamped_rows), dtype=np.int64)
     settings_count = 0
-    for index in (1 + np.flatnonzero(abs(np.diff(typical_offsets)) > MAX_STAMP_DEVIATION)).tolist():
-        offset_before = np.median(offset_seconds[max(index - EDGE_MESSAGES, 0) : index])
-        offset_after = np.median(offset_seconds[index : index + EDGE_MESSAGES])
-        reads_nearly_zero = ordered_stamps[index] / NANOSECONDS <= MAX_RESTART_TIME
+    for row in (1 + np.flatnonzero(abs(np.diff(typical_offsets)) > MAX_STAMP_DEVIATION)).tolist():
+        offset_before = np.median(offset_seconds[max(row - EDGE_MESSAGES, 0) : row])
+        offset_after = np.median(offset_seconds[row : row + EDGE_MESSAGES])
+        reads_nearly_zero = ordered_stamps[row] / NANOSECONDS <= MAX_RESTART_TIME
         max_silence = MAX_SILENCE_BEFORE_ZERO if reads_nearly_zero else MAX_SILENCE
-        if (receive_stamps[index] - receive_stamps[index - 1]) / NANOSECONDS > max_silence:
+        if (receive_stamps[row] - receive_stamps[row - 1]) / NANOSECONDS > max_silence:
             continue
         jump = round((offset_after - offset_before) * NANOSECONDS)
         # Around the setting a message may have been stamped before it and recorded after it.
-        is_after = np.arange(len(stamped_indices)) >= index
-        near_indices = slice(max(index - EDGE_MESSAGES, 0), index + EDGE_MESSAGES)
-        is_after[near_indices] = abs(offset_seconds[near_indices] - offset_after) < abs(
-            offset_seconds[near_indices] - offset_before
+        is_after = np.arange(len(stamped_rows)) >= row
+        near_rows = slice(max(row - EDGE_MESSAGES, 0), row + EDGE_MESSAGES)
+        is_after[near_rows] = abs(offset_seconds[near_rows] - offset_after) < abs(
+            offset_seconds[near_rows] - offset_before
         )
         shifts[is_after] -= jump
         settings_count += 1
     joined_stamps = all_stamps.copy()
-    joined_stamps[stamped_indices] += shifts
+    joined_stamps[stamped_rows] += shifts
     message_counts = [len(stamps[name]) for name in names]
     stamps_of_names = np.split(joined_stamps, np.cumsum(message_counts)[:-1])
     repairs = repair_facts(Repair.CLOCK_SET, count=settings_count)

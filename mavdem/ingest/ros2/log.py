@@ -34,7 +34,7 @@ from mavdem.ingest.telemetry import (
     Telemetry,
     log_of_vehicles,
     repair_facts,
-    selected_messages,
+    selected_rows,
 )
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT, UNNAMED
 
@@ -210,8 +210,8 @@ def _telemetry_of_namespace(
 ) -> Telemetry | None:
     """Returns the vehicle of one namespace, from PX4's topics, or otherwise from MAVROS's topics.
 
-    Both bridges may have been recorded. PX4's topics have more messages, and are preferred; a fact (a coded finding)
-    then reports that MAVROS's topics were not read.
+    Both bridges may have been recorded. PX4's topics have more messages, and are preferred; a fact then reports that
+    MAVROS's topics were not read.
 
     Args:
         topics: The vehicle's topics of both bridges.
@@ -242,8 +242,8 @@ def with_system_ids(vehicles: Sequence[tuple[str, Telemetry]]) -> Iterator[Telem
     """Gives the vehicles of a recording distinct system ids, if they lack them.
 
     In a log, vehicles are distinguished by their system ids; in a ROS 2 recording, by their namespaces. If a vehicle
-    has no system id, or two have the same, all are numbered from 1. With several vehicles, a fact (a coded finding) of
-    each reports that.
+    has no system id, or two have the same, all are numbered from 1. With several vehicles, a fact of each reports
+    that.
 
     Args:
         vehicles: Namespace and telemetry of each vehicle; ``system`` is 0 where it is not known.
@@ -272,7 +272,7 @@ def _px4_telemetry(
 
     That translation assumes a single boot, as in a log of PX4. A recording may have several, with a clock that starts
     anew in each. So all boots are first put on one clock, ``BOOT_INTERVAL`` seconds apart. After the translation, time
-    and boot of each message are recovered as the remainder and the quotient of a division by that interval.
+    and boot of each row are recovered as the remainder and the quotient of a division by that interval.
 
     Args:
         tables: PX4's topics by name.
@@ -287,7 +287,7 @@ def _px4_telemetry(
     for name, columns in topics.items():
         one_clock = {**columns, "time": columns["time"] + BOOT_INTERVAL * columns["boot"]}
         time_order = np.argsort(one_clock["time"], kind="stable")
-        instances[name] = {0: selected_messages(one_clock, time_order)}
+        instances[name] = {0: selected_rows(one_clock, time_order)}
     translation = messages_of_topics(instances, {})
     if not translation.messages:
         return None
@@ -400,8 +400,8 @@ def _on_boot_clock(
         # A message whose stamp was ignored has the time of the one before, and is left out.
         is_new = np.ones(len(time), dtype=np.bool_)
         is_new[1:] = (np.diff(time) != 0) | (np.diff(boot) != 0)
-        indices = np.flatnonzero(is_usable[name])[is_new]
-        columns = selected_messages(tables[name].columns, indices)
+        rows = np.flatnonzero(is_usable[name])[is_new]
+        columns = selected_rows(tables[name].columns, rows)
         columns_on_boot_clock[name] = columns | {"time": time[is_new], "boot": boot[is_new]}
     return columns_on_boot_clock, repairs + clock_repairs
 
@@ -421,7 +421,7 @@ def _time_origin(stamps: Integers) -> tuple[int, Facts]:
 
     Returns:
         The origin, ns: 0, the boot of the vehicle; or, for UNIX time, a second before the first stamp, which is
-        reported as a fact (a coded finding).
+        reported as a fact.
     """
     if not len(stamps):
         return 0, ()

@@ -251,9 +251,6 @@ class DensityModel:
 
         Args:
             stamp_offsets: stamps (C, N) of N messages of each quantity, s, relative to the stamps of the first one.
-
-        Returns:
-            The ratio of both variances, 1/s²; 0 if both are always of the same cycle.
         """
         distance = np.abs(stamp_offsets[Quantity.SETPOINT] - stamp_offsets[Quantity.RATE])
         is_other_cycle = distance > self._cycle_time / 2
@@ -495,9 +492,6 @@ class DensityModel:
         Args:
             alias_shares: complex amplitude of each alias, relative to the sampled steps (J, F).
             response: response of each quantity to the reference (C, J, F).
-
-        Returns:
-            The response (J, C) of each sampled quantity, summed over the aliases.
         """
         return self._sampled_step_responses(alias_shares[None], response)[:, 0]
 

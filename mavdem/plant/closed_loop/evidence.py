@@ -180,7 +180,7 @@ def steady_likelihood(
     F_inverse = np.linalg.inv(F)
     L = loop.transition - K @ C
 
-    # The filter runs over the samples and, as three more series, over constant measurements of 1 in each channel.
+    # The filter runs over the samples and, in three more rows, over constant measurements of 1 in each channel.
     measurements = np.empty((T, 1, 1 + CHANNELS, CHANNELS))
     measurements[:, 0, 0] = samples
     measurements[:, 0, 1:] = np.eye(CHANNELS)
@@ -232,11 +232,12 @@ def _filter_residuals(L: Array, K: Array, C: Array, measurements: Array, start: 
         L: (B, n, n) transition matrices of the filters, L = A − K C.
         K: (B, n, 3) steady-state gains.
         C: (B, 3, n) output matrices.
-        measurements: (T, B, S, 3) measurements y of S series; (T, 1, S, 3) if all filters have the same ones.
-        start: (B, S, n) states x̂ at the first sample.
+        measurements: (T, B, rows, 3) measurements y of each series, one series a row; (T, 1, rows, 3) if all filters
+            have the same ones.
+        start: (B, rows, n) states x̂ at the first sample.
 
     Returns:
-        Residuals (T, B, S, 3).
+        Residuals (T, B, rows, 3).
     """
     driving = measurements @ K.mT
     transition = np.ascontiguousarray(L.mT)

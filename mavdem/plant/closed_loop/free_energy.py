@@ -108,15 +108,15 @@ def filter_segment(kalman_filter: KalmanFilter, samples: Array) -> FilteredSegme
     T = len(samples)
     n = len(kalman_filter.A)
     _, innovations = kalman_filter.filter(np.zeros(n), np.zeros((T, n)), samples)
-    gain_of_sample = kalman_filter.gain_indices(T)
-    gains = kalman_filter.gains[gain_of_sample]
-    precisions = kalman_filter.innovation_precisions[gain_of_sample]
+    rows = kalman_filter.gain_rows(T)
+    gains = kalman_filter.gains[rows]
+    precisions = kalman_filter.innovation_precisions[rows]
     # Cᵀ F⁻¹ e of each sample t, as rows.
     weighted_innovations = np.einsum("tij,tj->ti", precisions, innovations) @ kalman_filter.C
     transitions = kalman_filter.A - kalman_filter.gains @ kalman_filter.C
     smoother_vectors = np.zeros((T + 1, n))
     for t in range(T - 1, -1, -1):
-        later_vector = smoother_vectors[t + 1] @ transitions[gain_of_sample[t]]
+        later_vector = smoother_vectors[t + 1] @ transitions[rows[t]]
         smoother_vectors[t] = weighted_innovations[t] + later_vector
     return FilteredSegment(innovations, precisions, smoother_vectors, gains)
 
@@ -177,9 +177,6 @@ class _ProcessCovariances(NamedTuple):
 
         Args:
             smoother_vectors: (T + 1, n) vectors r: of the first sample in row 0, then of each step.
-
-        Returns:
-            The sum over all steps, without a unit.
         """
         first_vector = smoother_vectors[0]
         step_vectors = smoother_vectors[1:]

@@ -170,9 +170,6 @@ class AxisPosterior:
 
         Args:
             theta: logarithms of the parameters (k,).
-
-        Returns:
-            The fraction.
         """
         # Index of the rate's own density in the matrices of all densities.
         of_rate = (..., Quantity.RATE, Quantity.RATE)

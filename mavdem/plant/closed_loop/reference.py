@@ -70,9 +70,6 @@ def unfolded_density(density: Array, frequency: Array, is_base: Flags, in_range:
         Args:
             logarithms: natural logarithms of size, corner (Hz), exponent and white floor (4,). They are clipped, since
                 the search may try values whose exponentials overflow.
-
-        Returns:
-            The density (J, F), in the square of the unit of the reference per Hz.
         """
         upper_limits = [
             MAX_ABSOLUTE_LOGARITHM,

@@ -293,8 +293,8 @@ def _matched_messages(stream: Messages, stamps: Array) -> Messages:
         N messages with their own stamps. At the end of the stream the last message is repeated.
     """
     tolerance = MAX_EARLINESS * np.median(np.diff(stream.time))
-    messages = np.searchsorted(stream.time, stamps - tolerance).clip(max=len(stream.time) - 1)
-    return Messages(stream.time[messages], stream.values[messages])
+    rows = np.searchsorted(stream.time, stamps - tolerance).clip(max=len(stream.time) - 1)
+    return Messages(stream.time[rows], stream.values[rows])
 
 
 def _windowed_transform(stream: Messages, start: float) -> ComplexArray:

@@ -201,7 +201,12 @@ def flight_series_charts(
 
 def _motor_limits(flights: Iterable[FlightSeries]) -> tuple[float, float] | None:
     """Returns the lowest and the highest output of any motor in any of the flights, %; None if no output is known."""
-    outputs = [flown[title][1] for flown in flights for title in MOTOR_OUTPUTS if title in flown]
+    outputs = []
+    for flight in flights:
+        for title in MOTOR_OUTPUTS:
+            if title in flight:
+                _, values = flight[title]
+                outputs.append(values)
     if not outputs:
         return None
     return float(min(map(np.min, outputs))), float(max(map(np.max, outputs)))

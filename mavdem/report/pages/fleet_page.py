@@ -607,9 +607,13 @@ def _repeated_summaries(sections: Sequence[VehicleSection]) -> Table:
 
 
 def _rose(summaries: Sequence[VehicleSummary]) -> Plan | None:
-    """Returns the winds of all flights whose wind is known, of few as dots, of many as a rose; None without any."""
-    winds = [wind for summary in summaries for wind in summary.winds]
+    """Returns a drawing of the winds of all flights: few as dots, many as a rose; None if no wind is known."""
+    winds = []
+    for summary in summaries:
+        winds += summary.winds
     if not winds:
         return None
-    plan = rose_of_flights if len(winds) >= MIN_ROSE_FLIGHTS else dots_of_flights
-    return plan(np.array(winds, np.float64))
+    directions_and_speeds = np.array(winds, np.float64)
+    if len(winds) < MIN_ROSE_FLIGHTS:
+        return dots_of_flights(directions_and_speeds)
+    return rose_of_flights(directions_and_speeds)

@@ -144,7 +144,8 @@ def _responses_caption(
 
     Args:
         responses: responses by axis and loop.
-        has_identified_step: whether a step response is that of the identified loop, since messages were too slow.
+        has_identified_step: whether a step response was computed from the identified loop, since messages were too
+            slow.
         has_advised_steps: whether responses with advised gains are drawn.
     """
     caption = "Grey: measured, with its 90 % band. Blue, where the loop is identified: predicted."

@@ -110,8 +110,8 @@ def review_beside_flights(review: Mapping[str, Any], rows: FlightRows) -> Mappin
 
     Returns:
         A changed copy, as :func:`review_with_anomaly` makes it, in which ``motor_health`` has the judgement itself. A
-        review without lights, as of a fleet, gets the light of the motors alone. If the motors were not judged, the
-        review itself.
+        review without lights, such as the review of a fleet, gets the light of the motors alone. If the motors were not
+        judged, the review itself.
     """
     flown_rows = [row for row in rows if row.is_read]
     if not flown_rows:

@@ -118,7 +118,7 @@ def _changed_defaults(telemetry: Telemetry) -> Blocks:
 def _changed_default_rows(telemetry: Telemetry) -> list[list[str]]:
     """Returns the rows of the table of parameters that differ from the firmware's default.
 
-    Those that the autopilot sets by itself, such as calibrations, are left out.
+    Parameters that the autopilot sets by itself, such as calibrations, are left out.
 
     Args:
         telemetry: messages of the vehicle as columns, and its parameters.

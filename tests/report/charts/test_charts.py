@@ -151,7 +151,7 @@ def test_spectra_have_their_lines_and_the_filters_over_them():
     )
     chart = spectrum_chart(MeasuredNoise(spectra, {"gyro_before": (line,)}), loop)
     assert [mark.name for mark in chart.marks] == ["motor", "crossover"]
-    assert [one.name for one in chart.lines] == [
+    assert [drawn_line.name for drawn_line in chart.lines] == [
         "before the filters",
         "after the filters",
         "filters",

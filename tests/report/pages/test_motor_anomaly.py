@@ -128,14 +128,16 @@ def doubtful_trim(motor, change):
     """Returns the comparison of two flights in which the trim of a motor changed, too uncertain to count."""
     difference = vehicle_difference(*([flight_row("quad", number)] for number in (1, 2)))
     (trim,) = [
-        one
-        for one in difference.changes
-        if one.quantity.kind == SHARE and one.quantity.motor == motor
+        quantity_change
+        for quantity_change in difference.changes
+        if quantity_change.quantity.kind == SHARE and quantity_change.quantity.motor == motor
     ]
     doubtful = trim._replace(
         difference=change, half_width=0.06, p=0.047, outcome=QuantityOutcome.UNCERTAIN
     )
-    rest = [one for one in difference.changes if one is not trim]
+    rest = [
+        quantity_change for quantity_change in difference.changes if quantity_change is not trim
+    ]
     return difference._replace(changes=(doubtful, *rest))
 
 

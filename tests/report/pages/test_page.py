@@ -412,9 +412,9 @@ def test_a_live_flight_has_what_was_trained_on_its_events_and_no_wind_below_0():
     charts = {chart.title: chart for chart in live_timeline(history, "roll").flight_charts}
     assert {"Roll", "Pitch", "Height"} <= charts.keys()
     assert np.nanmax(charts["Height"].lines[0].y) == 12.0
-    placed = live_timeline(history, "roll")
-    assert placed.position.values.tolist() == [[3.0, 4.0, -12.0]] * 2
-    assert placed.heading == approx(np.degrees(0.2))
+    placed_timeline = live_timeline(history, "roll")
+    assert placed_timeline.position.values.tolist() == [[3.0, 4.0, -12.0]] * 2
+    assert placed_timeline.heading == approx(np.degrees(0.2))
     # The next boot of the autopilot may have another origin.
     history.advance(121.0, 0)
     history.advance(0.5, 1)

@@ -189,7 +189,7 @@ def kalman_states(model: DiscreteModel, outputs: Array, inputs: Array) -> Array:
     covariances = kalman_filter.covariances[: len(kalman_filter.gains)]
     correction_gains = covariances @ model.C.T @ kalman_filter.innovation_precisions
     # Index of the gain of each sample among the filter's gains, of which the last one is used once it is steady.
-    gain_of_sample = kalman_filter.gain_indices(len(outputs))
+    gain_of_sample = kalman_filter.gain_rows(len(outputs))
     # Letters of einsum: sample t, state n, output m.
     corrections = np.einsum("tnm,tm->tn", correction_gains[gain_of_sample], innovations)
     # The last predicted state belongs to the sample after the last one.

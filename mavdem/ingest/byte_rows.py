@@ -21,7 +21,7 @@ RESIDENT_BYTES = 1 << 24
 """Number of bytes of a mapped file that are looked at before its pages are released: a choice."""
 
 
-def byte_strings_at(data: Bytes, start: Offsets, width: int) -> Bytes:
+def rows_of(data: Bytes, start: Offsets, width: int) -> Bytes:
     """Cuts pieces of equal length out of a stream, such as the headers that begin at each marker.
 
     The pieces may overlap. A mapped file is read block by block, and its pages are released after each block, to bound
@@ -53,8 +53,8 @@ def byte_strings_at(data: Bytes, start: Offsets, width: int) -> Bytes:
 
 
 def bytes_at(data: Bytes, start: Offsets) -> Bytes:
-    """Returns the byte at each offset (N,) of a stream (B,), as ``byte_strings_at`` does."""
-    return byte_strings_at(data, start, 1)[:, 0]
+    """Returns the byte at each offset (N,) of a stream (B,), as ``rows_of`` does."""
+    return rows_of(data, start, 1)[:, 0]
 
 
 def mapping_of(data: Bytes) -> mmap.mmap | None:
