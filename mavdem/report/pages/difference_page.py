@@ -66,13 +66,10 @@ The output of each motor over that of the median motor. What lean in wind asks f
 leaves that out. The bars include how much flights of one vehicle usually differ, half of that variance on each side."""
 """What stands below the chart of trims."""
 
-MOTORS_CAPTION = f"Means over {MEAN_SECONDS:g} s, all on one scale."
+MOTORS_CAPTION = f"""\
+Means over {MEAN_SECONDS:g} s, all on one scale. The charts begin at take-off; times in tables and sentences are since \
+the autopilot's boot."""
 """What stands below the charts of the motors' outputs."""
-
-WARNING_TIMES = (
-    "Times in the table are since the autopilot's boot, those of the charts since take-off."
-)
-"""What stands below the table of warnings about motors."""
 
 MOTORS_IN_ROW = 2
 """Charts of motors' outputs side by side: four motors fill two rows."""
@@ -235,10 +232,7 @@ def _motor_chapter(
         *_motor_groups(series_charts),
         *_chart_group(_trim_chart(legend, reviewed.difference), TRIMS_CAPTION),
     ]
-    warnings = motor_table(reviewed.reviews, reviewed.difference)
-    if warnings:
-        warnings.append(Sentence(WARNING_TIMES))
-    return Chapter("Motors", warnings, groups)
+    return Chapter("Motors", motor_table(reviewed.reviews, reviewed.difference), groups)
 
 
 def _step_chapter(reviews_by_side: Reviews, legend: Mapping[str, str]) -> Chapter:
