@@ -30,7 +30,6 @@ from mavdem.report.charts.comparison_charts import FlightSeries, flight_series
 from mavdem.report.difference.changes import bound_table, change_sentences, detail_sentences
 from mavdem.report.difference.headline import headline_blocks, headline_of_comparison
 from mavdem.report.difference.identity import identity_remarks
-from mavdem.report.difference.lights import bad_lights
 from mavdem.report.difference.motors import motor_table
 from mavdem.report.difference.next_step import next_blocks
 from mavdem.report.difference.parameters import parameter_sentences
@@ -189,7 +188,8 @@ def diff_command(
         reviewed = reviewed_difference(difference, reviews, parameters, names_without_gains)
         _print_comparison(names, reviewed, headlines, folder / PAGE_FILE, verbose=verbose)
     # That a motor failed in one of the flights is a result, though its figures then cannot be compared.
-    if not difference.changes and not bad_lights(reviews):
+    has_failed_motor = any(row.failed_motor is not None for row in (*state_a.rows, *state_b.rows))
+    if not difference.changes and not has_failed_motor:
         context.exit(EXIT_UNSUPPORTED)
 
 

@@ -131,6 +131,18 @@ def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path
     assert "B has no flight with figures. It is empty." in error_text
 
 
+def test_a_flight_in_which_a_motor_failed_is_a_result_without_figures(monkeypatch, capsys):
+    without_models = {f"{name}_status": "refused" for name in ("effect", "damping", "lag")}
+    rows = {
+        "sound.bin": rows_of_flights("alpha", [0]),
+        "failed.bin": rows_of_flights("alpha", [1], failed_motor=2, **without_models),
+    }
+    monkeypatch.setattr("mavdem.fleet.state.rows_of_log", lambda path, *_: (rows[path.name], {}))
+    assert run("diff", "sound.bin", "failed.bin") == 0
+    text = unwrapped(capsys.readouterr().out)
+    assert "motor 2 failed or was at its limit in B" in text
+
+
 def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_by_their_files():
     before, after = (
         rows_of_flights("alpha", [number], phase_margin=margin, phase_margin_interval=0.1)
