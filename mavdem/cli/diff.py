@@ -29,7 +29,7 @@ from mavdem.report.blocks import Block, Sentence
 from mavdem.report.charts.comparison_charts import FlightSeries, flight_series
 from mavdem.report.difference.changes import bound_table, change_sentences, detail_sentences
 from mavdem.report.difference.headline import headline_blocks, headline_of_comparison
-from mavdem.report.difference.identity import identity_remarks
+from mavdem.report.difference.identity import identity_cautions
 from mavdem.report.difference.motors import motor_table
 from mavdem.report.difference.next_step import next_blocks
 from mavdem.report.difference.parameters import parameter_sentences
@@ -211,14 +211,16 @@ def _print_comparison(
         verbose: Whether to print all figures, also those that did not change, and how sure they are.
     """
     headline = headline_of_comparison(reviewed)
-    footer = [*headline, *next_blocks(reviewed), Sentence(str(page), "Page:")]
+    last_sentences = [*next_blocks(reviewed), Sentence(str(page), "Page:")]
     if reviewed.difference.is_of_same_flight:
-        print_screen([], [], [], footer, verbose=verbose)
+        print_screen([], [], [], [*headline, *last_sentences], verbose=verbose)
         return
     title = []
     for side, description in side_descriptions(names, reviewed).items():
         title.append(Sentence(f"{description}.", f"{side}:"))
-    title += identity_remarks(reviewed)
+    # Whether they are of two vehicles stands with what they are, also where it is a part of the headline.
+    cautions = identity_cautions(reviewed)
+    title += cautions
     summary: list[Block] = [
         *motor_table(reviewed.reviews, reviewed.difference),
         *change_sentences(reviewed, headline),
@@ -226,7 +228,8 @@ def _print_comparison(
         *bound_table(reviewed.difference),
     ]
     details = [*detail_sentences(reviewed), *headline_blocks(headlines, headline)]
-    print_screen(title, summary, details, footer, verbose=verbose)
+    footer = [sentence for sentence in headline if sentence not in cautions]
+    print_screen(title, summary, details, [*footer, *last_sentences], verbose=verbose)
 
 
 def _shown_name(source: str, days: Days | None) -> str:
