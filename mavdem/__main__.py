@@ -47,6 +47,8 @@ def _configure_process() -> None:
     # Matplotlib writes pictures to files and opens no window. "agg" works even if a backend that the user has chosen is
     # not installed.
     os.environ["MPLBACKEND"] = "agg"
+    # Before its first check, pydantic searches all installed packages for plugins of its own; mavdem needs none.
+    os.environ["PYDANTIC_DISABLE_PLUGINS"] = "__all__"
     gc.set_threshold(GARBAGE_THRESHOLD)
     atexit.register(gc.freeze)
 

@@ -18,7 +18,7 @@ from mavdem.cli.exit_codes import (
     EXIT_UNSUPPORTED,
 )
 from mavdem.cli.output import report_error
-from mavdem.cli.streams import STDERR, prepare_streams, print_to_stderr
+from mavdem.cli.streams import prepare_streams, print_to_stderr, stderr_is_terminal
 from mavdem.cli.termination import default_interrupt_action
 from mavdem.errors import NotLearnable, Unreadable, error_message
 from mavdem.extras import MissingExtra
@@ -121,7 +121,7 @@ class LazyCommandGroup(click.Group):
             return name, command, command_args
         if command.name == "review":
             _announce_activity("Reviewing", command_args)
-        elif command.name in ANNOUNCED_COMMANDS and STDERR.is_terminal:
+        elif command.name in ANNOUNCED_COMMANDS and stderr_is_terminal():
             _announce_activity("Reading", command_args)
         with default_interrupt_action():
             command = load_command(str(command.name))

@@ -11,6 +11,7 @@ import click
 from rich.live import Live
 
 from mavdem.assessment.judgement import Judgement
+from mavdem.cli.console import STDERR
 from mavdem.cli.exit_codes import EXIT_DONE, EXIT_ERROR, EXIT_UNSUPPORTED
 from mavdem.cli.live_dashboard import Dashboard
 from mavdem.cli.live_files import gains_line, written_file_lines
@@ -18,7 +19,7 @@ from mavdem.cli.live_status import StatusLines, print_fact
 from mavdem.cli.options import NumberRange, file_option, json_option, model_options, vehicle_option
 from mavdem.cli.output import print_json
 from mavdem.cli.output_files import check_output_file
-from mavdem.cli.streams import STDERR, print_to_stderr
+from mavdem.cli.streams import print_to_stderr
 from mavdem.cli.termination import termination_requests
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import TILT_AXES

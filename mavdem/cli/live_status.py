@@ -12,7 +12,8 @@ from rich.table import Table
 from rich.text import Text
 
 from mavdem.assessment.judgement import Judgement
-from mavdem.cli.streams import MAX_COLUMNS, STDERR, escape_unprintable, print_to_stderr
+from mavdem.cli.console import STDERR
+from mavdem.cli.streams import MAX_COLUMNS, escape_unprintable, print_to_stderr
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.event import LEARNING_STATES, SESSION_STATES, Event
 from mavdem.facts.session import LinkFact, RowsFact, SessionFact

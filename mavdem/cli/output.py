@@ -6,17 +6,14 @@ from contextlib import contextmanager
 from typing import Any
 
 import click
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from mavdem.cli.streams import (
-    STDERR,
     escape_unprintable,
     print_to_stderr,
     print_to_stdout,
+    stderr_is_terminal,
     text_columns,
 )
-from mavdem.cli.tables import terminal_tables
 from mavdem.facts import Fact
 from mavdem.report.blocks import SCREEN_LINES, Block, Sentence
 
@@ -127,6 +124,11 @@ def _block_lines(block: Block, lines_per_row: int | None = None) -> list[str]:
         lines_per_row: Approximate number of lines of a row, to which the texts of a table of words are shortened; None
             for whole texts.
     """
+    # Imported here, since Rich takes long to import, and the screen of a review has no tables.
+    from rich.console import Console
+
+    from mavdem.cli.tables import terminal_tables
+
     console = Console(width=text_columns(), highlight=False, markup=False, emoji=False)
     with console.capture() as capture:
         if isinstance(block, Sentence):
@@ -173,10 +175,15 @@ def progress_bar(title: str, *, measured: bool = True) -> Iterator[Callable[[flo
     Yields:
         A function to call with the fraction that is done, from 0 to 1, and the title.
     """
-    if not STDERR.is_terminal:
+    if not stderr_is_terminal():
         # Nothing is shown in a file or a pipe.
         yield lambda fraction, title: None
         return
+    # Imported here, since most programs that read the output show no bar.
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from mavdem.cli.console import STDERR
+
     with Progress(
         TextColumn("{task.description}", markup=False),
         BarColumn(),

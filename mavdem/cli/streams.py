@@ -12,11 +12,6 @@ from pathlib import Path
 from typing import TextIO
 
 import click
-from rich.console import Console
-
-STDERR = Console(stderr=True, highlight=False, markup=False, emoji=False)
-"""Standard error as a terminal: its width, whether it is one, and progress bars on it."""
-
 
 DEFAULT_COLUMNS = 80
 """Characters of a line of a terminal that does not say how wide it is."""
@@ -44,6 +39,11 @@ def prepare_streams() -> None:
     # Matplotlib reports a cache that it cannot write and faults of a matplotlibrc, which do not affect our pictures.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     warnings.showwarning = lambda message, *_, **__: print_to_stderr(f"mavdem: warning: {message}")
+
+
+def stderr_is_terminal() -> bool:
+    """Returns whether somebody may watch standard error: it is a terminal, and no file or pipe."""
+    return sys.stderr.isatty()
 
 
 def has_known_width(stream: TextIO) -> bool:

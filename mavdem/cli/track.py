@@ -11,7 +11,7 @@ from mavdem.cli.exit_codes import EXIT_ERROR, EXIT_UNSUPPORTED
 from mavdem.cli.links import refuse_link
 from mavdem.cli.options import NumberRange, jobs_option, json_option
 from mavdem.cli.output import print_blocks, print_json, progress, progress_bar
-from mavdem.cli.streams import STDERR, print_to_stderr, print_to_stdout
+from mavdem.cli.streams import print_to_stderr, print_to_stdout, stderr_is_terminal
 from mavdem.containers import Names
 from mavdem.dem.parallel import available_workers
 from mavdem.extras import missing_extra_fact
@@ -271,7 +271,7 @@ def _show_log(
     # The count is 0 without new logs.
     done_fraction = done / max(count, 1)
     show_bar(done_fraction, title)
-    if STDERR.is_terminal:
+    if stderr_is_terminal():
         return
     if outcome is not None:
         print_to_stderr(f"{done} of {count}: {_outcome_line(outcome)}")

@@ -14,14 +14,14 @@ from numpy.typing import ArrayLike
 
 from mavdem.arrays import Array, as_real_array
 from mavdem.dem.engine.linalg import may_overflow
-from mavdem.dem.online import learner
+from mavdem.dem.online.learner_arguments import DEFAULT_HORIZONS
 from mavdem.dem.plant_forecasts import FORECAST_HORIZON_SECONDS
 from mavdem.flight import Flight
 
 REFERENCE_RATE = 100.0
 """Hz, the sampling rate that ``HORIZONS`` are counted at. At higher rates horizons last as long as at this one."""
 
-HORIZONS = (*learner.DEFAULT_HORIZONS, round(FORECAST_HORIZON_SECONDS * REFERENCE_RATE))
+HORIZONS = (*DEFAULT_HORIZONS, round(FORECAST_HORIZON_SECONDS * REFERENCE_RATE))
 """Horizons in steps of ``REFERENCE_RATE``: the horizons of the online learner, and the paper's, 150."""
 
 

@@ -23,7 +23,12 @@ from mavdem.dem.online.error_bands import ErrorBands
 from mavdem.dem.online.estimate import Estimate, SurpriseMark
 from mavdem.dem.online.forecaster import OnlineForecaster
 from mavdem.dem.online.free_energy_monitor import FreeEnergyMonitor, Surprise
-from mavdem.dem.online.learner_arguments import checked_row, is_same_mixer, validated_horizons
+from mavdem.dem.online.learner_arguments import (
+    DEFAULT_HORIZONS,
+    checked_row,
+    is_same_mixer,
+    validated_horizons,
+)
 from mavdem.dem.online.memory import SampleMemory, drop_blocks_since
 from mavdem.dem.online.surprise_cause import (
     CAUSE_SECONDS,
@@ -69,9 +74,6 @@ FULL_RATE_SAMPLES = 2000
 A call with as many takes up to a tenth of that time. With more samples, the calls are as many times farther apart, also
 after an unusual sample.
 """
-
-DEFAULT_HORIZONS = (1, 5, 10, 25, 50)
-"""Steps ahead that are predicted unless others are given."""
 
 MAX_STEP_DEVIATION = 0.5
 """Deviation of a step from ``dt``, in units of ``dt``, beyond which there is a gap."""

@@ -14,6 +14,9 @@ from mavdem.dem.validation import (
     validated_table,
 )
 
+DEFAULT_HORIZONS = (1, 5, 10, 25, 50)
+"""Steps ahead that are predicted unless others are given."""
+
 MIN_MIXER_COSINE = 0.9
 """Cosine of the angle between two estimates of the axis mixer, above which they differ by chance only; a choice."""
 
