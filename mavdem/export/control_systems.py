@@ -135,18 +135,29 @@ def plant_system(parameters: Sequence[float], names: SignalNames) -> control.Sta
     effect = parameters[:-3]
     damping, lag, delay = parameters[-3:]
     outputs = names["outputs"]
-    output_count = len(outputs)
     pade_order = PADE_ORDER if delay else 0
     delay_system = control.tf2ss(*control.pade(delay, pade_order))
+    motion = _motion_system(damping, lag, output_count=len(outputs))
+    delay_states = [f"delay_{index + 1}" for index in range(pade_order)]
+    states = [*delay_states, *outputs, "motors_torque"]
+    return control.StateSpace(motion * delay_system * np.array([effect]), states=states, **names)
+
+
+def _motion_system(damping: float, lag: float, *, output_count: int) -> control.StateSpace:
+    """Returns the motion of one axis by the commanded torque: τ̇ = (u − τ)/lag, ω̇ = τ − damping ω, φ̇ = ω.
+
+    Args:
+        damping: rate damping, 1/s.
+        lag: motor time constant, s.
+        output_count: 2 for the outputs angle and rate, 1 for the rate alone, which needs no state of the angle.
+    """
+    import control
+
     # States: angle, rate and torque.
     angle_rate_torque = np.array([[0, 1, 0], [0, -damping, 1], [0, 0, -1 / lag]])
-    # A plant with the rate as its only output has no state of the angle.
     first_state = MAX_PLANT_OUTPUTS - output_count
     A = angle_rate_torque[first_state:, first_state:]
     B = np.zeros((output_count + 1, 1))
     B[-1] = 1 / lag
     C = np.eye(output_count, output_count + 1)
-    motion = control.StateSpace(A, B, C, np.zeros((output_count, 1)))
-    delay_states = [f"delay_{index + 1}" for index in range(pade_order)]
-    states = [*delay_states, *outputs, "motors_torque"]
-    return control.StateSpace(motion * delay_system * np.array([effect]), states=states, **names)
+    return control.StateSpace(A, B, C, np.zeros((output_count, 1)))

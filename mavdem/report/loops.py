@@ -509,16 +509,19 @@ def _gain_and_margin_table(advice: Advice, *, is_doubtful: bool) -> Table:
         is_doubtful: whether a measured response contradicts the identified loop; then each of its margins is called
             doubtful.
     """
+    # The loops with the present gains and, if gains are advised, with these.
     loops = [*compared_loops(advice).values()]
     loop_name = "attitude" if advice.stage is Stage.ANGLE else "rate"
+    remark = "doubtful: " if is_doubtful else ""
     rows = []
     for name, advised_value in advice.parameters.items():
         rows.append([name, f"{advice.gains[name].now:.4g}", f"{advised_value:.4g}"])
     for attribute in TUNED_FIGURES:
         figure = LOOP_FIGURES[attribute]
-        cells = [_figure_text(getattr(loop, loop_name), attribute, figure.scale) for loop in loops]
-        if is_doubtful:
-            cells = [f"doubtful: {text}" for text in cells]
+        cells = []
+        for loop in loops:
+            open_loop = getattr(loop, loop_name)
+            cells.append(remark + _figure_text(open_loop, attribute, figure.scale))
         rows.append([figure.header, *cells])
     if advice.parameters:
         wind_errors = [rounded(loop.lean_in_wind) for loop in loops]

@@ -23,6 +23,7 @@ from mavdem.dataset.time_series import TimeSeries, recorded_series
 from mavdem.facts import Fact, Level
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.power import PowerLight
+from mavdem.ingest.telemetry import Telemetry
 
 LOW_VOLTAGE_SECONDS = 10.0
 """Time, s, that a voltage must stay below a limit to count: the default of ArduPilot's BATT_LOW_TIMER."""
@@ -318,24 +319,15 @@ def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterat
         capacity; ``share_before`` is the charge before it fell to nothing faster than a battery can be emptied.
     """
     telemetry = evidence.signals.telemetry
-    is_px4 = telemetry.autopilot == "PX4"
-    low_fraction = telemetry.parameters.get("BAT_LOW_THR", PX4_LOW_CHARGE if is_px4 else 0.0)
-    critical_fraction = telemetry.parameters.get(
-        "BAT_CRIT_THR", PX4_CRITICAL_CHARGE if is_px4 else 0.0
-    )
-    px4_levels = Limits(watch=low_fraction, bad=critical_fraction)
+    is_ardupilot = telemetry.autopilot == "ARDUPILOTMEGA"
     has_several = len(evidence.signals.batteries) > 1
     for battery in batteries:
-        percent = evidence.averages_in_flight(battery.charge)
-        # A charge that is not known is sent as -1 or as 0. Only after a larger one is 0 that of an empty battery.
-        was_charged = np.maximum.accumulate(percent) > 0
-        charge_fractions = percent[was_charged & (percent >= 0)] / 100
-        lowest_fraction = charge_fractions.min(initial=1.0)
-        levels = px4_levels
-        is_empty = False
-        if telemetry.autopilot == "ARDUPILOTMEGA":
-            is_empty = lowest_fraction <= 0
+        lowest_fraction = _lowest_charge(evidence, battery)
+        if is_ardupilot:
             levels = ardupilot_charge_levels(telemetry.parameters, battery.number)
+        else:
+            levels = _px4_charge_levels(telemetry)
+        is_empty = is_ardupilot and lowest_fraction <= 0
         if lowest_fraction >= max(levels.watch, levels.bad) and not is_empty:
             continue
         is_critical = lowest_fraction < levels.bad
@@ -358,6 +350,39 @@ def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterat
             share_limit=share_limit if lowest_fraction < share_limit else None,
             **optional_figures,
         )
+
+
+def _lowest_charge(evidence: Evidence, battery: Battery) -> float:
+    """Returns the lowest charge of a battery in flight, averaged over 2 s, as a fraction of the full one.
+
+    A charge that is not known is sent as -1 or as 0. Only after a larger charge does 0 mean that the battery is empty.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+        battery: battery whose charge the autopilot estimates, in percent.
+
+    Returns:
+        The fraction; 1 if the charge is not known.
+    """
+    percent = evidence.averages_in_flight(battery.charge)
+    was_charged = np.maximum.accumulate(percent) > 0
+    charge_fractions = percent[was_charged & (percent >= 0)] / 100
+    return float(charge_fractions.min(initial=1.0))
+
+
+def _px4_charge_levels(telemetry: Telemetry) -> Limits:
+    """Returns the charges, as fractions of the full one, below which PX4's parameters call a battery low or critical.
+
+    Args:
+        telemetry: messages and parameters of the vehicle. Without the parameters, PX4 has their defaults, and any other
+            autopilot has no limits (0).
+    """
+    is_px4 = telemetry.autopilot == "PX4"
+    low_fraction = telemetry.parameters.get("BAT_LOW_THR", PX4_LOW_CHARGE if is_px4 else 0.0)
+    critical_fraction = telemetry.parameters.get(
+        "BAT_CRIT_THR", PX4_CRITICAL_CHARGE if is_px4 else 0.0
+    )
+    return Limits(watch=low_fraction, bad=critical_fraction)
 
 
 def _fraction_before_sudden_fall(evidence: Evidence, battery: Battery) -> float | None:

@@ -63,10 +63,9 @@ def vibration_light(evidence: Evidence) -> Fact:
         return unknown_vibration.replace(is_of_velocity=True)
     vibration = reported_vibration(signals)
     if vibration is None:
-        columns = telemetry.messages.get("VIBRATION", {})
-        levels_of_axes = [columns[field] for field in LEVEL_FIELDS if field in columns]
-        is_zero = bool(levels_of_axes) and not np.any(levels_of_axes)
-        return unknown_vibration.replace(is_zero=True) if is_zero else unknown_vibration
+        if _is_zero_throughout(telemetry):
+            return unknown_vibration.replace(is_zero=True)
+        return unknown_vibration
     levels = vibration.levels
     settled_segments = settled_flight(signals)
     free_flight = evidence.flight_segments(levels.boot)
@@ -100,4 +99,17 @@ def vibration_light(evidence: Evidence) -> Fact:
     levels_of_imus = vibration.largest_of_axes(mean_levels).tolist()
     if len(levels_of_imus) > 1:
         fact = fact.replace(imu_levels=levels_of_imus)
-    return fact.replace(has_clipped_unsettled=True) if has_clipped_unsettled else fact
+    if has_clipped_unsettled:
+        fact = fact.replace(has_clipped_unsettled=True)
+    return fact
+
+
+def _is_zero_throughout(telemetry: Telemetry) -> bool:
+    """Returns whether the message VIBRATION was logged, but its levels are always 0: they were not measured.
+
+    Args:
+        telemetry: messages of the vehicle.
+    """
+    columns = telemetry.messages.get("VIBRATION", {})
+    levels_of_axes = [columns[field] for field in LEVEL_FIELDS if field in columns]
+    return bool(levels_of_axes) and not np.any(levels_of_axes)
