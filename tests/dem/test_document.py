@@ -31,8 +31,8 @@ def test_json_both_ways_keeps_every_forecast(settings):
     learned = learn(FLIGHT[:700], settings)
     text = learned.to_json()
     strict_json(text)
-    again = Learned.from_json(text)
-    assert again.to_json() == text
+    restored = Learned.from_json(text)
+    assert restored.to_json() == text
     for answer in (
         lambda model: model.predict(50),
         lambda model: model.forecast(FLIGHT[700:].inputs),
@@ -40,7 +40,7 @@ def test_json_both_ways_keeps_every_forecast(settings):
         lambda model: model.process_noise()[1],
         lambda model: model.model_interval().B,
     ):
-        assert_array_equal(answer(again), answer(learned))
+        assert_array_equal(answer(restored), answer(learned))
 
 
 @mark.parametrize("text", ["5", "null", "{}", '{"settings": {}}', "not JSON"])
@@ -80,13 +80,13 @@ def test_every_field_of_a_document_is_needed_and_checked(document):
 def test_what_a_flight_says_of_its_vehicle_is_kept():
     flight = FLIGHT[:500]
     directions = np.ones(flight.inputs.shape[1])
-    known = replace(flight, effect_directions=directions)
-    learned = learn(known, Settings(order=3, d=2, window=9, parameter_precision=1.0))
+    with_directions = replace(flight, effect_directions=directions)
+    learned = learn(with_directions, Settings(order=3, d=2, window=9, parameter_precision=1.0))
     record = Learned.from_json(learned.to_json()).record
     assert_array_equal(record.effect_directions, directions)
     assert record.begins == (flight.time[0],)
     assert {name: getattr(record, name) for name in LABEL_FIELDS} == {
-        name: getattr(known, name) for name in LABEL_FIELDS
+        name: getattr(with_directions, name) for name in LABEL_FIELDS
     }
 
 
@@ -114,11 +114,17 @@ def test_paper_settings_are_those_of_section_v_d():
     usual |= {"lambda_log_precision": (25, -4.6), "input_precision": 1.6e5, "iterations": 200}
     usual |= {"seed": 0, "horizon": 0.3, "forecasts": "joint"}
     assert Settings().to_dict() == usual
-    own = {"order": 2, "d": 1, "window": 3, "scaling": "paper", "correlation": "continuous"}
-    own |= {"prior": "uniform", "lambda_log_precision": (25, 20), "iterations": 20}
-    own |= {"parameter_precision": approx(e**4), "input_precision": approx(e**16)}
-    own |= {"horizon": None, "forecasts": "plant"}
-    assert Settings.paper().to_dict() == usual | own
+    expected_settings = {
+        "order": 2,
+        "d": 1,
+        "window": 3,
+        "scaling": "paper",
+        "correlation": "continuous",
+    }
+    expected_settings |= {"prior": "uniform", "lambda_log_precision": (25, 20), "iterations": 20}
+    expected_settings |= {"parameter_precision": approx(e**4), "input_precision": approx(e**16)}
+    expected_settings |= {"horizon": None, "forecasts": "plant"}
+    assert Settings.paper().to_dict() == usual | expected_settings
 
 
 @mark.parametrize(

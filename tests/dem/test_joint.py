@@ -34,46 +34,48 @@ def model():
 
 def regressed(choice):
     """Of a walk, by rows that every choice has: X (N, q), errors (N, k) of the prior mean, P, S = 1 + X P⁻¹ Xᵀ; F̄."""
-    most = LAG_CANDIDATES[0]
+    max_lags = LAG_CANDIDATES[0]
     lags = choice.lags
-    statistics = LagStatistics.from_segments([WALK], most)
-    design = np.hstack([lagged_rows(WALK, lags)[most - lags :], np.ones((len(WALK) - most, 1))])
+    statistics = LagStatistics.from_segments([WALK], max_lags)
+    design = np.hstack(
+        [lagged_rows(WALK, lags)[max_lags - lags :], np.ones((len(WALK) - max_lags, 1))]
+    )
     precision = CONSTANT_RIDGE * np.eye(lags * K + 1)
     precision[:-1, :-1] = np.kron(choice.prior_precision, np.eye(K))
     spread = np.eye(len(design)) + design @ np.linalg.inv(precision) @ design.T
-    found = regress(
-        statistics.gram_of_fewer_lags(most, lags), statistics.row_count, choice.prior_precision
+    regression = regress(
+        statistics.gram_of_fewer_lags(max_lags, lags), statistics.row_count, choice.prior_precision
     )
-    return design, WALK[most:] - design[:, :K], precision, spread, found
+    return design, WALK[max_lags:] - design[:, :K], precision, spread, regression
 
 
 @mark.parametrize("choice", [LONGER, SHORTER])
 def test_the_terms_of_the_free_energy_are_as_named_and_sum_to_the_log_evidence(choice):
     """Given Σ, the samples are Gaussian about the random walk, of covariance Σ ⊗ (1 + X P⁻¹ Xᵀ)."""
-    design, error, precision, spread, found = regressed(choice)
+    design, error, precision, spread, regression = regressed(choice)
     noise = error.T @ np.linalg.solve(spread, error) / len(design) + ROUNDING_TOLERANCE * np.eye(K)
     covariance = np.kron(noise, spread)
     vector = error.T.ravel()
     evidence = -0.5 * (
         np.linalg.slogdet(2 * np.pi * covariance)[1] + vector @ np.linalg.solve(covariance, vector)
     )
-    assert found.free_energy == approx(evidence, abs=1e-5)
+    assert regression.free_energy == approx(evidence, abs=1e-5)
     posterior = np.linalg.inv(design.T @ design + precision)
     moved = posterior @ design.T @ error
     weights = np.linalg.inv(noise)
-    assert_allclose(found.mean, np.eye(*moved.shape) + moved, atol=1e-7)
+    assert_allclose(regression.mean, np.eye(*moved.shape) + moved, atol=1e-7)
     assert_allclose(
-        found.covariance_root.T @ found.covariance_root, posterior, rtol=1e-6, atol=1e-9
+        regression.covariance_root.T @ regression.covariance_root, posterior, rtol=1e-6, atol=1e-9
     )
-    left = error - design @ moved
+    residual = error - design @ moved
     narrower = np.linalg.slogdet(posterior @ precision)[1]
     expected = {
-        "prediction errors": -0.5 * np.trace(weights @ left.T @ left),
+        "prediction errors": -0.5 * np.trace(weights @ residual.T @ residual),
         "noise entropy": -0.5 * len(design) * np.linalg.slogdet(2 * np.pi * noise)[1],
         "parameter errors": -0.5 * np.trace(weights @ moved.T @ precision @ moved),
         "parameter entropy": 0.5 * K * narrower,
     }
-    assert found.terms == approx(expected, abs=1e-5)
+    assert regression.terms == approx(expected, abs=1e-5)
 
 
 def test_the_prior_is_of_each_lag():
@@ -113,23 +115,25 @@ def turned_by(direction, samples=6000):
 )
 def test_the_motors_that_turn_the_axis_are_found(direction):
     expected = np.array(direction) / np.linalg.norm(direction)
-    (found,) = joint.axis_mixer(turned_by(expected)).T
-    assert np.linalg.norm(found) == approx(1)
-    assert abs(found @ expected) > 0.98
+    (mixer_row,) = joint.axis_mixer(turned_by(expected)).T
+    assert np.linalg.norm(mixer_row) == approx(1)
+    assert abs(mixer_row @ expected) > 0.98
 
 
 def test_motors_that_answer_the_axis_turn_it_where_slow_ones_also_foretell_it():
     noise = np.outer(default_rng(0).standard_normal(700), 20 * X_FRAME)
     inputs = TRAIN.inputs + noise + np.outer(np.arange(700), [1, 1, -1, -1])
-    (found,) = joint.axis_mixer(replace(TRAIN, inputs=inputs, effect_directions=None)).T
-    assert_array_equal(found, X_FRAME)
+    (mixer_row,) = joint.axis_mixer(replace(TRAIN, inputs=inputs, effect_directions=None)).T
+    assert_array_equal(mixer_row, X_FRAME)
 
 
 def test_known_directions_are_taken_and_inputs_that_are_no_rotors_as_they_are():
     assert_array_equal(joint.known_axis_mixer(2, None), np.eye(2))
     assert joint.known_axis_mixer(4, np.zeros(4)) is None
-    given = replace(turned_by(X_FRAME, 300), effect_directions=np.array([3.0, 3.0, -3.0, -3.0]))
-    assert_allclose(joint.axis_mixer(given)[:, 0], [0.5, 0.5, -0.5, -0.5])
+    with_known_directions = replace(
+        turned_by(X_FRAME, 300), effect_directions=np.array([3.0, 3.0, -3.0, -3.0])
+    )
+    assert_allclose(joint.axis_mixer(with_known_directions)[:, 0], [0.5, 0.5, -0.5, -0.5])
 
 
 @mark.slow

@@ -53,10 +53,10 @@ def test_errors_are_those_of_forecasts_that_begin_at_every_middle():
     A, B, C = unpack(objective.theta, n, r, m)
     textbook = TextbookFilter.of(A, B, C, objective.dt, objective.gain)
     for piece in (0, -1):
-        known = inputs[..., piece], outputs[..., piece]
-        states, _ = textbook.corrected(*(each[: filter_steps + 1] for each in known))
-        ahead = textbook.forecast(states[-1], known[0][filter_steps:])
-        assert_allclose(errors[..., piece], known[1][filter_steps + 1 :] - ahead, atol=1e-9)
+        piece_samples = inputs[..., piece], outputs[..., piece]
+        states, _ = textbook.corrected(*(each[: filter_steps + 1] for each in piece_samples))
+        ahead = textbook.forecast(states[-1], piece_samples[0][filter_steps:])
+        assert_allclose(errors[..., piece], piece_samples[1][filter_steps + 1 :] - ahead, atol=1e-9)
 
 
 def test_gradient_and_curvature_are_those_of_the_log_joint():
@@ -65,13 +65,15 @@ def test_gradient_and_curvature_are_those_of_the_log_joint():
     def value(point):
         return objective.value(point)
 
-    here = objective.expand(free)
+    expansion = objective.expand(free)
     steps = 1e-4 * np.maximum(1.0, abs(free))
     by_differences = [
         (value(free + step) - value(free - step)) / (2 * step.max()) for step in np.diag(steps)
     ]
-    assert_allclose(here.gradient, by_differences, rtol=1e-3, atol=1e-4 * abs(here.gradient).max())
-    assert np.linalg.eigvalsh(here.curvature).min() > 0
+    assert_allclose(
+        expansion.gradient, by_differences, rtol=1e-3, atol=1e-4 * abs(expansion.gradient).max()
+    )
+    assert np.linalg.eigvalsh(expansion.curvature).min() > 0
 
 
 @mark.slow
@@ -102,9 +104,11 @@ def test_the_posterior_holds_the_truth_as_often_as_it_says():
 @mark.slow
 @mark.parametrize("samples, seconds", [(420, 0.3), (175, 0.12)])
 def test_the_horizon_is_as_long_as_the_samples_suffice_for(samples, seconds):
-    found = learn(FLIGHT[:samples], COMPLETE).simulation_fit
-    assert found.horizon == round(seconds / FLIGHT.dt)
-    assert found.effective_samples >= simulation_error.MIN_SAMPLES_PER_PARAMETER * len(found.free)
+    simulation_fit = learn(FLIGHT[:samples], COMPLETE).simulation_fit
+    assert simulation_fit.horizon == round(seconds / FLIGHT.dt)
+    assert simulation_fit.effective_samples >= simulation_error.MIN_SAMPLES_PER_PARAMETER * len(
+        simulation_fit.free
+    )
 
 
 @mark.slow
@@ -139,15 +143,17 @@ def test_nothing_runs_across_a_gap_and_long_flights_are_thinned():
         (flight.inputs[:150], flight.outputs[:150]),
         (flight.inputs[200:], flight.outputs[200:]),
     ]
-    both = simulation_error.SimulationPieces.from_segments(parts, 30)
-    alone = [simulation_error.SimulationPieces.from_segments([part], 30) for part in parts]
-    assert both is not None and all(alone)
-    assert_array_equal(both.outputs, np.concatenate([each.outputs for each in alone], axis=2))
-    assert both.effective_count == approx((150 + 200) / 30)
-    nothing = np.zeros((simulation_error.MAX_PIECES * 20, 1))
-    many = simulation_error.SimulationPieces.from_segments([(nothing, nothing)], 30)
-    assert many.outputs.shape[2] == simulation_error.MAX_PIECES
-    assert many.effective_count == approx(simulation_error.MAX_PIECES * 20 / 30)
+    pieces_of_both = simulation_error.SimulationPieces.from_segments(parts, 30)
+    pieces_of_each = [simulation_error.SimulationPieces.from_segments([part], 30) for part in parts]
+    assert pieces_of_both is not None and all(pieces_of_each)
+    assert_array_equal(
+        pieces_of_both.outputs, np.concatenate([each.outputs for each in pieces_of_each], axis=2)
+    )
+    assert pieces_of_both.effective_count == approx((150 + 200) / 30)
+    zeros = np.zeros((simulation_error.MAX_PIECES * 20, 1))
+    pieces_of_long_flight = simulation_error.SimulationPieces.from_segments([(zeros, zeros)], 30)
+    assert pieces_of_long_flight.outputs.shape[2] == simulation_error.MAX_PIECES
+    assert pieces_of_long_flight.effective_count == approx(simulation_error.MAX_PIECES * 20 / 30)
 
 
 @fixture(scope="module")

@@ -48,9 +48,9 @@ def run(true, samples, seed=1):
 
 def fitted(segments):
     statistics = LagStatistics.from_segments(segments, LAGS)
-    found = regress(statistics.gram, statistics.row_count, lag_prior_precision(LAGS, RIDGE))
-    k = found.mean.shape[1]
-    return VectorAutoregression.from_regression(found, ChannelScaling(np.zeros(k), np.ones(k)))
+    regression = regress(statistics.gram, statistics.row_count, lag_prior_precision(LAGS, RIDGE))
+    k = regression.mean.shape[1]
+    return VectorAutoregression.from_regression(regression, ChannelScaling(np.zeros(k), np.ones(k)))
 
 
 def joint(true, past, steps):
@@ -107,35 +107,39 @@ def test_predictions_filtering_and_smoothing_are_the_joint_gaussian_s_for_each_p
 def test_inputs_that_are_constant_copied_or_mixed_change_nothing_and_may_move_later():
     samples = run(model(), 400)
     plain = fitted([samples])
-    more = np.hstack([samples, np.zeros((400, 1)), samples[:, 2:3], np.diff(samples[:, 2:4])])
-    found = fitted([more])
+    with_further_inputs = np.hstack(
+        [samples, np.zeros((400, 1)), samples[:, 2:3], np.diff(samples[:, 2:4])]
+    )
+    autoregression = fitted([with_further_inputs])
     ahead = default_rng(3).standard_normal((40, INPUTS))
     wider = np.hstack([ahead, np.ones((40, 1)), ahead[:, :1], np.diff(ahead[:, :2])])
     for smooth in (False, True):
         expected = plain.forecast_known_inputs(samples[-LAGS:], ahead, smooth)
-        got = found.forecast_known_inputs(more[-LAGS:], wider, smooth)
+        got = autoregression.forecast_known_inputs(with_further_inputs[-LAGS:], wider, smooth)
         # The prior is of other coefficients, so that the posterior is not quite the same.
         assert_allclose(got.mean, expected.mean, atol=0.02 * expected.mean.std())
         assert_allclose(got.variance, expected.variance, rtol=0.02)
         # Motors that contradict what they always did.
         assert np.isfinite(
-            found.forecast_known_inputs(more[-LAGS:], wider[::-1] * wider, smooth).mean
+            autoregression.forecast_known_inputs(
+                with_further_inputs[-LAGS:], wider[::-1] * wider, smooth
+            ).mean
         ).all()
 
 
 def test_what_overflows_is_the_training_mean_with_infinite_variance():
     growing = model()._replace(coefficients=1e30 * model().coefficients)
     samples = run(model(), LAGS + 40)
-    for found in (
+    for forecast in (
         growing.forecast_unknown_inputs(samples[:LAGS], 40),
         *(
             growing.forecast_known_inputs(samples[:LAGS], samples[LAGS:, OUTPUTS:], each)
             for each in (False, True)
         ),
     ):
-        assert np.isfinite(found.mean).all()
-        assert not np.isnan(found.variance).any()
-        assert (found.mean[np.isinf(found.variance)] == 0).any()
+        assert np.isfinite(forecast.mean).all()
+        assert not np.isnan(forecast.variance).any()
+        assert (forecast.mean[np.isinf(forecast.variance)] == 0).any()
 
 
 def test_one_step_ahead_of_each_sample_is_the_mean_of_that_step():
