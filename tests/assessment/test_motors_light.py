@@ -121,13 +121,20 @@ def test_where_one_motor_alone_lacks_headroom_the_remedy_is_about_that_motor():
     assert "its propeller" not in all_alike.remedy
 
 
-@mark.parametrize("headroom_of_third, is_named", [(0.05, True), (0.08, False)])
+@mark.parametrize(
+    "headroom_of_third, limit_of_first, is_named",
+    [(0.05, 0.0, True), (0.08, 0.0, False), (0.05, 0.004, False)],
+)
 def test_a_motor_that_differs_as_the_others_do_is_not_to_be_checked_alone(
-    headroom_of_third, is_named
+    headroom_of_third, limit_of_first, is_named
 ):
     """Gusts move the motors of a sound vehicle unlike, so that one of them comes first below the limit."""
     flight = evidence()
-    hover = replace(flight.condition.hover, headroom=(0.11, 0.14, headroom_of_third, 0.12))
+    hover = replace(
+        flight.condition.hover,
+        headroom=(0.11, 0.14, headroom_of_third, 0.12),
+        at_upper_limit=(limit_of_first, 0.0, 0.0, 0.0),
+    )
     flight = replace(flight, condition=replace(flight.condition, hover=hover))
     light = motors_light(flight)
     assert light.code is MotorsLight.HEADROOM_LITTLE

@@ -10,7 +10,6 @@ from mavdem.assessment.failure_by_commands import SPENT_THRUST_SHARE
 from mavdem.assessment.flights import total_duration
 from mavdem.assessment.limits import worst_fact
 from mavdem.assessment.motor_speeds import REPORTS_OF_MOTOR
-from mavdem.containers import Numbers
 from mavdem.dataset.motor_outputs import MotorOutputs, motor_outputs_or_reason
 from mavdem.dataset.quality import LIMIT_MARGIN, samples_at_limits
 from mavdem.dataset.segments import Segments, in_segments, settled_segments
@@ -329,20 +328,24 @@ def _duration(event: Fact) -> float:
     return event.latest_time - event.time
 
 
-def _only_one_lacks(headrooms: Numbers) -> bool:
+def _only_one_lacks(hover: HoverFigures) -> bool:
     """Returns whether one motor alone lacks headroom: it or its propeller may be the reason, not the load.
 
-    Every other motor has ``MIN_HEADROOM`` and at least ``MIN_HEADROOM_RATIO`` times as much: gusts and manoeuvres make
-    the motors of a sound vehicle differ too.
+    Every other motor has ``MIN_HEADROOM`` and at least ``MIN_HEADROOM_RATIO`` times as much, and was not at its limit
+    for longer: gusts and manoeuvres make the motors of a sound vehicle differ too.
 
     Args:
-        headrooms: fraction of each motor's range above the 99th percentile of its output.
+        hover: outputs of the motors in the hover, with the headroom of each, the fraction of its range above the 99th
+            percentile of its output, and the fraction of the time that each was at its limit.
     """
-    lowest, *others = sorted(headrooms)
+    lowest, *others = sorted(hover.headroom)
     if not others:
         return False
     lowest_of_others = others[0]
-    return lowest_of_others >= max(MIN_HEADROOM, MIN_HEADROOM_RATIO * lowest)
+    time_at_limit = hover.at_upper_limit[hover.headroom.index(lowest)]
+    is_longest_at_limit = time_at_limit >= max(hover.at_upper_limit)
+    has_less = lowest_of_others >= max(MIN_HEADROOM, MIN_HEADROOM_RATIO * lowest)
+    return has_less and is_longest_at_limit
 
 
 def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
@@ -383,7 +386,7 @@ def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
             trim=highest_trim,
             excess=excess,
         )
-        return light.replace(is_only_motor=True) if _only_one_lacks(hover.headroom) else light
+        return light.replace(is_only_motor=True) if _only_one_lacks(hover) else light
     if is_headroom_small:
         # The trim may be the reason for the small headroom, but the pilot must know of both.
         return trim.replace(headroom=headroom)
