@@ -34,6 +34,9 @@ Its own delay is 2 s, and it waits for the vehicle to lie still.
 MAX_EARLY_REPORT = 1.0
 """Time, s, by which the report may seem to come before the crash, since stamps of messages differ: a choice."""
 
+OPTIONAL_FIGURES = ("onset", "is_ground", "satellite_height")
+"""Figures that only some losses have, and that the ending takes over from the loss."""
+
 REPORTS_OF_LOSS = (ReportedEvent.CRASH_DETECTED, ReportedEvent.PARACHUTE_RELEASED)
 """Reports of the autopilot that a flight was lost. They are used if the motion does not show it."""
 
@@ -92,7 +95,7 @@ def find_ending(
         mode="" if cause is not None else signals.mode_at(boot, loss_onset(loss) or 0.0),
         witnesses=loss.figures.get("witnesses", ()),
         **{name: loss.figures.get(name) for name in ("height", "height_source", "speed", "boot")},
-        **{name: loss.figures[name] for name in ("onset", "is_ground") if name in loss.figures},
+        **{name: loss.figures[name] for name in OPTIONAL_FIGURES if name in loss.figures},
     )
 
 

@@ -70,7 +70,7 @@ class Instance(ImmutableResult):
     kind: str
     """What it is: battery, estimator, receiver, barometer, compass, IMU, speed controller or output."""
     name: str
-    """Its name with its number as the autopilot counts it: "battery 2", "core 1"."""
+    """Its name with its number as the autopilot counts it: "battery 2", "EKF core 1"."""
     quantity: str
     """What it measures."""
     unit: str
@@ -247,7 +247,7 @@ def _estimator_samples(telemetry: Telemetry) -> dict[str, TimeSeries]:
     samples_by_name = {}
     for number in np.unique(columns["instance"]).tolist():
         is_of_instance = columns["instance"] == number
-        name = instance_name(telemetry, int(number))
+        name = f"EKF {instance_name(telemetry, int(number))}"
         samples_by_name[name] = clean_series(columns, samples_of_all_instances, is_of_instance)
     return samples_by_name
 

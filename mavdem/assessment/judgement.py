@@ -162,11 +162,25 @@ def loop_decisions(evidence: Evidence, motors_light: Fact) -> DecisionsByAxis:
             vehicle_doubts=repairs,
             parameters=evidence.signals.telemetry.parameters,
             tune_arguments=tuple(evidence.command_arguments),
-            # A bad one, far from its setpoint, ranks above others.
-            attitude_swing=max(swings, key=lambda swing: swing.is_bad, default=None),
+            attitude_swing=_swing_to_explain(margins.axis, swings),
         )
         decisions[margins.axis] = decide_on_loops(observations)
     return decisions
+
+
+def _swing_to_explain(axis: str, swings: Sequence[Fact]) -> Fact | None:
+    """Selects the swing of the attitude in an automatic mode that may explain how an axis follows its setpoint.
+
+    A bad swing, which was far from its setpoint, ranks above others, and then one of the axis itself.
+
+    Args:
+        axis: "roll", "pitch" or "yaw".
+        swings: events that roll or pitch swung to and fro.
+
+    Returns:
+        The swing; None if there was none.
+    """
+    return max(swings, key=lambda swing: (swing.is_bad, swing.subject == axis), default=None)
 
 
 def repairs_before_tuning(evidence: Evidence, motors_light: Fact) -> Facts:

@@ -16,6 +16,7 @@ from mavdem.assessment.autopilot_messages import in_time_order
 from mavdem.assessment.barometer_drifts import barometer_drifts, dated_by_growth
 from mavdem.assessment.clipping import clipping_events
 from mavdem.assessment.descents import dive_events, fall_events
+from mavdem.assessment.doubted_heights import with_doubted_heights_checked
 from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot, loss_onset
 from mavdem.assessment.flips import flip_events, flip_intervals
 from mavdem.assessment.ground_contacts import flight_losses, ground_contact
@@ -140,6 +141,7 @@ def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Ite
         take_off, _ = flight
         sensors = BootSensors(signals, boot, take_off)
         flight_events = list(_events_of_flight(sensors, error, flight, reports))
+        flight_events = with_doubted_heights_checked(sensors, flight_events, flight_events)
         yield from flight_events
         times_out_of_control += _times_out_of_control(flight_events, flight)
         flips += flip_intervals(flight_events)
@@ -155,7 +157,9 @@ def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Ite
         # After the loop these are the events of the last flight.
         end_event = end_in_air(signals, boot, flights[-1], error.time[-1], flight_events)
         if end_event is not None:
-            yield end_event
+            take_off, _ = flights[-1]
+            sensors = BootSensors(signals, boot, take_off)
+            yield from with_doubted_heights_checked(sensors, [end_event], flight_events)
 
 
 def _lies_within(event: Fact, intervals: Intervals) -> bool:

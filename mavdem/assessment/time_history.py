@@ -4,13 +4,14 @@ A log may contain several boots: times between two starts of the autopilot, each
 history is on the clock of one of them, and has this boot only or, for a page, the flights of all boots.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.assessment.flights import flights_in_boot
+from mavdem.assessment.height_disagreements import height_difference, initial_difference
 from mavdem.assessment.shown_time import ShownTime, one_part, successive_parts
 from mavdem.containers import Names
 from mavdem.dataset import flight_states
@@ -19,8 +20,9 @@ from mavdem.dataset.batteries import battery_name
 from mavdem.dataset.segments import Segment, Segments
 from mavdem.dataset.setpoints import Setpoint
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.time_series import TimeSeries
+from mavdem.dataset.time_series import TimeSeries, series_of_boot
 from mavdem.facts import Facts
+from mavdem.facts.ending import MotionEvent
 from mavdem.facts.event import Event
 from mavdem.wind_velocity.from_log import WindEvidence
 from mavdem.wind_velocity.velocity import WindVelocity
@@ -28,6 +30,13 @@ from mavdem.witnesses.height import height_comparison
 
 SECONDS_AROUND_FLIGHT = 5.0
 """Time before arming and after disarming, s: a choice."""
+
+HEIGHT_DOUBTS = (
+    MotionEvent.BAROMETER_DRIFTED,
+    MotionEvent.HEIGHTS_DISAGREE,
+    MotionEvent.HEIGHT_OFFSET,
+)
+"""Events that compare a height with that by satellites, and find it wrong or doubtful."""
 
 MIN_DEGREES_RATIO = 10.0
 """Logged rates are in °/s if they deviate so many times as much as the attitude's rates, which are in rad/s.
@@ -104,6 +113,9 @@ class TimeHistory:
     """Height (N,), m."""
     barometer_height: TimeSeries | None
     """Height (L,) by the barometer alone, m; None without a usable barometer. It shows where the height diverged."""
+    satellite_height: TimeSeries | None
+    """Height (G,) by satellites, m, if an event doubts another height; otherwise None. Receivers of sound vehicles
+    wander by several metres, which would hide the movements of a low flight."""
     motors: MotorHistory | None
     """Outputs of the motors; None if they were not recorded."""
     voltages: Mapping[str, TimeSeries | None]
@@ -145,6 +157,8 @@ def time_history(
     segment = _segment_of_flight(signals, settled_segments)
     if segment is None:
         return None
+    barometer_height = _barometer_height(signals)
+    satellite_height = _satellite_height(signals, barometer_height, events)
     shown_time = one_part(segment)
     position = shown_time.within(signals.position)
     if has_all_flights:
@@ -153,7 +167,8 @@ def time_history(
     return TimeHistory(
         segment=shown_time.segment,
         height=shown_time.within(signals.height),
-        barometer_height=shown_time.within(_barometer_height(signals)),
+        barometer_height=shown_time.within(barometer_height),
+        satellite_height=shown_time.within(satellite_height),
         motors=_motor_history(signals, shown_time),
         voltages=_battery_voltages(signals, shown_time),
         axes={axis: _axis_history(signals.for_axis(axis), shown_time) for axis in AXES},
@@ -187,12 +202,51 @@ def _barometer_height(signals: Signals) -> TimeSeries | None:
         start = max(estimated_height.time[0], altitude.time[0])
         level = altitude.value_at(start) - estimated_height.value_at(start)
         heights_by_boot.append(replace(altitude, values=altitude.values - level))
-    if not heights_by_boot:
+    return _joined(heights_by_boot)
+
+
+def _satellite_height(
+    signals: Signals, barometer_height: TimeSeries | None, events: Facts
+) -> TimeSeries | None:
+    """Returns the height by satellites, in the boots in which an event doubts another height.
+
+    It is shifted in each boot, by a constant, to be that of the barometer at the take-off of the last such flight.
+
+    Args:
+        signals: logged time series of the vehicle.
+        barometer_height: the height by the barometer (N,), m; None without one.
+        events: events of all boots, each a fact (a coded finding).
+
+    Returns:
+        The height (G,), m, averaged over a second, at the receiver's fixes; None without such an event.
+    """
+    heights_by_boot = []
+    last_doubts = {event.figures["boot"]: event for event in events if event.code in HEIGHT_DOUBTS}
+    for boot, doubt in last_doubts.items():
+        barometer = series_of_boot(barometer_height, boot)
+        difference = height_difference(signals, boot)
+        if barometer is None or difference is None:
+            continue
+        take_off = -np.inf
+        for flight_start, _ in flights_in_boot(signals, boot):
+            if flight_start <= doubt.start_time:
+                take_off = flight_start
+        initial = initial_difference(difference, take_off)
+        if initial is not None:
+            barometer_at_fixes = np.interp(difference.time, barometer.time, barometer.values)
+            growth = difference.values - initial
+            heights_by_boot.append(replace(difference, values=barometer_at_fixes - growth))
+    return _joined(heights_by_boot)
+
+
+def _joined(series_by_boot: Sequence[TimeSeries]) -> TimeSeries | None:
+    """Returns the samples of several boots as one series, in the given order; None without any boot."""
+    if not series_by_boot:
         return None
     return TimeSeries(
-        np.concatenate([height.time for height in heights_by_boot]),
-        np.concatenate([height.boot for height in heights_by_boot]),
-        np.concatenate([height.values for height in heights_by_boot]),
+        np.concatenate([series.time for series in series_by_boot]),
+        np.concatenate([series.boot for series in series_by_boot]),
+        np.concatenate([series.values for series in series_by_boot]),
     )
 
 

@@ -17,6 +17,7 @@ class HeightSource(StrEnum):
 
     BAROMETER = "barometer"
     ESTIMATE = "estimate"
+    SATELLITES = "satellites"
 
 
 class SensorFact(Code):

@@ -58,11 +58,10 @@ def _range_text(instance: Instance) -> str:
 
 
 def _number_text(value: float, unit: str) -> str:
-    """Returns a number; counts, pulses and speeds of motors without decimals."""
+    """Returns a number; counts, pulses and speeds of motors without decimals, what is below 1 with two of them."""
     if unit in ("1/min", "µs") or (unit == "1" and float(value).is_integer()):
         return f"{value:.0f}"
-    # Small ratios without trailing zeros.
-    return f"{value:.{SHOWN_DIGITS}g}" if abs(value) < 1 else rounded(value, SHOWN_DIGITS)
+    return f"{value:z.2f}" if abs(value) < 1 else rounded(value, SHOWN_DIGITS)
 
 
 def _used_text(used_share: float | None) -> str:

@@ -87,7 +87,7 @@
     if (time == null) {
       if (root.eventShown && flight()) zoom(flight(), ...flight().whole);
       root.eventShown = false;
-      const part = document.getElementById(end), details = part?.querySelector(":scope > details");
+      const part = document.getElementById(end), details = part?.querySelector(":scope.chapter > details");
       for (let closed = details ?? part; closed; closed = closed.parentElement) if (closed.tagName === "DETAILS") closed.open = true;
       if (details) part.scrollIntoView();
       return;
@@ -98,7 +98,10 @@
     zoom(flight(), Math.max(+time - 5, first), Math.min(+time + 5, last));
     // The charts take their new span before the next picture, and the cursor its place in it.
     requestAnimationFrame(() => setCursor(flight(), +time));
-    document.querySelector("#flight .charts")?.scrollIntoView({ block: "nearest" });
+    // A short list above the plots stays on the screen with them, so that its next event is one click away.
+    const part = document.getElementById("flight"), plots = part.querySelector(".charts");
+    const isListShort = plots.getBoundingClientRect().top - part.getBoundingClientRect().top < innerHeight / 2;
+    (isListShort ? part : plots).scrollIntoView({ block: isListShort ? "start" : "nearest" });
   };
   addEventListener("hashchange", followAddress);
   root.addEventListener("drawn", () => {

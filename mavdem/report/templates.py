@@ -31,6 +31,7 @@ from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 from mavdem.containers import group_by
 from mavdem.facts import Code, Fact, Words
 from mavdem.facts.assessment import NextStep
+from mavdem.facts.witnesses import HeightSource
 from mavdem.files import load_adjacent_toml
 from mavdem.report.blocks import Sentence
 from mavdem.report.numbers import (
@@ -110,7 +111,12 @@ def sentences_for(medium: Medium) -> Iterator[None]:
 
 
 def headline(fact: Fact) -> str:
-    """Renders the short sentence that heads a report of a ``fact``; its ordinary sentence where it has no short one."""
+    """Renders the short sentence that heads a report of a ``fact``; its ordinary sentence where it has no short one.
+
+    A headline is about one battery: the others, which the light of power states beside it, are left out.
+    """
+    if fact.figures.get("batteries"):
+        fact = fact.replace(batteries=())
     return _render(fact, "headline") or sentence(fact)
 
 
@@ -369,6 +375,7 @@ def _environment() -> Environment:
         "forbids_flight": forbids_flight,
         "headline": headline,
         "headroom_clause": headroom_clause,
+        "height_up": height_up,
         "listed": listed,
         "one_line_list": one_line_list,
         "parameter": PARAMETERS.get,
@@ -519,6 +526,36 @@ def period(time: float | None, end_time: float | None = None) -> str:
     if isfinite(end_time):
         return f" from {start} to {end_time:.1f} s"
     return f" from {start} s on"
+
+
+HEIGHT_SOURCE_WORDS = {
+    HeightSource.BAROMETER: "the barometer",
+    HeightSource.ESTIMATE: "the autopilot's estimate",
+    HeightSource.SATELLITES: "satellites",
+}
+"""What measured a height, as words that follow "by"."""
+
+
+def height_up(
+    height: float, source: HeightSource | None, satellite_height: float | None = None
+) -> str:
+    """Returns how high a vehicle was, such as "28 m up by the barometer, 12 m by satellites".
+
+    Satellites may also place it below the take-off: "28 m up by the barometer, 2 m below the take-off by satellites".
+
+    Args:
+        height: height above the take-off, m.
+        source: what measured it; None if that is not known.
+        satellite_height: the height by satellites, m, if they contradict the source; None if they do not.
+    """
+    text = f"{_fixed(height)} m up"
+    if source:
+        text += f" by {HEIGHT_SOURCE_WORDS[source]}"
+    if satellite_height is not None:
+        distance = _fixed(abs(satellite_height))
+        place = " below the take-off" if satellite_height < 0 and distance != "0" else ""
+        text += f", {distance} m{place} by satellites"
+    return text
 
 
 def interval(time: float, end_time: float | None = None) -> str:

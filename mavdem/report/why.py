@@ -18,7 +18,11 @@ if TYPE_CHECKING:
     from mavdem.loops.axis_loops import LoopsByAxis
 
 
-def evidence_sentences(fact: Fact) -> list[Sentence]:
+MAX_WITNESSES_OF_HEADLINE = 4
+"""Measurements that a headline quotes as its evidence, a choice: the list of all events has the others."""
+
+
+def evidence_sentences(fact: Fact, max_witnesses: int | None = None) -> list[Sentence]:
     """Returns the sentence with the evidence for an event: first what confirms it, then what contradicts it.
 
     An event, such as a collision, is checked against measurements that are independent of each other: the accelerometer
@@ -28,6 +32,7 @@ def evidence_sentences(fact: Fact) -> list[Sentence]:
 
     Args:
         fact: the event. Its witnesses are its figure ``witnesses``.
+        max_witnesses: largest number of measurements that confirm the event, the first in time; None for all.
 
     Returns:
         A list with one sentence; empty if the event was not checked.
@@ -47,7 +52,7 @@ def evidence_sentences(fact: Fact) -> list[Sentence]:
     return render_section(
         "why",
         causing=supporting_facts(causing_witnesses),
-        supporting=supporting_facts(witnesses),
+        supporting=supporting_facts(witnesses)[:max_witnesses],
         contradicting=contradicting_facts(witnesses),
     )
 
@@ -106,7 +111,10 @@ def headline_evidence(fact: Fact, lights: NamedFacts) -> list[Sentence]:
     # Imported here, since pages without a headline need nothing of it.
     from mavdem.assessment.event_lights import light_of_event
 
-    sentences = cause_sentences(fact) or evidence_sentences(fact)
+    if _witnesses_of_cause(fact):
+        sentences = cause_sentences(fact)
+    else:
+        sentences = evidence_sentences(fact, MAX_WITNESSES_OF_HEADLINE)
     if sentences:
         return sentences
     light_name = light_of_event(fact)

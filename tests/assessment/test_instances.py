@@ -118,7 +118,7 @@ def test_the_share_of_an_estimator_counts_the_flight_alone():
         **ratios,
     )
     instances = by_name(changed(HOVER.telemetry(20.0, 20.0), INSTANCES_MESSAGE, **cores))
-    assert (instances["core 0"].used_share, instances["core 1"].used_share) == (0.0, 1.0)
+    assert (instances["EKF core 0"].used_share, instances["EKF core 1"].used_share) == (0.0, 1.0)
 
 
 def test_the_table_has_a_row_for_each_instance():

@@ -77,13 +77,16 @@ def changed_gains(decision):
         # An attitude that is far from its setpoint is no matter of the position controller.
         (Level.BAD, {}, "motors, propellers and load"),
         (Level.BAD, {"angle_error": 0.8}, "gains of the attitude controller"),
+        # The swing of another axis explains no error, unless the attitude was lost in it.
+        (Level.WATCH, {"subject": "pitch"}, "motors, propellers and load"),
+        (Level.WATCH, {"subject": "pitch", "angle_error": 0.8}, "gains of the attitude controller"),
     ],
 )
 def test_an_error_of_a_swinging_attitude_is_remedied_as_the_swing(level, swing, advised):
     event = None
     if swing is not None:
-        figures = {"angle": 0.4, "count": 4, "period": 3.2, **swing}
-        event = Fact(MotionEvent.ATTITUDE_SWUNG, time=5.0, end_time=9.8, subject="roll", **figures)
+        figures = {"subject": "roll", "angle": 0.4, "count": 4, "period": 3.2, **swing}
+        event = Fact(MotionEvent.ATTITUDE_SWUNG, time=5.0, end_time=9.8, **figures)
     decision = decision_on_roll(tracking=MISSES.replace(level), swing=event)
     assert decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY
     assert advised in decision.action.sentence

@@ -6,7 +6,7 @@ from mavdem.assessment.axis.loop_decision import LoopDecision, LoopDiagnosis
 from mavdem.assessment.judgement import unjudged
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
-from mavdem.facts.ending import Ending, MotionEvent
+from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.event import Event
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.loops import LoopFact
@@ -43,12 +43,22 @@ def test_bad_events_come_first_and_those_of_a_kind_once():
 def test_a_page_says_once_what_to_do_and_what_shows_an_event():
     assert LOST.remedy
     next_step = f"{LOST.remedy} Then look at the clips."
-    attitude_event, lost, hit = _numbered_events(EVENTS, None, next_step, "")[-3:]
+    attitude_event, lost, hit = _numbered_events(EVENTS, None, next_step=next_step)[-3:]
     assert attitude_event.why == "Why: the gyro measured 286 °/s at 31.0 s."
     assert lost.why == hit.why == ""
     assert lost.sentence == str(LOST)
     (_, first, *_) = _numbered_events((LEFT, LOST, LOST), None)
     assert first.sentence == LOST.sentence_and_remedy
+
+
+def test_the_event_of_the_headline_is_in_the_short_list_without_its_cause():
+    caused = LOST.replace(cause=Fact(FailedFirst.ALL_OFF_FIRST))
+    headline = caused.replace(weak_motor=None)
+    _, lost = _numbered_events((LEFT, caused), None, headline)
+    assert "went to idle first" in str(caused)
+    assert lost.brief == "Lost control at 30.0 s."
+    _, lost = _numbered_events((LEFT, caused), None, HIT)
+    assert lost.brief == str(caused)
 
 
 def test_a_page_lists_the_worst_events_in_order_of_time():

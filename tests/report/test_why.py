@@ -106,6 +106,14 @@ def test_a_report_of_the_autopilot_alone_has_what_its_light_measured_as_evidence
     assert not headline_evidence(spent, {"power": low.replace(Level.GOOD)})
 
 
+def test_a_headline_quotes_the_first_measurements_that_confirm_it():
+    knocks = [KNOCKED.replace(acceleration=50.0 + number) for number in range(6)]
+    (first,) = headline_evidence(impact(SANK, *knocks), {})
+    (rest,) = evidence_sentences(impact(SANK, *knocks))
+    assert "53 m/s²" not in first.text and "52 m/s²" in first.text
+    assert "53 m/s²" in rest.text
+
+
 def test_what_stands_askew_is_not_called_upright():
     assert str(UPRIGHT).endswith(" it stood upright, by the accelerometer.")
     assert " it stood 32° from upright" in str(UPRIGHT.replace(angle=0.56))

@@ -8,11 +8,13 @@ from instrumented import instrumented, stamps
 from pytest import approx, mark
 
 from mavdem.assessment.barometer_drifts import barometer_drifts
+from mavdem.assessment.doubted_heights import with_doubted_heights_checked
 from mavdem.assessment.motion import motion_events
 from mavdem.dataset.signals import Signals
-from mavdem.facts import Level
+from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.trust import TrustCheck
+from mavdem.facts.witnesses import HeightSource
 from mavdem.witnesses import trust_of_boots
 from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.ground_heights import ground_heights
@@ -164,3 +166,33 @@ def test_a_flight_that_began_before_the_record_is_not_compared():
 def test_a_rest_long_before_the_flight_is_not_compared():
     signals = Signals(flight(5.0), inputs="motors")
     assert ground_heights(signals, 0, (TAKE_OFF + 40.0, LANDING)) is None
+
+
+def end_of_log(time, doubt):
+    """The event that the log ends in the air by the barometer, in a flight with such a doubt about that."""
+    sensors = BootSensors(Signals(flight(12.0), inputs="motors"), 0, TAKE_OFF)
+    height = sensors.height.barometer_change(TAKE_OFF, time)
+    source = HeightSource.BAROMETER
+    event = Fact(MotionEvent.LOG_ENDED_IN_AIR, time=time, height=height, height_source=source)
+    return with_doubted_heights_checked(sensors, [event], [doubt])
+
+
+def test_a_height_that_satellites_contradict_is_stated_with_theirs():
+    doubt = Fact(MotionEvent.HEIGHTS_DISAGREE, Level.WATCH, time=32.0, height=12.0, boot=0)
+    (event,) = end_of_log(60.0, doubt)
+    difference = event.figures["height"] - event.figures["satellite_height"]
+    assert difference == approx(12.0, abs=0.5)
+    heights = (event.figures["height"], event.figures["satellite_height"])
+    assert "{:.0f} m up by the barometer, {:.0f} m by satellites".format(*heights) in event.sentence
+    for time, level in ((25.0, Level.WATCH), (60.0, Level.GOOD)):
+        (agreed,) = end_of_log(time, doubt.replace(level))
+        assert "satellite_height" not in agreed.figures
+
+
+def test_a_height_by_a_barometer_that_drifted_is_that_by_satellites():
+    (drift,) = drifts(flight(12.0))
+    (event,) = end_of_log(60.0, drift)
+    (by_barometer,) = end_of_log(60.0, drift.replace(Level.GOOD))
+    assert event.figures["height_source"] is HeightSource.SATELLITES
+    assert event.figures["height"] == approx(by_barometer.figures["height"] - 12.0, abs=0.5)
+    assert " m up by satellites" in event.sentence

@@ -106,7 +106,8 @@ class LoopObservations(NamedTuple):
     tune_arguments: Names
     """Arguments with which `mavdem tune` reads the log."""
     attitude_swing: Fact | None = None
-    """The event that roll or pitch swung to and fro in an automatic mode; None if neither did."""
+    """The event that this axis swung to and fro in an automatic mode or, without one, the other of roll and pitch; None
+    if neither did."""
 
 
 def decide_on_loops(observations: LoopObservations) -> LoopDecision:
@@ -346,9 +347,9 @@ def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None
     it. The exception is an axis whose body rate only falls short of its setpoint: such a loop may be right but slow.
 
     The action depends on what is wrong: an overshoot, amplified setpoints, or a large error for another reason. In an
-    automatic mode the setpoints of a vehicle may swing by tens of degrees. Then no attitude is near its setpoint: the
-    error is a consequence of the swing, whose remedy is the action. An error that is bad by itself has other reasons,
-    unless the attitude was far from its setpoint in the swing too.
+    automatic mode the setpoint of an axis may swing by tens of degrees. Then its attitude is never near the setpoint:
+    the error is a consequence of the swing, whose remedy is the action. An error that is bad by itself, and that of an
+    axis which did not swing, have other reasons, unless the attitude was far from its setpoint in the swing too.
 
     Args:
         observations: margins, tracking and doubts that the flight shows of the axis.
@@ -363,10 +364,12 @@ def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None
     if tracking.code is TrackingLight.RATE_FALLS_SHORT:
         return _decision_on_slow_rate(observations)
     swing = observations.attitude_swing
-    # Only a swing that was far from its setpoint has the figure "angle_error".
-    is_error_by_swing = swing is not None and (
-        not tracking.is_bad or "angle_error" in swing.figures
-    )
+    is_error_by_swing = False
+    if swing is not None:
+        # Only a swing that was far from its setpoint has the figure "angle_error", which is that of roll or pitch.
+        is_far_from_setpoint = "angle_error" in swing.figures
+        is_swing_of_axis = swing.subject == axis
+        is_error_by_swing = is_far_from_setpoint or (is_swing_of_axis and not tracking.is_bad)
     if tracking.code is TrackingLight.OVERSHOOTS_SETPOINT:
         action = _advice_to_lower_gains(observations, "attitude")
     elif tracking.code is TrackingLight.AMPLIFIES_SETPOINT:

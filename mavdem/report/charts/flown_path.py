@@ -154,10 +154,15 @@ def flown_path(timeline: Timeline | None, wind: MapWind | None = None) -> Plan |
         wind: the wind of the flight; None if it is not known.
 
     Returns:
-        The drawing, with what the page needs to show the place at a time; None if the position is not known.
+        The drawing, with what the page needs to show the place at a time; None if the position is not known. In a log
+        that is also so if it never changes: then nothing measured it.
     """
     position = None if timeline is None else timeline.position
     if timeline is None or position is None:
+        return None
+    is_received = timeline.heading is not None
+    has_moved = bool(np.ptp(position.values[:, :2], axis=0).any())
+    if not has_moved and not is_received:
         return None
     stride = -(-len(position.time) // MAX_PATH_POINTS)
     # The last sample is always among those drawn.

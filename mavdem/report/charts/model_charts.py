@@ -162,7 +162,10 @@ def residual_charts(learned: Learned, output: int = -1) -> Charts:
         # The autocorrelation at lag 0 is always 1 and says nothing.
         stems = Line("correlation", PREDICTED, residuals.lag[1:], values[1:], style=LineStyle.STEMS)
         levels = (-bound, 0.0, bound)
-        charts.append(Chart(title, Axis("lag (s)"), Axis("correlation"), (stems,), levels))
+        # The bounds are always in sight, since a correlation means nothing without them.
+        largest = 1.1 * max(bound, float(abs(values[1:]).max(initial=0.0)))
+        correlation_axis = Axis("correlation", limits=(-largest, largest))
+        charts.append(Chart(title, Axis("lag (s)"), correlation_axis, (stems,), levels))
     return tuple(charts)
 
 

@@ -275,8 +275,9 @@ def _flight_charts(history: TimeHistory) -> Iterator[Chart]:
     """
     # The barometer is drawn first, so that it lies behind the estimated height and shows where that diverged.
     barometer = _lines_of_columns(history.barometer_height, ["barometer"], [MEASURED])
-    height = _lines_of_columns(history.height, ["height"])
-    yield over_time("Height", "m", [*barometer, *height])
+    satellites = _lines_of_columns(history.satellite_height, ["satellites"], [COMMAND])
+    estimate = _lines_of_columns(history.height, ["estimate"])
+    yield over_time("Height", "m", [*barometer, *satellites, *estimate])
     motors = history.motors
     if motors is not None:
         names = [without_remark(name) for name in motors.names]

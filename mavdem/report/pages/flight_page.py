@@ -181,6 +181,7 @@ def log_page(
         events = _numbered_events(
             assessment.events,
             timeline,
+            assessment.headline,
             str(assessment.next_step),
             text_with_leads(evidence),
         )
@@ -356,6 +357,7 @@ def _anchors_of_lights(chapters: Sequence[Chapter]) -> dict[str, str]:
 def _numbered_events(
     events: Facts,
     timeline: Timeline | None,
+    headline: Fact | None = None,
     next_step: str = "",
     evidence_of_headline: str = "",
 ) -> list[PageEvent]:
@@ -367,6 +369,7 @@ def _numbered_events(
     Args:
         events: events of all boots of the autopilot, each a fact (a coded finding) with its time.
         timeline: charts of one of these boots; events of other boots are not on its clock. None without charts.
+        headline: the headline of the page, which may be one of the events; None for a page without one.
         next_step: text of the next step, which the page shows above the events.
         evidence_of_headline: sentence with the measurements that confirm the headline, which is above the events too.
 
@@ -379,7 +382,13 @@ def _numbered_events(
     for fact in _with_saturations_counted(events):
         if fact.remedy in next_step:
             texts_above.add(fact.remedy)
-        page_event = PageEvent(Event(nan, fact), repeated=frozenset(texts_above))
+        # The headline may have figures that the event has not, such as a motor that was weak before.
+        is_headline = headline is not None and (
+            (fact.code, fact.time, fact.subject) == (headline.code, headline.time, headline.subject)
+        )
+        page_event = PageEvent(
+            Event(nan, fact), is_headline=is_headline, repeated=frozenset(texts_above)
+        )
         if fact.time is not None:
             number += 1
             boot = fact.figures.get("boot")

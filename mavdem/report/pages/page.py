@@ -134,7 +134,7 @@ class PageEvent(NamedTuple):
     """Whether its time is on the clock of the charts, to which it then links: an event of another boot's is not."""
 
     is_headline: bool = False
-    """Whether the headline of a live page states it."""
+    """Whether the headline of the page states it."""
 
     is_over: bool = False
     """Whether it is an alarm of a live session that does not last any more."""
@@ -150,8 +150,11 @@ class PageEvent(NamedTuple):
 
     @property
     def brief(self) -> str:
-        """What happened, for a short list."""
+        """What happened, for a short list; of the headline's event only the first clause, before its cause."""
         sentence = str(self.event.fact)
+        if self.is_headline:
+            first_clause, _, _ = sentence.partition(": ")
+            sentence = f"{without_full_stop(first_clause)}."
         if self.total == 1:
             return sentence
         return f"{without_full_stop(sentence)}{first_of_count(self.total)}."

@@ -69,6 +69,11 @@ def test_a_vehicle_in_flight_is_drawn_with_heading_take_off_and_wind():
 
 def test_without_a_position_there_is_no_path():
     assert flown_path(Timeline((), (0.0, 1.0))) is None
+    still = TimeSeries(np.arange(4.0), np.zeros(4, np.int64), np.zeros((4, 3)))
+    timeline = Timeline((), (0.0, 3.0), position=still)
+    # A position that never changes was not measured; a vehicle that is received may stand on the ground.
+    assert flown_path(timeline) is None
+    assert flown_path(timeline._replace(heading=90.0)) is not None
 
 
 def test_a_hover_fills_the_map_by_more_than_a_third_and_noise_on_the_ground_does_not():
