@@ -26,6 +26,9 @@ STEP_JITTER = 0.25
 The ratio of a step to the usual one is reduced by this before it is rounded, so that 1.5 + 0.25 is the limit.
 """
 
+MIN_STEP = 1e-9
+"""Shortest step between two messages of a stream, s: a nanosecond, the resolution of the finest stamps (ROS 2)."""
+
 MIN_MEAN_RATE_FRACTION = 1 / 4
 """Mean rate, as a fraction of the rate without gaps, below which a stream is in bursts and its rate is the mean."""
 
@@ -214,7 +217,7 @@ def _message_rate(columns: Columns) -> float | None:
             columns = selected_rows(columns, instance_of_row == most_frequent)
     steps = np.diff(columns["time"])[np.diff(columns["boot"]) == 0]
     # Messages of several sensors of a kind have the same stamp: such steps of 0 are left out.
-    steps = steps[steps > 0]
+    steps = steps[steps > MIN_STEP]
     if not len(steps):
         return None
     rate_between_gaps = rate_without_gaps(steps)

@@ -275,6 +275,16 @@ def inventory_of(*vehicles, speaker=None):
     return inventory(Log("made-up.tlog", vehicles, (speaker, STATION), (), 0, 0, (1.6e9, 2e9)))
 
 
+def test_stamps_that_are_damaged_make_no_infinite_rate():
+    telemetry = LONG.telemetry(100.0, 50.0)
+    stamps = np.linspace(0.0, 1e-310, 9)
+    columns = {"time": stamps, "boot": np.zeros(9, int)}
+    damaged = replace(telemetry, messages={**telemetry.messages, "VIBRATION": columns})
+    (vehicle,) = inventory_of(damaged)["vehicles"]
+    assert vehicle["messages"]["VIBRATION"]["rate"] is None
+    assert np.isfinite(vehicle["messages"]["ATTITUDE"]["rate"])
+
+
 def test_a_log_of_some_kinds_misses_nothing_of_what_it_keeps():
     stamps_of_8_and_12 = np.cumsum(np.resize([0.008, 0.012], round(LONG.end * 100)))
     vehicle, station = inventory_of(LONG.telemetry(stamps_of_8_and_12, 50.0))["speakers"]

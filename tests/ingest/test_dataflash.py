@@ -15,6 +15,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.facts.sources import Repair
 from mavdem.ingest.dataflash.binary import read_binary
 from mavdem.ingest.dataflash.log import read_dataflash
+from mavdem.ingest.dataflash.vibrations import vibration
 from mavdem.ingest.vocabulary import Injection
 
 STEPS = "sitl_ardupilot/ardupilot_inertia_wind5_steps.BIN"
@@ -363,3 +364,10 @@ def test_a_text_that_is_older_than_the_log_keeps_its_time(tmp_path):
     texts = vehicle.messages["STATUSTEXT"]
     assert texts["time"][texts["text"] == "Arming motors"].tolist() == [12.1]
     assert vehicle.messages["ATTITUDE"]["time"][0] == TIMES[0]
+
+
+def test_vibration_whose_numbers_of_imus_are_damaged_is_left_out():
+    vibe = {name: np.ones(2) for name in ("VibeX", "VibeY", "VibeZ")}
+    stamps = {"time": np.array([1.0, 1.1]), "boot": np.zeros(2, int)}
+    assert len(vibration({"VIBE": stamps | vibe | {"IMU": np.array([0, 0])}})["vibration_x"]) == 2
+    assert vibration({"VIBE": stamps | vibe | {"IMU": np.array([77, 99])}}) == {}

@@ -35,12 +35,14 @@ def vibration(tables: Tables) -> Columns:
     Returns:
         Columns (N,): standard deviations of the first IMU's acceleration on its axes, m/s², and each IMU's counter of
         clips, the samples beyond the range of the accelerometer. Besides the message's fields there is ``levels`` (N, 3
-        k), the deviations of all k IMUs. Empty if VIBE was not logged.
+        k), the deviations of all k IMUs. Empty if VIBE was not logged, or of no IMU that there can be.
     """
     logged_columns = messages_with_fields(tables, "VIBE", VIBRATION_FIELDS)
     if not logged_columns:
         return {}
     imus = _vibration_by_imu(logged_columns)
+    if not imus:
+        return {}
     levels = np.column_stack([float_table(imu, VIBRATION_FIELDS) for imu in imus])
     fields = {
         "vibration_x": levels[:, 0],
@@ -61,7 +63,8 @@ def _vibration_by_imu(vibe: Columns) -> list[Columns]:
         vibe: All rows of VIBE, at least one; without a field ``IMU``, as in older versions, all are of the first IMU.
 
     Returns:
-        The rows of each IMU, in the order of their numbers; row i of each was logged in the same step.
+        The rows of each IMU, in the order of their numbers; row i of each was logged in the same step. Empty if all
+        numbers are damaged.
     """
     possible_imus = MAX_IMUS if "IMU" in vibe else 1
     imus = []
@@ -69,7 +72,7 @@ def _vibration_by_imu(vibe: Columns) -> list[Columns]:
         imu = rows_of_instance(vibe, "IMU", number)
         if imu:
             imus.append(imu)
-    common_count = min(map(message_count, imus))
+    common_count = min(map(message_count, imus), default=0)
     return [selected_rows(imu, np.arange(common_count)) for imu in imus]
 
 
