@@ -440,8 +440,9 @@ class Simulation:
     def _touch_down(self, reference: Reference) -> None:
         """Puts the vehicle at rest on the ground.
 
-        The flight is over if the plan is landing or the motors are off. Otherwise the vehicle was only pushed down, and
-        takes off again. Integrators and gyro filters restart at rest.
+        The flight is over if the plan is landing or the motors are off: then the controller restarts at rest. Otherwise
+        a gust only pushed the vehicle down. Its controller goes on, so that the thrust rises until it lifts off again:
+        integrals that restarted with each contact would never overcome a lasting downdraught.
 
         Args:
             reference: Setpoints of the flight plan.
@@ -449,7 +450,8 @@ class Simulation:
         self._state = _at_rest_on_ground(self._state)
         self._on_ground = True
         self._has_landed = reference.landed_state == LANDING or not self.armed
-        self._controller.reset()
+        if self._has_landed:
+            self._controller.reset()
         self._gyro = gyro_for(self._controller)
 
     def _spin_on_ground(self, settled_speeds: Vector4) -> None:

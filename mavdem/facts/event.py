@@ -48,14 +48,10 @@ SESSION_STATES: frozenset[Code] = LEARNING_STATES | {
     RateFact.RATE_FELL,
     RateFact.RATE_REFUSED,
     RateFact.VEHICLE_CLOCK_SLOW,
+    VehicleFact.CLOCK_JUMPED,
     VehicleFact.NO_VEHICLE_YET,
 }
 """States of a live session itself: what it learns, how fast messages come, and whether this computer keeps up."""
-
-SESSION_RESULTS: frozenset[Code] = frozenset(
-    {SessionFact.FIRST_MODEL, SessionFact.PARAMETERS_KNOWN, SessionFact.FLIGHT_LEARNED}
-)
-"""What a live session has learned."""
 
 
 class Event(NamedTuple):
@@ -91,6 +87,6 @@ class Event(NamedTuple):
         return self.fact.is_bad
 
     @property
-    def is_about_session(self) -> bool:
-        """Whether it is about a live session itself, and not about the vehicle or its link."""
-        return self.fact.code in SESSION_STATES | SESSION_RESULTS
+    def is_session_state(self) -> bool:
+        """Whether it is a state of a live session itself, and neither about the vehicle nor a result of the flight."""
+        return self.fact.code in SESSION_STATES

@@ -8,7 +8,8 @@ settled.
 A landing is known only once it has happened; the last seconds before it are then withdrawn. While the autopilot does
 not report whether it is in the air, a vehicle that descends may be landing: nothing is settled until it has not
 descended for ``TRANSIENT_SECONDS``. Without a vertical speed only the motors show a landing, once it is over. A loss of
-control, too, is known only a moment after its onset, and withdraws what came since.
+control, too, is known only a moment after its onset. As in a log, it ends the flight like a touch-down, so that the
+last seconds before it are withdrawn as well.
 """
 
 from dataclasses import replace
@@ -130,13 +131,16 @@ class FlightPhase:
     def note_loss(self, onset: float | None) -> None:
         """Notes since when the vehicle is out of control: from then on its flight is neither settled nor free.
 
+        The last ``TRANSIENT_SECONDS`` before the onset are withdrawn too, as before a touch-down. Of a log, too, those
+        before a vehicle turns over are not settled flight: what led to the loss may have begun in them.
+
         Args:
             onset: beginning of the loss of control, s of the boot clock; None while the vehicle is under control.
         """
         is_new_loss = onset is not None and self._loss_onset == inf
         self._loss_onset = inf if onset is None else onset
         if is_new_loss and self.is_flying:
-            self._withdraw_since(self._loss_onset)
+            self._withdraw_since(self._loss_onset - TRANSIENT_SECONDS)
 
     def review(self, now: float, vehicle: Telemetry, collective: TimeSeries | None) -> None:
         """Decides the phase of flight by the messages and motor outputs of the last seconds, twice a second.

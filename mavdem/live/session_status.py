@@ -649,12 +649,22 @@ class SessionStatus(ImmutableResult):
     def _reason_without_model(self) -> Fact:
         """The fact that says why no model has been judged yet.
 
-        If nothing is received since the end of a flight, it says that the flight is over.
+        If nothing is received since the end of a flight, or the vehicle was lost, it says that the flight is over. But
+        rates that were too low in the flight remain the reason: the pilot can change them for the next one.
         """
+        reason = self.no_model_reason
         if self._is_silent_after_flight:
-            return Fact(SessionFact.FLIGHT_OVER, reason=None)
-        if self.no_model_reason is not None:
-            return self.no_model_reason
+            reason = Fact(SessionFact.FLIGHT_OVER, reason=None)
+        is_flight_over = reason is not None and reason.code is SessionFact.FLIGHT_OVER
+        shortfall = self.shortfall
+        if (
+            is_flight_over
+            and shortfall is not None
+            and shortfall.code is RowsFact.LIVE_RATES_TOO_LOW
+        ):
+            return shortfall
+        if reason is not None:
+            return reason
         return Fact(SessionFact.BEING_LEARNED if self.is_flying else SessionFact.NOT_FLYING)
 
     @property

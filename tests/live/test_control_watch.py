@@ -4,10 +4,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from hover import MAV_AUTOPILOTS, MAV_TYPES, Hover
-from live_hover import Flight, by_time, replay, ticks
+from live_hover import Flight, by_time, offline, replay, ticks
 from mavlink_streams import message
-from pytest import fixture, mark
+from pytest import approx, fixture, mark
 
+from mavdem.dataset.phases import TRANSIENT_SECONDS, settled_intervals
+from mavdem.dataset.signals import Signals
 from mavdem.facts import Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.ending import Ending, FailedFirst
@@ -116,12 +118,17 @@ class TurningOver(Leaving):
         return np.angle(np.exp(1j * super().roll(t)))
 
 
-def test_a_loss_of_control_ends_settled_flight_at_its_onset():
+def test_a_loss_of_control_ends_settled_flight_some_seconds_before_its_onset_as_in_a_log():
     tumbling = flown(TurningOver())
     alarm = alarms(tumbling)[0]
     _, withdrawal_time = tumbling.taken_back[0]
-    assert withdrawal_time == alarm.figures["reason"].time
-    assert LOST <= withdrawal_time < alarm.time
+    onset = alarm.figures["reason"].time
+    assert LOST <= onset < alarm.time
+    assert withdrawal_time == approx(onset - TRANSIENT_SECONDS)
+    frames = HighFlight(TurningOver(), 50.0, 50.0).frames(end=27.0)
+    vehicle = offline([frame for _, frame in frames])
+    [(_, settled_end)] = settled_intervals(Signals(vehicle), 0)
+    assert settled_end == approx(withdrawal_time, abs=1.0)
     settled_times = [row.time for row in tumbling.rows if row.is_settled]
     assert settled_times and max(settled_times) <= alarm.time
 

@@ -213,6 +213,16 @@ def test_once_the_session_is_over_a_silent_link_is_not_what_the_flight_showed(sl
     assert judgement.next_step.figures.get("reason") != silence
 
 
+def test_after_a_flight_whose_rates_were_too_low_that_is_still_what_to_change(slow):
+    silence = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0)
+    power = {Light.POWER: Fact(PowerLight.BATTERY_HELD, Level.GOOD)}
+    landed = replace(slow, no_model_reason=silence, is_flying=False, worst_lights=power, rates={})
+    assert landed.overall_judgement.lights[Light.LOG].level is Level.UNKNOWN
+    judgement = replace(landed, shortfall=SLOW).overall_judgement
+    assert judgement.lights[Light.LOG] == SLOW.figures["reason"].replace(Level.WATCH)
+    assert judgement.next_step.figures["reason"] == judgement.lights[Light.LOG]
+
+
 def test_the_first_line_says_mode_arming_battery_and_the_age_of_the_last_message(slow):
     state = VehicleState("Loiter", is_armed=True, voltage=15.84, charge=76.0)
     text = vehicle_text(replace(slow, state=state, message_age=4.2))

@@ -618,7 +618,7 @@ def test_the_status_fits_the_terminal(width, monkeypatch):
     assert len(lines) <= {60: 13, 80: 9, 120: 7, 200: 7}[width]
     assert max(map(len, lines)) <= min(width, 120)
     text = " ".join(shown.split())
-    assert "wind unknown 11.1 to 16.1 m/s, 54°" in text and "Not watched: height." in text
+    assert "wind unknown now 11–16 m/s, 54°" in text and "Not watched: height." in text
 
 
 def test_a_flying_vehicle_without_a_judgement_is_not_called_grounded():

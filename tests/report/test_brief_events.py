@@ -81,20 +81,17 @@ def test_a_live_page_has_its_newest_alarm_beside_the_headline_unless_that_states
     assert head._replace(is_in_flight=False).newest_alarm is None
 
 
-def test_states_of_the_session_leave_the_rows_of_a_live_page_to_alarms_and_the_vehicle():
-    alarm = Fact(SessionFact.ALARM, time=1.0, reason=LOST)
-    landing = Fact(ReportedEvent.ON_GROUND, time=2.0)
-    learning = Fact(SessionFact.BEING_LEARNED, time=3.0)
-    facts = [*[learning] * 6, landing, *[alarm] * 5]
-    head = Head(
-        Level.BAD, {}, [PageEvent(Event(0.0, fact)) for fact in facts], is_newest_first=True
-    )
-    assert [page_event.event.fact.code for page_event in head.brief_events] == [
-        ReportedEvent.ON_GROUND,
-        *[SessionFact.ALARM] * 4,
-    ]
-    head = head._replace(events=head.events[:7])
-    assert len(head.brief_events) == 5 and head.events[6] in head.brief_events
+def test_a_live_page_lists_states_of_the_session_apart_from_the_vehicle_and_results():
+    learning = Event(0.0, Fact(SessionFact.BEING_LEARNED, time=3.0), reception=0.0)
+    landing = Event(1.0, Fact(ReportedEvent.MOTORS_DISARMED, time=2.0), reception=0.0)
+    model = Fact(SessionFact.FIRST_MODEL, clock=2.0, axis="roll", duration=None)
+    result = Event(2.0, model, reception=0.0)
+    events = _numbered_live_events([learning, landing, learning, result], unjudged(LOST), ())
+    head = Head(Level.BAD, {}, events[::-1], is_newest_first=True)
+    listed = [(one.number, one.event.fact.code) for one in head.brief_events]
+    assert listed == [(2, SessionFact.FIRST_MODEL), (1, ReportedEvent.MOTORS_DISARMED)]
+    states = [(one.number, one.event.fact.code) for one in head.session_events]
+    assert states == [(None, SessionFact.BEING_LEARNED)] * 2
 
 
 def test_loops_do_not_repeat_the_next_step():

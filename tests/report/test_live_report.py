@@ -29,7 +29,7 @@ def test_the_table_of_time_adds_up():
 
 
 def test_the_title_of_a_live_page_names_the_vehicle_as_its_owner_does():
-    assert live_title(SessionStatus(), "udpin:0", GivenNames()) == "Flight over udpin:0"
+    assert live_title(SessionStatus(), "udpin:0", GivenNames()) == "No vehicle yet on udpin:0"
     state = VehicleState(
         system=3, frame="GROUND_ROVER", autopilot="ARDUPILOTMEGA", name_in_logs="ardupilotmega-3"
     )
@@ -64,4 +64,6 @@ def test_an_alarm_that_is_over_is_neither_in_the_title_nor_beside_the_headline()
     assert live_alarm(lasting).startswith("⚠") and live_alarm(past) == ""
     page = live_page("udp", "roll", history, past, account, None)
     # The alarm of before is an event, and asks for nothing beside the headline.
-    assert "Over since 20 s" in page and page.count("Alarm: motor 1 and motor 2") == 1
+    assert (
+        "Over since 20\N{NO-BREAK SPACE}s" in page and page.count("Alarm: motor 1 and motor 2") == 1
+    )

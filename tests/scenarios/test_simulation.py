@@ -7,9 +7,10 @@ from numpy.testing import assert_array_equal
 from pytest import approx, fixture, mark, raises
 
 from sitl_scenarios import scenario as sections
+from sitl_scenarios.files import load
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Scenario
-from sitl_scenarios.simulation import Simulation, fly
+from sitl_scenarios.simulation import Simulation, fly, simulation_of
 
 WINDY = (
     sections.SteadyWind(kind="steady", speed=4.0),
@@ -47,6 +48,14 @@ def test_the_same_seed_gives_the_same_bits_in_pieces_too(flight):
 def test_a_flight_in_wind_touches_down_as_slowly_as_autopilots_do(flight):
     last_in_air = np.flatnonzero(flight.position[:, 2] < 0)[-1]
     assert 0.3 < flight.velocity[last_in_air, 2] < 0.9
+
+
+def test_a_lasting_downdraught_does_not_hold_a_vehicle_on_the_ground_at_take_off():
+    scenario = load("motor_stop").model_copy(update={"seed": 2502})
+    motion = simulation_of(scenario).advance(round(6.0 / scenario.cycle))
+    assert motion.wind[motion.armed, 2].mean() > 1.0
+    planned_height = 4.0
+    assert -motion.position[-1, 2] == approx(planned_height, abs=1.5)
 
 
 @mark.slow

@@ -252,7 +252,7 @@ def test_an_alarm_is_first_in_the_tab_colours_its_sign_and_sounds_where_that_is_
 ):
     tab.run(TONES)
     session.weaken(1)
-    tab.until("document.title === '⚠ Motor 1: land now — Flight over udp'")
+    tab.until("document.title === '⚠ Motor 1: land now — No vehicle yet on udp'")
     assert tab.run(f"{ICON}.includes({COLOUR % 'bad'})")
     assert tab.run("window.tones") == 0
     tab.run("document.getElementById('sound').click()")
@@ -267,7 +267,7 @@ def test_an_alarm_is_first_in_the_tab_colours_its_sign_and_sounds_where_that_is_
     tab.until("document.title.includes('Motor 3')")
     assert tab.run("window.tones") == tones
     session.fly(4.0)
-    tab.until(f"document.title === 'Flight over udp' && !{ICON}.includes({COLOUR % 'bad'})")
+    tab.until(f"document.title === 'No vehicle yet on udp' && !{ICON}.includes({COLOUR % 'bad'})")
 
 
 def test_the_sound_that_was_chosen_is_remembered(session, tab):

@@ -91,6 +91,9 @@ class MapWind(NamedTuple):
     speeds: Array | None = None
     """(T,) speeds then, m/s; None where they are not known."""
 
+    name: str = "wind"
+    """What is written before its label, such as "mean wind"."""
+
     @classmethod
     def of_flight(cls, wind: WindVelocity | None) -> Self | None:
         """Returns the wind of a flight for its map: its mean, and how direction and speed changed over time.

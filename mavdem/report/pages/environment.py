@@ -23,6 +23,9 @@ _UNSAFE_CHARACTERS = re.compile(
 _SPACE_BEFORE_PERCENT = re.compile(r"(?<=\d) ?%")
 """A percent sign after a number, with the space before it if there is one."""
 
+_SPACE_BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:k?m|m?s|min|h|k?Hz|V|A|dB|kg|MB)\b)")
+"""The space between a number and its unit, such as that in "22.1 s" and "5 m/s"."""
+
 _ELLIPSIS_IN_NAME = re.compile(r"(?<=\w)…(?=\w)")
 """An ellipsis within a shortened name, such as "001a…333539"."""
 
@@ -39,9 +42,9 @@ def render_page(template: Template, **values: Any) -> str:
 def environment() -> Environment:
     """Returns Jinja's environment for the templates of ``mavdem/report``; it escapes all text.
 
-    Beside Jinja's own, templates have the filters ``prose`` and ``evidence_text``, the tests ``is table`` and
-    ``is chart`` by which they choose how to draw a block, and as globals the version of the program and the colours of
-    charts. The environment is cached and shared: a filter that one page adds is there for all pages.
+    Beside Jinja's own, templates have the filters ``prose``, ``with_unbroken_units`` and ``evidence_text``, the tests
+    ``is table`` and ``is chart`` by which they choose how to draw a block, and as globals the version of the program
+    and the colours of charts. The environment is cached and shared: a filter that one page adds is there for all pages.
     """
     jinja = Environment(
         loader=PackageLoader("mavdem.report", ""),
@@ -59,6 +62,7 @@ def environment() -> Environment:
     jinja.tests["table"] = lambda block: isinstance(block, Table)
     jinja.tests["chart"] = lambda panel: isinstance(panel, Chart)
     jinja.filters["prose"] = _prose_as_html
+    jinja.filters["with_unbroken_units"] = _with_unbroken_units
     jinja.filters["evidence_text"] = evidence_text
     return jinja
 
@@ -80,3 +84,8 @@ def _prose_as_html(text: str) -> Markup:
     if has_unpaired_backquote:
         return Markup(html)
     return Markup(_CODE.sub(r"<code>\1</code>", html))
+
+
+def _with_unbroken_units(html: Markup) -> Markup:
+    """Returns text whose numbers stay on a line with their units: for large print, in which a line has few words."""
+    return Markup(_SPACE_BEFORE_UNIT.sub("\N{NO-BREAK SPACE}", html))

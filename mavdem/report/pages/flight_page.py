@@ -781,9 +781,11 @@ def live_page(
     chapters = _live_chapters(axis, history, status, account, learned)
     page_events = _numbered_live_events(history.events, judgement, status.alarms)
     if timeline is not None:
-        numbers = [event.number for event in page_events]
-        labels = tuple("" if number is None else str(number) for number in numbers)
-        timeline = timeline._replace(event_labels=labels)
+        numbered_events = [event for event in page_events if event.number is not None]
+        timeline = timeline._replace(
+            events=tuple(page_event.event for page_event in numbered_events),
+            event_labels=tuple(str(page_event.number) for page_event in numbered_events),
+        )
     if not status.is_over:
         page_events.reverse()
     head = Head(
@@ -887,8 +889,9 @@ def _live_chapters(
 def _numbered_live_events(
     events: Sequence[Event], judgement: Judgement, alarms: Facts
 ) -> list[PageEvent]:
-    """Returns the events of a live session as the list on its page shows them; those with a time are numbered.
+    """Returns the events of a live session as the list on its page shows them.
 
+    Events with a time are numbered, except those on the state of the session itself: the charts mark the numbered ones.
     Events, alarms and headline are matched by their causes, since the headline may state the cause of an alarm in other
     words than the event that reported it.
 
@@ -915,7 +918,7 @@ def _numbered_live_events(
     numbered_count = 0
     for event in events:
         number = None
-        if event.has_time:
+        if event.has_time and not event.is_session_state:
             numbered_count += 1
             number = numbered_count
         remedy = event.fact.remedy
@@ -947,7 +950,9 @@ def _live_map_wind(status: SessionStatus) -> MapWind | None:
         Direction and speed interval of the wind, without the interval if the speed is not identifiable; None if the
         direction is not known.
     """
-    estimate = status.wind if status.is_flying else status.mean_wind
+    estimate, name = status.mean_wind, "mean wind"
+    if status.is_flying:
+        estimate, name = status.wind, "wind now"
     if estimate is None:
         return None
     # The first fact of an estimate is on the speed; a second one, if there is any, on the direction.
@@ -957,7 +962,8 @@ def _live_map_wind(status: SessionStatus) -> MapWind | None:
     speed_interval = None
     if speed_fact.figures["status"] is not Status.NOT_IDENTIFIABLE:
         speed_interval = speed_fact.figures["speed_interval"]
-    return MapWind(direction_facts[0].figures["direction"], speed_interval=speed_interval)
+    direction = direction_facts[0].figures["direction"]
+    return MapWind(direction, speed_interval=speed_interval, name=name)
 
 
 def _live_anchors(timeline: Timeline | None, chapters: Sequence[Chapter]) -> dict[str, str]:

@@ -35,12 +35,6 @@ from mavdem.report.why import evidence_text, unrepeated_evidence
 MAX_BRIEF_EVENTS = 4
 """Events that a page shows at first: a choice, so that the list takes less room than the charts."""
 
-MAX_NEWEST_EVENTS = 5
-"""Events that a page of a session that goes on shows at first: a choice, so that plots follow on the same screen."""
-
-MAX_NEWEST_ALARMS = 3
-"""Alarms among these, a choice: with more, they would hide how the flight went on after them."""
-
 _WORD = re.compile("[a-z0-9]+")
 """A word of a title in lower case."""
 
@@ -283,13 +277,11 @@ class Head(NamedTuple):
         """The short list of events, which a page shows until its reader unfolds the list of all.
 
         For a log it has at most ``MAX_BRIEF_EVENTS``: the worst ones in the order of time, where events of the same
-        kind are shown once, with their number as ``total``. For a live session that goes on, it has
-        ``MAX_NEWEST_EVENTS``, the newest first: first of all alarms, then what else is about the vehicle, and then what
-        is about the session itself.
+        kind are shown once, with their number as ``total``. For a live session that goes on, it has all events but
+        those on the session's own state, the newest first.
         """
         if self.is_newest_first:
-            shown_rows = sorted(self._rows_by_importance()[:MAX_NEWEST_EVENTS])
-            return [self.events[row] for row in shown_rows]
+            return [one for one in self.events if not one.event.is_session_state]
         if len(self.events) <= MAX_BRIEF_EVENTS:
             return self.events
         facts = [page_event.event.fact for page_event in self.events]
@@ -298,25 +290,6 @@ class Head(NamedTuple):
         for index, count in sorted(worst_events(facts)[:MAX_BRIEF_EVENTS]):
             brief_events.append(self.events[index]._replace(total=count))
         return brief_events
-
-    def _rows_by_importance(self) -> list[int]:
-        """Returns the indices of the events of a live session, the most important first, for a short list.
-
-        The newest alarms come first, ``MAX_NEWEST_ALARMS`` at most; then the other events about the vehicle or its
-        link; then those about the session itself. Equally important ones stay in the order of ``events``, the newest
-        first.
-        """
-        alarm_rows: list[int] = []
-        vehicle_rows: list[int] = []
-        session_rows: list[int] = []
-        for row, page_event in enumerate(self.events):
-            if page_event.event.is_alarm and len(alarm_rows) < MAX_NEWEST_ALARMS:
-                alarm_rows.append(row)
-            elif page_event.event.is_about_session:
-                session_rows.append(row)
-            else:
-                vehicle_rows.append(row)
-        return alarm_rows + vehicle_rows + session_rows
 
     @property
     def newest_alarm(self) -> PageEvent | None:
@@ -334,12 +307,11 @@ class Head(NamedTuple):
         return None
 
     @property
-    def earlier_events(self) -> Sequence[PageEvent]:
-        """The other events of a session that goes on, which a page shows in full; none of a log."""
+    def session_events(self) -> Sequence[PageEvent]:
+        """The events on the own state of a session that goes on, such as its learning; none of a log."""
         if not self.is_newest_first:
             return ()
-        brief_events = self.brief_events
-        return [event for event in self.events if event not in brief_events]
+        return [one for one in self.events if one.event.is_session_state]
 
     @property
     def has_more_of_events(self) -> bool:

@@ -22,6 +22,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.event import Event
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.hardware import HardwareFact
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.session import SessionFact, TimeUse, VehicleFact
@@ -449,7 +450,7 @@ def live_document():
 def test_a_session_that_goes_on_lists_each_event_once_and_offers_no_fields_of_a_log(live_document):
     page = live_document
     assert [page.count(f"moment {time} s<") for time in range(12)] == [1] * 12
-    assert "Earlier events" in page and "Plot any field" not in page
+    assert "Learning and message rates" in page and "Plot any field" not in page
     # In flight a model is learned from the climb too, which is not settled.
     assert "what the model was learned from" in page and "Grey: settled flight" not in page
 
@@ -460,18 +461,22 @@ def test_events_of_a_live_page_have_the_same_numbers_in_its_list_and_in_its_char
     flown(history, 2.0)
     loss = Fact(Ending.CRASHED, time=0.5, height=0.0, speed=5.0, cause=None, mode="", word=None)
     alarm = Fact(SessionFact.ALARM, time=0.6, reason=loss)
-    other_facts = [Fact(VehicleFact.NO_VEHICLE_YET, time=1.0 + index / 10) for index in range(7)]
-    timed = [Event(fact.time, fact, reception=0.0) for fact in (alarm, *other_facts)]
+    learning = Fact(SessionFact.BEING_LEARNED, time=0.8)
+    other_facts = [
+        Fact(ReportedEvent.MOTORS_ARMED, time=1.0 + index / 10, is_begun=True) for index in range(7)
+    ]
+    timed = [Event(fact.time, fact, reception=0.0) for fact in (alarm, learning, *other_facts)]
     history.events += [early, *timed]
     account = dict.fromkeys(TimeUse, 0.0)
     page = live_page("udpin:0", "roll", history, SessionStatus("1:1"), account, None)
     listed = re.findall(r'<span class="number">(\d+)</span> <span class="sentence">(.)', page)
-    # The newest are first. The alarm is older than the newest five, and stands below four of these, before all others.
-    assert [int(number) for number, _ in listed] == [8, 7, 6, 5, 1, 4, 3, 2]
-    assert listed[4][1] == "A"
+    # The newest are first; what the session itself does has no number.
+    assert [int(number) for number, _ in listed] == [8, 7, 6, 5, 4, 3, 2, 1]
+    assert listed[-1][1] == "A"
     timeline = re.search(r'"marks": *(\[\[.*?\]\])', page)
     assert '[0.6,"1",' in timeline[1].replace(" ", "")
     assert '[1.6,"8",' in timeline[1].replace(" ", "")
+    assert "[0.8," not in timeline[1].replace(" ", "")
 
 
 @mark.slow
@@ -496,7 +501,8 @@ def test_a_live_page_on_a_telephone_has_lights_and_events_before_plots_and_map(t
         history.add_row(0, time, np.zeros(2), None, pose)
         history.advance(time, 0)
         history.add_voltages({1: 12.6})
-    history.add_event(Event(110.0, Fact(VehicleFact.NO_VEHICLE_YET, time=110.0), reception=0.0))
+    armed = Fact(ReportedEvent.MOTORS_ARMED, time=110.0, is_begun=False)
+    history.add_event(Event(110.0, armed, reception=0.0))
     account = dict.fromkeys(TimeUse, 0.0)
     doubted = Fact(EstimatorLight.FIX_MISSING, Level.BAD, satellites=3)
     status = SessionStatus("1:1", worst_lights={Light.ESTIMATOR: doubted})
