@@ -150,8 +150,9 @@ class Presentation:
 
     def preview(
         self,
-        latest_sample: FormattedRow | None,
+        latest_sample: FormattedRow,
         pose: LatestPose | None,
+        wind: WindEstimate | None,
         displayed_format: RowFormat | None,
     ) -> None:
         """Displays the latest sample of a vehicle whose messages come too slowly to learn a model from them.
@@ -160,18 +161,17 @@ class Presentation:
         nevertheless, to find out what is wrong.
 
         Args:
-            latest_sample: the sample, with its format; None without one, or while all samples are displayed anyway.
+            latest_sample: the sample, with its format.
             pose: latest pose of the vehicle; None if it is not known.
+            wind: the latest estimate of the wind; None before the first.
             displayed_format: format of the samples that the display has shown so far; None before the first. Samples of
                 other motors cannot be added to the same display.
         """
-        if latest_sample is None:
-            return
         if not self.has_display:
             self.open(latest_sample.row_format)
         motor_names = latest_sample.row_format.geometry.names
         if displayed_format is None or displayed_format.geometry.names == motor_names:
-            self.show(latest_sample.row, pose)
+            self.show(latest_sample.row, pose, wind=wind)
 
     def log(self, fact: Fact) -> None:
         """Reports a fact (a finding) as an event: to the user, to the history and to the display.

@@ -167,6 +167,8 @@ class LiveSession:
         self._reported_reason: Fact | None = None
         # Time of the latest sample that was added to the history without a row, s of the boot clock.
         self._sample_time = -inf
+        # Duration of a silence whose end was reported before attitude and motor outputs came again, s; otherwise 0.
+        self._reported_silence = 0.0
         # Why there were no rows in flight when that was last so; None before.
         self._no_rows_reason: Fact | None = None
         # Number of rows of free flight that this computer had no time to learn from.
@@ -310,7 +312,7 @@ class LiveSession:
             self._margin_review.add_messages(batch.stamp, batch.frames, vehicle)
         silence = self._note_messages(first_arrival, last_arrival, frames)
         self.history.advance(self.stream.now, self.stream.boot)
-        self._add_sample_to_history()
+        self._show_slow_sample()
         self._withdraw_landing_or_loss()
         self._report_resumption(silence)
         self._silence_monitor.note_outage(silence, is_flying=self.stream.is_flying)
@@ -330,12 +332,16 @@ class LiveSession:
         messages_resumed = resumption(MissingMessages.MESSAGES, silence)
         if messages_resumed is not None:
             self._presentation.log(messages_resumed)
-            # Attitude and motor outputs are among all messages, so that one report is enough, unless they were missing
-            # before the other messages were.
-            if motion_silence - silence <= SILENCE_SECONDS:
-                return
+            self._reported_silence = silence
+        has_new_samples = motion_silence > 0.0
+        if not has_new_samples:
+            return
+        # Attitude and motor outputs are among all messages, so that one report is enough, unless they were missing for
+        # longer. They may come a moment after the first other message.
+        was_missing_longer = motion_silence - self._reported_silence > SILENCE_SECONDS
+        self._reported_silence = 0.0
         motion_resumed = resumption(MissingMessages.MOTION, motion_silence)
-        if motion_resumed is not None:
+        if motion_resumed is not None and was_missing_longer:
             self._presentation.log(motion_resumed)
 
     def _note_messages(
@@ -392,8 +398,8 @@ class LiveSession:
             )
         )
 
-    def _add_sample_to_history(self) -> None:
-        """Adds the latest sample to the history in flight while messages come too slowly to learn a model from them.
+    def _show_slow_sample(self) -> None:
+        """Adds the latest sample to history and display in flight while messages come too slowly to learn from them.
 
         So plots show the flight at any rate of messages. These samples are at least ``SAMPLE_PERIOD`` apart.
         """
@@ -410,6 +416,9 @@ class LiveSession:
         self.history.motor_names = row_format.geometry.names
         self._presentation.add_to_history(
             latest_sample.row, row_format, None, self.stream.wind.latest, self.stream.pose
+        )
+        self._presentation.preview(
+            latest_sample, self.stream.pose, self.stream.wind.latest, self._learning.row_format
         )
 
     def _process_row(self, row: AlignedRow, arrival_time: float) -> None:
@@ -464,7 +473,7 @@ class LiveSession:
             self._learning.withdraw_since(onset)
 
     def _update_status(self, now: float) -> SessionStatus:
-        """Determines the status, reports it, and shows what a display needs between two rows; called once a second.
+        """Determines the status and reports it; called once a second.
 
         In flight the voltages are added to the history. The status is not reported while the computer is so late that
         even estimates are postponed.
@@ -480,12 +489,7 @@ class LiveSession:
             self.history.add_voltages(status.state.voltages)
         if DelayedWork.ESTIMATES not in self.backlog.postponed:
             self._report_status(status)
-        if status.is_flying:
-            # A display must not stay empty while messages come too slowly to be aligned to rows, the model's samples.
-            self._presentation.preview(
-                self.stream.latest_row(), self.stream.pose, self._learning.row_format
-            )
-        else:
+        if not status.is_flying:
             self._learning.is_free_flight = False
         self._report_no_model_reason(status)
         # The account has the seconds of the session by their use, such as flight or learning. While messages wait to be

@@ -151,7 +151,7 @@ def run(one):
 
 def test_motion_motors_and_battery_are_plotted_though_messages_are_too_slow_for_rows():
     slow = Flight(attitude=25.0, motors=25.0).frames(end=18.0)
-    session, _, _ = session_of([[frame] for frame in slow])
+    session, screen, _ = session_of([[frame] for frame in slow])
     run(session)
     history = session.history
     assert session.stream.row_format is None and history.learned_intervals == []
@@ -166,6 +166,9 @@ def test_motion_motors_and_battery_are_plotted_though_messages_are_too_slow_for_
     assert first.y.tolist() == [12.1, 12.0] and second.y.tolist() == [11.0] * 2
     spacing = np.diff(charts["Roll"].lines[0].x)
     assert spacing.min() > 0.09 and np.median(spacing) < 0.2
+    # The dashboard has them all.
+    shown_times = np.array([time for time, _, _ in screen.rows])
+    assert len(np.unique(shown_times)) == len(shown_times) >= len(charts["Roll"].lines[0].x)
     # Each sample has the latest outputs.
     assert np.mean(np.diff(charts["Motors"].lines[0].y) != 0) > 0.5
     # A wind that is no longer estimated is not drawn on, and a voltage that comes rarely has no gaps.
@@ -585,7 +588,8 @@ def test_the_end_of_a_silence_says_for_how_long_motion_was_missing_if_that_was_l
     now[0] += 60.0
     # What is received now may have come at any time since the step before.
     one.step(0.0)
-    one.link.script = batches(2.0, start=10.0)
+    # A heartbeat comes before the first attitude.
+    one.link.script = [[(FIRST + 9.9, heartbeat)], *batches(2.0, start=10.0)]
     run(one)
     durations = {
         fact.subject: fact.figures["duration"]
