@@ -207,17 +207,22 @@ def vehicle_difference(
 
 
 def _comparable_kinds(incomparability: Fact | None) -> list[str]:
-    """Returns the kinds of quantities that can be compared.
+    """Returns the kinds of quantities, such as ``SHARE`` for trims, that mean the same in two states of a vehicle.
 
     Args:
-        incomparability: reason why two states of a vehicle cannot be compared, or only in part, from
-            :func:`incomparability_reason`; None if all kinds can be compared.
+        incomparability: reason why the two states cannot be compared, or only in part, from
+            :func:`incomparability_reason`; None if everything can be compared.
+
+    Returns:
+        All kinds without such a reason. If the models of the two states have different inputs, such as motor outputs
+        and demanded torque, the kinds that do not depend on these inputs. Empty for any other reason.
     """
     if incomparability is None:
+        # The table of standard deviations has an entry for each kind of quantity.
         return list(SD_BETWEEN_FLIGHTS)
     if incomparability.code is Incomparable.OTHER_INPUTS:
-        # The models of both states have different inputs, such as motors and demand, so that their parameters do not
-        # mean the same. A motor's fraction of the output and figures of loops do not depend on the inputs of models.
+        # Parameters of models, such as the control effectiveness, are relative to the inputs of the model. Trims are
+        # means of the motors' outputs, and margins and step responses are figures of the loop as a whole.
         return [SHARE, *LOOP_KINDS]
     # Any other reason, such as another number of motors, concerns every quantity.
     return []

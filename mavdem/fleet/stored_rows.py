@@ -117,20 +117,29 @@ def read_rows_of_logs(folder: Path, files: Iterable[str]) -> FlightRows:
 
 
 def _rows_of_vehicle(folder: Path, column: str, vehicle: str | None) -> FlightRows:
-    """Returns the rows of a vehicle, or of all vehicles, from one of the two columns of the store that have them.
+    """Returns the rows of a vehicle, or of all vehicles, that belong to the table of a fleet.
+
+    The store has each row twice, as JSON in two columns: whole in "row", and with fewer values in "brief", which takes
+    less time to read.
 
     Args:
         folder: folder of the fleet, with its SQLite store, its table and its pages.
-        column: "row" for whole rows, or "brief" for those with ``BRIEF_COLUMNS`` alone.
+        column: the column that is read: "row" for whole rows, or "brief" for those with ``BRIEF_COLUMNS`` alone.
         vehicle: name of the vehicle; None for all vehicles.
+
+    Returns:
+        The rows, one for each flight and axis, sorted by :attr:`FlightRow.order`.
 
     Raises:
         Unreadable: the folder has no store, or a damaged one.
     """
+    # A row gets the name of its log's file when the fleet's table is updated, and belongs to the table from then on.
     query = f"select {column}, file from flights where file is not null"
+    values = {}
     if vehicle is not None:
         query += " and vehicle = :vehicle"
-    return _stored_rows(folder, query, {"vehicle": vehicle})
+        values["vehicle"] = vehicle
+    return _stored_rows(folder, query, values)
 
 
 def _stored_rows(folder: Path, query: str, values: JsonValues) -> FlightRows:

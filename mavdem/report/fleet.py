@@ -143,22 +143,31 @@ def unnamed_vehicle(autopilot: str, frame: str) -> str:
     return " ".join(words)
 
 
-def vehicle_type(name: str, frame: str, names: GivenNames, *, is_shared: bool = False) -> str:
-    """Returns how a line of a report begins that is about one vehicle: its name or, without one, its type.
+def vehicle_name_or_type(
+    name: str, frame: str, names: GivenNames, *, is_shared: bool = False
+) -> str:
+    """Returns the name of a vehicle for people to read: the best name that is known, otherwise what kind it is.
 
     Args:
-        name: name of the vehicle in its logs, which may be a serial number or made of a system id.
+        name: name of the vehicle in its logs, which may be a serial number, or made of a MAVLink system id, such as
+            "px4-1".
         frame: type of the frame, such as "QUADROTOR"; empty where it is not known.
         names: names that owners gave to vehicles, which come before all others.
-        is_shared: whether the name is made of a MAVLink system id, which several vehicles may have.
+        is_shared: whether the name in the logs is made of a MAVLink system id, which several vehicles may have.
 
     Returns:
-        The given name, "unnamed PX4 quadrotor" for a system id, the type of the frame for a serial number, or any other
-        name as it is in the logs.
+        The first of these that applies:
+
+        - the name that the owner gave;
+        - for a system id, a description such as "unnamed PX4 quadrotor";
+        - the name in the logs, unless it is a serial number;
+        - the type of the frame, such as "Quadrotor", or "Vehicle" if it is not known.
     """
     if name in names.vehicles:
         return names.vehicle(name)
-    if is_shared and name != UNKNOWN:
+    # Vehicles that are not known at all have the name ``UNKNOWN``, which is shown as it is.
+    is_system_id = is_shared and name != UNKNOWN
+    if is_system_id:
         return unnamed_vehicle(autopilot_of_system_id_name(name), frame)
     if not is_serial(name):
         return name
@@ -175,9 +184,9 @@ def vehicle_label(name: str, frame: str, names: GivenNames, *, is_shared: bool =
         is_shared: whether the name is made of a MAVLink system id, which several vehicles may have.
 
     Returns:
-        The text of :func:`vehicle_type`; for a serial number with its first and last characters after it.
+        The text of :func:`vehicle_name_or_type`; for a serial number with its first and last characters after it.
     """
-    label = vehicle_type(name, frame, names, is_shared=is_shared)
+    label = vehicle_name_or_type(name, frame, names, is_shared=is_shared)
     if is_shared or name in names.vehicles or not is_serial(name):
         return label
     return f"{label} {short_name(name)}"

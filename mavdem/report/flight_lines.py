@@ -12,7 +12,7 @@ from mavdem.facts.motors import MotorHealth
 from mavdem.fleet.flights import AxisRows, log_row, worst_health
 from mavdem.fleet.names import NO_NAMES, content_hash
 from mavdem.fleet.row import SYSTEM_ID_BASIS
-from mavdem.report.fleet import ANOMALOUS_HEALTHS, badge, light_level, vehicle_type
+from mavdem.report.fleet import ANOMALOUS_HEALTHS, badge, light_level, vehicle_name_or_type
 from mavdem.report.numbers import listed, rounded
 from mavdem.report.templates import rounded_up
 from mavdem.wind_velocity.beaufort import is_speed_known
@@ -106,7 +106,7 @@ def _vehicle(flight: AxisRows) -> str:
     row = log_row(flight)
     if row.vehicle_basis != SYSTEM_ID_BASIS:
         return row.vehicle
-    return vehicle_type(row.vehicle, row.frame or "", NO_NAMES, is_shared=True)
+    return vehicle_name_or_type(row.vehicle, row.frame or "", NO_NAMES, is_shared=True)
 
 
 def _date(flight: AxisRows) -> str:

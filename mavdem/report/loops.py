@@ -1,6 +1,6 @@
 """Control loops in sentences and tables, made of facts (coded findings): margins, decisions, gains to set."""
 
-from collections.abc import Collection, Container, Iterator
+from collections.abc import Collection, Container, Iterator, Sequence
 from math import nan
 from operator import attrgetter
 from typing import NamedTuple
@@ -491,7 +491,11 @@ def is_about_gains_to_set(caution_of_loop: Fact) -> bool:
 
 
 def compared_loops(advice: Advice) -> LoopsByAxis:
-    """Returns the loop now and, where gains are advised, the loop with these, by "now" and "advised"."""
+    """Returns the loops of one axis with the gains that flew ("now") and with the gains to set ("advised").
+
+    Args:
+        advice: advice on the axis. Without gains to set there is no entry "advised".
+    """
     loops = {"now": advice.before}
     if advice.parameters:
         loops["advised"] = advice.after
@@ -499,36 +503,76 @@ def compared_loops(advice: Advice) -> LoopsByAxis:
 
 
 def _gain_and_margin_table(advice: Advice, *, is_doubtful: bool) -> Table:
-    """Returns a table that compares one axis as it flew with the advised gains: gains, stability margins, wind error.
+    """Returns a table that compares one axis as it flew with what is expected of the advised gains.
 
-    The margins are of the loop that is tuned: the attitude loop in the second stage of tuning, otherwise the rate loop.
-    The last row is the standard deviation of the angle by the wind torque, degrees.
+    It has a row for each gain that changes, then the stability margins of the loop whose gains are tuned, which is the
+    rate or the attitude loop. If gains are advised, the last row shows how far wind turns the vehicle about the axis:
+    the standard deviation of the angle, degrees, in the wind of the flight.
 
     Args:
         advice: advice on the axis, with its loops.
         is_doubtful: whether a measured response contradicts the identified loop; then each of its margins is called
             doubtful.
+
+    Returns:
+        The table, with a column for the gains that flew and, if gains are advised, one for the advised gains.
     """
-    # The loops with the present gains and, if gains are advised, with these.
-    loops = [*compared_loops(advice).values()]
-    loop_name = "attitude" if advice.stage is Stage.ANGLE else "rate"
-    remark = "doubtful: " if is_doubtful else ""
+    axis = advice.before.axis
+    loop_name = _tuned_loop_name(advice)
+    headers = [f"{axis}, {loop_name} loop (90 % interval)", "now"]
+    loops = [advice.before]
+    if advice.parameters:
+        headers.append("with these gains")
+        loops.append(advice.after)
+
     rows = []
     for name, advised_value in advice.parameters.items():
         rows.append([name, f"{advice.gains[name].now:.4g}", f"{advised_value:.4g}"])
-    for attribute in TUNED_FIGURES:
-        figure = LOOP_FIGURES[attribute]
-        cells = []
-        for loop in loops:
-            open_loop = getattr(loop, loop_name)
-            cells.append(remark + _figure_text(open_loop, attribute, figure.scale))
-        rows.append([figure.header, *cells])
+    rows += _tuned_figure_rows(loops, loop_name, is_doubtful=is_doubtful)
     if advice.parameters:
         wind_errors = [rounded(loop.lean_in_wind) for loop in loops]
-        rows.append([f"{advice.before.axis} error by wind torque, sd (°)", *wind_errors])
-    # Without advised gains there is only the loop that flew.
-    headers = ["now", "with these gains"][: len(loops)]
-    return Table([f"{advice.before.axis}, {loop_name} loop (90 % interval)", *headers], rows)
+        rows.append([f"{axis} error by wind torque, sd (°)", *wind_errors])
+    return Table(headers, rows)
+
+
+def _tuned_figure_rows(
+    loops: Sequence[Loop], loop_name: str, *, is_doubtful: bool
+) -> list[list[str]]:
+    """Returns the rows of a table for the figures of loops that tuning is about (``TUNED_FIGURES``).
+
+    Args:
+        loops: loops of one axis, one for each column of the table.
+        loop_name: "rate" or "attitude", the loop of the axis whose figures are shown.
+        is_doubtful: whether each figure is called doubtful.
+
+    Returns:
+        Rows of a name, such as "phase margin (°)", and one cell for each loop, such as "57 (50 to 63)".
+    """
+    remark = "doubtful: " if is_doubtful else ""
+    rows = []
+    for figure_name in TUNED_FIGURES:
+        figure = LOOP_FIGURES[figure_name]
+        row = [figure.header]
+        for loop in loops:
+            open_loop = _open_loop(loop, loop_name)
+            row.append(remark + _figure_text(open_loop, figure_name, figure.scale))
+        rows.append(row)
+    return rows
+
+
+def _tuned_loop_name(advice: Advice) -> str:
+    """Returns which loop of an axis is tuned: "attitude" if its gain changes, otherwise "rate"."""
+    return "attitude" if advice.stage is Stage.ANGLE else "rate"
+
+
+def _open_loop(loop: Loop, loop_name: str) -> OpenLoop:
+    """Returns the open-loop response of one of the two loops of an axis.
+
+    Args:
+        loop: both loops of the axis.
+        loop_name: "rate", or "attitude" for the loop around it.
+    """
+    return loop.attitude if loop_name == "attitude" else loop.rate
 
 
 def margin_overview(tuning: Tuning) -> Table | None:
@@ -547,10 +591,10 @@ def margin_overview(tuning: Tuning) -> Table | None:
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Fact) or advice.refusals:
             continue
-        loop_name = "attitude" if advice.stage is Stage.ANGLE else "rate"
+        loop_name = _tuned_loop_name(advice)
         remark = "doubtful: " if axis in tuning.doubtful_axes else ""
         for variant, loop in compared_loops(advice).items():
-            open_loop = getattr(loop, loop_name)
+            open_loop = _open_loop(loop, loop_name)
             cells = _margin_cells(open_loop, STEP_SECONDS[loop_name], remark)
             name = f"{axis} {loop_name}, {variant}"
             rows.append([name, *cells, rounded(loop.lean_in_wind)])
@@ -654,7 +698,8 @@ def margin_tables(loops: LoopsByAxis, doubtful: Container[str] = ()) -> Iterator
         for attribute, figure in LOOP_FIGURES.items():
             cells = []
             for header, loop in loops.items():
-                text = _figure_text(getattr(loop, loop_name), attribute, figure.scale)
+                open_loop = _open_loop(loop, loop_name)
+                text = _figure_text(open_loop, attribute, figure.scale)
                 cells.append(f"doubtful: {text}" if header in doubtful else text)
             rows.append([figure.header, *cells])
         yield Table([f"{loop_name} loop (90 % interval)", *loops], rows)

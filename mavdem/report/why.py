@@ -166,8 +166,15 @@ def margin_sentences(fact: Fact, loops: "LoopsByAxis", margins: Iterable[Fact]) 
 
 
 def evidence_text(fact: Fact) -> str:
-    """Returns the evidence for an event as text with its lead, for a table; empty if the event was not checked."""
-    return text_with_leads(evidence_sentences(fact))
+    """Returns all evidence for an event as text, for a list of events; empty if the event was not checked.
+
+    Args:
+        fact: the event, whose figure ``cause`` may be its cause.
+
+    Returns:
+        Text such as "Why: the barometer sank at 4.0 m/s at 2.5 s.", with the evidence for the cause first.
+    """
+    return joined_sentences(evidence_sentences(fact))
 
 
 def evidence_texts(fact: Fact) -> frozenset[str]:
@@ -185,26 +192,35 @@ def evidence_texts(fact: Fact) -> frozenset[str]:
     texts = (
         evidence_text(fact),
         evidence_text(_without_cause(fact)),
-        text_with_leads(cause_sentences(fact)),
+        joined_sentences(cause_sentences(fact)),
     )
     return frozenset(text for text in texts if text)
 
 
-def unrepeated_evidence(fact: Fact, repeated: Collection[str]) -> str:
-    """Returns the evidence for an event as text, without what a list of events has shown for the events above it.
+def new_evidence_text(fact: Fact, shown_texts: Collection[str]) -> str:
+    """Returns the evidence for an event in a list of events, without what the list has shown for an earlier event.
+
+    The same measurements often confirm several events: a vehicle that loses control and then hits the ground sinks
+    once. They are shown with the first of these events. Below a later one remains what is new, which may be the
+    evidence for its cause.
 
     Args:
         fact: the event, whose figure ``cause`` may be its cause.
-        repeated: texts that stand above it, such as :func:`evidence_texts` of the events before.
+        shown_texts: texts that the reader has seen above this event: :func:`evidence_texts` of the earlier events, and
+            other texts of the page.
 
     Returns:
-        All evidence. If the evidence for the event itself is repeated, only that for its cause; empty if both are, or
-        if the event has no cause.
+        All evidence as text if the evidence for the event itself is new. Otherwise that for its cause alone; empty if
+        this was shown too, or if the event has no cause.
     """
-    text = evidence_text(fact)
-    if evidence_text(_without_cause(fact)) in repeated:
-        text = text_with_leads(cause_sentences(fact)) if "cause" in fact.figures else ""
-    return "" if text in repeated else text
+    text_without_cause = evidence_text(_without_cause(fact))
+    if text_without_cause not in shown_texts:
+        new_text = evidence_text(fact)
+    elif "cause" in fact.figures:
+        new_text = joined_sentences(cause_sentences(fact))
+    else:
+        new_text = ""
+    return "" if new_text in shown_texts else new_text
 
 
 def _without_cause(fact: Fact) -> Fact:
@@ -212,6 +228,6 @@ def _without_cause(fact: Fact) -> Fact:
     return fact.replace(cause=None) if "cause" in fact.figures else fact
 
 
-def text_with_leads(sentences: Iterable[Sentence]) -> str:
-    """Returns sentences with their leads as one text; empty without any."""
+def joined_sentences(sentences: Iterable[Sentence]) -> str:
+    """Returns sentences as one line of text, each after its lead, such as "Why: "; empty without sentences."""
     return " ".join(f"{sentence.lead} {sentence.text}" for sentence in sentences)

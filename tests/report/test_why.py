@@ -16,7 +16,7 @@ from mavdem.report.why import (
     evidence_texts,
     headline_evidence,
     margin_sentences,
-    unrepeated_evidence,
+    new_evidence_text,
 )
 from mavdem.witnesses.sensor_facts import (
     checked_event,
@@ -66,9 +66,9 @@ def test_what_shows_the_cause_comes_before_what_followed_and_alone_on_the_termin
     assert alone.text == f"{clause}."
     # Below the event with the same witnesses, only what shows the cause is new.
     above = evidence_texts(impact(SANK))
-    assert unrepeated_evidence(lost, above) == f"Why: {clause}."
-    assert unrepeated_evidence(lost, above | evidence_texts(lost)) == ""
-    assert unrepeated_evidence(impact(SANK), evidence_texts(lost)) == ""
+    assert new_evidence_text(lost, above) == f"Why: {clause}."
+    assert new_evidence_text(lost, above | evidence_texts(lost)) == ""
+    assert new_evidence_text(impact(SANK), evidence_texts(lost)) == ""
     # What followed a loss is no evidence for a cause that is not known.
     assert not cause_sentences(lost.replace(cause=None))
     assert cause_sentences(impact(SANK, KNOCKED)) == evidence_sentences(impact(SANK, KNOCKED))

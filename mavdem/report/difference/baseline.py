@@ -27,30 +27,80 @@ def baseline_blocks(
     """Returns the report on how a vehicle's latest flight differs from its baseline, the earlier healthy flights.
 
     Args:
-        latest_row: row of the latest flight in the fleet's table; its date and file name are printed.
-        difference: comparison of that flight with the baseline.
+        latest_row: row of the latest flight in the fleet's table: its date, its file, and the health of its motors.
+        difference: comparison of the baseline (state A) with the latest flight (state B), quantity by quantity.
         has_identity_cautions: whether the reader is warned if the flights may be of several vehicles of the same name.
 
     Returns:
-        Sentences: which flights are compared, whether anything changed, what changed, and cautions.
+        Sentences: which flights are compared, what is wrong with the motors, whether anything else changed, all
+        changes, what stayed the same or is uncertain, and cautions.
     """
-    file = PurePath(latest_row.file).name
-    date = "" if latest_row.date is None else f" ({latest_row.date:%Y-%m-%d})"
-    baseline_count = counted(difference.flights.before, "flight")
-    compared_flights = f"the latest flight, {file}{date}, compared with {baseline_count}."
-    blocks: Blocks = [Sentence(compared_flights, lead="Since the baseline:")]
-    _, latest_side = STATE_NAMES
-    is_weak = latest_row.health in ANOMALOUS_HEALTHS
-    weak_motors = {latest_side: latest_row.suspect_motor} if is_weak else {}
-    evidence = tuple(evidence_of_weak_motors(difference, weak_motors))
-    motors = MotorVerdict(evidence, latest_row.fault_probability, is_weak=is_weak, differs=is_weak)
+    motors = _motor_verdict(latest_row, difference)
     reviewed = ReviewedDifference(difference, motors)
-    if is_weak and latest_row.health_reason:
-        sentence = Sentence(latest_row.health_reason, lead=f"{Light.MOTORS.capitalize()}:")
-        blocks += with_evidence([sentence], motors, difference)
-    changes = changes_by_relevance(difference, without=evidence)
-    blocks += result_sentences(reviewed, changes)
-    blocks += [*change_sentences(reviewed), *sentences_without_change(reviewed)]
+    # The sentence on a weak motor names the changes that are evidence for it, so that they are not repeated below.
+    other_changes = changes_by_relevance(difference, without=motors.evidence)
+    blocks: Blocks = [_sentence_on_compared_flights(latest_row, difference)]
+    blocks += _sentences_on_weak_motor(latest_row, motors, difference)
+    blocks += result_sentences(reviewed, other_changes)
+    blocks += change_sentences(reviewed)
+    blocks += sentences_without_change(reviewed)
     if has_identity_cautions:
         blocks += identity_cautions(reviewed)
     return blocks
+
+
+def _motor_verdict(latest_row: FlightRow, difference: VehicleDifference) -> MotorVerdict:
+    """Returns what is known of the motors from the health of the latest flight in the fleet's table.
+
+    With a fault or a drift, the suspected motor counts as weak. Changes of its quantities that agree with this, such as
+    a larger trim, are then evidence for the weakness and no separate findings.
+
+    Args:
+        latest_row: row of the latest flight: health of its motors, number of the suspected one, fault probability.
+        difference: comparison of the baseline (state A) with the latest flight (state B).
+    """
+    is_weak = latest_row.health in ANOMALOUS_HEALTHS
+    _, side_of_latest_flight = STATE_NAMES
+    weak_motors = {}
+    if is_weak:
+        weak_motors[side_of_latest_flight] = latest_row.suspect_motor
+    return MotorVerdict(
+        evidence=tuple(evidence_of_weak_motors(difference, weak_motors)),
+        fault_probability=latest_row.fault_probability,
+        is_weak=is_weak,
+        # All flights of the baseline are healthy: the states are judged differently if the latest flight is not.
+        differs=is_weak,
+    )
+
+
+def _sentence_on_compared_flights(latest_row: FlightRow, difference: VehicleDifference) -> Sentence:
+    """Returns the first sentence, such as "the latest flight, a.ulg (2024-05-01), compared with 6 flights.".
+
+    Args:
+        latest_row: row of the latest flight in the fleet's table, with its file and, if it is known, its date.
+        difference: comparison of the baseline with the latest flight, with the number of flights in the baseline.
+    """
+    file_name = PurePath(latest_row.file).name
+    date = "" if latest_row.date is None else f" ({latest_row.date:%Y-%m-%d})"
+    baseline_flights = counted(difference.flights.before, "flight")
+    text = f"the latest flight, {file_name}{date}, compared with {baseline_flights}."
+    return Sentence(text, lead="Since the baseline:")
+
+
+def _sentences_on_weak_motor(
+    latest_row: FlightRow, motors: MotorVerdict, difference: VehicleDifference
+) -> list[Sentence]:
+    """Returns the sentence on how the motors differ from those of healthy flights, with the changes that agree with it.
+
+    Args:
+        latest_row: row of the latest flight in the fleet's table, with the reason for the health of its motors.
+        motors: what is known of the motors of the latest flight.
+        difference: comparison of the baseline with the latest flight, with the names of the motors.
+
+    Returns:
+        A list with the sentence; empty if the motors are not weak, or if the table has no reason.
+    """
+    if not motors.is_weak or not latest_row.health_reason:
+        return []
+    sentence = Sentence(latest_row.health_reason, lead=f"{Light.MOTORS.capitalize()}:")
+    return with_evidence([sentence], motors, difference)

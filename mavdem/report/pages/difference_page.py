@@ -236,18 +236,23 @@ def _motor_chapter(
 
 
 def _step_chapter(reviews_by_side: Reviews, legend: Mapping[str, str]) -> Chapter:
-    """Returns the chapter with the measured step responses of all axes, both flights over each other.
+    """Returns the chapter on step responses: how the rate and the attitude follow a step of their setpoint.
+
+    Each axis has a column of charts: that of its rate loop, and below it that of its attitude loop. A chart shows the
+    responses that were measured in both flights. Axes without a measured response have no column; the chapter is empty
+    if no axis has one.
 
     Args:
-        reviews_by_side: review documents of both logs, by side.
+        reviews_by_side: review documents of both logs, by side, "A" and "B".
         legend: name of each side in legends.
     """
-    steps_of_axes = {}
+    charts_by_axis = {}
     for axis in AXES:
-        charts = tuple(_step_charts(reviews_by_side, legend, axis))
+        charts = list(_step_charts(reviews_by_side, legend, axis))
         if charts:
-            steps_of_axes[axis] = charts
-    return Chapter("Step response", (), [Group.of_axes(steps_of_axes)] if steps_of_axes else [])
+            charts_by_axis[axis] = charts
+    groups = [Group.of_axes(charts_by_axis)] if charts_by_axis else []
+    return Chapter("Step response", (), groups)
 
 
 def _light_chapter(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Chapter:
@@ -487,35 +492,46 @@ def _spectrum_chart(reviews_by_side: Reviews, legend: Mapping[str, str]) -> Char
 
 
 def _trim_chart(legend: Mapping[str, str], difference: VehicleDifference) -> Chart:
-    """Returns a chart of how far each motor's trim is from that of the median motor in both flights, %.
+    """Returns a chart with the relative trim of each motor, %, as a dot for flight A and a dot for flight B.
 
-    These are the quantities that are compared, so a step between two dots is the change that the text states. Each
-    motor is a dot with a whisker. What differs from flight to flight and what other lean may do counts in the interval
-    of the change, not in that of a flight, and would be missing from whiskers of the flights alone. So both dots of a
-    motor have 1/√2 of the change's half width: for independent errors their root sum of squares is what the text
-    states. Without compared trims the chart has no lines.
+    The relative trim is by how much the motor's mean output in hover exceeds that of the median motor. The step from
+    one dot of a motor to the other shows the change that the text states.
+
+    The text also states a 90 % interval of that change. It allows for more than the errors within both flights: trims
+    of one vehicle vary from flight to flight, and they depend on the lean in wind. So that the chart shows the same
+    uncertainty, the whiskers of a motor's two dots are made of the interval of its change, in equal parts. The half
+    widths of independent errors add up by their squares, so that each whisker has 1/√2 of the change's half width.
 
     Args:
-        legend: name of each side in legends.
-        difference: comparison of both sides.
+        legend: name of each side, "A" and "B", in legends.
+        difference: comparison of both flights, quantity by quantity.
+
+    Returns:
+        The chart, with motors on the horizontal axis and a line at 0; without dots if no trims were compared.
     """
-    changes = [change for change in difference.changes if change.quantity.kind == SHARE]
+    # Of all compared quantities, such as margins and motor time constants, the chart has the trims ("share").
+    trim_changes = [change for change in difference.changes if change.quantity.kind == SHARE]
+    motor_numbers = [change.quantity.motor for change in trim_changes]
     lines = []
-    if changes:
-        # The axis counts motors from 0.
-        motors = np.array([change.quantity.motor - 1.0 for change in changes])
-        half_width = 100 * np.array([change.half_width / sqrt(2) for change in changes])
-        before = 100 * np.array([change.before for change in changes])
-        after = 100 * np.array([change.after for change in changes])
-        for side, deviation in zip(SIDE_COLOURS, (before, after), strict=True):
-            colour = SIDE_COLOURS[side]
-            lines.append(
-                Line.with_band(legend[side], colour, motors, deviation, half_width, LineStyle.DOTS)
+    if trim_changes:
+        # The horizontal axis counts its names, one for each motor, from 0.
+        positions = np.array(motor_numbers) - 1.0
+        # Figures of a comparison are fractions of the median motor's output; the chart shows percent.
+        trims_by_side = {
+            "A": 100 * np.array([change.before for change in trim_changes]),
+            "B": 100 * np.array([change.after for change in trim_changes]),
+        }
+        half_widths_of_changes = 100 * np.array([change.half_width for change in trim_changes])
+        whiskers = half_widths_of_changes / sqrt(2)
+        for side, trims in trims_by_side.items():
+            dots = Line.with_band(
+                legend[side], SIDE_COLOURS[side], positions, trims, whiskers, LineStyle.DOTS
             )
-    motor_count = max((change.quantity.motor for change in changes), default=0)
-    motor_axis = Axis("motor", names=tuple(str(number + 1) for number in range(motor_count)))
-    deviation_axis = Axis("relative trim (%)")
-    return Chart("Relative trim (%)", motor_axis, deviation_axis, tuple(lines), (0.0,))
+            lines.append(dots)
+    motor_count = max(motor_numbers, default=0)
+    motor_axis = Axis("motor", names=tuple(str(number) for number in range(1, motor_count + 1)))
+    trim_axis = Axis("relative trim (%)")
+    return Chart("Relative trim (%)", motor_axis, trim_axis, tuple(lines), levels=(0.0,))
 
 
 def _vibration_row(reviews_by_side: Reviews) -> list[str]:

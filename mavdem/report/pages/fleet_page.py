@@ -26,7 +26,7 @@ from mavdem.report.fleet import (
     is_serial,
     short_name,
     vehicle_label,
-    vehicle_type,
+    vehicle_name_or_type,
 )
 from mavdem.report.fleet_summary import fleet_blocks, vehicles_with_section
 from mavdem.report.flight_lines import COLUMNS, FlightLine
@@ -326,7 +326,7 @@ def _vehicle_sections(
         latest_line = latest_lines[name]
         needs_look = vehicle.urgency.rank < MAX_URGENT_RANK
         is_shared = name in shared_names
-        label = vehicle_type(name, vehicle.last.frame, names, is_shared=is_shared)
+        label = vehicle_name_or_type(name, vehicle.last.frame, names, is_shared=is_shared)
         sections.append(
             VehicleSection(
                 name=name,

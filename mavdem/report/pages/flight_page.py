@@ -91,8 +91,8 @@ from mavdem.report.truth import truth_blocks
 from mavdem.report.why import (
     evidence_texts,
     headline_evidence,
+    joined_sentences,
     margin_sentences,
-    text_with_leads,
 )
 from mavdem.witnesses import SensorTrust
 
@@ -183,7 +183,7 @@ def log_page(
             timeline,
             assessment.headline,
             str(assessment.next_step),
-            text_with_leads(evidence),
+            joined_sentences(evidence),
         )
         if timeline is not None:
             timeline = timeline._replace(event_labels=_labels_in_charts(events, timeline))

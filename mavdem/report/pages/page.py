@@ -30,7 +30,7 @@ from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.pages.page_link import PageLink
 from mavdem.report.screen import flight_title, model_screen
 from mavdem.report.templates import without_full_stop
-from mavdem.report.why import evidence_text, unrepeated_evidence
+from mavdem.report.why import evidence_text, new_evidence_text
 
 MAX_BRIEF_EVENTS = 4
 """Events that a page shows at first: a choice, so that the list takes less room than the charts."""
@@ -162,7 +162,7 @@ class PageEvent(NamedTuple):
     @property
     def why(self) -> str:
         """What shows it; empty if nothing does, or if the page has that already."""
-        return unrepeated_evidence(self.event.fact, self.repeated)
+        return new_evidence_text(self.event.fact, self.repeated)
 
     @property
     def seconds(self) -> float:
