@@ -129,7 +129,7 @@ json_option = click.option(
 """Decorator for ``as_json``: whether the result is printed as a JSON document."""
 
 verbose_option = click.option(
-    "--verbose", is_flag=True, help="Print everything, not only 15 lines."
+    "--verbose", is_flag=True, help="Print all figures, not only the summary."
 )
 """Decorator for ``verbose``: whether a screen may have more than ``SCREEN_LINES`` lines."""
 

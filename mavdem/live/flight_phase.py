@@ -244,10 +244,10 @@ class FlightPhase:
     def _update_settled_start(self, now: float, climb_rate: TimeSeries | None) -> None:
         """Updates the time since which the flight is settled: neither in the climb-out nor possibly in a landing.
 
-        A flight becomes settled at the end of its climb-out, which the rules for logs find. After that a descent may be
-        the begin of a landing: the flight counts as settled again ``TRANSIENT_SECONDS`` after the vehicle last sank.
-        That time lies in the future while it sinks, so that ``is_settled`` is false until then. While the autopilot
-        reports its landed state, which shows a landing, descents are ignored.
+        A flight becomes settled at the end of its climb-out, which the rules for logs find. After that, a descent may
+        be the beginning of a landing, so the flight counts as settled again only ``TRANSIENT_SECONDS`` after the
+        vehicle last sank. As long as it sinks, this time lies in the future, and ``is_settled`` is false. Descents are
+        ignored while the autopilot reports its landed state, since that shows a landing.
 
         Args:
             now: present time, s.
@@ -256,8 +256,10 @@ class FlightPhase:
         if self._settled_start is None:
             self._note_end_of_climb_out(now, climb_rate)
         elif climb_rate is not None:
-            # Earlier reviews have judged the climb rates before this time.
-            unjudged_start = max(self._review_time - AVERAGING_DELAY, self._landed_state_end)
+            # Only climb rates since the last review are new. Each is the mean of a window around its time, and known
+            # ``AVERAGING_DELAY`` later, when this window is over.
+            end_of_last_review = self._review_time - AVERAGING_DELAY
+            unjudged_start = max(end_of_last_review, self._landed_state_end)
             unjudged_rates = _between(climb_rate, unjudged_start, now - AVERAGING_DELAY)
             is_sinking = unjudged_rates.values <= -MAX_LEVEL_FLIGHT_SPEED
             sinking_times = unjudged_rates.time[is_sinking]

@@ -128,22 +128,23 @@ def _margins_light(watch_facts: Mapping[str, Fact], reason: Fact) -> Fact:
 
 
 def _fast_enough_fact(rates: Mapping[str, float]) -> Fact:
-    """Returns the light of the log: that attitude and motor outputs are received fast enough to learn a model.
-
-    Its sentence is the same as for a recorded log. In a stream the body rates come in the message of the attitude, so
-    that they have the attitude's rate; and there is no file that could be damaged.
+    """Returns a good "log" light: attitude and motor outputs are received fast enough to learn a model.
 
     Args:
-        rates: rates of the messages of attitude and motor outputs, Hz, by name.
+        rates: messages per second of attitude and motor outputs, Hz, by name of the message.
+
+    Returns:
+        The same coded finding as for a recorded log, so that its sentence is the same too.
     """
     attitude_rate, motor_rate = fastest_rates(rates)
+    body_rate_frequency = attitude_rate  # The stream's attitude message contains the body rates.
     return Fact(
         LogLight.RECORDED_FAST,
         attitude_rate=attitude_rate,
-        rate=attitude_rate,
+        rate=body_rate_frequency,
         motor_rate=motor_rate,
         needed_rate=MIN_STREAM_RATE,
-        damage=None,
+        damage=None,  # A stream has no file that could be damaged.
     )
 
 

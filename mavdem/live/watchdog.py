@@ -677,30 +677,19 @@ class Watchdog:
     def _judge_control(self, review: _Review, moment: FlightMoment) -> list[Fact]:
         """Judges in flight whether control was lost, and whether the vehicle falls or has met the ground.
 
-        A loss stays as it was found first, until the vehicle meets the ground. Of a new loss near the ground nothing is
-        reported before the impact, which is only a moment away and shows what happened.
-
         Args:
             review: the review, whose ``facts`` get the loss.
             moment: present time, and the motion.
 
         Returns:
             The alarm of a fall with idle motors that begins, or its end once the motors carry the vehicle again. A fall
-            is no loss yet: the pilot may catch the vehicle.
+            is no loss yet: the pilot may catch the vehicle. Empty if control was lost, which is an alarm of its own.
         """
         present_loss = self.control.loss(moment)
         if present_loss is not None:
-            first_loss = self.alarms.facts.get(WatchedQuantity.CONTROL)
-            loss = first_loss or present_loss
-            flight_end = None
-            if self.ground_contact is None:
-                # The contact shows more exactly than the attitude when the vehicle hit the ground, and how fast.
-                flight_end = self.control.crash_after_loss(moment)
-                is_still_in_air = loss.code in LOSSES_IN_AIR and flight_end is None
-                is_new = first_loss is None
-                if is_new and is_still_in_air and self.control.awaits_impact(loss, moment):
-                    return []
-            self._record_loss(loss, flight_end, review)
+            is_impact_awaited = self._judge_loss(present_loss, review, moment)
+            if is_impact_awaited:
+                return []
         elif self.loss is None and self._is_sinking:
             # A vehicle that sinks at full throttle may hit the ground although its attitude follows the setpoint.
             flight_end = self.control.crash_after_loss(moment)
@@ -710,6 +699,34 @@ class Watchdog:
             self._ongoing_fall = None
             return []
         return self._judge_fall(review, moment)
+
+    def _judge_loss(self, present_loss: Fact, review: _Review, moment: FlightMoment) -> bool:
+        """Records a loss of control and, if the vehicle has hit the ground since, the crash.
+
+        A new loss near the ground is not recorded before the impact, which is only a moment away and shows what
+        happened. While a loss lasts, the vehicle may seem to be lost in other ways; what was found first is kept.
+
+        Args:
+            present_loss: loss of control that the latest messages show.
+            review: the review, whose ``facts`` get the loss.
+            moment: present time, and the motion.
+
+        Returns:
+            Whether nothing was recorded because the impact is awaited.
+        """
+        first_loss = self.alarms.facts.get(WatchedQuantity.CONTROL)
+        loss = present_loss if first_loss is None else first_loss
+        if self.ground_contact is not None:
+            # The contact shows more exactly than the attitude when the vehicle hit the ground, and how fast.
+            self._record_loss(loss, None, review)
+            return False
+        flight_end = self.control.crash_after_loss(moment)
+        is_still_in_air = loss.code in LOSSES_IN_AIR and flight_end is None
+        is_new = first_loss is None
+        if is_new and is_still_in_air and self.control.awaits_impact(loss, moment):
+            return True
+        self._record_loss(loss, flight_end, review)
+        return False
 
     def _judge_fall(self, review: _Review, moment: FlightMoment) -> list[Fact]:
         """Judges in flight whether the vehicle falls with its motors at idle, or has been caught.

@@ -101,15 +101,17 @@ def estimator_light(evidence: Evidence) -> Fact:
         A fact whose level is the colour of the light: good, watch, bad or unknown.
     """
     innovation_facts = _innovation_facts_worst_first(evidence)
-    missing_fixes = _missing_fixes(evidence)
     unmeasured = Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=evidence.was_in_air)
+    missing_fixes = _missing_fixes(evidence)
     if missing_fixes and _has_other_position_source(evidence):
-        # The position came from another source, such as optical flow: then the light may be good. But the pilot should
-        # know that GPS could not have replaced that source.
+        # Another source than GPS, such as optical flow, gave the position. So the missing fix is no finding of its own,
+        # and the light may be good. But the other findings state the number of satellites: the pilot should know that
+        # GPS could not have replaced that source.
         satellites = missing_fixes[0].figures["satellites"] or 0
         innovation_facts = [fact.replace(satellites=satellites) for fact in innovation_facts]
         unmeasured = unmeasured.replace(satellites=satellites)
         missing_fixes = []
+    # ``worst_fact`` takes the first of equally bad facts, so the order matters.
     facts = [
         *evidence.warnings_in_flight([MotionEvent.BAROMETER_DRIFTED]),
         *innovation_facts,
