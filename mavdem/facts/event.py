@@ -57,11 +57,13 @@ SESSION_STATES: frozenset[Code] = LEARNING_STATES | {
 class Event(NamedTuple):
     """What happened.
 
-    Attributes: seconds: UNIX s of the bytes that caused it for a stream, s of the vehicle's clock in a history. fact:
-        what it was; its time is on the clock of its boot. start_time: when what a history's fact is about began, s of
-        the same clock as ``seconds``; otherwise NaN. reception: UNIX s when a live session reported it; NaN of an event
-        in a log. clock: the vehicle's own boot clock then, s; NaN where that was not known, or in a log. boot: number
-        of that boot, from 0.
+    Attributes:
+        seconds: UNIX s of the bytes that caused it for a stream, s of the vehicle's clock in a history.
+        fact: what it was; its time is on the clock of its boot.
+        start_time: when what a history's fact is about began, s of the same clock as ``seconds``; otherwise NaN.
+        reception: UNIX s when a live session reported it; NaN of an event in a log.
+        clock: the vehicle's own boot clock then, s; NaN where that was not known, or in a log.
+        boot: number of that boot, from 0.
     """
 
     seconds: float
