@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mavdem.arrays import Array
+from mavdem.assessment.doubted_heights import DOUBTS_ABOUT_BAROMETER
 from mavdem.assessment.flights import flights_in_boot
 from mavdem.assessment.height_disagreements import height_difference, initial_difference
 from mavdem.assessment.shown_time import ShownTime, one_part, successive_parts
@@ -31,11 +32,7 @@ from mavdem.witnesses.height import height_comparison
 SECONDS_AROUND_FLIGHT = 5.0
 """Time before arming and after disarming, s: a choice."""
 
-HEIGHT_DOUBTS = (
-    MotionEvent.BAROMETER_DRIFTED,
-    MotionEvent.HEIGHTS_DISAGREE,
-    MotionEvent.HEIGHT_OFFSET,
-)
+HEIGHT_DOUBTS = (*DOUBTS_ABOUT_BAROMETER, MotionEvent.HEIGHT_OFFSET)
 """Events that compare a height with that by satellites, and find it wrong or doubtful."""
 
 MIN_DEGREES_RATIO = 10.0

@@ -117,7 +117,7 @@ class Guard:
         """
         response = self._answer_to_refusal(request, Fact(RefusalReason.NO_SUCH_PAGE))
         response.status_code = error.status_code
-        response.headers.update(self._response_headers)
+        self._add_security_headers(response)
         response.headers.update(error.headers or {})
         return response
 
@@ -135,7 +135,7 @@ class Guard:
         """
         fact = Fact(RefusalReason.ANSWER_FAILED, reason=type(error).__name__)
         response = self._answer_to_refusal(request, fact)
-        response.headers.update(self._response_headers)
+        self._add_security_headers(response)
         return response
 
     def _guarded_endpoint(self, endpoint: Callable[[HttpRequest], Any]) -> Endpoint:

@@ -151,7 +151,8 @@ def try_gains(evidence: Evidence, gains: Parameters, *, in_wind: bool = True) ->
         present_twin = build_assessed_twin(evidence).twin
         advised_twin = replace(present_twin, parameters={**present_twin.parameters, **gains})
         twins = (present_twin, advised_twin)
-        replayed_segments = _segments_of_most_movement(recorded_segments, dt)
+        samples_to_repeat = samples_of_most_movement(recorded_segments, dt)
+        replayed_segments = _samples_of_segments(recorded_segments, samples_to_repeat)
         tracking = _compared_motions(twins, loops, replayed_segments)
         if in_wind:
             motion_in_wind = _compared_motions(twins, loops, _hover_segments(recorded_segments, dt))
@@ -160,16 +161,15 @@ def try_gains(evidence: Evidence, gains: Parameters, *, in_wind: bool = True) ->
     return GainTrial(tracking, motion_in_wind)
 
 
-def _segments_of_most_movement(
-    recorded_segments: Mapping[str, ReplaySegment], dt: float
+def _samples_of_segments(
+    recorded_segments: Mapping[str, ReplaySegment], samples: slice
 ) -> dict[str, ReplaySegment]:
-    """Returns the part of a recorded flight with the largest setpoints, which the twin repeats.
+    """Returns some samples of a recorded flight, for the twin to repeat.
 
     Args:
         recorded_segments: outputs and setpoints of the same T samples by axis.
-        dt: time between samples, s.
+        samples: which of these samples.
     """
-    samples = samples_of_most_movement(recorded_segments, dt)
     segments = {}
     for axis, (outputs, setpoints) in recorded_segments.items():
         segments[axis] = ReplaySegment(outputs[samples], setpoints[samples])
@@ -185,10 +185,10 @@ def _hover_segments(
         recorded_segments: outputs and setpoints of the same T samples by axis.
         dt: time between samples, s.
     """
-    samples = slice(round((SETTLING_SECONDS + WIND_SECONDS) / dt))
-    segments = {}
-    for axis, (outputs, setpoints) in recorded_segments.items():
-        segments[axis] = ReplaySegment(outputs[samples], np.zeros_like(setpoints[samples]))
+    needed_samples = slice(round((SETTLING_SECONDS + WIND_SECONDS) / dt))
+    segments = _samples_of_segments(recorded_segments, needed_samples)
+    for axis, segment in segments.items():
+        segments[axis] = segment._replace(setpoints=np.zeros_like(segment.setpoints))
     return segments
 
 

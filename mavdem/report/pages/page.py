@@ -281,7 +281,7 @@ class Head(NamedTuple):
         those on the session's own state, the newest first.
         """
         if self.is_newest_first:
-            return [one for one in self.events if not one.event.is_session_state]
+            return [shown for shown in self.events if not shown.event.is_session_state]
         if len(self.events) <= MAX_BRIEF_EVENTS:
             return self.events
         facts = [page_event.event.fact for page_event in self.events]
@@ -311,7 +311,7 @@ class Head(NamedTuple):
         """The events on the own state of a session that goes on, such as its learning; none of a log."""
         if not self.is_newest_first:
             return ()
-        return [one for one in self.events if one.event.is_session_state]
+        return [shown for shown in self.events if shown.event.is_session_state]
 
     @property
     def has_more_of_events(self) -> bool:
