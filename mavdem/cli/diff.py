@@ -169,14 +169,10 @@ def diff_command(
         headlines={side.lower(): headline for side, headline in headlines.items()},
         motor_health={side.lower(): review.get("motor_health") for side, review in reviews.items()},
     )
+    reviewed = reviewed_difference(difference, reviews, parameters, names_without_gains)
     names = (_shown_name(before, days_a), _shown_name(after, days_b))
     page = comparison_page(
-        names,
-        (reviews[name_a], reviews[name_b]),
-        difference,
-        parameters,
-        names_without_gains,
-        flights=(_flight_series(state_a), _flight_series(state_b)),
+        names, reviewed, flights=(_flight_series(state_a), _flight_series(state_b))
     )
     with replaced_files(folder, [PAGE_FILE, DOCUMENT_FILE]) as (page_path, document_path):
         document_path.write_text(json_text(document), "utf-8")
@@ -185,7 +181,6 @@ def diff_command(
     if as_json:
         print_json(document)
     else:
-        reviewed = reviewed_difference(difference, reviews, parameters, names_without_gains)
         _print_comparison(names, reviewed, headlines, folder / PAGE_FILE, verbose=verbose)
     # That a motor failed in one of the flights is a result, though its figures then cannot be compared.
     has_failed_motor = any(row.failed_motor is not None for row in (*state_a.rows, *state_b.rows))

@@ -21,6 +21,7 @@ from mavdem.containers import JsonValues
 from mavdem.documents.library import Recordings
 from mavdem.errors import Refusal
 from mavdem.facts.serve import ListingOrder, Permission, RefusalReason, Stage
+from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import baseline_differences, vehicle_difference
 from mavdem.fleet.flights import group_by_vehicle
 from mavdem.fleet.parameter_changes import changed_parameters, states_without_gains
@@ -30,6 +31,7 @@ from mavdem.ingest.formats import detect_format
 from mavdem.report.blocks import Blocks
 from mavdem.report.charts.comparison_charts import FlightSeries
 from mavdem.report.difference.baseline import baseline_blocks
+from mavdem.report.difference.reviewed import reviewed_difference
 from mavdem.report.pages.difference_page import comparison_page
 from mavdem.report.pages.library_page import (
     render_server_page,
@@ -494,21 +496,25 @@ class Pages:
         gains_before = json.loads(entry_before.gains)
         gains_after = json.loads(entry_after.gains)
         parameters = changed_parameters(gains_before, gains_after)
+        reviews = {}
+        for side, entry, rows in zip(
+            STATE_NAMES, (entry_before, entry_after), (rows_before, rows_after), strict=True
+        ):
+            review = self._visible_library.review(entry) or {}
+            reviews[side] = review_beside_flights(review, rows)
+        reviewed = reviewed_difference(
+            vehicle_difference(rows_before, rows_after, parameters),
+            reviews,
+            parameters,
+            states_without_gains(gains_before, gains_after),
+        )
         given_names = self._library.names.flights
         html = comparison_page(
             names=(
                 given_names.get(entry_before.content_hash, entry_before.name),
                 given_names.get(entry_after.content_hash, entry_after.name),
             ),
-            reviews=(
-                review_beside_flights(
-                    self._visible_library.review(entry_before) or {}, rows_before
-                ),
-                review_beside_flights(self._visible_library.review(entry_after) or {}, rows_after),
-            ),
-            difference=vehicle_difference(rows_before, rows_after, parameters),
-            parameters=parameters,
-            lacking=states_without_gains(gains_before, gains_after),
+            reviewed=reviewed,
             back=PageLink("Flights", "/"),
             flights=(self._series(entry_before), self._series(entry_after)),
             addresses=(f"/f/{entry_before.id}", f"/f/{entry_after.id}"),

@@ -154,10 +154,10 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
     oscillating = {
         "margins": {"level": "bad", "sentence": "Roll oscillates.", "figures": {"axis": "roll"}}
     }
-    reviews = (
-        {"axes": axes, "identity": {"date": "2026-01-31T10:00:00Z"}, "lights": steady},
-        {"axes": axes, "lights": oscillating},
-    )
+    reviews = {
+        "A": {"axes": axes, "identity": {"date": "2026-01-31T10:00:00Z"}, "lights": steady},
+        "B": {"axes": axes, "lights": oscillating},
+    }
     # The yaw's gain changed more, and is no reason of what roll does.
     parameters = [
         ParameterChange("ATC_RAT_RLL_P", 0.1, 0.2),
@@ -166,7 +166,8 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
     difference = vehicle_difference(before, after, parameters)
     logs = Hover().telemetry(), Hover(hovering=30.0).telemetry()
     flights = tuple(flight_series(Signals(log)) for log in logs)
-    page = comparison_page(("a.bin", "b.bin"), reviews, difference, parameters, flights=flights)
+    reviewed = reviewed_difference(difference, reviews, parameters)
+    page = comparison_page(("a.bin", "b.bin"), reviewed, flights=flights)
     assert "time since take-off (s)" in page and "Mean motor output (%)" in page
     places = [page.index(f"Motor {motor} output (%)") for motor in (1, 2, 3, 4)]
     assert places == sorted(places) and places[0] > page.index('id="what-changed"')
@@ -180,16 +181,14 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
     assert headlines[2].startswith(
         "Gains changed: ATC_RAT_RLL_P 0.1 → 0.2 and 1 other parameter; by them phase margin on roll"
     )
-    on_terminal = headline_of_comparison(
-        reviewed_difference(difference, dict(zip("AB", reviews, strict=True)), parameters)
-    )
+    on_terminal = headline_of_comparison(reviewed)
     assert [f"{sentence.lead} {sentence.text}" for sentence in on_terminal] == headlines
     assert "<dd>a.bin, alpha, 2026-01-31 10:00 UTC</dd>" in page and "<dd>b.bin, alpha</dd>" in page
     # By their dates A may be the later one.
     lower = {"next_step": {"sentence": "Lower P."}}
     swapped = {
         "A": {"identity": {"date": "2026-02-01T10:00:00Z"}, "lights": oscillating, **lower},
-        "B": reviews[0],
+        "B": reviews["A"],
     }
     assert next_blocks(reviewed_difference(difference, swapped))[0].lead == "Next, by A:"
 
@@ -217,5 +216,5 @@ def test_page_and_terminal_conclude_alike_where_nothing_changed(half_widths, con
     assert conclusion in [
         sentence.lead for sentence in headline_of_comparison(reviewed_difference(difference))
     ]
-    page = comparison_page(("a.bin", "b.bin"), ({}, {}), difference)
+    page = comparison_page(("a.bin", "b.bin"), reviewed_difference(difference, {"A": {}, "B": {}}))
     assert f'<p class="headline"><strong>{conclusion}' in page

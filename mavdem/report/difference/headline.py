@@ -23,7 +23,7 @@ from mavdem.report.difference.lights import (
     lights_of_both,
     remark_on_imus,
 )
-from mavdem.report.difference.motors import MotorVerdict, has_motor_difference
+from mavdem.report.difference.motors import MotorVerdict
 from mavdem.report.difference.parameters import changed_rate_gains, parameter_text
 from mavdem.report.difference.quantity_texts import change_text
 from mavdem.report.difference.reviewed import ReviewedDifference
@@ -66,7 +66,7 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
     lights = bad_lights(reviewed.reviews)
     light_sentences = _sentences_on_bad_lights(lights)
     if not any(light.name == Light.MOTORS for light in lights):
-        light_sentences += _sentence_on_watched_motors(reviewed.reviews)
+        light_sentences += _sentence_on_watched_motors(reviewed)
     light_sentences = with_evidence(light_sentences, reviewed.motors, difference)
     bad_axes = {light.axis for light in lights if light.name == Light.MARGINS}
     changes = changes_by_relevance(difference, bad_axes, reviewed.motors.evidence)
@@ -170,21 +170,20 @@ def with_evidence(
     return extended_sentences
 
 
-def _sentence_on_watched_motors(reviews: Mapping[str, Review]) -> list[Sentence]:
+def _sentence_on_watched_motors(reviewed: ReviewedDifference) -> list[Sentence]:
     """Returns the headline's sentence on the motors where the two logs judge them differently.
 
     It is for motors whose status light is bad in neither log: bad lights have their own sentences.
 
     Args:
-        reviews: review documents of both logs, by side, "A" and "B"; one without lights, such as that of a fleet, is
-            compared with nothing.
+        reviewed: comparison of the two states, with the reviews of both logs and their verdict on the motors.
 
     Returns:
         A list with one sentence; empty if the lights of the motors agree.
     """
-    if not has_motor_difference(reviews):
+    if not reviewed.motors.differs:
         return []
-    motor_lights = lights_of_both(reviews)[Light.MOTORS]
+    motor_lights = lights_of_both(reviewed.reviews)[Light.MOTORS]
     levels, reason = levels_and_reason(motor_lights)
     return [Sentence(f"{levels}. {reason}", lead=f"{Light.MOTORS.capitalize()}:")]
 

@@ -23,7 +23,11 @@ from mavdem.report.difference.lights import (
     lights_are_equal,
     lights_of_both,
 )
-from mavdem.report.difference.quantity_texts import SHOWN_QUANTITIES, change_with_interval
+from mavdem.report.difference.quantity_texts import (
+    SHOWN_QUANTITIES,
+    change_with_interval,
+    motor_with_place,
+)
 from mavdem.report.fleet import ANOMALOUS_HEALTHS
 from mavdem.report.templates import render_section, without_full_stop
 
@@ -76,7 +80,8 @@ def motor_verdict(reviews: Mapping[str, Review], difference: VehicleDifference) 
         difference: comparison of the two states, quantity by quantity.
     """
     weak_motors = {}
-    if has_motor_difference(reviews):
+    differs = _has_motor_difference(reviews)
+    if differs:
         for side, light in lights_of_both(reviews)[Light.MOTORS].items():
             if light["level"] in WARNING_LEVELS:
                 weak_motors[side] = motor_number(light.get("subject") or "")
@@ -87,11 +92,11 @@ def motor_verdict(reviews: Mapping[str, Review], difference: VehicleDifference) 
         evidence,
         motor_health.get("fault_probability"),
         is_weak=motor_health.get("health") in ANOMALOUS_HEALTHS,
-        differs=has_motor_difference(reviews),
+        differs=differs,
     )
 
 
-def has_motor_difference(reviews: Mapping[str, Review]) -> bool:
+def _has_motor_difference(reviews: Mapping[str, Review]) -> bool:
     """Returns whether the reviews of two logs judge the motors differently: with another level, or of another motor.
 
     The status lights of the motors are compared, and not the measured quantities, since what a motor lost during a
@@ -166,7 +171,7 @@ def motor_table(reviews: Mapping[str, Review], difference: VehicleDifference) ->
     shown_kinds = [kind for kind, changes in changes_by_kind.items() if changes]
     rows = []
     for motor in sorted(motors):
-        row = [_motor_with_place(motor, difference)]
+        row = [motor_with_place(motor, difference)]
         for side in STATE_NAMES:
             row.append(_motor_cell(reviews[side], warnings_by_side[side].get(motor)))
         for kind in shown_kinds:
@@ -175,13 +180,6 @@ def motor_table(reviews: Mapping[str, Review], difference: VehicleDifference) ->
         rows.append(row)
     titles = [SHOWN_QUANTITIES[kind].name for kind in shown_kinds]
     return [Table(["", *STATE_NAMES, *titles], rows, words=True)]
-
-
-def _motor_with_place(motor: int, difference: VehicleDifference) -> str:
-    """Returns the name of a motor with its place, such as "motor 1 (front right)"; its number where that is unknown."""
-    if motor > len(difference.motors):
-        return f"motor {motor}"
-    return difference.motors[motor - 1]
 
 
 def _motor_warnings(review: Review) -> dict[int, JsonValues]:

@@ -1,6 +1,6 @@
 """The next step after a comparison of two states."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
@@ -16,13 +16,11 @@ from mavdem.report.difference.changes import (
     doubtful_changes,
 )
 from mavdem.report.difference.lights import (
-    Review,
     bad_lights,
     later_side,
     lights_are_equal,
     lights_of_both,
 )
-from mavdem.report.difference.motors import has_motor_difference
 from mavdem.report.difference.quantity_texts import motor_name
 from mavdem.report.difference.reviewed import ReviewedDifference
 from mavdem.report.templates import render_section
@@ -57,7 +55,7 @@ def next_blocks(reviewed: ReviewedDifference) -> list[Sentence]:
         return steps
     if reviewed.are_two_vehicles:
         return []
-    motor_steps = _step_of_watched_motor(reviewed.reviews)
+    motor_steps = _step_of_watched_motor(reviewed)
     if motor_steps:
         return motor_steps
     changes = changes_by_relevance(difference, without=reviewed.motors.evidence)
@@ -112,21 +110,21 @@ def _steps_of_bad_logs(reviewed: ReviewedDifference) -> list[Sentence]:
     return steps
 
 
-def _step_of_watched_motor(reviews: Mapping[str, Review]) -> list[Sentence]:
+def _step_of_watched_motor(reviewed: ReviewedDifference) -> list[Sentence]:
     """Returns the step to inspect a motor that the reviews of two logs of one vehicle say is to be watched.
 
     A motor of the earlier log alone needs no step if the motors of the later one are good.
 
     Args:
-        reviews: review documents of both logs, by side, "A" and "B".
+        reviewed: comparison of the two states, with the reviews of both logs and their verdict on the motors.
 
     Returns:
         A list with one sentence; empty if no motor is named.
     """
-    if not has_motor_difference(reviews):
+    if not reviewed.motors.differs:
         return []
-    later = later_side(reviews)
-    lights = lights_of_both(reviews)[Light.MOTORS]
+    later = later_side(reviewed.reviews)
+    lights = lights_of_both(reviewed.reviews)[Light.MOTORS]
     for side, light in lights.items():
         is_mended = side != later and lights[later]["level"] == Level.GOOD
         number = motor_number(light.get("subject") or "")

@@ -85,10 +85,14 @@ def change_text(change: QuantityChange, difference: VehicleDifference) -> str:
 
 def motor_name(change: QuantityChange, difference: VehicleDifference) -> str:
     """Returns the name of the motor of a change, without its position; its number where names are not known."""
-    motor = change.quantity.motor
+    return without_remark(motor_with_place(change.quantity.motor, difference))
+
+
+def motor_with_place(motor: int, difference: VehicleDifference) -> str:
+    """Returns the name of a motor with its place, such as "motor 1 (front right)"; its number where that is unknown."""
     if motor > len(difference.motors):
         return f"motor {motor}"
-    return without_remark(difference.motors[motor - 1])
+    return difference.motors[motor - 1]
 
 
 def change_with_interval(change: QuantityChange) -> str:

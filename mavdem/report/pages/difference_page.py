@@ -5,11 +5,9 @@ from math import sqrt
 
 import numpy as np
 
-from mavdem.containers import Names
 from mavdem.dataset.axes import AXES
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet.difference import VehicleDifference
-from mavdem.fleet.parameter_changes import ParameterChange
 from mavdem.fleet.quantities import LOOP_KINDS, SHARE
 from mavdem.fleet.report_columns import NOT_IDENTIFIABLE, value_at
 from mavdem.report.blocks import Blocks, Sentence, Table, headline_sentence
@@ -40,7 +38,7 @@ from mavdem.report.difference.lights import Review, light_blocks, vibrations_of_
 from mavdem.report.difference.motors import motor_table
 from mavdem.report.difference.next_step import next_blocks
 from mavdem.report.difference.parameters import value_text
-from mavdem.report.difference.reviewed import ReviewedDifference, reviewed_difference
+from mavdem.report.difference.reviewed import ReviewedDifference
 from mavdem.report.difference.sides import side_descriptions
 from mavdem.report.loops import LOOP_FIGURES, TUNED_FIGURES
 from mavdem.report.numbers import counted, rounded
@@ -89,10 +87,7 @@ UNKNOWN_FIGURE = "-"
 
 def comparison_page(
     names: tuple[str, str],
-    reviews: tuple[Review, Review],
-    difference: VehicleDifference,
-    parameters: Sequence[ParameterChange] = (),
-    lacking: Names = (),
+    reviewed: ReviewedDifference,
     back: PageLink | None = None,
     flights: tuple[FlightSeries | None, FlightSeries | None] = ({}, {}),
     addresses: tuple[str, str] = ("", ""),
@@ -101,17 +96,13 @@ def comparison_page(
 
     Args:
         names: names of the flights, A and B.
-        reviews: their documents, with the motors judged beside other flights (``review_beside_flights``).
-        difference: differences between the vehicles.
-        parameters: parameters of the autopilot that changed.
-        lacking: the sides, "A" or "B", whose parameters of the autopilot are not known.
+        reviewed: comparison of both flights. In their reviews the motors are judged beside other flights
+            (``review_beside_flights``).
         back: the page that leads here, if any.
         flights: time series of the flight of each side (``flight_series``): empty of a fleet, None where they were not
             stored with the flight.
         addresses: addresses of the pages of both flights; empty where there are none.
     """
-    reviews_by_side = dict(zip(SIDE_COLOURS, reviews, strict=True))
-    reviewed = reviewed_difference(difference, reviews_by_side, parameters, lacking)
     descriptions = side_descriptions(names, reviewed)
     key = []
     for (side, description), address in zip(descriptions.items(), addresses, strict=True):
@@ -166,7 +157,8 @@ def _chapters(
     motors = _motor_chapter(reviewed, legend, series_charts)
     steps = _step_chapter(reviews_by_side, legend)
     changed_chapters = []
-    if _do_motors_differ(reviewed):
+    if motors.blocks or _has_changed_motor(reviewed.difference):
+        # The block of this chapter is a table, where a flight has a warning of a single motor.
         changed_chapters.append(motors)
     if _do_loops_differ(reviewed):
         changed_chapters.append(steps)
@@ -199,11 +191,10 @@ def _chapters(
     ]
 
 
-def _do_motors_differ(reviewed: ReviewedDifference) -> bool:
-    """Returns whether a flight has a warning of a single motor, or a compared figure of a motor changed."""
-    changes = reviewed.difference.changes_with(QuantityOutcome.CHANGED)
-    has_changed_motor = any(change.quantity.is_of_motor for change in changes)
-    return has_changed_motor or bool(motor_table(reviewed.reviews, reviewed.difference))
+def _has_changed_motor(difference: VehicleDifference) -> bool:
+    """Returns whether a compared figure of a motor changed."""
+    changes = difference.changes_with(QuantityOutcome.CHANGED)
+    return any(change.quantity.is_of_motor for change in changes)
 
 
 def _do_loops_differ(reviewed: ReviewedDifference) -> bool:

@@ -105,7 +105,7 @@ def test_lights_that_are_equal_are_one_sentence():
 def test_a_comparison_states_first_that_it_is_of_two_vehicles():
     rows = [flight_row(vehicle, 0) for vehicle in ("quad", "other")]
     difference = vehicle_difference(rows[:1], rows[1:])
-    page = comparison_page(("a.bin", "b.bin"), ({}, {}), difference)
+    page = comparison_page(("a.bin", "b.bin"), reviewed_difference(difference, {"A": {}, "B": {}}))
     assert page.index("are two vehicles") < page.index("No compared figure differs")
     # The style of the lights of a flight's page is not that of a table of two.
     assert 'id="lights"' not in page
@@ -200,7 +200,8 @@ def test_a_light_to_be_watched_on_one_side_is_in_the_headline(difference):
 def test_spectra_of_both_flights_are_open_before_what_changed(difference):
     spectrum = {"frequency": [0.0, 1.0, 2.0], "density": {"roll": [1.0, 2.0, 3.0]}}
     review = {"spectra": {"gyro": spectrum}}
-    page = comparison_page(("a.bin", "b.bin"), (review, review), difference)
+    reviewed = reviewed_difference(difference, {"A": review, "B": review})
+    page = comparison_page(("a.bin", "b.bin"), reviewed)
     chapter = page[page.index('id="both-flights"') : page.index('id="what-changed"')]
     assert "Gyro, power" in chapter and "<details open>" in chapter
 
@@ -279,7 +280,7 @@ def test_motors_are_compared_one_by_one_where_one_is_weak(difference):
     assert table.rows[2][1].level == "bad"
     assert table.rows[1][3].startswith("+10 % ±")
     assert motor_table({"A": {}, "B": {}}, difference) == []
-    page = comparison_page(("a.bin", "b.bin"), (reviews["A"], {}), difference)
+    page = comparison_page(("a.bin", "b.bin"), reviewed_difference(difference, reviews))
     # What a motor lost comes before what has changed.
     chapter = page[page.index('id="motors"') : page.index('id="what-changed"')]
     assert "lost 19 to 42 % at 47 s" in chapter[: chapter.index("</section>")]

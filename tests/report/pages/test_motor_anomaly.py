@@ -110,7 +110,7 @@ def test_a_comparison_shows_the_motors_as_they_are_beside_other_flights(health, 
     (table,) = motor_table(reviews, difference)
     assert table.rows[0][:2] == ["motor 1 (front right)", "no warning"]
     assert "lost about 22 %" in table.rows[0][2]
-    page = comparison_page(("a", "b"), tuple(reviews.values()), difference)
+    page = comparison_page(("a", "b"), reviewed_difference(difference, reviews))
     assert f"Motors: good in A, {level} in B. Motor 1 (front right) lost about" in page
     assert "<strong>B by itself:</strong>" not in page
     if health == "fault":
