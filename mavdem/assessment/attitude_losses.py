@@ -235,10 +235,11 @@ class _AttitudeLoss(NamedTuple):
     def _onset_time(self) -> float:
         """Returns the time at which the attitude began to leave its setpoint, s since boot.
 
-        That is the last sample before the loss with an error below ``ONSET_ANGLE``, but at most ``RECOVERY_SECONDS``
-        before it; the loss itself if there is no such sample. A vehicle that is being lost may swing through its
-        setpoint. So if the error exceeded twice ``ONSET_ANGLE`` within ``MAX_SETPOINT_DELAY`` before that sample, the
-        search continues before that time.
+        The search goes back from the start of the loss to the last sample near the setpoint: one with an error below
+        ``ONSET_ANGLE``. A vehicle that is being lost may swing through its setpoint, which is no onset. So if the error
+        exceeded twice ``ONSET_ANGLE`` within ``MAX_SETPOINT_DELAY`` before that sample, the search goes on before the
+        swing. It goes back ``RECOVERY_SECONDS`` at most. Without a sample near the setpoint, the loss has no earlier
+        onset.
         """
         time = self.error.time
         magnitude = self.error.magnitude

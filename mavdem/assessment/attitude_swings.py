@@ -105,16 +105,16 @@ def _peaks_of_leans(time: Array, angle: Array) -> list[int]:
         angle: (N,) roll or pitch, rad.
 
     Returns:
-        The rows of the largest angles, ascending.
+        The indices of the samples with the largest angle of each lean, ascending.
     """
     peaks: list[int] = []
-    for row in np.flatnonzero(abs(angle) > SWING_ANGLE).tolist():
+    for sample in np.flatnonzero(abs(angle) > SWING_ANGLE).tolist():
         is_same_lean = False
         if peaks:
-            is_same_side = angle[row] * angle[peaks[-1]] > 0
-            is_same_lean = is_same_side and time[row] - time[peaks[-1]] < MAX_SWING_SECONDS
+            is_same_side = angle[sample] * angle[peaks[-1]] > 0
+            is_same_lean = is_same_side and time[sample] - time[peaks[-1]] < MAX_SWING_SECONDS
         if not is_same_lean:
-            peaks.append(row)
-        elif abs(angle[row]) > abs(angle[peaks[-1]]):
-            peaks[-1] = row
+            peaks.append(sample)
+        elif abs(angle[sample]) > abs(angle[peaks[-1]]):
+            peaks[-1] = sample
     return peaks

@@ -84,10 +84,11 @@ def barometer_drifts(
     )
 
 
-def dated_by_growth(drift: Fact, disagreement: Fact | None) -> Fact:
-    """Adds to a drift of the barometer when it began: when the difference of barometer and satellites began to grow.
+def drift_with_onset_time(drift: Fact, disagreement: Fact | None) -> Fact:
+    """Adds to the event that the barometer drifted the time at which the drift began.
 
-    A drift is found by the heights at rest before and after the flight, which do not show its time.
+    A drift is found by the heights at rest before and after the flight, which do not show its time. It began when the
+    heights by barometer and by satellites began to differ.
 
     Args:
         drift: the event that the barometer drifted or froze, as of :func:`barometer_drifts`.

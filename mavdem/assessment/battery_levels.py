@@ -134,26 +134,28 @@ def cell_count(parameters: Parameters, battery: Battery) -> int | None:
 
 
 def is_measured(parameters: Parameters, battery: Battery) -> bool:
-    """Returns whether a battery is connected to its voltage sensor.
+    """Returns whether the recorded voltage is that of a battery: whether one is connected to the voltage sensor.
 
-    A sensor without a battery reads a constant voltage, or one that never exceeds the levels at which the autopilot
-    reports a low battery: nobody would have taken off with that.
+    The voltage of a battery varies with its load, and exceeds the voltage at which the autopilot reports a low battery,
+    at least at the take-off. A sensor without a battery reads a constant, or a lower voltage.
 
     Args:
-        parameters: parameters of the autopilot, with those levels.
-        battery: battery with its voltages, V.
+        parameters: values of the autopilot's parameters by their names.
+        battery: voltage, V, of the battery over time, as its sensor reads it.
     """
     volts = battery.voltage.values
-    # Zero cells select the levels of the autopilot's parameters alone.
-    levels = voltage_levels(parameters, battery.number, cells=0)
-    return bool(np.ptp(volts) != 0 and volts.max() > levels.watch)
+    # With 0 cells only the autopilot's parameters decide what a low voltage is.
+    low_voltage = voltage_levels(parameters, battery.number, cells=0).watch
+    varies = np.ptp(volts) != 0
+    was_charged = volts.max() > low_voltage
+    return bool(varies and was_charged)
 
 
 def batteries_worst_first(signals: Signals) -> list[Battery]:
-    """Sorts the batteries of a vehicle by their level.
+    """Sorts the batteries of a vehicle by their lowest voltage of a cell, so that the emptiest one comes first.
 
-    They are compared by the lowest voltage of a cell. If the number of cells is not known, it is estimated as the
-    battery's highest voltage over ``FULL_CELL_VOLTAGE``.
+    If the number of cells is not known, it is estimated as the battery's highest voltage over ``FULL_CELL_VOLTAGE``.
+    Low percentiles stand for the lowest voltage, and high ones for the highest, since single samples may be wrong.
 
     Args:
         signals: signals of the vehicle, with its batteries and parameters.

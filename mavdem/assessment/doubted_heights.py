@@ -23,53 +23,58 @@ DOUBTS_ABOUT_BAROMETER = (MotionEvent.BAROMETER_DRIFTED, MotionEvent.HEIGHTS_DIS
 """Events of a flight that say that its barometer was, or may have been, wrong."""
 
 
-def with_doubted_heights_checked(
+def events_with_checked_heights(
     sensors: BootSensors, events: Sequence[Fact], flight_events: Sequence[Fact]
 ) -> list[Fact]:
-    """Corrects or completes the heights of events whose source other events of the flight doubt.
+    """Corrects or completes the heights of events by a barometer that was, or may have been, wrong.
 
     Args:
         sensors: sensors of the boot, with the take-off of the flight.
         events: events whose heights are checked. Only those with the figure ``height_source`` have a height that may
             change; without a recorded take-off none does.
-        flight_events: all events of the flight, among which are the doubts.
+        flight_events: all events of the flight. Those among them that the barometer drifted, or disagreed with the
+            satellites, show that it was wrong.
 
     Returns:
         The events in the same order. Where the barometer drifted, the height is that by satellites. Where barometer and
         satellites disagree, the event also has the ``satellite_height``, m above the take-off.
     """
-    doubts = []
+    barometer_faults = []
     for event in flight_events:
         # A disagreement whose level is good is the satellites' own: the barometer was right.
         if event.code in DOUBTS_ABOUT_BAROMETER and event.warns:
-            doubts.append(event)
-    if not doubts or isinf(sensors.take_off):
+            barometer_faults.append(event)
+    if not barometer_faults or isinf(sensors.take_off):
         return list(events)
     difference = height_difference(sensors.signals, sensors.boot)
     if difference is None:
         return list(events)
     checked_events = []
     for event in events:
-        for doubt in doubts:
-            event = _with_doubt(sensors, event, doubt, difference)
+        for fault in barometer_faults:
+            event = _event_with_checked_height(sensors, event, fault, difference)
         checked_events.append(event)
     return checked_events
 
 
-def _with_doubt(sensors: BootSensors, event: Fact, doubt: Fact, difference: TimeSeries) -> Fact:
-    """Applies one doubt about the barometer to the height of an event.
+def _event_with_checked_height(
+    sensors: BootSensors, event: Fact, fault: Fact, difference: TimeSeries
+) -> Fact:
+    """Corrects or completes the height of an event by one fault of the barometer.
 
     Args:
         sensors: sensors of the boot, with the take-off of the flight.
-        event: the event.
-        doubt: the event that the barometer drifted, or that satellites disagree with it.
+        event: the event, such as a loss of control.
+        fault: the event that the barometer drifted, or that satellites disagree with it.
         difference: how much higher the barometer reads than satellites (N,), m.
 
     Returns:
-        The event; unchanged if it has no height, if it was before the doubt, or if both heights agree at its time.
+        A copy of the event. If the barometer drifted, its height is by satellites. If the two only disagree, it has the
+        height by satellites as ``satellite_height`` too. It is unchanged if it has no height, if it was before the
+        fault, or if both heights agree at its time.
     """
     has_height = event.figures.get("height_source") is not None
-    if not has_height or event.time is None or event.time < doubt.start_time:
+    if not has_height or event.time is None or event.time < fault.start_time:
         return event
     initial = initial_difference(difference, sensors.take_off)
     barometer_rise = sensors.height.barometer_change(sensors.take_off, event.time)
@@ -79,6 +84,6 @@ def _with_doubt(sensors: BootSensors, event: Fact, doubt: Fact, difference: Time
     if abs(growth) < MAX_AGREEMENT:
         return event
     satellite_height = barometer_rise - growth
-    if doubt.code is MotionEvent.BAROMETER_DRIFTED:
+    if fault.code is MotionEvent.BAROMETER_DRIFTED:
         return event.replace(height=satellite_height, height_source=HeightSource.SATELLITES)
     return event.replace(satellite_height=satellite_height)

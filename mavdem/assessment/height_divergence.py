@@ -200,19 +200,21 @@ def _median_stick_travel(sensors: BootSensors, interval: TimeInterval) -> float 
 
 
 def _accelerometer_error(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
-    """Returns a fact that supports the divergence: that the accelerometer measured a wrong specific force.
+    """Returns the fact that the accelerometer measured a wrong specific force, which makes a height estimate diverge.
 
-    An error at rest, as of a wrong scale or offset, is preferred if it explains at least ``MIN_REST_FRACTION`` of the
-    error in flight, or if the error in flight is not known. Otherwise the fact has the error in flight, which vibration
-    may cause.
+    The accelerometer may be wrong in two ways. A wrong scale or offset shows at rest too: then it does not measure
+    gravity there. An error that vibration causes shows in flight only. The fact states the error at rest if that is
+    wrong and explains at least ``MIN_REST_FRACTION`` of the error in flight, or if the error in flight is not known.
+    Otherwise it states the error in flight.
 
     Args:
         sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
-        interval: interval of the divergence, s since boot.
+        interval: start and end of the divergence, s since boot.
 
     Returns:
-        The fact, with the specific force at rest, m/s², or the one of the flight as it would be at rest: gravity plus
-        the error. None if the accelerometer is right, or was not recorded.
+        The fact. Its figure ``acceleration``, m/s², is the specific force at rest or, for an error in flight, the force
+        that the accelerometer would measure at rest with this error: gravity plus the error. None if the accelerometer
+        is right, or was not recorded.
     """
     accelerometer = sensors.accelerometer
     if accelerometer is None:
@@ -222,18 +224,19 @@ def _accelerometer_error(sensors: BootSensors, interval: TimeInterval) -> Fact |
     is_wrong_at_rest = accelerometer.is_sound is False
     is_wrong_in_flight = flight_error is not None and abs(flight_error) > MAX_FORCE_ERROR
     if force_at_rest is not None and is_wrong_at_rest:
-        rest_explains_flight = flight_error is None
+        error_at_rest_is_cause = flight_error is None
         if flight_error is not None and is_wrong_in_flight:
-            # The ratio is negative if the errors have opposite signs: the one at rest then explains nothing.
-            rest_explains_flight = (force_at_rest - GRAVITY) / flight_error >= MIN_REST_FRACTION
-        if rest_explains_flight:
+            # The fraction is negative if the errors have opposite signs: the error at rest then explains nothing.
+            explained_fraction = (force_at_rest - GRAVITY) / flight_error
+            error_at_rest_is_cause = explained_fraction >= MIN_REST_FRACTION
+        if error_at_rest_is_cause:
             return supporting_fact(
                 SensorFact.GRAVITY_WRONG, part="at rest", acceleration=force_at_rest
             )
     if flight_error is None or not is_wrong_in_flight:
         return None
-    # The measured force contains the acceleration of the vehicle. Gravity plus the error can be compared with the force
-    # at rest, which the figure ``gravity`` holds.
+    # The measured force contains the acceleration of the vehicle, so that it is not stated itself. Gravity plus the
+    # error can be compared with the force at rest, which is the figure ``gravity``.
     return supporting_fact(
         SensorFact.GRAVITY_WRONG,
         part="in flight",

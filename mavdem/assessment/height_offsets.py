@@ -54,13 +54,13 @@ def height_offsets(sensors: BootSensors, flight_interval: TimeInterval) -> Itera
         return
     first_start, _ = intervals[0]
     _, last_end = intervals[-1]
-    row_of_largest = abs(offset.values).argmax()
+    largest_sample = abs(offset.values).argmax()
     yield Fact(
         MotionEvent.HEIGHT_OFFSET,
         time=first_start,
         # An interval that lasts to the end of the record is infinite.
         end_time=min(last_end, float(offset.time[-1])),
-        height=float(offset.values[row_of_largest]),
+        height=float(offset.values[largest_sample]),
         boot=sensors.boot,
     )
 

@@ -38,7 +38,7 @@ def invalid_attitudes(signals: Signals, boot: int, flight_interval: TimeInterval
     Yields:
         Events without an end where the attitude is never a number again.
     """
-    if not _some_are_invalid(signals):
+    if not _has_invalid_attitudes(signals):
         return
     time, is_valid = _validity_in_flight(signals, boot, flight_interval)
     if not len(time):
@@ -86,8 +86,10 @@ def _validity_in_flight(
 
 
 @cached_per_vehicle()
-def _some_are_invalid(signals: Signals) -> bool:
-    """Returns whether any angle of a vehicle's attitudes is not a number: most logs have none, in any flight.
+def _has_invalid_attitudes(signals: Signals) -> bool:
+    """Returns whether any logged attitude has an angle that is not a number.
+
+    Most logs have none. The result is kept, so that each flight of such a log need not be searched.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.

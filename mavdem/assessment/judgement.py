@@ -180,6 +180,7 @@ def _swing_to_explain(axis: str, swings: Sequence[Fact]) -> Fact | None:
     Returns:
         The swing; None if there was none.
     """
+    # Pairs are compared by their first element, and by the second only if the first ones are equal.
     return max(swings, key=lambda swing: (swing.is_bad, swing.subject == axis), default=None)
 
 

@@ -13,10 +13,10 @@ from mavdem.assessment.attitude_error import AttitudeError, attitude_error
 from mavdem.assessment.attitude_losses import attitude_losses
 from mavdem.assessment.attitude_swings import attitude_swings
 from mavdem.assessment.autopilot_messages import in_time_order
-from mavdem.assessment.barometer_drifts import barometer_drifts, dated_by_growth
+from mavdem.assessment.barometer_drifts import barometer_drifts, drift_with_onset_time
 from mavdem.assessment.clipping import clipping_events
 from mavdem.assessment.descents import dive_events, fall_events
-from mavdem.assessment.doubted_heights import with_doubted_heights_checked
+from mavdem.assessment.doubted_heights import events_with_checked_heights
 from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot, loss_onset
 from mavdem.assessment.flips import flip_events, flip_intervals
 from mavdem.assessment.ground_contacts import flight_losses, ground_contact
@@ -141,7 +141,7 @@ def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Ite
         take_off, _ = flight
         sensors = BootSensors(signals, boot, take_off)
         flight_events = list(_events_of_flight(sensors, error, flight, reports))
-        flight_events = with_doubted_heights_checked(sensors, flight_events, flight_events)
+        flight_events = events_with_checked_heights(sensors, flight_events, flight_events)
         yield from flight_events
         times_out_of_control += _times_out_of_control(flight_events, flight)
         flips += flip_intervals(flight_events)
@@ -159,7 +159,7 @@ def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Ite
         if end_event is not None:
             take_off, _ = flights[-1]
             sensors = BootSensors(signals, boot, take_off)
-            yield from with_doubted_heights_checked(sensors, [end_event], flight_events)
+            yield from events_with_checked_heights(sensors, [end_event], flight_events)
 
 
 def _lies_within(event: Fact, intervals: Intervals) -> bool:
@@ -260,7 +260,7 @@ def _height_sensor_drifts(
         return
     first_disagreement = disagreements[0] if disagreements else None
     for drift in drifts:
-        yield dated_by_growth(drift, first_disagreement)
+        yield drift_with_onset_time(drift, first_disagreement)
 
 
 def _stopped_motors(

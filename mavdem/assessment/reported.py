@@ -231,7 +231,9 @@ def _failsafe_trigger(failsafe: Fact, faults: Sequence[Fact]) -> Fact | None:
 
 
 def _is_possible_problem(problem: Fact, signals: Signals) -> bool:
-    """Returns whether a reported problem is possible: without a position fix, the GPS position cannot have jumped.
+    """Returns whether a problem that the autopilot reports can be true.
+
+    The only report that is known to be false is a jump of the GPS position at a time without a position fix.
 
     Args:
         problem: fact that the autopilot reports.
@@ -352,10 +354,11 @@ def _arming_events(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
     if state is None:
         return
     is_armed = state.values > 0
-    for row in np.flatnonzero(np.diff(is_armed, prepend=False)):
-        code = ReportedEvent.MOTORS_ARMED if is_armed[row] else ReportedEvent.MOTORS_DISARMED
+    # Before the first sample the motors count as disarmed, so that a log that begins while they are armed has an event.
+    for sample in np.flatnonzero(np.diff(is_armed, prepend=False)):
+        code = ReportedEvent.MOTORS_ARMED if is_armed[sample] else ReportedEvent.MOTORS_DISARMED
         yield _reported_event(
-            signals, recorded_span, "HEARTBEAT", code, state.time[row], is_begun=row == 0
+            signals, recorded_span, "HEARTBEAT", code, state.time[sample], is_begun=sample == 0
         )
 
 

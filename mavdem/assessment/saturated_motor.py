@@ -114,13 +114,16 @@ def _unexplained_limits(events: Sequence[Fact], ending: Fact | None) -> Iterator
 
 
 def _latest_start_before_ending(ending: Fact | None) -> float:
-    """Returns the latest time at which a limit of a motor may begin that the loss of the flight does not explain.
+    """Returns the time after which the loss of the flight itself explains that motors reach their limits.
+
+    A motor that reached its limit earlier may be the cause of the loss.
+
 
     Args:
         ending: event with which the flight was lost; None if it was not.
 
     Returns:
-        The time, s since the boot of the loss; infinite without a loss or its time.
+        The time on the clock of the boot of the loss, s; infinite if no flight was lost, or the time is not known.
     """
     if ending is None or ending.time is None:
         return inf

@@ -218,15 +218,15 @@ def _satellite_height(
         The height (G,), m, averaged over a second, at the receiver's fixes; None without such an event.
     """
     heights_by_boot = []
-    last_doubts = {event.figures["boot"]: event for event in events if event.code in HEIGHT_DOUBTS}
-    for boot, doubt in last_doubts.items():
+    last_events = {event.figures["boot"]: event for event in events if event.code in HEIGHT_DOUBTS}
+    for boot, event_of_doubt in last_events.items():
         barometer = series_of_boot(barometer_height, boot)
         difference = height_difference(signals, boot)
         if barometer is None or difference is None:
             continue
         take_off = -np.inf
         for flight_start, _ in flights_in_boot(signals, boot):
-            if flight_start <= doubt.start_time:
+            if flight_start <= event_of_doubt.start_time:
                 take_off = flight_start
         initial = initial_difference(difference, take_off)
         if initial is not None:

@@ -83,7 +83,10 @@ class FlightPhase:
 
     @property
     def not_flying_reason(self) -> Fact | None:
-        """Why the vehicle is not flying; None if it is."""
+        """Why the vehicle does not count as flying: it is on the ground, or nothing shows whether it flies; None if it flies.
+
+        If the motors idle it is on the ground, whatever other messages are missing.
+        """
         if self.is_flying:
             return None
         if self.motors_are_idle or self._is_flying_known:
@@ -120,9 +123,12 @@ class FlightPhase:
         return self._settled_start if self.is_settled(now) else None
 
     def pop_withdrawal_time(self) -> float | None:
-        """Returns the time, s, since which samples that counted as settled were not; None without such samples.
+        """Returns, once, since when samples that were taken for settled flight must be withdrawn from learning.
 
-        They were of a landing or of a loss of control.
+        They turned out to be of a landing or of a loss of control. Each time is returned by one call only.
+
+        Returns:
+            Time of the first of these samples, s of the boot clock; None if there are none since the last call.
         """
         withdrawal_time = self._withdrawal_time
         self._withdrawal_time = None
@@ -131,8 +137,9 @@ class FlightPhase:
     def note_loss(self, onset: float | None) -> None:
         """Notes since when the vehicle is out of control: from then on its flight is neither settled nor free.
 
-        The last ``TRANSIENT_SECONDS`` before the onset are withdrawn too, as before a touch-down. Of a log, too, those
-        before a vehicle turns over are not settled flight: what led to the loss may have begun in them.
+        The last ``TRANSIENT_SECONDS`` before the onset, in which the cause of the loss may have begun, are withdrawn
+        from settled flight too. Logs are judged by the same rule, and the seconds before a touch-down are withdrawn
+        likewise.
 
         Args:
             onset: beginning of the loss of control, s of the boot clock; None while the vehicle is under control.

@@ -254,7 +254,8 @@ def _last_flown_boot_of(telemetry: Telemetry) -> Telemetry:
 
 
 def facts_of_tuning(tuning: Tuning) -> Facts:
-    """Returns the new gains of each axis and, for the other axes, what was decided on their control loops.
+    """Returns the facts about the gains that a user is told after a flight.
+
 
     Args:
         tuning: the advice on all axes.

@@ -11,7 +11,7 @@ from math import isfinite
 
 from mavdem.assessment.barometer_drifts import (
     barometer_drifts,
-    dated_by_growth,
+    drift_with_onset_time,
     is_barometer_steady,
 )
 from mavdem.assessment.height_disagreements import (
@@ -226,7 +226,7 @@ class HeightWatch:
         barometer_drift = next(barometer_drifts(sensors, flight_interval, rests), None)
         disagreement_in_flight = self._latest_disagreement
         if barometer_drift is not None:
-            return dated_by_growth(barometer_drift, disagreement_in_flight)
+            return drift_with_onset_time(barometer_drift, disagreement_in_flight)
         if disagreement_in_flight is None:
             return None
         if not is_barometer_steady(sensors, flight_interval, rests):

@@ -8,7 +8,7 @@ from instrumented import instrumented, stamps
 from pytest import approx, mark
 
 from mavdem.assessment.barometer_drifts import barometer_drifts
-from mavdem.assessment.doubted_heights import with_doubted_heights_checked
+from mavdem.assessment.doubted_heights import events_with_checked_heights
 from mavdem.assessment.motion import motion_events
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
@@ -174,7 +174,7 @@ def end_of_log(time, doubt):
     height = sensors.height.barometer_change(TAKE_OFF, time)
     source = HeightSource.BAROMETER
     event = Fact(MotionEvent.LOG_ENDED_IN_AIR, time=time, height=height, height_source=source)
-    return with_doubted_heights_checked(sensors, [event], [doubt])
+    return events_with_checked_heights(sensors, [event], [doubt])
 
 
 def test_a_height_that_satellites_contradict_is_stated_with_theirs():

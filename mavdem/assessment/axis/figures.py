@@ -103,9 +103,11 @@ class AxisEstimates:
 
     @cached_property
     def wind(self) -> WindTorque | None:
-        """Wind torque; None if it could not be estimated.
+        """Wind torque of the axis in rad/s², with its uncertainty; None if it could not be estimated.
 
-        It takes a twentieth of the time of a review, and its screen does not show it.
+        The wind torque is the angular acceleration that neither the motors nor the damping explain. It is taken from
+        the linear model if there is one, and otherwise estimated from the physical parameters. It is computed when it
+        is first read, since only some of the outputs show it and it takes a twentieth of the time of a review.
         """
         if self.model is not None:
             return self.model.wind_torque
@@ -420,8 +422,8 @@ def physical_parameters(signals: Signals, flights: Flights) -> Physical | NotIde
     narrower intervals, but it may be biased if the controller reacts to the wind. The closed-loop one models the
     controller too, so it needs flights with one known set of gains, and setpoints that excite the axis.
 
-    The open-loop estimate is returned if it is identifiable and unbiased, and the closed-loop one does not doubt the
-    effectiveness; otherwise the closed-loop estimate, if there is one.
+    The open-loop estimate is returned if it is identifiable and unbiased, and the closed-loop one determines the
+    control effectiveness as well. Otherwise the closed-loop estimate is returned, if there is one.
 
     Args:
         signals: signals of the vehicle and the axis.

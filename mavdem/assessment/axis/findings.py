@@ -227,12 +227,12 @@ def _grade(parameter: str, relative_half_width: float, status: Status = Status.R
 
 
 def _first_reason(reason: Fact | None) -> Fact:
-    """Returns the first doubt that keeps an estimate from being reported.
+    """Returns the most important reason why a physical parameter is not reported.
 
     Args:
-        reason: why the estimate is not reported: one doubt, or a fact with several doubts as its figure ``reason``.
+        reason: the only reason, or a fact with the code ``SEVERAL_DOUBTS``, whose figure ``reason`` is the list of all
+            reasons, the most important first. The type allows None, but a parameter that is not reported has a reason.
     """
-    # An estimate that is not reported always has a reason.
     assert reason is not None
     if reason.code is ParameterDoubt.SEVERAL_DOUBTS:
         first: Fact = reason.figures["reason"][0]

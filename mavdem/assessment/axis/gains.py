@@ -422,8 +422,8 @@ def _excitation_moments(signals: Signals) -> list[BootTime]:
     moments = []
     for injected in signals.injected_signals:
         series = injected.signal
-        for row in np.flatnonzero(series.values):
-            moments.append(BootTime(series.boot[row], series.time[row]))
+        for sample in np.flatnonzero(series.values):
+            moments.append(BootTime(series.boot[sample], series.time[sample]))
     return moments
 
 

@@ -300,18 +300,18 @@ def _decision_by_identified_loop(
 
 
 def _advice_that_may_be_unsound(loop: Loop, *, raises_sound_gains: bool) -> Advice | None:
-    """Computes the gains that `mavdem tune` advises, if the flight may not be a basis for them.
+    """Designs new gains, as `mavdem tune` does, unless the flight is certainly a sufficient basis for them.
 
-    A flight is a basis for new gains if nearly all models that fit it have too little margin with the logged gains:
-    then new gains are needed whatever the true model is. The design of gains takes time, so it is skipped here in that
-    case, and left to `mavdem tune`.
+    The design itself shows whether the flight is a basis for its gains, but it takes time. It is skipped if nearly all
+    models that fit the flight have too little margin with the logged gains: then new gains are needed whatever the true
+    model is, and the user is sent to `mavdem tune`, which designs them.
 
     Args:
         loop: rate and attitude loop of the axis, without reasons against new gains.
         raises_sound_gains: whether the gains are raised although the loop has its margins.
 
     Returns:
-        The advice; None if the loop surely lacks margin with the logged gains.
+        The advice on gains, which states whether the flight is a basis for them; None if the design was skipped.
     """
     loop_with_last_gains = loop_at_end_of_log(loop)
     # Fractions of the models that fit the flight.
@@ -346,10 +346,14 @@ def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None
     An identified loop with enough margin would follow well, so that it cannot be right, and no gains are computed from
     it. The exception is an axis whose body rate only falls short of its setpoint: such a loop may be right but slow.
 
-    The action depends on what is wrong: an overshoot, amplified setpoints, or a large error for another reason. In an
-    automatic mode the setpoint of an axis may swing by tens of degrees. Then its attitude is never near the setpoint:
-    the error is a consequence of the swing, whose remedy is the action. An error that is bad by itself, and that of an
-    axis which did not swing, have other reasons, unless the attitude was far from its setpoint in the swing too.
+    The action depends on what is wrong:
+
+    - The angle overshoots: lower the gains of the attitude loop.
+    - The angle amplifies its setpoint: fly doublets, which show the margins.
+    - The error is a consequence of a swing: in an automatic mode, setpoint and angle may swing by tens of degrees. The
+      action is the remedy of the swing. The swing explains the error if the angle was far from its setpoint in it, or
+      if the axis itself swung and its error is not bad.
+    - The error is large for another reason: check the vehicle.
 
     Args:
         observations: margins, tracking and doubts that the flight shows of the axis.
@@ -366,7 +370,7 @@ def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None
     swing = observations.attitude_swing
     is_error_by_swing = False
     if swing is not None:
-        # Only a swing that was far from its setpoint has the figure "angle_error", which is that of roll or pitch.
+        # Only a swing in which roll or pitch was far from its setpoint has the figure "angle_error".
         is_far_from_setpoint = "angle_error" in swing.figures
         is_swing_of_axis = swing.subject == axis
         is_error_by_swing = is_far_from_setpoint or (is_swing_of_axis and not tracking.is_bad)

@@ -197,11 +197,13 @@ Inputs and outputs alone show the plant worse, so that the fit by these does not
 def _identified_plant(
     signals: Signals, flights: Flights, gray_box_fit: Physical | None
 ) -> Physical:
-    """Identifies the plant of an axis, in its closed loop if possible, otherwise by the gray-box fit.
+    """Identifies the plant of an axis: how the commands of the motors accelerate its body rate, rad/s².
 
-    Identification in the closed loop uses the logged controller and setpoints. If these are not known, the plant is
-    taken from the gray-box fit, which uses inputs and outputs alone. If the closed loop was identified, but too poorly
-    for margins, there is no result: margins by the gray-box fit would be even worse.
+    Two methods are tried in this order:
+
+    1. Identification in the closed loop, which needs the logged setpoints and the gains of the controller. If it was
+       possible but too inaccurate for stability margins, the second method is not tried: it would be even less accurate.
+    2. The open-loop gray-box fit, which needs only the inputs and outputs of the plant.
 
     Args:
         signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
@@ -209,21 +211,23 @@ def _identified_plant(
         gray_box_fit: result of the gray-box fit; None if it must still be computed.
 
     Returns:
-        The plant: angular acceleration of the axis per command of the motors. The ``refusal`` of a gray-box fit says
-        why the closed loop could not be used.
+        Control effectiveness, rate damping, motor lag and delay, with their uncertainty. If they are from the gray-box
+        fit, their ``refusal`` says why the closed loop could not be used.
 
     Raises:
-        NotLearnable: the plant is not identifiable in either way.
+        NotLearnable: neither method identifies the plant, with the reasons.
     """
     try:
         return identify_plant_in_loop(signals, flights)
     except NotLearnable as error:
         closed_loop_reason = error.fact
-        if closed_loop_reason.code in MARGIN_REFUSALS:
+        is_too_inaccurate_for_margins = closed_loop_reason.code in MARGIN_REFUSALS
+        if is_too_inaccurate_for_margins:
             raise
     fit = gray_box_fit or physical(flights)
     if isinstance(fit, Physical) and fit.identifiable:
         return fit._replace(refusal=closed_loop_reason)
+    # A fit that is not identifiable states the reason as its caution; where no fit was possible, there is only a reason.
     gray_box_reason = fit.caution if isinstance(fit, Physical) else fit.reason
     if closed_loop_reason.code is LoopFact.NO_RATE_SETPOINT and gray_box_reason is not None:
         # Both reasons are reported. The missing setpoint alone would mislead: on other axes of the same log, without it

@@ -199,9 +199,9 @@ def response_comparison(
     all frequencies already (:attr:`Loop.agrees`). If the two comparisons contradict each other, this one is left out,
     so that no report calls the same loop right in one place and wrong in another.
 
-    If the first comparison did not decide, a difference does not cast doubt on the loop in two cases: if a motor was at
-    a limit too often, since the response is not linear then, and if gains changed in flight, since the measured
-    response then mixes two loops.
+    If the first comparison did not decide, a difference usually means that the loop is wrong. It has another cause in
+    two cases, and is then left out: a motor was at a limit too often, so that the response is not linear; or gains
+    changed in flight, so that the measured response mixes two loops.
 
     Args:
         measured_response: response of rate or angle to its setpoint, measured in flight.
@@ -210,7 +210,7 @@ def response_comparison(
         closed_loop: (F,) predicted frequency response of the closed loop.
 
     Returns:
-        The fact; None if the comparison is left out, or a difference casts no doubt on the loop.
+        The fact; None if the comparison is left out.
     """
     comparison = measured_response.comparison(frequency, closed_loop)
     if loop.agrees is not None:

@@ -132,7 +132,7 @@ def tune_loops(
     evidence = assessment.evidence
     assert evidence is not None
     judgement = assessment.judgement
-    vehicle_doubts = _doubts_on_vehicle(evidence, judgement)
+    vehicle_doubts = _reasons_against_higher_gains(evidence, judgement)
     notch = assessment.noise.notch if filters and not vehicle_doubts else None
     # The fact about the notch filter contains the parameters to set, or says why there is no filter.
     notch_parameters = dict(notch.figures.get("settings", ())) if notch else {}
@@ -362,14 +362,14 @@ def _next_step_with_new_gains(
 
 
 def _advice_on_changed_loops(advice_on_loops: Sequence[Advice]) -> list[Advice]:
-    """Selects the advice on the loops that the new parameters change.
+    """Selects the advice on those loops that behave differently once the new parameters are set.
 
     Args:
         advice_on_loops: advice on all loops.
 
     Returns:
-        The advice on loops with parameters that change. If there are none, only a notch filter is new, which changes
-        every loop: then the advice on all loops with gains.
+        The advice that changes parameters. If no advice does, only a notch filter is new, whose delay affects every
+        loop: then all advice on loops with known gains.
     """
     changed_loops = [advice for advice in advice_on_loops if advice.parameters]
     return changed_loops or [advice for advice in advice_on_loops if advice.gains]
@@ -504,7 +504,7 @@ def _allows_new_gains(headline: Fact) -> bool:
     return not headline.is_bad
 
 
-def _doubts_on_vehicle(evidence: Evidence, judgement: Judgement) -> Facts:
+def _reasons_against_higher_gains(evidence: Evidence, judgement: Judgement) -> Facts:
     """Returns why the gains of no axis may be raised: the repairs that the vehicle needs, and a limit cycle.
 
     A limit cycle, a lasting oscillation of the loops, is known by up to three facts: one among the repairs, the reason

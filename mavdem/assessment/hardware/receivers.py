@@ -33,24 +33,28 @@ MAX_ACCURACY_ARDUPILOT = 5.0
 
 
 def receiver_fact(evidence: Evidence) -> Fact | None:
-    """Returns the fact about the measurements of the first satellite receiver in flight.
+    """Returns the fact about the quality of the first satellite receiver's position in flight.
 
-    The level is "watch" if the median number of satellites or the median accuracy does not meet the requirement of the
-    autopilot's filter, or if the jamming indicator was at the limit of PX4's guide for a twentieth of the flight.
+    The level is "watch" if one of these checks fails, and otherwise "good":
+
+    - The median number of satellites, dilution of precision and accuracy must meet the requirements of the autopilot's
+      filter.
+    - The jamming indicator must stay below the limit of PX4's guide for 95 % of the flight.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        The fact; None if the receiver was not recorded in flight or not connected.
+        The fact, with the failed checks as its figure ``failed_checks``; None if the receiver was not recorded in flight or
+        not connected.
     """
     signals = evidence.signals
     satellites = _satellites_in_flight(evidence)
     if satellites is None:
         return None
-    doubts = []
+    failed_checks = []
     if np.median(satellites) < MIN_SATELLITES:
-        doubts.append(ReceiverDoubt.SATELLITES)
+        failed_checks.append(ReceiverDoubt.SATELLITES)
     limits = {"dilution": MAX_DILUTION, "accuracy": _accuracy_limit(signals.telemetry)}
     figures: dict[str, float | None] = {}
     dilution_usual = None
@@ -60,13 +64,13 @@ def receiver_fact(evidence: Evidence) -> Fact | None:
         if len(values) and name == "dilution":
             dilution_usual = float(np.median(values))
         if len(values) and name in limits and np.median(values) > limits[name]:
-            doubts.append(ReceiverDoubt(name))
+            failed_checks.append(ReceiverDoubt(name))
     jamming = figures["jamming"]
     if jamming is not None and jamming >= MAX_JAMMING:
-        doubts.append(ReceiverDoubt.JAMMING)
+        failed_checks.append(ReceiverDoubt.JAMMING)
     return Fact(
         HardwareFact.RECEIVER_MEASURED,
-        Level.WATCH if doubts else Level.GOOD,
+        Level.WATCH if failed_checks else Level.GOOD,
         satellites=np.quantile(satellites, 1 - TYPICAL_FRACTION),
         satellites_usual=np.median(satellites),
         dilution=figures["dilution"],
@@ -74,18 +78,19 @@ def receiver_fact(evidence: Evidence) -> Fact | None:
         accuracy=figures["accuracy"],
         noise=figures["noise"],
         jamming=jamming,
-        doubts=doubts,
+        doubts=failed_checks,
     )
 
 
 def _satellites_in_flight(evidence: Evidence) -> Array | None:
-    """Returns the numbers of satellites of the first receiver in flight, (N,), without samples that do not know it.
+    """Returns the numbers of satellites that the first receiver used in flight (N,), without unknown ones.
+
 
     Args:
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        The numbers; None if there is none, or the receiver was not connected.
+        The number at each sample that reports one; None if no sample does, or the receiver was not connected.
     """
     signals = evidence.signals
     counts = recorded_series(signals.telemetry, RECEIVER_MESSAGES[0], "satellites_visible")

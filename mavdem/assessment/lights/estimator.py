@@ -376,16 +376,17 @@ def _missing_fixes(evidence: Evidence) -> list[Fact]:
 
 
 def _assumed_standstills(evidence: Evidence) -> list[Fact]:
-    """Returns the fact that the estimator reported in all flight that it assumes a standstill.
+    """Returns the fact that the estimator had no sensor of the position at all in flight.
 
-    ArduPilot's does so without any sensor of position. Vehicles that stay on the ground or below the water are not
-    judged.
+    ArduPilot's estimator then assumes that the vehicle stands still, and reports that ("constant position mode").
+    Vehicles that stay on the ground or below the water are not judged.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        One fact; empty if the estimator did not report that, or a satellite receiver was recorded.
+        A list with one fact; empty if the estimator did not report that in all of the flight, or a satellite receiver
+        was recorded.
     """
     has_fix = evidence.values_in_flight(position_fix(evidence.signals))
     if len(has_fix) or evidence.signals.telemetry.vehicle in SURFACE_VEHICLES:

@@ -112,7 +112,7 @@ def _limited_motors_of_flight(evidence: Evidence, hover: HoverFigures | None) ->
         The fact; None if no motor was at its limit for long, or the limits are no sign of weak motors.
     """
     motors = evidence.signals.motors
-    if motors is None or _has_full_throttle(evidence):
+    if motors is None or _has_explained_full_throttle(evidence):
         return None
     has_long_hover = hover is not None and hover.seconds >= MIN_STEADY_SECONDS
     if has_long_hover:
@@ -156,7 +156,7 @@ def _figures_of_whole_flight(motors: MotorOutputs, segments: Segments) -> HoverF
         return None
 
 
-def _has_full_throttle(evidence: Evidence) -> bool:
+def _has_explained_full_throttle(evidence: Evidence) -> bool:
     """Returns whether the flight had full throttle for a known reason, so that limits are no sign of weak motors.
 
     The reasons are a diverged height estimate, which the height controller may follow at full throttle, and the
@@ -190,10 +190,10 @@ def _are_limited_by_hard_climb(
         return False
     commands = motors.scale.fraction(motors.outputs[in_segments(motors, *segments)])
     is_at_limit, _ = samples_at_limits(commands, motors.scale)
-    limited_rows = is_at_limit.any(axis=1)
-    if not limited_rows.any():
+    is_limited = is_at_limit.any(axis=1)
+    if not is_limited.any():
         return False
-    mean_commands = commands[limited_rows].mean(axis=1)
+    mean_commands = commands[is_limited].mean(axis=1)
     limited_together = mean_commands >= SPENT_THRUST_SHARE * motors.scale.upper_limit
     return bool(limited_together.mean() > MIN_TOGETHER_FRACTION)
 
@@ -328,11 +328,12 @@ def _duration(event: Fact) -> float:
     return event.latest_time - event.time
 
 
-def _only_one_lacks(hover: HoverFigures) -> bool:
-    """Returns whether one motor alone lacks headroom: it or its propeller may be the reason, not the load.
+def _lacks_headroom_in_one_motor(hover: HoverFigures) -> bool:
+    """Returns whether a single motor has much less headroom than all others in the hover.
 
-    Every other motor has ``MIN_HEADROOM`` and at least ``MIN_HEADROOM_RATIO`` times as much, and was not at its limit
-    for longer: gusts and manoeuvres make the motors of a sound vehicle differ too.
+    Then it or its propeller may be weak; too much load would take the headroom of all motors. Gusts and manoeuvres make
+    the motors of a sound vehicle differ too. So every other motor must have at least ``MIN_HEADROOM``, and at least
+    ``MIN_HEADROOM_RATIO`` times the headroom of this one, and no other motor may have been at its limit for longer.
 
     Args:
         hover: outputs of the motors in the hover, with the headroom of each, the fraction of its range above the 99th
@@ -366,7 +367,7 @@ def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
     """
     trim = trim_of_signals(evidence.signals) or Fact(TrimFact.TRIM_UNKNOWN)
     headroom = min(hover.headroom)
-    is_headroom_small = headroom < MIN_HEADROOM and not _has_full_throttle(evidence)
+    is_headroom_small = headroom < MIN_HEADROOM and not _has_explained_full_throttle(evidence)
     if is_headroom_small and trim.level is not Level.WATCH:
         highest_trim = max(hover.trim_of_range)
         names = []
@@ -386,12 +387,12 @@ def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
             trim=highest_trim,
             excess=excess,
         )
-        return light.replace(is_only_motor=True) if _only_one_lacks(hover) else light
+        return light.replace(is_only_motor=True) if _lacks_headroom_in_one_motor(hover) else light
     if is_headroom_small:
         # The trim may be the reason for the small headroom, but the pilot must know of both.
         return trim.replace(headroom=headroom)
     if trim.is_good:
-        is_headroom_known = not _has_full_throttle(evidence)
+        is_headroom_known = not _has_explained_full_throttle(evidence)
         return Fact(
             MotorsLight.MOTORS_EVEN,
             headroom=headroom if is_headroom_known else None,
