@@ -118,7 +118,6 @@ def _latest_start_before_ending(ending: Fact | None) -> float:
 
     A motor that reached its limit earlier may be the cause of the loss.
 
-
     Args:
         ending: event with which the flight was lost; None if it was not.
 

@@ -83,7 +83,7 @@ class FlightPhase:
 
     @property
     def not_flying_reason(self) -> Fact | None:
-        """Why the vehicle does not count as flying: it is on the ground, or nothing shows whether it flies; None if it flies.
+        """Why the vehicle does not count as flying: it is on the ground, or nothing shows that; None if it flies.
 
         If the motors idle it is on the ground, whatever other messages are missing.
         """

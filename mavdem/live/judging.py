@@ -173,10 +173,10 @@ class ModelJudging:
             return model
 
     def use_judgement_of_recording(self, judgement: Judgement) -> None:
-        """Replaces the judgement by the model by the judgement of the recording, which has the setpoints and all axes.
+        """Replaces the judgement of the live model by the judgement of the session's recording, which knows more.
 
-        There is one judgement of a flight: its margins are those that the recording shows, or unknown for the reason
-        that the recording shows, but never margins by the model alone.
+        The recording contains the setpoints and all axes. So its stability margins count, and if it does not show them,
+        they are unknown: margins that were computed from the live model alone are no longer shown.
 
         Args:
             judgement: headline, next step and status lights that the recording shows.

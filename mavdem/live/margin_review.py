@@ -148,8 +148,8 @@ def review_margins(
 ) -> ReviewedMargins:
     """Judges the stability margins of a flight so far, as the review of a log does.
 
-    A log that is too short to identify a loop by its setpoints has margins by inputs and outputs alone, which are less
-    certain. In flight nothing forces that: they are left out, since the flight will be longer.
+    A flight that is still too short to identify a loop by its setpoints would have margins by inputs and outputs alone,
+    which are less certain. They are left out while the vehicle flies, since a later review will have more data.
 
     It takes some seconds, and runs in the executor that learns models.
 
@@ -180,7 +180,7 @@ def review_margins(
 
 
 def _refusal_of_judged_loop(assessment: Assessment, margins: Fact) -> Fact | None:
-    """Returns the reason why setpoints did not identify the loop that decides the margins; None if they did.
+    """Returns why the loop with the smallest margins was not identified by its setpoints; None if it was.
 
     Args:
         assessment: the assessment of the log.

@@ -177,14 +177,14 @@ def decode_message(frame: Frame) -> Message | None:
 def attitude_sample(message: Message) -> AttitudeSample | None:
     """Returns the attitude of an ATTITUDE or ATTITUDE_QUATERNION.
 
-    A quaternion becomes roll, pitch and yaw, rad. Impossible is what lies beyond ``MAX_ANGLE`` or ``MAX_BODY_RATE``, as
-    in a damaged message whose checksum matches by chance.
+    A quaternion is converted to roll, pitch and yaw. An angle beyond ``MAX_ANGLE`` or a rate beyond ``MAX_BODY_RATE``
+    is impossible: it is of a damaged message whose checksum matches by chance.
 
     Args:
         message: a decoded message of one of these two types.
 
     Returns:
-        The attitude; None if it is not finite or impossible.
+        The attitude, rad and rad/s; None if a value is not finite or is impossible.
     """
     # The values are in the order of ``MESSAGE_FIELDS``: the angles or the quaternion, then the body rates.
     *angles, roll_rate, pitch_rate, yaw_rate = message.values

@@ -201,8 +201,8 @@ def _identified_plant(
 
     Two methods are tried in this order:
 
-    1. Identification in the closed loop, which needs the logged setpoints and the gains of the controller. If it was
-       possible but too inaccurate for stability margins, the second method is not tried: it would be even less accurate.
+    1. Identification in the closed loop, which needs the logged setpoints and the gains of the controller. If its
+       result is too inaccurate for stability margins, the second method is not tried: it is even less accurate.
     2. The open-loop gray-box fit, which needs only the inputs and outputs of the plant.
 
     Args:
@@ -227,7 +227,7 @@ def _identified_plant(
     fit = gray_box_fit or physical(flights)
     if isinstance(fit, Physical) and fit.identifiable:
         return fit._replace(refusal=closed_loop_reason)
-    # A fit that is not identifiable states the reason as its caution; where no fit was possible, there is only a reason.
+    # A fit that is not identifiable has the reason as its caution. Without any fit there is only the reason.
     gray_box_reason = fit.caution if isinstance(fit, Physical) else fit.reason
     if closed_loop_reason.code is LoopFact.NO_RATE_SETPOINT and gray_box_reason is not None:
         # Both reasons are reported. The missing setpoint alone would mislead: on other axes of the same log, without it

@@ -45,7 +45,7 @@ def receiver_fact(evidence: Evidence) -> Fact | None:
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        The fact, with the failed checks as its figure ``failed_checks``; None if the receiver was not recorded in flight or
+        The fact, with the failed checks as its figure ``doubts``; None if the receiver was not recorded in flight or
         not connected.
     """
     signals = evidence.signals
@@ -84,7 +84,6 @@ def receiver_fact(evidence: Evidence) -> Fact | None:
 
 def _satellites_in_flight(evidence: Evidence) -> Array | None:
     """Returns the numbers of satellites that the first receiver used in flight (N,), without unknown ones.
-
 
     Args:
         evidence: signals, events and measurements of the vehicle.
