@@ -12,10 +12,10 @@ class Refusal(ValueError):
     """
 
     def __init__(self, fact: Fact | Code, **figures: Figure) -> None:
-        """Takes the reason.
+        """Creates the error from the reason why something cannot be done.
 
         Args:
-            fact: The fact, or its code.
+            fact: The reason as a fact (coded finding), or only its code.
             **figures: Figures of the fact by name, where only its code is given.
         """
         self.fact = fact if isinstance(fact, Fact) else Fact(fact, **figures)
@@ -68,11 +68,14 @@ def fact_from_error(error: BaseException) -> Fact:
 
 
 def failure_fact(code: Code, error: Exception, *, finishing: bool = False) -> Fact:
-    """Returns a fact with the level "watch": a step failed, and why, while the program goes on without it.
+    """Reports that a step of the program failed while the program goes on without it.
 
     Args:
         code: Code of the fact, which says what failed.
         error: The error that was raised.
         finishing: Whether the step failed while the program was ending; the sentence of the fact says so.
+
+    Returns:
+        A fact (coded finding) with the level "watch" and the message of the error.
     """
     return Fact(code, Level.WATCH, error=error_message(error).rstrip("."), finishing=finishing)

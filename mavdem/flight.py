@@ -375,7 +375,7 @@ def _checked_directions(values: ArrayLike | None, inputs: Array) -> Array | None
 
 
 def _read_only_copy(values: ArrayLike, name: str, *, allow_nan: bool = False) -> Array:
-    """Copies a caller's numbers, so that changing them later does not change the flight.
+    """Copies numbers of a caller to a read-only array, so that the caller cannot change the flight later.
 
     Args:
         values: Numbers of any shape.
@@ -383,7 +383,7 @@ def _read_only_copy(values: ArrayLike, name: str, *, allow_nan: bool = False) ->
         allow_nan: Whether NaN may stand for a missing value.
 
     Returns:
-        The numbers as a read-only array.
+        The array.
 
     Raises:
         ValueError: A value is no real number, not finite or larger than ``MAX_VALUE``.

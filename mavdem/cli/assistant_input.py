@@ -20,7 +20,16 @@ JSON_ESCAPE = re.compile(
 
 
 def without_lone_surrogates(text: bytes) -> bytes:
-    """Returns a JSON text with the replacement character instead of surrogates without a partner."""
+    r"""Replaces lone surrogates in a JSON text, which are no valid Unicode, by the replacement character U+FFFD.
+
+    A character beyond U+FFFF is escaped as a pair of surrogates, such as ``\ud83d\ude00``. Half of a pair is lone.
+
+    Args:
+        text: the JSON text, in UTF-8.
+
+    Returns:
+        The text, in which all pairs are unchanged.
+    """
 
     def replaced(escape: re.Match[bytes]) -> bytes:
         """Returns an escape as it is, or the replacement character for a lone surrogate."""

@@ -213,7 +213,8 @@ def _print_comparison(
     title = []
     for side, description in side_descriptions(names, reviewed).items():
         title.append(Sentence(f"{description}.", f"{side}:"))
-    # Whether they are of two vehicles stands with what they are, also where it is a part of the headline.
+    # The title says what A and B are, and so also whether they are of two vehicles. Where the headline says that too,
+    # it is left out of the footer.
     cautions = identity_cautions(reviewed)
     title += cautions
     summary: list[Block] = [

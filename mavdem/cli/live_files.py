@@ -44,8 +44,11 @@ def gains_line(advice: Facts | None, seconds_by_use: Mapping[TimeUse, float]) ->
     """Returns a line on the controller gains that a session advises: their file, or why there are none.
 
     Args:
-        advice: the facts (findings) of the latest advice; None where nothing was recorded to compute gains from.
+        advice: the facts (coded findings) of the latest advice; None where nothing was recorded to compute gains from.
         seconds_by_use: seconds of the session by what they were spent on, such as learning.
+
+    Returns:
+        One sentence, which the terminal prints at the end of a session.
     """
     if advice is None:
         return "No gains: they are computed from a recording, --record FILE.tlog."
@@ -61,10 +64,14 @@ def gains_line(advice: Facts | None, seconds_by_use: Mapping[TimeUse, float]) ->
 
 
 def _reason_without_gains(advice: Sequence[Fact]) -> Fact:
-    """Returns the fact with the reason why an advice has no gains.
+    """Finds the reason why an advice has no gains to write to a file.
 
     Args:
-        advice: facts of the advice, of which there is at least one.
+        advice: facts (coded findings) of the advice, at least one.
+
+    Returns:
+        The reason that a finding ``GAINS_LEFT`` (the gains are left unchanged) contains; without such a finding, the
+        first.
     """
     for fact in advice:
         if fact.code is GainFact.GAINS_LEFT:

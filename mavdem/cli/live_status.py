@@ -121,13 +121,18 @@ class ChangeDebouncer:
         self._first_change_time = -inf
 
     def update(self, changes: dict[Hashable, Hashable], now: float) -> bool:
-        """Takes the present changes, and returns whether they have settled, so that they can be printed.
+        """Debounces changes of the status: returns whether the present changes are stable enough to be printed.
 
-        They have settled if they stayed the same for ``SETTLING_SECONDS``, or wait for ``MAX_SETTLING_SECONDS``.
+        They are if they stayed the same for ``SETTLING_SECONDS``, or if some change has been pending for
+        ``MAX_SETTLING_SECONDS``.
 
         Args:
-            changes: The facts that differ from those printed last, without their numbers, by quantity; empty for none.
+            changes: What differs from the status that was printed last, without numbers, by quantity; empty for no
+                change.
             now: Present time, s of the monotonic clock.
+
+        Returns:
+            Whether to print them now.
         """
         if not self._pending_changes:
             self._first_change_time = now
@@ -256,14 +261,15 @@ class StatusLines:
             self.terminal_text.update(Group(*parts), refresh=True)
 
     def _print_watch_changes(self, watch_facts: Facts) -> None:
-        """Prints which quantities are watched now, or no longer, and why, if that has changed since it was printed.
+        """Prints which quantities the session watches now, and which no longer, with the reason, if that has changed.
 
         A session compares quantities such as the battery and the vibration with their values earlier in the flight,
-        also without a model. On a terminal a change is printed once it has settled. Elsewhere it is printed at once:
+        also without a model. On a terminal a change is printed once it is stable. Elsewhere it is printed at once:
         such a status is read rarely, and nothing else shows these quantities.
 
         Args:
-            watch_facts: A fact for each of these quantities: since when it is watched, or why it is not.
+            watch_facts: A fact (coded finding) for each of these quantities: since when it is watched, or why it is
+                not.
         """
         is_updated_in_place = self.terminal_text is not None
         changed_facts = []
@@ -345,20 +351,24 @@ def _unwatched_names(watch_facts: Facts) -> list[str]:
     return names
 
 
-def _table_of_lights(rows: Sequence[LightRow], width: int) -> Table:
-    """Returns a table of lights, several beside each other where the terminal is wide enough.
+def _table_of_lights(lights: Sequence[LightRow], width: int) -> Table:
+    """Returns a table of the lights, with several lights in a line where the terminal is wide enough.
 
     A light is the judgement of one part of the vehicle, such as its motors. Its level is a word with a colour, so that
-    those who cannot tell the colours read it.
+    users who cannot tell the colours apart can read it.
 
     Args:
-        rows: Name, level and figure of each light, in their order.
+        lights: Name, level and figure of each light, in their order.
         width: Width of a line of the terminal, characters.
+
+    Returns:
+        A table for Rich. Each light has the same width, whatever its figure, so that nothing moves from second to
+        second.
     """
     # Even a very narrow terminal has one light a line.
     lights_per_line = max(width // MIN_LIGHT_WIDTH, 1)
     lights_per_line = min(lights_per_line, MAX_LIGHTS_PER_LINE)
-    # Each light has the same width, whatever its figure, so that nothing moves from second to second.
+
     light_width = width // lights_per_line
     figure_width = light_width - NAME_WIDTH - LEVEL_WIDTH - GAPS_WIDTH
     table = Table.grid(padding=(0, 1))
@@ -366,9 +376,9 @@ def _table_of_lights(rows: Sequence[LightRow], width: int) -> Table:
         table.add_column(width=NAME_WIDTH)
         table.add_column(width=LEVEL_WIDTH)
         table.add_column(width=figure_width)
-    for first in range(0, len(rows), lights_per_line):
+    for first_of_line in range(0, len(lights), lights_per_line):
         cells: list[RenderableType] = []
-        for light in rows[first : first + lights_per_line]:
+        for light in lights[first_of_line : first_of_line + lights_per_line]:
             level_text = str(light.level)
             if light.level is Level.BAD:
                 level_text = level_text.upper()
@@ -412,12 +422,15 @@ def _status_texts(status: SessionStatus, *, has_table: bool) -> StatusTexts:
 
 
 def _unrepeated_reason(reason: Fact, headline: Fact, judgement_text: str) -> str:
-    """Returns why nothing is learned, and what to do about that, without what the judgement says already.
+    """Returns why no model is learned and the remedy, without the parts that the judgement already states.
 
     Args:
-        reason: The fact that says why nothing is learned.
-        headline: The headline of the judgement, which may be the same fact.
+        reason: The fact (coded finding) with the reason and the remedy.
+        headline: The headline of the judgement. It may be the same fact, or contain it.
         judgement_text: The headline and the next step in sentences; the next step may be the same remedy.
+
+    Returns:
+        Reason and remedy, one of the two, or an empty text if the judgement states both.
     """
     remedy = escape_unprintable(reason.remedy)
     is_remedy_stated = remedy in judgement_text
@@ -445,11 +458,13 @@ def _judgement_text(judgement: Judgement, *, has_table: bool) -> str:
 
 
 def print_fact(fact: Fact, moment: str = "", *, has_remedy: bool = True) -> None:
-    """Prints a fact on standard error, in the colour of its level if it warns; where that is no terminal, in one line.
+    """Prints the sentence of a fact on standard error, in a colour if it warns.
+
+    If standard error is no terminal, the sentence is one line.
 
     Args:
         fact: A coded finding, of which the sentence and the remedy are printed.
-        moment: When it was reported; empty for now.
+        moment: Time of day when it was reported; empty for now.
         has_remedy: Whether the remedy is printed too.
     """
     sentences = fact.sentence_and_remedy if has_remedy else fact.sentence

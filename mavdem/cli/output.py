@@ -151,11 +151,14 @@ def report_error(fact: Fact, *, as_json: bool) -> None:
 
 @contextmanager
 def progress(title: str, *, measured: bool = True) -> Iterator[Callable[[float], None]]:
-    """Shows a progress bar on standard error while the block runs; nothing if that is no terminal.
+    """Shows a progress bar on standard error while the block runs.
+
+    Nothing is shown if standard error is no terminal.
 
     Args:
         title: Text before the bar.
-        measured: Whether the fraction that is done is known. Otherwise the bar only shows that work is in progress.
+        measured: Whether the fraction of the work that is done is known. Otherwise the bar only shows that work goes
+            on.
 
     Yields:
         A function to call with the fraction that is done, from 0 to 1.
@@ -166,11 +169,12 @@ def progress(title: str, *, measured: bool = True) -> Iterator[Callable[[float],
 
 @contextmanager
 def progress_bar(title: str, *, measured: bool = True) -> Iterator[Callable[[float, str], None]]:
-    """Shows a progress bar whose title changes.
+    """Shows a progress bar on standard error whose title may change.
 
     Args:
         title: First title.
-        measured: Whether the fraction that is done is known; otherwise the bar only moves.
+        measured: Whether the fraction of the work that is done is known. Otherwise the bar only shows that work goes
+            on.
 
     Yields:
         A function to call with the fraction that is done, from 0 to 1, and the title.

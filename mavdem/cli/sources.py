@@ -83,7 +83,7 @@ def assess_without_model(
     inputs: str | None = None,
     start: float = 0.0,
 ) -> tuple[Assessment, Evidence]:
-    """Assesses one vehicle of a log, without learning the full model.
+    """Assesses one vehicle of a log from measurements alone, which is faster than learning the full model first.
 
     Args:
         source: Path of the log.

@@ -121,12 +121,15 @@ def _fitting_columns(row_names: Column, columns: list[Column], width: int) -> in
 def _table_without_borders(
     columns: list[Column], *, is_text: bool, widths: list[int] | None = None
 ) -> Grid:
-    """Returns a table that Rich can print, without borders.
+    """Builds a table without borders for Rich, the library that prints to the terminal.
 
     Args:
-        columns: Columns of the table; the first one, which names the rows, never wraps.
+        columns: Columns of the table. The first has the names of the rows, and never wraps.
         is_text: Whether the columns hold text, which is aligned to the left. Numbers are aligned to the right.
-        widths: Characters that each column takes; unless given, Rich chooses them.
+        widths: Width of each column, characters; None to let Rich choose them.
+
+    Returns:
+        The table.
     """
     grid = Grid(box=None, pad_edge=False)
     for index, column in enumerate(columns):

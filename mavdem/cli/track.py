@@ -280,10 +280,15 @@ def _show_log(
 
 
 def _outcome_line(outcome: JobOutcome) -> str:
-    """Returns one line about a log that was read: its path, how long that took, and the reason if it has no flight.
+    """Returns one line about a log that was read for the fleet: its path and how long that took.
+
+    The reason follows if the log has no flight, or was not read because the fleet has its content already.
 
     Args:
         outcome: Outcome of reading the log.
+
+    Returns:
+        The line, such as "flight.ulg, 1.2 s".
     """
     line = f"{outcome.path}, {outcome.seconds:.1f} s"
     # A copy of a log that the fleet has is recognized by its content, and not read.
@@ -332,11 +337,14 @@ def _refuse_names_of_other_logs(folder: Path, logs: Names, given_names: Names) -
 
 
 def _is_subject_known(rows: FlightRows, given_name: str) -> bool:
-    """Returns whether a fleet has the vehicle or the log that ``--name`` names.
+    """Returns whether the fleet has the vehicle or the log to which the user gives a name by ``--name``.
 
     Args:
         rows: All rows of the fleet's table, one for each axis of each flight.
-        given_name: Argument of --name, see :func:`_store_name`.
+        given_name: Argument of --name: vehicle or file of a log, "=", and the name, see :func:`_store_name`.
+
+    Returns:
+        Whether the text before "=" is the name of a vehicle, or of the file of a log, in the table.
     """
     subject = given_name.partition("=")[0]
     return _is_vehicle(rows, subject) or bool(_content_hashes_of_log(rows, subject))

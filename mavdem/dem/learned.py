@@ -596,7 +596,7 @@ class Learned(ImmutableResult, ForecasterBase):
 
     @classmethod
     def from_json(cls, text: str) -> Learned:
-        """Reads a result from the text of its JSON document, as :meth:`to_json` returns it.
+        """Creates a result from the text of a JSON document that :meth:`to_json` returned.
 
         Args:
             text: Text of the document, not the name of a file.
@@ -605,6 +605,6 @@ class Learned(ImmutableResult, ForecasterBase):
             The result.
 
         Raises:
-            Unreadable: The text is not such a document; the message names what is wrong in it.
+            Unreadable: The text is no such document; the message says what is wrong in it.
         """
         return from_text(cls, text)

@@ -254,9 +254,9 @@ class Failure(Document):
 
 
 def _plain_figure(value: Any) -> Any:
-    """Converts a figure of a fact to a plain JSON value.
+    """Converts a figure of a fact (coded finding) to a plain JSON value.
 
-    A fact may be a figure of another fact, whose reason it is. It becomes its figures by name, with its code.
+    A figure may itself be a fact, such as the reason of the first. It becomes a dictionary of its figures and its code.
 
     Args:
         value: a number, a text, an array, an enumeration's member, a fact, or a collection of these.
@@ -268,18 +268,18 @@ def _plain_figure(value: Any) -> Any:
         figures = {name: _plain_figure(figure) for name, figure in value.figures.items()}
         return figures | {"code": value.code}
     if isinstance(value, tuple):
-        return [_plain_figure(item) for item in value]
+        return [_plain_figure(element) for element in value]
     return value
 
 
 def _without_nan(value: Any) -> Any:
-    """Replaces NaN and infinite numbers, which JSON does not have, by None.
+    """Replaces NaN and infinite numbers by None, since JSON has no such numbers.
 
     Args:
         value: a JSON value, with nested lists and dictionaries.
 
     Returns:
-        The same value without such numbers.
+        A copy of the value.
     """
     if isinstance(value, dict):
         return {key: _without_nan(item) for key, item in value.items()}

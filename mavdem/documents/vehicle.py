@@ -393,13 +393,13 @@ class Override(Document):
     @model_validator(mode="before")
     @classmethod
     def _values_of_fact(cls, override: Fact) -> JsonValues:
-        """Makes the record from the fact that makes a flight doubtful, before pydantic checks the keys.
+        """Fills the record from a fact (coded finding) that makes a flight doubtful, such as an oscillation.
 
         Such a fact overrides the grades of the model and the usual headline of the flight. So the record has a short
-        sentence as a headline, and the full sentence with the remedy.
+        sentence as a headline, and the full sentence with the remedy. Pydantic calls this before it checks the keys.
 
         Args:
-            override: the fact, such as that the vehicle oscillates.
+            override: the fact.
 
         Returns:
             Values by the keys of the record.

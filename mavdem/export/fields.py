@@ -164,7 +164,9 @@ def field_samples(
 
 
 def _with_gaps(values: Array, message: str, field: str) -> Array:
-    """Returns values as floats, NaN where an integer field has the number that stands for an unset value.
+    """Converts the values of a MAVLink field to floats, with NaN for unset values.
+
+    Some integer fields have a number that means "unset", such as 65535 for the voltage of a cell.
 
     Args:
         values: Values (N,) of the field as the log has them.
@@ -174,11 +176,11 @@ def _with_gaps(values: Array, message: str, field: str) -> Array:
     Returns:
         Values (N,).
     """
-    result = values.astype(float)
+    floats = values.astype(float)
     unset_value = UNSET_VALUES.get((message, field.partition("[")[0]))
     if unset_value is not None and values.dtype.kind in "iu":
-        result[values == unset_value] = np.nan
-    return result
+        floats[values == unset_value] = np.nan
+    return floats
 
 
 def samples_between(samples: FieldSamples, start: float, end: float) -> FieldSamples:
@@ -188,7 +190,7 @@ def samples_between(samples: FieldSamples, start: float, end: float) -> FieldSam
 
 
 def extremes_of_intervals(samples: FieldSamples, intervals: int) -> FieldSamples:
-    """Reduces the number of samples for a plot without losing a peak.
+    """Reduces the number of samples for a plot, but keeps every peak.
 
     The time is divided into equal intervals. In each of them the samples with the smallest and with the largest value
     are kept, in the order of time.

@@ -203,10 +203,15 @@ class Fact:
 
 
 def _without_measurements(figure: Figure) -> Hashable:
-    """Returns a figure of a fact with None in the place of measured numbers; of a fact also code, level and subject.
+    """Returns what stays the same of a figure of a fact (coded finding) while measured numbers in it change.
+
+    Two facts that differ only in measured numbers become equal, so that a status does not report them as a change.
 
     Args:
         figure: a fact, a number, a word, a code, None, or a tuple of such.
+
+    Returns:
+        The figure itself, but None for a number. A fact becomes a tuple of its code, level, subject and figures.
     """
     if isinstance(figure, Fact):
         figures = []
@@ -214,7 +219,7 @@ def _without_measurements(figure: Figure) -> Hashable:
             figures.append((name, _without_measurements(value)))
         return figure.code, figure.level, figure.subject, tuple(figures)
     if isinstance(figure, tuple):
-        return tuple(_without_measurements(item) for item in figure)
+        return tuple(_without_measurements(element) for element in figure)
     is_measurement = isinstance(figure, int | float) and not isinstance(figure, bool)
     return None if is_measurement else figure
 

@@ -10,10 +10,13 @@ _MOTOR_NUMBER = re.compile(r"motor (\d+)")
 
 
 def motor_number(subject: str) -> int | None:
-    """Returns the number of the motor that a fact is about, from 1; None if it is about no motor.
+    """Reads the number of a motor from the subject of a fact (coded finding).
 
     Args:
         subject: subject of the fact, such as "motor 2 (rear left)". Of several motors, the first counts.
+
+    Returns:
+        The number, from 1; None if the subject is no motor.
     """
     named_motor = _MOTOR_NUMBER.search(subject)
     return None if named_motor is None else int(named_motor[1])

@@ -32,11 +32,14 @@ class TierAllowance(Code):
 
 
 def system_id_name(autopilot: str, system: int) -> str:
-    """Returns the name of a vehicle of which only the MAVLink system id is known, such as "px4-1".
+    """Makes a name for a vehicle whose log identifies it by a MAVLink system id only, such as "px4-1".
 
     Args:
         autopilot: MAV_AUTOPILOT without its prefix.
         system: MAVLink system id.
+
+    Returns:
+        The name, in lower case.
     """
     return f"{autopilot}-{system}".lower()
 

@@ -16,12 +16,16 @@ from mavdem.fleet.stored_rows import brief_json, row_of_json
 
 
 def name_in_log(row: FlightRow) -> str:
-    """Returns the name of the vehicle in the log of a row, also if a user has assigned another vehicle to the flight.
+    """Returns the name that the log of a flight gives to its vehicle, whatever name users have assigned.
 
-    Only flights whose logs have nothing but a system id can be assigned, so that their name is made of that.
+    Users can assign a flight to another vehicle only if its log identifies the vehicle by a system id alone. The name
+    in the log is then made of that id.
 
     Args:
-        row: a row of the flight: its figures on one axis.
+        row: a row of the fleet's table: the figures of the flight on one axis.
+
+    Returns:
+        The name, such as "px4-1".
     """
     is_assigned = row.vehicle_basis == GIVEN_BASIS
     if not is_assigned:
@@ -30,11 +34,11 @@ def name_in_log(row: FlightRow) -> str:
 
 
 def rows_with_assigned_vehicles(db: sqlite3.Connection, rows: Iterable[FlightRow]) -> FlightRows:
-    """Returns rows of flights with the vehicles that users have assigned to them.
+    """Replaces the vehicle in rows of the fleet's table, where a user has assigned the flight to a vehicle.
 
     Args:
         db: the SQLite database of the fleet's store.
-        rows: rows of a log, as they were read or stored.
+        rows: rows of a log, as they were read or stored: the figures of one flight on one axis each.
 
     Returns:
         The rows in the same order. Rows whose log identifies its vehicle are the same objects.

@@ -64,19 +64,22 @@ def incomparability_reason(states: Sequence[Flights]) -> Fact | None:
 
 
 def _known_properties(flights: Flights, property_of: Callable[[FlightRow], str | None]) -> set[str]:
-    """Returns all values of a property in the rows of flights, without values that are empty or not known.
+    """Collects the different values of a property, such as the autopilot, over all flights of one state of a vehicle.
 
     Args:
-        flights: the flights of one state of the vehicle, each as the rows of its axes.
-        property_of: function that returns the property of a row; None if it is not known.
+        flights: the flights, each as rows of the fleet's table, one for each axis.
+        property_of: function that returns the property of a row; None or an empty text if it is not known.
+
+    Returns:
+        The known values.
     """
-    values = set()
+    known_values = set()
     for flight in flights:
         for row in flight:
             value = property_of(row)
             if value:
-                values.add(value)
-    return values
+                known_values.add(value)
+    return known_values
 
 
 def _motor_count(row: FlightRow) -> str | None:
@@ -99,7 +102,7 @@ def missing_quantities(
     estimates: Sequence[Sequence[Iterable[Quantity]]],
     incomparability: Fact | None,
 ) -> Iterator[MissingQuantity]:
-    """Yields the quantities that a reader would expect to be compared but is not, each with the reason.
+    """Lists the quantities that a reader expects in a comparison of two states, but that could not be compared.
 
     Expected are the trim shares, the effects of the motors, and damping and motor time constant of roll and pitch.
 
@@ -110,8 +113,8 @@ def missing_quantities(
             :func:`incomparability_reason`; None if all figures can.
 
     Yields:
-        One entry for all quantities together if nothing can be compared. Otherwise one entry for each quantity and, if
-        nothing that needs a model can be compared, one for all quantities of models together.
+        Each quantity with the reason. If nothing can be compared, one entry for all quantities together. If only
+        quantities of models cannot be compared, one entry for all of these.
     """
     # The trim share is the mean output of a motor relative to the others, which needs no model.
     expected_quantities = [Quantity(SHARE)]
@@ -155,16 +158,24 @@ def _has_estimate(quantity: Quantity, estimated_quantities: Sequence[Iterable[Qu
 
 
 def missing_reason(quantity: Quantity, state_name: str, flights: Flights) -> Fact:
-    """Returns the reason why a state has no estimate of a quantity, as a fact.
+    """Finds out why one state of a vehicle has no estimate of a quantity, such as a margin.
 
     Either a motor failed, or all its values are biased or not identifiable, or no flight has a value at all.
 
     Args:
         quantity: kind of the missing quantity, such as a margin, with its axis or motor.
         state_name: "A" or "B", for the message.
-        flights: the flights of the state of the vehicle, each as the rows of its axes.
+        flights: the flights of the state, each as rows of the fleet's table, one for each axis.
+
+    Returns:
+        The reason as a fact (coded finding).
     """
-    failed_motors = {row.failed_motor for flight in flights for row in flight} - {None}
+    failed_motors = set()
+    for flight in flights:
+        for row in flight:
+            if row.failed_motor is not None:
+                failed_motors.add(row.failed_motor)
+    # With a failed motor, the others do not work as usual: their commands are not compared.
     if quantity.kind in (SHARE, EFFECT) and failed_motors:
         return Fact(
             Incomparable.FAILED_MOTOR, subject=state_name, motors=_sorted_texts(failed_motors)

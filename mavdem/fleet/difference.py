@@ -176,7 +176,7 @@ def vehicle_difference(
     incomparability = incomparability_reason(states)
     comparable_kinds = _comparable_kinds(incomparability)
     changes = []
-    quantities = {quantity for flight in estimates_before for quantity in flight}
+    quantities = set().union(*estimates_before)
     for quantity in quantities:
         # A quantity may be missing in some flights of a state: those that have it are compared.
         values_before = [flight[quantity] for flight in estimates_before if quantity in flight]
@@ -260,13 +260,16 @@ def baseline_differences(rows: FlightRows, baseline: FlightRows) -> BaselineDiff
 
 
 def latest_flights(rows: FlightRows, baseline: FlightRows) -> dict[str, FlightRows]:
-    """Returns the rows of each known vehicle's latest flight, without those of a baseline, by the vehicle's name.
+    """Returns the latest flight of each known vehicle that is not part of a baseline of healthy flights.
 
     Args:
-        rows: rows of the fleet's table. They may contain the baseline.
+        rows: rows of the fleet's table, one for each axis of each flight. They may contain the baseline.
         baseline: rows of the healthy flights.
+
+    Returns:
+        The rows of the latest flight, by the vehicle's name.
     """
-    # The key of a row is a digest of its log, so that a flight of the baseline is known under any file name.
+    # The key of a row is a digest of its log, so that a flight of the baseline is recognised under any file name.
     baseline_keys = {row.key for row in baseline if row.key}
     later_rows = [row for row in rows if row.key not in baseline_keys]
     latest_flight_by_vehicle = {}

@@ -108,11 +108,15 @@ def mean_conditions(flights: Flights) -> Conditions:
 
 
 def _mean_wind_torques(rows: FlightRows) -> dict[str, float]:
-    """Returns the mean over flights of the standard deviation of the wind torque, rad/s², by axis.
+    """Computes the mean strength of the wind torque on each axis over several flights.
+
+    The strength in one flight is the standard deviation of the torque.
 
     Args:
-        rows: the rows of all flights: the figures of one flight on one axis each. An axis on which no flight has a wind
-            torque is left out.
+        rows: rows of the fleet's table: the figures of one flight on one axis each.
+
+    Returns:
+        Mean standard deviation by axis, rad/s². An axis on which no flight has a wind torque is left out.
     """
     mean_torques = {}
     for axis in AXES:
@@ -123,11 +127,13 @@ def _mean_wind_torques(rows: FlightRows) -> dict[str, float]:
 
 
 def _step_sources(rows: FlightRows) -> dict[str, Names]:
-    """Returns by axis how the step responses of the rate loop were found in the flights, each way once.
+    """Returns by which methods the step responses of the rate loop were estimated in several flights, by axis.
 
     Args:
-        rows: the rows of all flights: the figures of one flight on one axis each. An axis without a step response is
-            left out.
+        rows: rows of the fleet's table: the figures of one flight on one axis each.
+
+    Returns:
+        Names of the methods by axis, in alphabetical order, each once. An axis without a step response is left out.
     """
     step_sources = {}
     for axis in AXES:
@@ -146,12 +152,17 @@ def _largest_vibration(row: FlightRow) -> float | None:
 
 
 def _measured_voltage(row: FlightRow) -> float | None:
-    """Returns the mean voltage of a flight's battery, V; ``None`` if the voltage was constant.
+    """Returns the mean voltage of a flight's battery, if it was measured.
 
-    A voltage that never changes is not measured, so that flights cannot be compared by it.
+    A voltage that never changes is a constant that the autopilot reports without a sensor. Flights cannot be compared
+    by
+    it.
 
     Args:
-        row: any row of the flight.
+        row: any row of the flight in the fleet's table; all have the same voltages.
+
+    Returns:
+        The mean, V; ``None`` if it is unknown or the voltage was constant.
     """
     mean_voltage = row.voltage_mean
     if mean_voltage is None or row.voltage_end is None:

@@ -35,10 +35,10 @@ def log_row(flight: AxisRows) -> FlightRow:
 
 
 def group_into_flights(rows: Iterable[FlightRow]) -> list[FlightRows]:
-    """Groups rows by flight.
+    """Groups the rows of a fleet's table by flight.
 
     Args:
-        rows: rows of the table, one for each axis of each flight.
+        rows: rows of the table: the figures of one flight on one axis each.
 
     Returns:
         The rows of each flight, its axes in the order of ``AXIS_ORDER``. Flights are sorted by date, those without one
@@ -60,12 +60,13 @@ def group_into_flights(rows: Iterable[FlightRow]) -> list[FlightRows]:
 
 
 def group_by_vehicle(rows: Iterable[FlightRow]) -> dict[str, list[FlightRows]]:
-    """Groups rows by vehicle and then by flight, with the vehicles' names in alphabetical order.
-
-    Rows without a flight are left out.
+    """Groups the rows of a fleet's table by vehicle and then by flight.
 
     Args:
-        rows: rows of the table, one for each axis of each flight.
+        rows: rows of the table: the figures of one flight on one axis each. Rows of logs without a flight are left out.
+
+    Returns:
+        The flights of each vehicle, by its name, in alphabetical order.
     """
     flights = group_into_flights(row for row in rows if row.has_flight)
     flights_by_vehicle = group_by(flights, lambda flight: log_row(flight).vehicle)

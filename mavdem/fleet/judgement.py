@@ -56,9 +56,9 @@ def publish_judgements(store: Store, assess: AssessRows) -> None:
 def _judge_vehicle(
     store: Store, vehicle: str, assess: AssessRows, healthy_rows: FlightRows, baseline_hash: str
 ) -> None:
-    """Judges the health of one vehicle again from all its flights in the table, and stores the result in its rows.
+    """Judges the health of one vehicle again from its flights in the fleet's table, and stores the result there.
 
-    All flights are judged together: a motor is compared with itself in the flights before.
+    All its flights are judged together, since each motor is compared with itself in earlier flights.
 
     Args:
         store: the open SQLite store of the fleet, with the rows of all logs.
@@ -91,15 +91,15 @@ def _judge_vehicle(
 
 
 def assess_safely(rows: FlightRows, assess: AssessRows, healthy_rows: FlightRows) -> FlightRows:
-    """Judges the motors of one vehicle, whose failure must not stop the judgement of other vehicles.
+    """Judges the motors of one vehicle, and stores an error in its rows, so that other vehicles can still be judged.
 
     Args:
-        rows: all rows of the vehicle, one for each axis of each flight.
+        rows: all rows of the vehicle in the fleet's table, one for each axis of each flight.
         assess: the function that judges them.
         healthy_rows: rows of the baseline, the flights known to be healthy.
 
     Returns:
-        The rows with their health. If ``assess`` raises an error, the rows as they were, with the error as their
+        The rows with their health. If ``assess`` raises an error, the unchanged rows with the error as their
         ``health_reason``.
     """
     try:

@@ -69,7 +69,7 @@ class GivenNames:
         return self._labels_of_vehicles.get(vehicle, vehicle)
 
     def rows_with_given_names(self, rows: Iterable[FlightRow]) -> FlightRows:
-        """Returns rows for display, in which vehicles have the names that users gave them.
+        """Replaces the names of vehicles by those that users gave them, for display.
 
         Rows must be grouped by vehicle before, by the names in the logs: users may give two vehicles the same name.
 
@@ -101,13 +101,17 @@ def content_hash(key: str) -> str:
 
 
 def same_content_sql(content: str) -> str:
-    """Returns the SQL condition that a row of the table "flights" is of the log whose content has a certain hash.
+    """Returns an SQL condition that selects the rows of the table "flights" by the hash of their log's content.
 
-    The column ``log`` has the hash of the content, a hyphen and the size. The full stop follows the hyphen in ASCII, so
-    that this range has all texts that begin with the hash and a hyphen, and the index of the column is used.
+    The column ``log`` has the hash, a hyphen and the size. The full stop follows the hyphen in ASCII, so that all texts
+    that begin with the hash and a hyphen lie in this range. A comparison, other than a pattern, uses the column's
+    index.
 
     Args:
         content: SQL expression of the hash, which is in the condition twice.
+
+    Returns:
+        The condition, such as ``log > '1f3a' || '-' and log < '1f3a' || '.'``.
     """
     return f"log > {content} || '-' and log < {content} || '.'"
 

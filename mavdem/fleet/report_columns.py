@@ -119,14 +119,15 @@ def _input_columns(report: Mapping[str, Any], columns: JsonValues) -> JsonValues
 
 
 def _warning_columns(report: Mapping[str, Any]) -> JsonValues:
-    """Returns the columns with the doubts about a flight: first what makes it invalid as a whole, then cautions.
+    """Returns the columns with the warnings about a flight: first reasons to doubt all its figures, then cautions.
 
     Args:
-        report: the document ``report.json`` before it is written, so that facts in it are not yet sentences. Under the
-            key "overrides" it has the facts that make all figures of the flight doubtful, such as an oscillation.
+        report: the document ``report.json`` before it is written, so that facts (coded findings) in it are not yet
+            sentences. Under the key "overrides" it has the facts that make all figures of the flight doubtful, such as
+            an oscillation.
 
     Returns:
-        ``overrides``, the codes of these facts; ``warnings``, all doubts as facts; and ``warning_codes``.
+        ``overrides``, the codes of these facts; ``warnings``, all warnings as facts; and ``warning_codes``.
     """
     overrides = report.get("overrides", ())
     path_of_cautions = "cautions"

@@ -377,11 +377,11 @@ class FlightRow:
 
     @staticmethod
     def from_stored(values: JsonValues) -> FlightRow:
-        """Returns the row that :meth:`as_dict` turned into JSON values, ten times as fast as the constructor.
+        """Creates a row from its stored JSON values, as :meth:`as_dict` made them, without checking their types.
 
-        The types are not checked, since the row was checked when it was constructed. Only the types that JSON does not
-        have are restored: tuples from lists, and the date. Parameters that are not identifiable lose their values, as
-        in the constructor.
+        It is ten times as fast as the constructor, which checked the types before the row was stored. Only the types
+        that JSON does not have are restored: tuples from lists, and the date. Parameters that are not identifiable lose
+        their values, as in the constructor.
 
         Args:
             values: values by name of the column. Columns that are missing have the default of the class, and take no
@@ -418,15 +418,15 @@ class FlightRow:
 
     @staticmethod
     def without_flight(file: str, status: Fact, **columns: Any) -> FlightRow:
-        """Returns the row of a log that has no flight.
+        """Creates the row of a log that has no flight to analyse; the row says why.
 
         Args:
             file: path or URL of the log.
-            status: reason why it has none.
+            status: the reason, as a fact (coded finding).
             columns: further columns, such as the system id of a vehicle.
 
         Returns:
-            The row, whose other columns are not known (None or empty).
+            The row, whose other columns are unknown (None or empty).
         """
         return FlightRow(file=file, status=str(status), status_code=status.code, **columns)
 

@@ -114,8 +114,10 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
         "failed_motor": failed_motor(assessment),
     }
     # A tier is the kind of model that the settled flight allows; without settled flight there is none.
-    tiers = [analysis.tier.tier for analysis in assessment.analyses.values()]
-    has_settled_flight = any(tier is not None for tier in tiers)
+    has_settled_flight = False
+    for analysis in assessment.analyses.values():
+        if analysis.tier.tier is not None:
+            has_settled_flight = True
     if not has_settled_flight:
         return [_row_without_flight(assessment, judgement, columns)]
     columns |= _balance_columns(signals)
@@ -171,7 +173,7 @@ def failed_motor(assessment: Assessment) -> int | None:
 def _row_without_flight(
     assessment: Assessment, judgement: JsonValues, columns: JsonValues
 ) -> FlightRow:
-    """Returns the row of a vehicle that did not fly long enough for figures, or whose log lacks messages.
+    """Creates the row of a vehicle that flew too briefly for figures, or whose log lacks messages.
 
     Args:
         assessment: assessment of the vehicle, with an analysis. The reason for the missing figures becomes the status

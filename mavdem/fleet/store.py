@@ -174,7 +174,7 @@ class Store:
         return entry_of_unchanged_log is not None
 
     def keys_of_size(self, source: LogSource, limits: JobLimits) -> Names:
-        """Returns the content hashes of the stored logs that a log may be a copy of, since they have its size.
+        """Returns the content hashes of stored logs of the same size: a log may be a copy of one of them.
 
         The process that opens the log compares its hash with these: a copy of a stored log need not be read again.
 
@@ -187,8 +187,8 @@ class Store:
         """
         query = f"""select distinct key from logs where size = :size and key <> '' and {WOULD_END_ALIKE_SQL}
             order by key"""
-        entries = self.db.execute(query, _query_values(source, limits))
-        return tuple(key for (key,) in entries)
+        key_rows = self.db.execute(query, _query_values(source, limits))
+        return tuple(key for (key,) in key_rows)
 
     def is_last_reading_valid(self, source: LogSource, outcome: JobOutcome) -> bool:
         """Returns whether the rows that were read from a log last are still valid after another attempt to read it.
@@ -325,7 +325,7 @@ class Store:
             self.db.executemany("update logs set tracked = 1 where path = ?", paths)
 
     def rows(self, query: str) -> Iterator[FlightRow]:
-        """Yields the rows of the fleet's table that a query finds: one for each axis of each flight.
+        """Yields the rows of the fleet's table that a query selects: figures of one flight on one axis each.
 
         Args:
             query: SQL that selects ``row``, the row as JSON, or ``row`` and the present name of the log's file.
@@ -333,8 +333,8 @@ class Store:
         Raises:
             sqlite3.DatabaseError: a row is damaged.
         """
-        found_columns = self.db.execute(query)
-        return (row_of_json(*columns) for columns in found_columns)
+        selected_columns = self.db.execute(query)
+        return (row_of_json(*columns) for columns in selected_columns)
 
     def sound_rows(self, query: str, values: Sequence[Any] = ()) -> Iterator[FlightRow]:
         """Yields the rows that a query with ``values`` finds, as :meth:`rows` does, but without damaged rows."""

@@ -77,11 +77,14 @@ def is_fleet(folder: Path) -> bool:
 
 
 def read_rows(folder: Path, vehicle: str | None = None) -> FlightRows:
-    """Returns the rows of a fleet, by vehicle, file and axis.
+    """Reads the rows of a fleet's table from its store.
 
     Args:
         folder: folder of the fleet, with its SQLite store, its table and its pages.
-        vehicle: name of the vehicle whose rows are returned; None for those of all vehicles.
+        vehicle: name of a vehicle, to read its rows only; None for all vehicles.
+
+    Returns:
+        The figures of one flight on one axis each, sorted by vehicle, file and axis.
 
     Raises:
         Unreadable: the folder has no store, or a damaged one.
@@ -90,11 +93,14 @@ def read_rows(folder: Path, vehicle: str | None = None) -> FlightRows:
 
 
 def read_brief_rows(folder: Path, vehicle: str | None = None) -> FlightRows:
-    """Returns the rows of a fleet with ``BRIEF_COLUMNS`` alone; other columns have their defaults.
+    """Reads the rows of a fleet's table with few columns, which is faster, for pages that list flights.
 
     Args:
         folder: folder of the fleet, with its SQLite store, its table and its pages.
-        vehicle: name of the vehicle whose rows are returned; None for those of all vehicles.
+        vehicle: name of a vehicle, to read its rows only; None for all vehicles.
+
+    Returns:
+        The rows, sorted by vehicle, file and axis. Columns that are not in ``BRIEF_COLUMNS`` have their defaults.
 
     Raises:
         Unreadable: the folder has no store, or a damaged one.
@@ -143,12 +149,15 @@ def _rows_of_vehicle(folder: Path, column: str, vehicle: str | None) -> FlightRo
 
 
 def _stored_rows(folder: Path, query: str, values: JsonValues) -> FlightRows:
-    """Returns the rows that a query finds in the store of a fleet, sorted by :attr:`FlightRow.order`.
+    """Reads the rows of a fleet's table that a query selects.
 
     Args:
         folder: folder of the fleet, with its SQLite store, its table and its pages.
         query: an SQL query for pairs of a row as JSON and the name of its log.
         values: values of the query's named parameters.
+
+    Returns:
+        The figures of one flight on one axis each, sorted by :attr:`FlightRow.order`.
 
     Raises:
         Unreadable: the folder has no store, or a damaged one.
@@ -191,7 +200,9 @@ def brief_json(row: FlightRow) -> str:
 
 
 def row_of_json(text: str, file: str | None = None) -> FlightRow:
-    """Parses a row of a fleet's table, as its store keeps it. Columns of other versions of mavdem are left out.
+    """Parses a row of a fleet's table from the JSON text in its store.
+
+    Columns that this version of mavdem does not have, since another version wrote the row, are left out.
 
     Args:
         text: the row as JSON.

@@ -117,12 +117,17 @@ def _planned_update(store: Store) -> _PlannedUpdate:
 
 
 def _needs_whole_table(store: Store, changed_vehicles: set[str | None]) -> bool:
-    """Returns whether all files are to be written: there are none, or they have the columns of another version.
+    """Decides whether all Parquet files of the fleet's table are written again, and not only those of changed vehicles.
+
+    They are if there are none, or if they have the columns of another version of mavdem.
 
     Args:
         store: the open SQLite store of the fleet, with the rows of all logs.
         changed_vehicles: names of the vehicles whose rows have changed since the files were written. None among them
             stands for all vehicles: the store was made by another version, or a run did not write the whole table.
+
+    Returns:
+        Whether to write all files.
     """
     if None in changed_vehicles:
         return True
@@ -161,12 +166,15 @@ def _assign_vehicles(db: sqlite3.Connection) -> None:
 
 
 def _outdated_files(store: Store, *, writes_all_files: bool) -> set[int]:
-    """Returns the numbers of the files to be written: files of changed vehicles, and files that do not exist.
+    """Selects the files of the fleet's table to write again: files of changed vehicles, and missing files.
 
     Args:
         store: the open store of the fleet. Its SQL table ``table_files`` has the number of the file of each vehicle,
             and ``unpublished`` the vehicles whose rows have changed since their file was written.
         writes_all_files: whether all files are to be written.
+
+    Returns:
+        The numbers of these files.
     """
     query = "select number, vehicle in (select vehicle from unpublished) from table_files"
     outdated_numbers = set()
@@ -322,12 +330,15 @@ def _row_groups(rows: Iterable[StoredRow]) -> Iterator[Any]:
 
 
 def _arrow_table(rows: Sequence[StoredRow]) -> Any:
-    """Returns stored rows as a ``pyarrow.Table`` with the columns of this version.
+    """Converts stored rows of the fleet's table to a ``pyarrow.Table`` with the columns of this version.
 
     Arrow reads the JSON itself: a table of thousands of rows is written while Python would have parsed a few hundred.
 
     Args:
         rows: rows as they are stored.
+
+    Returns:
+        The table, with a row for each axis of each flight.
 
     Raises:
         pyarrow.ArrowInvalid: a row is damaged.

@@ -145,14 +145,14 @@ def _model_inputs(row: FlightRow) -> tuple[object, ...]:
 
 
 def residual_mean(row: FlightRow, healthy_models: Iterable[FlightRow]) -> float | None:
-    """Returns the mean angular acceleration of a flight that the models of healthy flights do not explain.
+    """Returns the mean wind torque of a flight by the models of healthy flights: a large one may also be a fault.
 
     A model is: acceleration = effect · u − damping · ω + residual, with motor inputs u and body rate ω. In settled
     flight the mean acceleration is 0. With the changes Δu and Δω of mean input and rate since the healthy flight, the
     mean residual is damping Δω − effect · Δu. It is the mean wind torque, or a fault.
 
     Args:
-        row: the flight, of one axis.
+        row: the flight on one axis.
         healthy_models: rows of healthy flights. Flights without a model of the same axis and inputs are left out, and
             so is the flight itself.
 
@@ -234,16 +234,16 @@ def track(
 
 
 def _checked_baseline(rows: FlightRows) -> FlightRows:
-    """Checks that a baseline has a flight, and returns its rows unchanged.
+    """Checks that at least one of the flights that the user named as healthy can serve as a baseline.
 
     Args:
-        rows: rows of the table, of the flights that the user named as healthy.
+        rows: rows of these flights in the fleet's table.
 
     Returns:
         The same rows.
 
     Raises:
-        Unreadable: there is no flight with figures among them.
+        Unreadable: none of the flights has figures.
     """
     has_flight_with_figures = any(row.is_read for row in rows)
     if has_flight_with_figures:

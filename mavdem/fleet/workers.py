@@ -314,7 +314,7 @@ class LogReader:
     def _awaited_result(
         self, future: Future[Any], is_beyond_limits: Callable[[], bool] = lambda: False
     ) -> Any:
-        """Waits for a result of the process, as long as it keeps its limits and the reading is not cancelled.
+        """Waits for the result of a reading process while it keeps its limits and nobody cancels the reading.
 
         Args:
             future: future of the result.
@@ -322,7 +322,7 @@ class LogReader:
                 ``POLL_SECONDS``.
 
         Returns:
-            The result; None if the process is beyond its limits, or the reading was given up.
+            The result; None if the process exceeded its limits, or the reading was cancelled.
         """
         while not self._is_cancelled():
             if wait([future], POLL_SECONDS).done:
@@ -353,7 +353,7 @@ class WorkerPool:
     """
 
     def __init__(self, processes: int, limits: JobLimits, read: ReadLog) -> None:
-        """Starts no process yet.
+        """Creates a pool of worker processes, which start when the first log is read.
 
         Args:
             processes: number of logs that are read at a time.
@@ -490,12 +490,12 @@ def _silence_output() -> None:
 
 
 def outcome_of(job: Job, read: ReadLog) -> JobOutcome:
-    """Reads one log in this process, without limits, and turns every error but one into an outcome.
+    """Reads one log in this process, and returns an outcome even if reading fails.
 
     A log that cannot be read must not end the run over thousands of others. How it ended decides whether it is read
     again: "read", its content is known, even if it is not a log; "known", it is a copy of a log that was read;
     "source", it could not be reached, or a package that its format needs is not installed; "error", mavdem itself
-    failed.
+    failed. A lack of memory alone is raised: another process with a higher limit may read the log.
 
     Args:
         job: path or URL of the log, and the keys of logs of the same size that were read already.

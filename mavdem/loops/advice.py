@@ -323,17 +323,18 @@ def reasons_for_no_gains(loop: Loop, *, for_higher_gains: bool = False) -> Facts
 
 
 def _unknown_stability(loop: Loop) -> Fact | None:
-    """Returns why no gains can be designed for a loop, if the flight leaves open whether the loop is stable.
+    """Checks whether the flight decides if a loop is stable; gains for a loop are designed only if it does.
 
-    Some draws of its plant are unstable, although the vehicle flew, and others have all margins. Then the lower ends of
-    the margins' intervals mean nothing.
+    It does not if some draws of the plant are unstable, although the vehicle flew, while others have all margins. Then
+    the lower ends of the margins' intervals mean nothing.
 
     Args:
         loop: rate and attitude loop of one axis, with draws of the plant from its posterior.
 
     Returns:
-        The fact; None if at most 5 % of the draws are unstable, or if at most 5 % have all margins: then these are
-        surely too small, however uncertain they are.
+        The fractions of unstable draws and of draws with all margins, as a fact (coded finding). None if at most 5 % of
+        the draws are unstable, or if at most 5 % have all margins: then these are surely too small, however uncertain
+        they are.
     """
     scores = margin_scores(MARGIN_TARGETS["default"], loop.rate, loop.attitude)[DRAWS]
     unstable_fraction = float(np.mean(np.isneginf(scores)))

@@ -172,7 +172,7 @@ class Loop(Margins):
 
     def with_draws(
         self,
-        rows: slice,
+        draws: slice,
         effectiveness_factors: Sequence[float] = (1.0,),
         grid: FrequencyGrid = FINE_GRID,
     ) -> Loop:
@@ -183,7 +183,7 @@ class Loop(Margins):
         acceleration per demand) shows whether margins also hold with a fuller or emptier battery, or a load.
 
         Args:
-            rows: which of the N plants to take. The estimate is placed before them, and is repeated if they contain it.
+            draws: which of the N plants to use. The estimate is placed before them, and repeated if they contain it.
             effectiveness_factors: E factors, by each of which the effectiveness of every plant is multiplied. The first
                 should be 1, so that row ``ESTIMATE`` remains the estimate.
             grid: frequencies at which the loop's responses are computed.
@@ -193,7 +193,7 @@ class Loop(Margins):
             factor, then all with the second, and so on.
         """
         # The estimate must come first again, since the figures of a loop are taken from row ``ESTIMATE``.
-        plant_rows = np.append(ESTIMATE, np.arange(len(self.effectiveness))[rows])
+        plant_rows = np.append(ESTIMATE, np.arange(len(self.effectiveness))[draws])
         effectiveness = np.outer(effectiveness_factors, self.effectiveness[plant_rows]).ravel()
         # Damping, lag and delay do not depend on the factor: their rows are repeated in the same order.
         dynamics = np.tile(self.dynamics[plant_rows], (len(effectiveness_factors), 1))

@@ -619,7 +619,7 @@ class GainSearch:
         return (fact,)
 
     def _notes_on_gains(self, stage: Stage, gains: Parameters) -> Facts:
-        """Returns notes for the user on what is unusual in new gains of the rate controller.
+        """Lists what is unusual in new gains of the rate controller, for the user to check.
 
         Three things are unusual: the attitude gain must be lowered with them; the integral gain falls although P rises;
         or a ratio of I or D to P is far from the autopilot's default (:meth:`_notes_on_ratios`).
@@ -629,7 +629,8 @@ class GainSearch:
             gains: gains to set, by the autopilot's name.
 
         Returns:
-            The notes, coded findings of which reports make sentences; empty for the stage of the attitude controller.
+            The notes as facts (coded findings of which reports make sentences); empty for the stage of the attitude
+            controller.
         """
         if stage is not Stage.RATE or not gains:
             return ()

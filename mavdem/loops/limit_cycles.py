@@ -465,7 +465,7 @@ def _runs_at_one_frequency(lines: _Lines) -> list[Indices]:
     continues = lines.is_clear[1:] & lines.is_clear[:-1] & is_same_frequency
     ends_of_runs = np.flatnonzero(~continues) + 1
     runs = np.split(np.arange(len(lines.frequency)), ends_of_runs)
-    return [run for run in runs if lines.is_clear[run[0]]]
+    return [window_indices for window_indices in runs if lines.is_clear[window_indices[0]]]
 
 
 class _RunOscillation(NamedTuple):

@@ -224,13 +224,14 @@ class _ZeroCrossings(NamedTuple):
 
     @classmethod
     def of_rows(cls, values: Array) -> _ZeroCrossings:
-        """Finds the zero crossings of N functions, by linear interpolation between points of different sign.
+        """Finds the zero crossings of N sampled functions, by linear interpolation between points of different sign.
 
         Args:
             values: (N, F) values of each function at F points.
 
         Returns:
-            The crossings of all functions, row by row.
+            The crossings of all functions: first those of the first function, in the order of the points, then of the
+                next.
         """
         is_negative = np.signbit(values)
         rows, columns = np.nonzero(is_negative[:, :-1] != is_negative[:, 1:])
@@ -239,13 +240,13 @@ class _ZeroCrossings(NamedTuple):
         return cls(len(values), rows, columns, before / (before - after))
 
     def interpolate(self, values: Array) -> Array:
-        """Returns the values of other functions at the crossings, linearly interpolated.
+        """Interpolates other functions linearly at the zero crossings, such as the phase where the gain crosses 1.
 
         Args:
-            values: each function at the same points (N, F), or one function for all rows (F,).
+            values: (N, F) values of each function at the same points, or (F,) values of one function for all N.
 
         Returns:
-            Value at each crossing (K,).
+            (K,) value at each crossing.
         """
         values = np.broadcast_to(values, (self.row_count, values.shape[-1]))
         before = values[self.rows, self.columns]
@@ -253,13 +254,13 @@ class _ZeroCrossings(NamedTuple):
         return before + self.fraction * (after - before)
 
     def minimum_by_row(self, values: Array) -> Array:
-        """Returns the least value among the crossings of each row.
+        """Returns the least value among the crossings of each function.
 
         Args:
-            values: values at the crossings (K,); NaN values are ignored.
+            values: (K,) values at the crossings; NaN values are ignored.
 
         Returns:
-            Least value of each row (N,); NaN for a row without a crossing.
+            (N,) least value of each function; NaN for a function without a crossing.
         """
         minimum = np.full(self.row_count, np.nan)
         np.fmin.at(minimum, self.rows, values)

@@ -162,13 +162,13 @@ def _setpoints_by_name(record: Record) -> dict[str, Array]:
 
 
 def _finite_pieces(signals: Array, record: Record) -> list[Array]:
-    """Cuts signals into pieces without gaps, and returns the pieces in which the setpoint, the first signal, changes.
+    """Cuts signals of a flight into pieces without gaps from which a response to the setpoint can be computed.
 
-    Pieces end at the ends of the record's segments, and where any signal begins or ceases to be finite. A constant
-    setpoint, such as a constant heading, does not show a response.
+    Pieces end at the ends of the record's segments, and where any signal begins or ceases to be finite. Pieces with a
+    constant setpoint, such as a constant heading, are left out: they show no response.
 
     Args:
-        signals: (k, T) k signals at the samples of the record.
+        signals: (k, T) k signals at the samples of the record; the first is the setpoint.
         record: the flight, with its segments.
 
     Returns:

@@ -123,16 +123,16 @@ def _first_times(time: Array, steps: Array, level: float) -> Array:
 
 
 def with_interval(values: Array) -> IntervalEstimate:
-    """Returns the value of an estimate with its 90 % interval by draws.
+    """Computes the 90 % interval of an estimate from draws of its posterior.
 
     Of the draws, 5 % are below the interval and 5 % above it. It is widened if it does not contain the estimate.
 
     Args:
-        values: values (N,), of the estimate first, then of draws.
+        values: (N,) the estimate first, then N − 1 draws.
 
     Returns:
-        The value, and the lower and upper end of its interval.
+        The estimate, and the lower and upper end of its interval.
     """
     low, high = np.quantile(values[DRAWS], INTERVAL_QUANTILES).tolist()
-    value = values[ESTIMATE]
-    return IntervalEstimate(value, min(low, value), max(high, value))
+    estimate = values[ESTIMATE]
+    return IntervalEstimate(estimate, min(low, estimate), max(high, estimate))

@@ -67,13 +67,13 @@ def replay_segments(loops: LoopsByAxis) -> dict[str, ReplaySegment]:
     roll = loops["roll"].record
     longest = np.argmax(roll.lengths)
     start = roll.segment_starts[longest]
-    samples = min(roll.lengths[longest], round(MAX_REPLAY_SECONDS / roll.dt))
-    rows = slice(start, start + samples)
+    sample_count = min(roll.lengths[longest], round(MAX_REPLAY_SECONDS / roll.dt))
+    samples_of_segment = slice(start, start + sample_count)
     segments = dict[str, ReplaySegment]()
     for axis, loop in loops.items():
         record = loop.record
         is_same_flight = record.lengths == roll.lengths and record.begins == roll.begins
-        segment = _replay_segment(loop, rows) if is_same_flight else None
+        segment = _replay_segment(loop, samples_of_segment) if is_same_flight else None
         if segment is not None:
             segments[axis] = segment
     return segments if "roll" in segments else {}

@@ -99,7 +99,9 @@ def steady_run(
 def run_around(
     signals: Signals, motors: MotorOutputs, boot: int, time: float, interval: TimeInterval
 ) -> SteadyRun | None:
-    """Collects commands and lean in the segment of settled flight that contains a time, steady or not.
+    """Collects motor commands and lean around a time, from the segment of settled flight that contains it.
+
+    Other than in :func:`steady_run`, the flight within the interval may be unsteady.
 
     Args:
         signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.

@@ -136,13 +136,22 @@ def assess_motor_health(
 
 
 def _without_flight(healthy: HealthFlights, flight: HealthFigures) -> list[HealthFigures]:
-    """Returns the healthy flights without one flight, so that it is not compared with itself.
+    """Returns the healthy flights without the flight that is judged, so that it is not compared with itself.
+
+    Other logs of the same flight, whose times overlap it, are left out too.
 
     Args:
         healthy: Healthy flights of a vehicle.
-        flight: The flight to leave out, together with further records of it, whose times overlap it.
+        flight: The flight that is judged.
+
+    Returns:
+        The other healthy flights, in the same order.
     """
-    return [other for other in healthy if other is not flight and not other.overlaps(flight)]
+    return [
+        healthy_flight
+        for healthy_flight in healthy
+        if healthy_flight is not flight and not healthy_flight.overlaps(flight)
+    ]
 
 
 def _flights_before(flights: HealthFlights, flight: HealthFigures) -> list[HealthFigures]:
@@ -181,17 +190,21 @@ def _unknown_reason(
 def _too_few_healthy_flights(
     flight: HealthFigures, candidate_flights: HealthFlights, comparison: JsonValues
 ) -> Fact:
-    """Returns the fact that there are too few healthy flights.
+    """Returns the fact (coded finding) that there are too few healthy flights to compare a flight with.
 
     Args:
         flight: The flight that is judged, which is not counted itself.
         candidate_flights: All flights from which the healthy ones were chosen.
-        comparison: Values that every fact contains: the number of healthy flights, and whether the user chose them.
+        comparison: Values that every fact about health contains: the number of healthy flights, and whether the user
+            chose them.
+
+    Returns:
+        The fact, with the number of candidates in ``total`` and the number of healthy flights that are ``needed``.
     """
     return Fact(
         HealthUnknown.HEALTHY_FLIGHTS_FEW,
         **comparison,
-        total=len([other for other in candidate_flights if other is not flight]),
+        total=len([candidate for candidate in candidate_flights if candidate is not flight]),
         needed=MIN_HEALTHY_FLIGHTS,
     )
 

@@ -54,10 +54,11 @@ class HealthFigures:
 
     @property
     def missing(self) -> Fact | None:
-        """Which needed figure is not known, so that the flight's motors cannot be judged; None if all are known.
+        """Which quantity is missing to judge the motors of this flight, as a fact; None if all are there.
 
-        A judgement needs the balance, a geometry in which a weak motor can be identified, and the lean in flight, since
-        wind changes the balance too.
+        Needed are the balance (torque of the motors' commands relative to thrust), a motor geometry in which a weak
+        motor
+        can be identified, and the mean lean in flight, since wind changes the balance too.
         """
         if self.signatures is None or self.balance is None:
             return Fact(HealthUnknown.BALANCE_UNKNOWN)

@@ -99,20 +99,20 @@ def hover_of(signals: Signals, components: Sequence[Component] = ()) -> HoverFig
         NotLearnable: There is no settled flight with motor outputs, the motors never ran, or the vehicle is not a
             multirotor.
     """
-    segments = settled_segments(signals)
+    settled_flight = settled_segments(signals)
     motors = signals.motors
     may_be_multirotor = signals.telemetry.vehicle in POSSIBLE_MULTIROTORS
-    if not segments or motors is None or not may_be_multirotor:
+    if not settled_flight or motors is None or not may_be_multirotor:
         raise NotLearnable(learnability_of(signals, components).reason)
     mean_lean = {}
     for axis, tilt in zip(TILT_AXES, signals.tilts, strict=True):
-        settled_angles = tilt.angle[in_segments(tilt, *segments)]
+        settled_angles = tilt.angle[in_segments(tilt, *settled_flight)]
         mean_lean[axis] = float(np.degrees(settled_angles.mean()))
     return hover_figures(
         motors.geometry.names,
         motors.scale,
-        seconds=sum(segment.duration for segment in segments),
-        outputs=motors.outputs[in_segments(motors, *segments)],
+        seconds=sum(segment.duration for segment in settled_flight),
+        outputs=motors.outputs[in_segments(motors, *settled_flight)],
         lean=mean_lean,
     )
 

@@ -112,15 +112,16 @@ class MotorChange(NamedTuple):
 
 
 def event_or_alarm(fact: Fact, time: float) -> Fact:
-    """Returns what a live session reports in flight when a check has found something: an alarm if that is bad.
+    """Returns what a live session reports of a finding in flight, such as the fault of a motor: an event or an alarm.
 
     Args:
-        fact: What was found, such as a fault of a motor.
+        fact: The finding.
         time: Time when it was detected, s on the boot clock.
 
     Returns:
-        For a bad fact an alarm (``SessionFact.ALARM``) with the fact as its reason. For any other the fact itself,
-        without an end, which is not known yet; one without a time gets that of its detection.
+        For a bad finding an alarm (``SessionFact.ALARM``) with the finding as its reason. Any other finding becomes an
+        event, which begins at its own time or, if it has none, when it was detected. Its end time is removed: a finding
+        that is reported in flight may still go on.
     """
     if fact.is_bad:
         return Fact(SessionFact.ALARM, time=time, subject=fact.subject, reason=fact)

@@ -90,10 +90,10 @@ def motor_signatures(geometry: MotorGeometry) -> MotorSignatures:
     """
     motor_count = len(geometry.motors)
     axes = ["thrust"]
-    rows = [np.full(motor_count, 1.0 / motor_count)]
+    mixer_rows = [np.full(motor_count, 1.0 / motor_count)]
     for axis in AXES:
-        row = geometry.mixer_row(axis)
-        if row is not None:
+        mixer_row = geometry.mixer_row(axis)
+        if mixer_row is not None:
             axes.append(axis)
-            rows.append(row)
-    return MotorSignatures(tuple(axes), np.array(rows))
+            mixer_rows.append(mixer_row)
+    return MotorSignatures(tuple(axes), np.array(mixer_rows))

@@ -167,18 +167,20 @@ def _running_level(torque: Array, record: Record, width: int) -> Array:
 def _is_step_of_level(
     torque: Array, start: int, stop: int, reach: int, threshold: float, record: Record
 ) -> bool:
-    """Returns whether the median torque differs before and after an excursion: then it is a step, and no gust.
+    """Returns whether an excursion of the wind torque is a lasting step of its level, and not a gust.
+
+    It is a step if the medians of the torque before and after the excursion differ by more than a threshold.
 
     Args:
         torque: wind torque (T,), rad/s².
         start: first sample of the excursion.
         stop: index of the first sample after the excursion.
-        reach: number of samples before and after it whose medians are compared, within its segment.
+        reach: number of samples before and after the excursion whose medians are compared, within its segment.
         threshold: difference of the medians that counts, rad/s².
         record: the flight, of which only the starts of the segments are used.
 
     Returns:
-        Whether it is a step; False at an end of the segment, where there is nothing to compare with.
+        Whether it is a step; False at an end of the segment, where one of the medians is missing.
     """
     starts = record.segment_starts
     segment_start = starts[starts <= start].max()

@@ -440,10 +440,12 @@ class Api:
         self._progress_streams += 1
         try:
             while not await request.is_disconnected():
-                values = (*condition.values, json.dumps(unfinished_ids))
-                found = await run_in_threadpool(self._library.find, is_followed, values, MAX_FILES)
-                current_progress = await run_in_threadpool(self._progress_of_all, found.entries)
-                unfinished_ids = [entry.id for entry in found.entries if not entry.is_done]
+                condition_values = (*condition.values, json.dumps(unfinished_ids))
+                matches = await run_in_threadpool(
+                    self._library.find, is_followed, condition_values, MAX_FILES
+                )
+                current_progress = await run_in_threadpool(self._progress_of_all, matches.entries)
+                unfinished_ids = [entry.id for entry in matches.entries if not entry.is_done]
                 changes = [
                     progress.as_dict()
                     for id, progress in current_progress.items()

@@ -342,7 +342,10 @@ def _refusal_at_end() -> Refusal:
 
 
 def _remove_leftovers() -> None:
-    """Removes the temporary folders of servers that were killed: those whose file is not locked by any process."""
+    """Removes the temporary folders that servers left behind when they were killed.
+
+    A running server holds a lock on a file in its folder, so that a folder without a lock belongs to a killed one.
+    """
     for folder in Path(tempfile.gettempdir()).glob(f"{FOLDER_PREFIX}*"):
         # Folders of other users cannot be opened. A folder without the file belongs to a server that is just starting.
         with suppress(OSError):

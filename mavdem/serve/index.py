@@ -216,19 +216,19 @@ def create_or_update_table(db: sqlite3.Connection) -> None:
 
 
 def _fill_vehicle_columns(db: sqlite3.Connection) -> None:
-    """Fills three columns of the index that an earlier version did not have: what is known of the vehicle of each log.
+    """Fills the columns on the vehicle in an index of an earlier version, which did not have them.
 
-    They are the basis of its name, the type of its frame, and the autopilot. The values are taken from the rows of the
-    fleet's table for the same log, which are stored in the same file as JSON.
+    They are the basis of the vehicle's name, the type of its frame, and the autopilot. The values are taken from the
+    rows of the fleet's table for the same log, which are stored in the same file as JSON.
 
     Args:
         db: connection to the SQLite file of the library, which has the fleet's rows in the table "flights".
     """
     columns = ("vehicle_basis", "frame", "autopilot")
-    values = ", ".join(f"json_extract(row, '$.{column}')" for column in columns)
+    extracted_values = ", ".join(f"json_extract(row, '$.{column}')" for column in columns)
     db.execute(
         f"""update entries set ({", ".join(columns)}) =
-        (select {values} from flights where flights.vehicle = entries.vehicle and json_valid(row)
+        (select {extracted_values} from flights where flights.vehicle = entries.vehicle and json_valid(row)
         and {same_content_sql(CONTENT_HASH_SQL)} limit 1)
         where vehicle <> ''"""
     )
@@ -248,19 +248,22 @@ def find_by_digest(db: sqlite3.Connection, digest: str) -> LibraryEntry | None:
 
 
 def entry_from_row(row: sqlite3.Row) -> LibraryEntry:
-    """Converts a row of the table to an entry.
+    """Creates an index entry from a row of the SQL table ``entries``.
 
     Empty columns get the defaults of the fields. The digest becomes part of paths, which must not lead out of the
     library's folder even if the index was tampered with; so a digest that is not a SHA-256 is dropped.
 
     Args:
-        row: a row of the table ``entries``.
+        row: a row of the table.
 
     Returns:
         The entry; its digest is empty if the digest of the row was dropped.
     """
-    values = {name: row[name] for name in COLUMNS if row[name] not in (None, "")}
-    entry = LibraryEntry(**values)
+    fields = {}
+    for name in COLUMNS:
+        if row[name] not in (None, ""):
+            fields[name] = row[name]
+    entry = LibraryEntry(**fields)
     if fnmatchcase(str(entry.digest), DIGEST_GLOB):
         return entry
     return replace(entry, digest="")
@@ -347,10 +350,10 @@ def columns_of_flight(rows: Sequence[FlightRow]) -> JsonValues:
 
 
 def _motor_with_fault(rows: Sequence[FlightRow]) -> int | None:
-    """Returns the number of the motor that failed first on any vehicle of a log, or else of the first suspected one.
+    """Returns the number of the motor that failed in a log or, if none did, of a motor that is suspected of a fault.
 
     Args:
-        rows: rows of the log, one per vehicle and axis.
+        rows: rows of the log in the fleet's table, one per vehicle and axis. The first with such a motor counts.
 
     Returns:
         The number, from 1; None if no motor failed and none is suspected.

@@ -526,12 +526,12 @@ class Library:
         return name
 
     def assign_vehicle(self, entry: LibraryEntry, name: str) -> LibraryEntry:
-        """Assigns a vehicle to a flight whose log does not identify it; an empty name removes the assignment.
+        """Assigns a vehicle to a flight whose log identifies its vehicle by a MAVLink system id only.
 
         Args:
             entry: index entry of the flight.
             name: name of the vehicle, as the user typed it. If exactly one vehicle was given this name, that one is
-                assigned; otherwise a new vehicle of this name.
+                assigned; otherwise a new vehicle of this name. An empty name removes the assignment.
 
         Returns:
             The changed entry.
@@ -590,7 +590,7 @@ class Library:
         self.store.healthy = corrected_baseline
 
     def widen_sharing(self, entry: LibraryEntry, sharing: str, note: str) -> LibraryEntry:
-        """Updates the entry of a flight whose log is uploaded again: it never becomes less visible than it was.
+        """Updates who may see a flight when its log is uploaded again: as many people as before, or more.
 
         Args:
             entry: index entry of the flight.
@@ -771,7 +771,9 @@ class Library:
             self._remove_files_of_deleted_log(db, entry)
 
     def _remove_files_of_deleted_log(self, db: sqlite3.Connection, entry: LibraryEntry) -> None:
-        """Removes the log and the results of a deleted entry, unless the same log was uploaded again meanwhile.
+        """Removes the log and the results of a deleted entry from the disk.
+
+        They stay if the same log was uploaded again meanwhile, since the new entry uses them.
 
         Args:
             db: the connection, within a transaction, which blocks such an upload until it ends.

@@ -51,12 +51,15 @@ def end_by_all_signals(server: uvicorn.Server) -> None:
 
 
 def server_config(app: Starlette, *, is_behind_proxy: bool = False) -> uvicorn.Config:
-    """Returns the configuration with which uvicorn runs a server: limits on connections, and no headers about itself.
+    """Configures uvicorn, the HTTP server, with limits on connections and without headers that name the software.
 
     Args:
         app: the ASGI application.
-        is_behind_proxy: whether a reverse proxy stands in front of the server, whose headers then say from which
+        is_behind_proxy: whether a reverse proxy is in front of the server, whose headers then say from which
             address a request comes.
+
+    Returns:
+        The configuration.
     """
     return uvicorn.Config(
         app,

@@ -76,15 +76,15 @@ def recordings_answer(recordings: Recordings) -> Response:
 
 
 def _changes_from_baseline(name: str, rows: FlightRows, healthy_rows: FlightRows) -> Blocks:
-    """Returns the part of a vehicle's page that says how its latest flight differs from the flights marked as healthy.
+    """Describes how the latest flight of a vehicle differs from its flights that the owner marked as healthy.
 
     Args:
         name: name of the vehicle in its logs.
         rows: rows of all its flights in the fleet's table.
-        healthy_rows: rows of the flights that the owner marked as healthy, the baseline.
+        healthy_rows: rows of the healthy flights, the baseline.
 
     Returns:
-        Sentences; none without a baseline, or if all flights of the vehicle are in it.
+        Sentences for the vehicle's page; none without a baseline, or if all flights of the vehicle are in it.
     """
     if not healthy_rows:
         return []
@@ -243,7 +243,7 @@ class Pages:
         )
 
     def _comparison_link(self, entry: LibraryEntry) -> PageLink | None:
-        """Returns the link to the page that compares a flight with a motor anomaly with an earlier one without.
+        """Returns the link from a flight with a motor anomaly to its comparison with an earlier healthy flight.
 
         Args:
             entry: index entry of the flight with the anomaly.
@@ -263,7 +263,10 @@ class Pages:
 
         Args:
             entry: index entry of the flight.
-            values: values that the template uses, by name.
+            values: values that the template of the page uses, by name.
+
+        Returns:
+            The page, with the plots that are ready.
         """
         first_plots = Markup(self._library.first_plots(entry))
         return HTMLResponse(render_server_page("flight", first_plots=first_plots, **values))
@@ -453,15 +456,17 @@ class Pages:
     def _unnamed_vehicles(
         self, request: HttpRequest, name: str, entries: Sequence[LibraryEntry]
     ) -> Response:
-        """Returns the page of flights whose logs identify the vehicle by nothing but the same MAVLink system id.
+        """Returns the page on which a user assigns flights to vehicles, for logs that have only a MAVLink system id.
 
-        Such flights may be of several vehicles, so that the page does not compare them. On it the user can assign each
-        flight to a vehicle.
+        Flights of several vehicles may have the same id, so that the page does not compare them.
 
         Args:
             request: the request, for the rights of its sender.
             name: name that was made of the system id.
             entries: index entries of the flights.
+
+        Returns:
+            The page.
         """
         visitor = self._visible_library.visitor_values(request)
         html = render_server_page("unnamed_vehicles", name=name, entries=entries, **visitor)

@@ -170,7 +170,9 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
     _write_first_plots(log, unfinished_folder / FIRST_PLOTS)
     progress.report(Stage.JUDGING, has_plots=(unfinished_folder / FIRST_PLOTS).is_file())
     vehicles = _assessed_vehicles(log, progress)
-    rows = [row for vehicle in vehicles for row in vehicle.rows]
+    rows: FlightRows = []
+    for vehicle in vehicles:
+        rows += vehicle.rows
     progress.report(Stage.DRAWING, **_index_columns(vehicles[0].assessment, rows))
     names = _write_results(vehicles, unfinished_folder)
     progress.report(Stage.DRAWING, files=",".join(names))
@@ -294,11 +296,14 @@ def _assessment_columns(assessment: Assessment) -> dict[str, str]:
 
 
 def _index_columns(assessment: Assessment, rows: FlightRows) -> JsonValues:
-    """Returns all columns of the index that follow from the content of a log.
+    """Returns the columns of the library's index that follow from the content of a log.
 
     Args:
         assessment: the assessment whose sentences and events the index shows for the log.
-        rows: the fleet's rows of the log, the rows of this assessment first.
+        rows: rows of the log in the fleet's table, the rows of this assessment first.
+
+    Returns:
+        Values by the names of the columns.
     """
     # Only an assessment in which no vehicle was judged has no evidence.
     assert assessment.evidence is not None

@@ -36,11 +36,14 @@ from mavdem.serve.stored_files import PROGRESS, RESULTS, UNFINISHED_RECORDINGS
 
 
 def reason_without_file(entry: LibraryEntry, name: str) -> Fact:
-    """Returns why a flight that exists has no file of a name.
+    """Explains to a client why a flight of the library does not have the file that was requested.
 
     Args:
         entry: index entry of the flight.
         name: name of the file.
+
+    Returns:
+        The reason as a fact (coded finding).
     """
     if not entry.is_done:
         return Fact(RefusalReason.STILL_BEING_READ, name=entry.name)
@@ -118,21 +121,23 @@ class RecordingRequests:
         self._library.change(entry.id, recording_stage=Stage.WAITING, claimed="")
 
     def finish(self, entry: LibraryEntry, outcome: JobOutcome) -> None:
-        """Stores the outcome of making the recordings of a flight, which may have been deleted meanwhile.
+        """Stores in the index whether the recordings of a flight could be made, and how large its results are now.
+
+        If the flight was deleted meanwhile, its files are removed.
 
         Args:
             entry: the flight, as it was claimed.
             outcome: outcome of the work; if it failed, the status of its first row is the reason.
         """
-        results = self._library.results_folder(entry)
-        shutil.rmtree(_unfinished_folder(results), ignore_errors=True)
+        results_folder = self._library.results_folder(entry)
+        shutil.rmtree(_unfinished_folder(results_folder), ignore_errors=True)
         columns = {"claimed": "", "recording_stage": "", "recording_problem": ""}
         if self.missing_names(entry):
             reason = outcome.rows[0].status if outcome.rows else ""
             columns |= {"recording_stage": Stage.FAILED, "recording_problem": str(reason)}
         kept_bytes = 0
-        if results.is_dir():
-            kept_bytes = sum(path.stat().st_size for path in results.iterdir())
+        if results_folder.is_dir():
+            kept_bytes = sum(path.stat().st_size for path in results_folder.iterdir())
         try:
             self._library.change(entry.id, kept=kept_bytes, **columns)
         except Refusal as error:

@@ -159,7 +159,7 @@ def _restore_digests(db: sqlite3.Connection) -> None:
 
 
 def _remove_orphaned_results(results: Path, used_names: set[str]) -> None:
-    """Removes the folders of results, also unfinished ones, that no entry of the index uses.
+    """Removes the folders of results, finished or not, that belong to no entry of the index.
 
     Folders whose names are no digest are kept, since they are not from this program.
 

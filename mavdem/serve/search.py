@@ -172,10 +172,10 @@ def search_problems(text: str) -> list[str]:
 
 
 def unknown_terms(text: str) -> list[str]:
-    """Returns a sentence on words of a search that compare a property which does not exist, such as ``colour:red``.
+    """Returns a hint about words of a search that compare a property which does not exist, such as ``colour:red``.
 
-    Such a word may be meant as a text that flights contain, such as the time of day 12:30, and is searched for as one.
-    So the sentence is only to be shown if the search finds nothing.
+    Such a word may also be meant as a text that flights contain, such as the time of day 12:30, and is searched for as
+    one. So the hint is shown only if the search finds nothing.
 
     Args:
         text: words of the search.

@@ -132,11 +132,14 @@ class VisibleLibrary:
         return earlier_entries[0] if earlier_entries else None
 
     def _earlier_flights(self, entry: LibraryEntry, limit: int) -> list[LibraryEntry]:
-        """Returns the last flights of the same vehicle before this one, by date, the latest first.
+        """Returns earlier flights of the same vehicle by date, the latest first.
 
         Args:
-            entry: a flight. One without a date, or of an unnamed vehicle, has none before it.
+            entry: a flight. If it has no date, or its vehicle is unnamed, no flight is known to be earlier.
             limit: largest number of flights that are returned.
+
+        Returns:
+            Their index entries.
         """
         if not entry.date or entry.is_vehicle_unnamed:
             return []
@@ -195,6 +198,9 @@ class VisibleLibrary:
 
         Args:
             entries: index entries of the flights.
+
+        Returns:
+            The documents, in the order of the entries.
         """
         names = self.library.names
         documents = []

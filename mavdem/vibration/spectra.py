@@ -366,7 +366,7 @@ def _unit(name: str) -> str:
 
 
 def _rows_without_gaps(series: TimeSeries, segments: Segments, max_gap: float) -> Iterator[Indices]:
-    """Yields the rows of each run of samples without gaps, since a spectrum needs uniform samples.
+    """Yields the indices of uninterrupted runs of samples, since a spectrum needs uniform samples.
 
     Args:
         series: samples with their times.

@@ -99,12 +99,15 @@ def first_tab(plots: Mapping[str, rrb.View], side_texts: SideTexts) -> rrb.Conta
 
 
 def events_text(events: Iterable[Event]) -> str:
-    """Returns a list of events as Markdown, for the column of texts beside the plots.
+    """Lists events as Markdown, for the column of texts beside the plots.
 
-    The viewer has an event log, too, but cuts its long rows off, while it wraps the lines of this text.
+    The viewer has an event log of its own, but cuts off its long lines, while it wraps the lines of this text.
 
     Args:
         events: events in the order in which they are listed.
+
+    Returns:
+        The text, with a paragraph for each event.
     """
     lines = ["**Events**"]
     for event in events:

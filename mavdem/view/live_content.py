@@ -165,13 +165,16 @@ def live_plot(title: str, origin: str) -> rrb.View:
     Args:
         title: title of the plot.
         origin: path of the entity whose lines the plot shows.
+
+    Returns:
+        The view for Rerun's layout.
     """
-    start = rr.TimeRangeBoundary.cursor_relative(seconds=-FLIGHT_SECONDS)
+    first_sample = rr.TimeRangeBoundary.cursor_relative(seconds=-FLIGHT_SECONDS)
     last_sample = rr.TimeRangeBoundary.cursor_relative(seconds=REPORTED_HORIZON)
     width = WIDTH_PER_SPAN * (FLIGHT_SECONDS + REPORTED_HORIZON)
-    end = rr.TimeRangeBoundary.cursor_relative(seconds=width - FLIGHT_SECONDS)
-    axis = rrb.archetypes.TimeAxis(view_range=rr.TimeRange(start=start, end=end))
-    visible_range = rrb.VisibleTimeRange(BOOT_CLOCK, start=start, end=last_sample)
+    axis_end = rr.TimeRangeBoundary.cursor_relative(seconds=width - FLIGHT_SECONDS)
+    axis = rrb.archetypes.TimeAxis(view_range=rr.TimeRange(start=first_sample, end=axis_end))
+    visible_range = rrb.VisibleTimeRange(BOOT_CLOCK, start=first_sample, end=last_sample)
     return rrb.TimeSeriesView(
         name=title, origin=origin, axis_x=axis, time_ranges=[visible_range], plot_legend=LEGEND
     )

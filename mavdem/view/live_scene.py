@@ -74,10 +74,10 @@ class LiveScene:
         self._wind_time = -inf
 
     def draw(self, rows: Sequence[DisplayRow]) -> None:
-        """Moves and turns the vehicle, adds to its path, and updates the arrow of the wind.
+        """Draws the motion of the vehicle in the 3D scene: its pose, its path and the arrow of the wind.
 
         Args:
-            rows: rows in the order of their times; those without a position are skipped.
+            rows: samples of the flight at one time each, in the order of time; those without a position are skipped.
         """
         times = []
         positions = []
@@ -133,10 +133,10 @@ class LiveScene:
         self._recording.log(f"world/path/{self._piece_number}", line)
 
     def _draw_wind(self, row: DisplayRow) -> None:
-        """Draws the arrow of the wind if the row has a new estimate.
+        """Draws the arrow of the wind in the 3D scene, if there is a new estimate of the wind.
 
         Args:
-            row: the latest row of samples, with the estimates at its time.
+            row: the latest samples of the flight, with the estimates at their time.
         """
         wind = row.wind
         if wind is None or wind.time + row.timeline_offset <= self._wind_time:

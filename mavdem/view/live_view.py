@@ -51,10 +51,10 @@ class SinkThread(threading.Thread):
     """
 
     def __init__(self, sink: Sink, recording_id: UUID) -> None:
-        """Prepares the thread; it does nothing before ``start``, and opens the sink only when a row waits.
+        """Creates the thread that sends a live flight to one sink; the sink is opened when the first row waits.
 
-        Two queues hold what waits to be sent, rows and events. Each drops its oldest entry when full, so that a sink
-        that hangs does not use up the memory.
+        Two queues hold what waits to be sent: rows (samples of all channels at one time) and events. Each drops its
+        oldest element when full, so that a sink that hangs does not use up the memory.
 
         Args:
             sink: file, viewer or server to send to.
@@ -82,11 +82,11 @@ class SinkThread(threading.Thread):
         self._next_attempt = 0.0
 
     def put(self, channels: Channels, row: DisplayRow) -> None:
-        """Appends a row to the queue of rows to send; if the queue is full, the oldest row is dropped and counted.
+        """Queues a row, the samples of all channels at one time, to be sent; a full queue drops its oldest row.
 
         Args:
             channels: names and units of what the row contains.
-            row: samples of all channels at one time, with the estimates.
+            row: the samples, with the estimates at their time.
         """
         if len(self._rows) == self._rows.maxlen:
             self.dropped_rows += 1
@@ -160,11 +160,11 @@ class SinkThread(threading.Thread):
             self.sink.end_batch(is_complete=False)
 
     def _open_sink(self) -> None:
-        """Opens the sink with a new recording, if it is not open, rows are queued, and an attempt is due.
+        """Opens the sink with a new recording, if it is closed, rows are queued, and an attempt is due.
 
         A viewer that does not run yet is tried again every ``RETRY_SECONDS``, with the reason in ``problem``. A file
         that cannot be opened is not tried again. A new recording has no layout yet; the writer, which sends the layout,
-        is therefore made anew with the next rows.
+        is therefore created again with the next rows.
         """
         is_due = wall.monotonic() >= self._next_attempt
         if self._recording is not None or not self._rows or not is_due:

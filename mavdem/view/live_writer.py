@@ -126,7 +126,7 @@ class LiveWriter:
     """
 
     def __init__(self, channels: Channels, recording: rr.RecordingStream, scene: LiveScene) -> None:
-        """Sends the name and the layout of the recording; no row is drawn yet.
+        """Starts a recording of a live flight by sending its name and its layout.
 
         Args:
             channels: names and units of what the rows contain.
@@ -166,9 +166,8 @@ class LiveWriter:
         """
         motor_names = tuple(without_remark(name) for name in self.channels.input_names)
         motors = Lines("motors/0_outputs", motor_names, DISTINCT[: len(motor_names)])
-        self._draw_samples(
-            motors, [Sample(row.segment, row.timeline_time, row.inputs) for row in rows]
-        )
+        motor_outputs = [Sample(row.segment, row.timeline_time, row.inputs) for row in rows]
+        self._draw_samples(motors, motor_outputs)
         self._draw_predicted_angle(rows)
         self._draw_attitude(rows)
         self._draw_wind(rows)
@@ -204,7 +203,7 @@ class LiveWriter:
         self._draw_samples(red_line, samples)
 
     def mark_alarm(self, time: float) -> None:
-        """Marks an alarm by a vertical line in every plot except the parameters', whose legend has no room left.
+        """Marks an alarm by a vertical line in all plots with room for it in their legend: all but the parameters'.
 
         Args:
             time: time of the alarm, s on the timeline; NaN, for an alarm without a time, marks nothing.
@@ -424,10 +423,13 @@ class LiveWriter:
         self._draw_samples(Lines("rates", AXES, DISTINCT[: len(AXES)]), rates)
 
     def _draw_wind(self, rows: list[DisplayRow]) -> None:
-        """Draws the estimated wind speed and the ends of its 90 % interval, m/s, as lines that no gap interrupts.
+        """Draws the estimated wind speed, m/s, and the two ends of its 90 % interval as lines over time.
+
+        The lines go on over gaps in the flight.
 
         Args:
-            rows: rows in the order of their times; those without an estimate of the wind are skipped.
+            rows: samples of the flight at one time each, in the order of time; those without an estimate of the wind
+                are skipped.
         """
         speeds = []
         edges = []
@@ -449,7 +451,7 @@ class LiveWriter:
         Args:
             estimates: rows with their estimates; those without physical parameters break the lines.
         """
-        values: list[list[EstimateWithBand]] = [[], [], []]
+        samples_by_parameter: list[list[EstimateWithBand]] = [[], [], []]
         for row, estimate in estimates:
             if estimate.physical is None:
                 continue
@@ -457,12 +459,14 @@ class LiveWriter:
                 unit = self.channels.input_units[0]
                 self._parameter_traces = parameter_traces(estimate.physical, unit)
             parameters = parameter_estimates(estimate.physical).tolist()
-            for samples, (value, half_width) in zip(values, parameters, strict=True):
+            for samples, (value, half_width) in zip(samples_by_parameter, parameters, strict=True):
                 samples.append(EstimateWithBand(row.segment, row.timeline_time, value, half_width))
         # The viewer draws entities in the order of their paths: the three bands, 0 to 2, lie below the lines, 3 to 5.
         for number, trace in enumerate(self._parameter_traces):
             line = Lines(f"parameters/{number + 3}_line", (trace.name,), (trace.colour,))
-            self._draw_with_band(f"parameters/{number}_band", line, values[number], trace.scale)
+            self._draw_with_band(
+                f"parameters/{number}_band", line, samples_by_parameter[number], trace.scale
+            )
 
     def _draw_wind_torque(self, estimates: Sequence[tuple[DisplayRow, Estimate]]) -> None:
         """Draws the estimated wind torque with its 90 % band, at the time at which it acted.

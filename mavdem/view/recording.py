@@ -138,21 +138,21 @@ class RecordingTabs:
     def __init__(
         self, recording: rr.RecordingStream, assessment: Assessment, timeline: Timeline
     ) -> None:
-        """Prepares the tabs; nothing is drawn before one of the methods is called.
+        """Collects what all tabs of the recording need: the charts, and the times of the alarms in them.
 
         Args:
             recording: recording to draw into.
-            assessment: all that was found out about the log.
+            assessment: all results about the log.
             timeline: charts and events of the boot that was analysed, over one axis of time.
         """
         self._recording = recording
         self._assessment = assessment
         self._timeline = timeline
-        first, last = timeline.span
+        start_time, end_time = timeline.span
         self._alarm_times = [
             event.seconds
             for event in timeline.events
-            if event.is_alarm and first < event.seconds < last
+            if event.is_alarm and start_time < event.seconds < end_time
         ]
 
     def flight(

@@ -258,9 +258,9 @@ def _has_settled(values: Sequence[float]) -> bool:
     """
     if len(values) < 4:
         return False
-    fourth_last, third_last, second_last, last = values[-4:]
-    change = abs(last - second_last)
-    change_over_two = abs(last - third_last)
+    fourth_last, third_last, second_last, latest = values[-4:]
+    change = abs(latest - second_last)
+    change_over_two = abs(latest - third_last)
     earlier_change_over_two = abs(second_last - fourth_last)
     is_alternating = change_over_two < REPEATED_CHANGE and earlier_change_over_two < REPEATED_CHANGE
     if is_alternating:

@@ -222,7 +222,9 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
 
 
 def _settled_seconds(signals: Signals, ground_motion: TimeSeries) -> float:
-    """Returns the duration of settled flight in all boots, including parts in which velocity or yaw is not known.
+    """Returns how long the vehicle was in settled flight, over all boots of the log.
+
+    Times at which velocity or yaw is unknown are included.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.

@@ -108,7 +108,7 @@ def lean_on_ground(
 
 
 def _lean_of_stand(angles: Sequence[Attitude], boot: int, stand: TimeInterval) -> Array | None:
-    """Returns the lean of a vehicle that stands on the ground, as the force of a wind that tilts it so in flight.
+    """Returns the lean of a vehicle that stands on the ground, as the specific force of wind that causes it in flight.
 
     Args:
         angles: roll and pitch that the autopilot recorded.
@@ -116,20 +116,20 @@ def _lean_of_stand(angles: Sequence[Attitude], boot: int, stand: TimeInterval) -
         stand: start and end of the time in which it may stand, s since boot.
 
     Returns:
-        Force (2,) along body x and y, m/s²; ``None`` if there are too few samples, the angles move by more than
+        Force (2,) along body x and y, m/s². ``None`` if there are too few samples, the angles vary by more than
         ``MAX_STAND_RANGE``, so that the vehicle does not stand still, or it leans more than any ground.
     """
     median_angles = []
     for angle in angles:
         series = angle.angle_series.of_boot(boot)
-        values = series.values[in_intervals(series.time, [stand])]
-        if len(values) < MIN_STAND_SAMPLES:
+        angles_on_ground = series.values[in_intervals(series.time, [stand])]
+        if len(angles_on_ground) < MIN_STAND_SAMPLES:
             return None
         # A tenth of the samples on either side may be disturbed, as when the vehicle is set down.
-        lower_end, upper_end = np.quantile(values, [0.1, 0.9])
+        lower_end, upper_end = np.quantile(angles_on_ground, [0.1, 0.9])
         if upper_end - lower_end > MAX_STAND_RANGE:
             return None
-        median_angles.append(float(np.median(values)))
+        median_angles.append(float(np.median(angles_on_ground)))
     roll, pitch = median_angles
     if np.hypot(roll, pitch) > MAX_GROUND_LEAN:
         return None

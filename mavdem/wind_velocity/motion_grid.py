@@ -106,10 +106,13 @@ class MotionGrid(NamedTuple):
         return np.asarray(np.einsum("tij,tj->ti", self.body_axes, velocity))
 
     def select(self, rows: Flags | slice) -> MotionGrid:
-        """Returns the motion in some of the steps, with the same time step, so that there may be gaps.
+        """Selects some of the time steps of the motion. The time step stays the same, so that there may be gaps.
 
         Args:
             rows: flags (T,), or a slice, of the steps to select.
+
+        Returns:
+            The motion at these steps.
         """
         return MotionGrid(
             self.time[rows],

@@ -122,9 +122,9 @@ class Rest:
 
     @property
     def pose_facts(self) -> tuple[Fact, ...]:
-        """The fact about the pose in which the vehicle rested; empty if its angle is not known.
+        """Evidence for or against a crash, by the angle at which the vehicle rested: on its side, or upright.
 
-        A vehicle on its side supports a crash, one that stands upright contradicts it.
+        At most one fact (coded finding); empty if the angle is unknown.
         """
         if self.angle is None:
             return ()
@@ -385,7 +385,7 @@ class BootSensors:
         return min(float(np.sqrt(2 * GRAVITY * drop)), MAX_FALL_SPEED)
 
     def sink_rate(self, interval: TimeInterval) -> float | None:
-        """Returns the largest speed downward in an interval, m/s, that the height sensors do not contradict.
+        """Returns the largest speed downward in an interval that barometer and autopilot agree on.
 
         The autopilot's estimate is preferred, since the slope of the barometer's averages lags behind a short fall. If
         the two contradict each other, and not only by that lag, either may be wrong: then the result is the smaller

@@ -56,23 +56,29 @@ so that they do not count.
 
 
 def supporting_fact(code: SensorFact, **figures: Any) -> Fact:
-    """Returns the fact that a sensor supports an event, such as a knock that supports a crash.
+    """Creates the fact (coded finding) that a sensor supports an event, such as a knock that supports a crash.
 
     Args:
         code: what the sensor shows, such as ``KNOCKED``; its sentence is made from this code.
         figures: measured values by name, in the units of ``code``; and ``subject``, ``time`` and ``end_time``, s, of
             the fact if it has any.
+
+    Returns:
+        The fact, which counts for the event.
     """
     return Fact(code, side=Side.FOR, **figures)
 
 
 def contradicting_fact(code: SensorFact, **figures: Any) -> Fact:
-    """Returns the fact that a sensor contradicts an event, such as an upright rest that contradicts a crash.
+    """Creates the fact (coded finding) that a sensor contradicts an event, such as an upright rest after a crash.
 
     Args:
         code: what the sensor shows, such as ``NO_KNOCK``; its sentence is made from this code.
         figures: measured values by name, in the units of ``code``; and ``subject``, ``time`` and ``end_time``, s, of
             the fact if it has any.
+
+    Returns:
+        The fact, which counts against the event.
     """
     return Fact(code, side=Side.AGAINST, **figures)
 
@@ -111,7 +117,7 @@ def support_count(sensor_facts: Iterable[Fact]) -> int:
 
 
 def checked_event(event: Fact, sensor_facts: Iterable[Fact]) -> Fact:
-    """Checks a bad event by sensors: if they do not confirm it, its level is lowered to "watch".
+    """Checks a bad event, such as a crash, by sensors, and lowers its level to "watch" if they do not confirm it.
 
     It is confirmed by ``MIN_SUPPORT`` independent facts, if they are more than those that contradict it.
 

@@ -231,11 +231,11 @@ class SampleFreeEnergy:
             return self.terms(data, states).sum(axis=1)
         # The samples are processed in chunks: the states and errors of an hour of flight would need hundreds of
         # megabytes.
-        values = np.empty(len(data))
+        free_energy = np.empty(len(data))
         for start in range(0, len(data), EVALUATED_SAMPLES):
-            rows = slice(start, start + EVALUATED_SAMPLES)
-            values[rows] = self.terms(data[rows]).sum(axis=1)
-        return values
+            chunk = slice(start, start + EVALUATED_SAMPLES)
+            free_energy[chunk] = self.terms(data[chunk]).sum(axis=1)
+        return free_energy
 
 
 def _error_weights(posterior: Posterior) -> Array:

@@ -170,7 +170,9 @@ class StateSpace:
         return self.predicted_states(start, inputs[1:], outputs[1:])[-1]
 
     def simulate(self, start: Array, inputs: Array) -> Array:
-        """Simulates the model without noise; outputs of an unstable model may overflow to infinity or NaN.
+        """Simulates the outputs of the model for given inputs and a given first state, without noise.
+
+        Outputs of an unstable model may overflow to infinity or NaN.
 
         Args:
             start: (n,) state of the first sample.
@@ -189,13 +191,13 @@ class StateSpace:
         states: Array,
         inputs: Array,
     ) -> Array:
-        """Runs several simulations without noise, each from another sample of the same inputs.
+        """Runs several simulations without noise, which begin at different samples of the same inputs.
 
         Args:
             start_rows: (S,) row of ``inputs`` at which each simulation starts.
             horizon: number of samples H of each simulation.
             states: (S, n) state of each first sample.
-            inputs: (T, r) inputs; after the last row they are held.
+            inputs: (T, r) inputs. Simulations that go on beyond the last row keep the inputs of that row.
 
         Returns:
             Outputs (S, H, m).
@@ -206,9 +208,9 @@ class StateSpace:
         outputs = np.empty((len(start_rows), horizon, len(self.C)))
         # Each step is computed for all simulations at once.
         for step in range(horizon):
-            rows = np.minimum(start_rows + step, len(inputs) - 1)
-            outputs[:, step] = states @ self.C.T + feedthrough[rows]
-            states = states @ self.A.T + forcing[rows]
+            current_samples = np.minimum(start_rows + step, len(inputs) - 1)
+            outputs[:, step] = states @ self.C.T + feedthrough[current_samples]
+            states = states @ self.A.T + forcing[current_samples]
         return outputs
 
     @may_overflow

@@ -117,24 +117,29 @@ class LagStatistics(NamedTuple):
 
     @classmethod
     def from_segments(cls, segments: Iterable[Array], lags: int) -> LagStatistics:
-        """Sums up the statistics of segments; no row reaches across a gap between two of them.
+        """Sums up the statistics of a regression of each sample on the L samples before it, over several segments.
+
+        A sample is regressed on earlier samples of its own segment only, since between two segments there is a gap in
+        time.
 
         Args:
             segments: channels (T, k) of each segment, at least one segment.
             lags: number L of lags.
 
         Returns:
-            Number and second moments of the rows of all segments; no rows if every segment has at most L samples.
+            Number and second moments of the rows [lagged samples, 1, sample] of all segments; no rows if every segment
+            has
+            at most L samples.
         """
-        tables = []
+        regression_rows = []
         for channels in segments:
             past = lagged_rows(channels, lags)
             ones = np.ones((len(past), 1))
             # For a segment with fewer than L samples, both the past and the targets are empty.
             targets = channels[lags:][: len(past)]
-            tables.append(np.hstack([past, ones, targets]))
-        row_count = sum(len(table) for table in tables)
-        second_moments = np.asarray(sum(table.T @ table for table in tables))
+            regression_rows.append(np.hstack([past, ones, targets]))
+        row_count = sum(len(rows) for rows in regression_rows)
+        second_moments = np.asarray(sum(rows.T @ rows for rows in regression_rows))
         return cls(row_count, second_moments)
 
     @classmethod

@@ -156,7 +156,9 @@ class SampleMemory:
         return record_from_blocks(self.blocks, self.dt, self.effect_directions)
 
     def latest_samples(self, number: int) -> SegmentSamples:
-        """Returns the latest samples since the last gap, also those that belong to no block yet.
+        """Returns the latest consecutive samples, for example to start a forecast from them.
+
+        Samples before the last gap in time are not among them. Samples that do not yet fill a block of the memory are.
 
         Args:
             number: Number of samples. If there are fewer since the gap, those are returned.

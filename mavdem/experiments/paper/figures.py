@@ -53,8 +53,8 @@ def draw_lines(
         The figure.
     """
     with new_figure() as figure:
-        row = figure.subplots(1, len(panels), squeeze=False)[0]
-        for axes, (title, series) in zip(row, panels.items(), strict=True):
+        axes_of_panels = figure.subplots(1, len(panels), squeeze=False)[0]
+        for axes, (title, series) in zip(axes_of_panels, panels.items(), strict=True):
             for index, (name, values) in enumerate(series.items()):
                 x = first_x + np.arange(len(values))
                 axes.plot(x, values, ".-", markersize=3, color=distinct(index), label=name)
@@ -63,7 +63,7 @@ def draw_lines(
             axes.set(title=title, xlabel=x_label, yscale=scale)
             if all(series) and len(series) <= MAX_LEGEND_LINES:
                 axes.legend(fontsize=7)
-        handles, names = row[0].get_legend_handles_labels()
+        handles, names = axes_of_panels[0].get_legend_handles_labels()
         if len(names) > MAX_LEGEND_LINES:
             figure.legend(handles, names, loc="outside lower center", ncols=3, fontsize=7)
         return figure
@@ -83,16 +83,18 @@ def draw_forecasts(window: Window, panels: Panels, one_step: Array | None = None
     """
     output_count = window.train.outputs.shape[1]
     with new_figure(ROW_HEIGHT * output_count) as figure:
-        rows = figure.subplots(output_count, len(panels), sharex=True, sharey="row", squeeze=False)
-        for output, row in enumerate(rows):
-            for axes, (title, forecasts) in zip(row, panels.items(), strict=True):
+        axes_by_output = figure.subplots(
+            output_count, len(panels), sharex=True, sharey="row", squeeze=False
+        )
+        for output, axes_of_output in enumerate(axes_by_output):
+            for axes, (title, forecasts) in zip(axes_of_output, panels.items(), strict=True):
                 _draw_output(axes, window, output, forecasts, one_step)
                 axes.set_title(title if output == 0 else "")
             name = window.test.output_names[output]
-            row[0].set_ylabel(f"{name}, {window.test.output_units[output]}")
-        for axes in rows[-1]:
+            axes_of_output[0].set_ylabel(f"{name}, {window.test.output_units[output]}")
+        for axes in axes_by_output[-1]:
             axes.set_xlabel("time, s")
-        legend_above(rows[0, -1])
+        legend_above(axes_by_output[0, -1])
         return figure
 
 

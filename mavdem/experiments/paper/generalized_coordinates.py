@@ -99,10 +99,12 @@ def _errors_over_priors(runner: Runner, method: str, start: str) -> Array:
     Returns:
         (experiments, priors) errors.
     """
-    rows = []
+    errors_by_experiment = []
     for number in runner.experiment_windows:
-        rows.append(forecast_errors(runner.random_prior_outcomes[method, number], start))
-    return np.array(rows)
+        errors_by_experiment.append(
+            forecast_errors(runner.random_prior_outcomes[method, number], start)
+        )
+    return np.array(errors_by_experiment)
 
 
 def lower_error_check(errors: ErrorsByOrder, data: str) -> Check:
@@ -178,15 +180,15 @@ def _error_table(runner: Runner, errors: Mapping[str, ErrorsByOrder]) -> tuple[B
         p1=np.array(PAPER_MSPE_P1)[indices, None],
     )
     errors_by_name = {"the paper, its flights": paper_errors, **errors}
-    rows = {}
+    errors_by_row_name = {}
     for name, errors_by_order in errors_by_name.items():
-        rows[f"{name}, p = 1"] = errors_by_order.p1
-        rows[f"{name}, p = 2"] = errors_by_order.p2
+        errors_by_row_name[f"{name}, p = 1"] = errors_by_order.p1
+        errors_by_row_name[f"{name}, p = 2"] = errors_by_order.p2
     title = Sentence(
         "over random priors the median and, in brackets, the 10 % and 90 % quantiles.",
         "Influence of generalized coordinates on MSPE:",
     )
-    return title, errors_by_experiment("DEM", rows, numbers)
+    return title, errors_by_experiment("DEM", errors_by_row_name, numbers)
 
 
 def _forecast_picture(runner: Runner) -> Picture:

@@ -290,7 +290,7 @@ def _draw_manifold(axes: Axes, model: GenerativeModel, posterior: Posterior) -> 
         model: model of the scalar system.
         posterior: posterior, whose states and covariances F̄ᵒ is computed with.
     """
-    # (B, A) nats: rows are values of B, as contours need them.
+    # Contours need an array (B, A): rows are values of B, columns values of A.
     rows = []
     for b in GRID_B:
         rows.append([free_energy_at(model, posterior, a, b) for a in GRID_A])

@@ -226,18 +226,17 @@ def steady_likelihood(
 
 
 def _filter_residuals(L: Array, K: Array, C: Array, measurements: Array, start: Array) -> Array:
-    """Runs B steady-state Kalman filters over several series of measurements each, and returns the residuals y − C x̂.
+    """Runs B steady-state Kalman filters at once, each over R series of measurements, and returns the residuals.
 
     Args:
         L: (B, n, n) transition matrices of the filters, L = A − K C.
         K: (B, n, 3) steady-state gains.
         C: (B, 3, n) output matrices.
-        measurements: (T, B, rows, 3) measurements y of each series, one series a row; (T, 1, rows, 3) if all filters
-            have the same ones.
-        start: (B, rows, n) states x̂ at the first sample.
+        measurements: (T, B, R, 3) measurements y of each series; (T, 1, R, 3) if all filters have the same ones.
+        start: (B, R, n) states x̂ at the first sample.
 
     Returns:
-        Residuals (T, B, rows, 3).
+        Residuals y − C x̂, (T, B, R, 3).
     """
     driving = measurements @ K.mT
     transition = np.ascontiguousarray(L.mT)
@@ -286,11 +285,11 @@ class LoopPosterior:
     """
 
     def __init__(self, data: LoopData, controller: LoopController) -> None:
-        """Prepares the prior.
+        """Stores the data and the controller, and derives the prior of the loop's parameters from them.
 
         Args:
             data: the samples.
-            controller: the controller; one of which nothing is known has a wide prior.
+            controller: the controller. If nothing is known of it, its prior is wide.
         """
         self.data = data
         self.controller = controller

@@ -421,11 +421,10 @@ def _controller_signals(
 
 
 def _add_plant(A: Array, parameters: GenerativeParameters, motors: Array) -> None:
-    """Enters the rows of angle, rate, motor torque and dead time in the system matrix.
+    """Writes the differential equations of angle, rate, motor torque and dead time into the system matrix.
 
     Args:
-        A: system matrix (…, n, n) of dx/dt = A x, whose rows are written: row i has the weights of all states in the
-            derivative of state i.
+        A: system matrix (…, n, n) of dx/dt = A x; row i has the weights of all states in the derivative of state i.
         parameters: parameters of the loop, each a number or an array (…).
         motors: (…, n) weights of the states in the command to the motors.
     """
@@ -469,13 +468,13 @@ def _wind_torque_weights(parameters: GenerativeParameters) -> Array:
 
 
 def _add_filters(A: Array, parameters: GenerativeParameters, signals: _ControllerSignals) -> None:
-    """Enters the rows of the filters of gyro, derivative and rate setpoint, and of the integral, in the system matrix.
+    """Writes the differential equations of the controller's states into the system matrix.
 
-    The state TARGET is the rate setpoint after its low-pass, which the rate controller follows.
+    These are the low-pass filters of gyro, derivative and rate setpoint, and the integral. The state TARGET is the rate
+    setpoint after its low-pass, which the rate controller follows.
 
     Args:
-        A: system matrix (…, n, n) of dx/dt = A x, whose rows are written: row i has the weights of all states in the
-            derivative of state i.
+        A: system matrix (…, n, n) of dx/dt = A x; row i has the weights of all states in the derivative of state i.
         parameters: parameters of the loop, each a number or an array (…).
         signals: signals of the controller, which are the inputs of the filters.
     """
@@ -495,14 +494,14 @@ def _add_filters(A: Array, parameters: GenerativeParameters, signals: _Controlle
 
 
 def _add_noises(A: Array, noise_gains: Array, parameters: GenerativeParameters) -> None:
-    """Enters the rows of setpoint, actuation and wind, which white noises drive, and the gain of the gyro noise.
+    """Writes the differential equations of setpoint, actuation and wind, and the gains of all white noises.
 
-    Each of these signals is white noise that a filter of first or higher order colours: the states of the filter are
-    states of the loop, and have the signal's correlation time. The gyro noise is white and enters before its low-pass.
+    Setpoint, actuation and wind are each modelled as white noise that a filter of first or higher order colours: the
+    states of the filter are states of the loop, and have the signal's correlation time. The gyro noise is white and
+    enters before its low-pass.
 
     Args:
-        A: system matrix (…, n, n) of dx/dt = A x, whose rows are written: row i has the weights of all states in the
-            derivative of state i.
+        A: system matrix (…, n, n) of dx/dt = A x; row i has the weights of all states in the derivative of state i.
         noise_gains: gains (…, n, sources) of the white noises, which are written.
         parameters: parameters of the loop, each a number or an array (…).
     """

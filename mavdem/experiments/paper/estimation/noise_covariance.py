@@ -379,12 +379,12 @@ def online_check(factors: Mapping[str, float]) -> Check:
     )
 
 
-def error_tables(errors: Mapping[str, Mapping[str, MeanErrors]], data: str) -> list[Block]:
+def error_tables(errors: Mapping[str, Mapping[str, MeanErrors]], records_name: str) -> list[Block]:
     """Returns the tables of the errors of variances and states by estimator and noise, the best in white noise first.
 
     Args:
         errors: errors by noise and estimator.
-        data: name of the records in the sentences.
+        records_name: name of the records in the sentences.
 
     Returns:
         A sentence and the table of variances, then a sentence and the table of states.
@@ -406,11 +406,11 @@ def error_tables(errors: Mapping[str, Mapping[str, MeanErrors]], data: str) -> l
         state_errors = [rounded(errors[noise][name].state_error, 3) for noise in noises]
         state_rows.append([name, *state_errors])
     return [
-        Sentence("factor by which estimated variances of the noise are wrong.", f"{data}:"),
+        Sentence("factor by which estimated variances of the noise are wrong.", f"{records_name}:"),
         Table(["estimator", *noises], variance_rows),
         Sentence(
             "squared error of the states over that of the measured ones, median. DEM uses two later samples.",
-            f"{data}:",
+            f"{records_name}:",
         ),
         Table(["estimator", *noises], state_rows),
     ]

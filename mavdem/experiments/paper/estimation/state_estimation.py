@@ -434,7 +434,7 @@ def recorded_table(errors_by_delay: Mapping[str, Mapping[str, Array]]) -> tuple[
         header += [f"{wind}, SSE", "at the best delay", "delay, samples"]
     rows = []
     late_count = 0
-    # In the order of the errors without a delay.
+    # The observer with the least error without a delay comes first.
     for name in sorted(COMPARED_OBSERVERS, key=lambda name: errors_in_first_wind[name][0]):
         row = [name, str(OBSERVERS[name].look_ahead)]
         for wind in winds:
