@@ -175,8 +175,9 @@ def _margins_light(evidence: Evidence, after_landing: Fact, margins_awaited: Fac
     Args:
         evidence: signals and events of one axis, made from the samples of the model.
         after_landing: the fact that a part of the vehicle is judged by the recording after the landing.
-        margins_awaited: the fact that the margins follow, where setpoints of the body rate come, by which the loop is
-            identified better than by the samples; None where no such setpoints come.
+        margins_awaited: the fact that the margins will be known later in the flight. It is given if setpoints of the
+            body rate are received, since they identify the loop better than the samples of the model do; None if none
+            are received.
 
     Returns:
         The judgement, a fact with a level (the status light of the margins): an oscillation in any case;

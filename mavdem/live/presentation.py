@@ -157,8 +157,8 @@ class Presentation:
     ) -> None:
         """Displays the latest sample of a vehicle whose messages come too slowly to learn a model from them.
 
-        Otherwise each sample is displayed as it is learned from. Where none is, the user must see the motion
-        nevertheless, to find out what is wrong.
+        Samples are usually displayed when the model learns from them. If it learns from none, the user must see the
+        motion nevertheless, to find out what is wrong.
 
         Args:
             latest_sample: the sample, with its format.

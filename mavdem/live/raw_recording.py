@@ -198,10 +198,10 @@ class RawRecording:
         return self._move_from(restart_offset, other)
 
     def _offset_before(self, time: float) -> int:
-        """Returns an offset in a .tlog, bytes, which no frame of a time or later precedes.
+        """Returns an offset in a .tlog, bytes, from which on all frames of a given time or later are found.
 
-        It is at most the bytes of ``BATCH_SECONDS`` before the first such frame, or more if the computer's clock was
-        set back.
+        Reading from there instead of from the beginning saves time. Up to ``BATCH_SECONDS`` of earlier frames follow
+        the offset too, or more if the computer's clock was set back.
 
         Args:
             time: UNIX s.
@@ -287,7 +287,8 @@ def _end_of_longest_silence(
         interval: start and end, UNIX s, between which silences are compared; the first one begins at the start.
 
     Returns:
-        Offset of the byte after the frame before the vehicle's first frame after the silence; None without a silence.
+        Offset, bytes, at which the record of the vehicle's first frame after the silence begins; None without a
+        silence.
     """
     start_time, end_time = interval
     longest_silence = 0.0

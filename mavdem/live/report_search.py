@@ -59,6 +59,7 @@ class ReportSearch:
             is_begin_of_log = bool(report.figures.get("is_begun"))
             is_for_logs_only = is_restart or is_begin_of_log
             if not is_known and not is_long_past and not is_for_logs_only:
+                # A height is above the take-off, which the messages of the last minute need not contain.
                 new_reports.append(report.replace(height=None))
         self._search_time = now
         return new_reports

@@ -533,7 +533,7 @@ class LiveSession:
     def _is_reported_otherwise(
         self, reason: Fact | None, former_reason: Fact | None, status: SessionStatus
     ) -> bool:
-        """Returns whether a change of the reason without a model needs no report, since another one says it.
+        """Returns whether another report already tells the user why no model is learned now, or that one is.
 
         Args:
             reason: why no model is learned now; None if one is.
@@ -561,22 +561,22 @@ class LiveSession:
         return self._report.account_for(self.backlog.analysed_until)
 
     def final_model(self) -> Learned:
-        """Returns the model to keep at the end of the session: of the samples before the last landing.
+        """Returns the model of the vehicle to keep at the end of the session.
 
-        If the vehicle still flies, it is a model of the latest samples.
+        It is learned from the samples before the last landing or, if the vehicle still flies, from the latest samples.
 
         Raises:
-            NotLearnable: no model was learned. The error states the first reason that applies: no samples of attitude
-                and motor outputs came in flight; no vehicle was followed; this computer was too slow; or the reason of
-                the learner.
+            NotLearnable: no model was learned. The error states the first of these reasons that applies: no samples of
+                attitude and motor outputs came in flight; no vehicle was followed; this computer had no time to learn
+                from most samples; or the reason that the learner states.
         """
         if isinstance(self._executor, LearningProcess):
-            # The learning process may be suspended, since this computer was busy with messages. None follow now, so
-            # that it goes on.
+            # On a busy computer the process that learns may be suspended. No more messages follow, so that it resumes.
             self._executor.suspend(False)
         has_samples = self._learning.learner is not None
         if not has_samples and self._no_rows_reason is not None:
             raise NotLearnable(self._no_rows_reason)
+        # A reason of another code says that no vehicle has sent anything yet; then the learner's own reason says more.
         not_followed_reason = self.stream.not_followed_reason
         if not_followed_reason is not None and not_followed_reason.code in NOT_FOLLOWED_CODES:
             raise NotLearnable(not_followed_reason)

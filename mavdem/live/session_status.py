@@ -69,8 +69,8 @@ EMPTYING_BATTERY = (ReportedEvent.BATTERY_WARNED, PowerLight.BATTERY_LOW, PowerL
 """Lights of the power that advise a landing in flight, even if they are to be watched only."""
 
 
-FAULTS_SINCE_TAKEOFF = (MarginsLight.LOOP_MARGINS,)
-"""Bad findings with which the vehicle has flown since its take-off, so that the landing need not be at once."""
+PERMANENT_FAULTS = (MarginsLight.LOOP_MARGINS,)
+"""Bad findings that do not arise in flight: the vehicle has had them since its take-off, and need not land now."""
 
 FALLS = (WatchFact.FALLS_AT_IDLE, WatchFact.STOPPED_IN_AIR, WatchFact.SINKS_AT_LIMIT)
 """Facts that a vehicle loses its height against its will."""
@@ -420,11 +420,14 @@ class SessionStatus(ImmutableResult):
         return Judgement(judgement.headline, judgement.next_step, lights)
 
     def _with_failed_request(self, judgement: Judgement) -> Judgement:
-        """Returns a judgement that does not advise to request the vibration again, if that was requested in vain.
+        """Removes the advice to request the message VIBRATION, if the vehicle was asked for it and did not send it.
 
         Args:
-            judgement: judgement of the flight so far. Where its light of the vibration is unknown, it may advise to
-                request the message VIBRATION.
+            judgement: judgement of the flight so far. Where its light of the vibration is unknown, light and next step
+                may advise to request the message.
+
+        Returns:
+            A copy of the judgement without that advice; the judgement itself if it does not give it.
         """
         vibration = judgement.lights[Light.VIBRATION]
         is_unknown = vibration.code is VibrationLight.VIBRATION_UNKNOWN
@@ -444,8 +447,8 @@ class SessionStatus(ImmutableResult):
     ) -> dict[str, Fact]:
         """Returns the worse of two lights for each part of the vehicle.
 
-        Where the recording is judged, its lights are replaced by warnings only: what it leaves unknown was not checked
-        better in flight.
+        If the recording of the flight was judged, a light that needs no model replaces its light only if it warns. A
+        light that the recording leaves unknown stays unknown, since the checks in flight use the same messages.
 
         Args:
             lights_by_model: all lights, as the model or the recording shows them, by the name of the part.
@@ -516,14 +519,17 @@ class SessionStatus(ImmutableResult):
         return self.motion_age if reason.subject == MissingMessages.MOTION else self.message_age
 
     def _is_urgent(self, headline: Fact) -> bool:
-        """Returns whether a headline in flight is an alarm, or a fault that has begun since the take-off.
+        """Returns whether the pilot should land now, because of what a headline in flight states.
+
+        That is the case for an active alarm, and for a bad fault that has arisen in flight. A permanent fault, such as
+        small stability margins, is no more dangerous than at the take-off.
 
         Args:
-            headline: the headline.
+            headline: the headline, a fact about the vehicle.
         """
         if headline in self.active_alarms:
             return True
-        return headline.is_bad and headline.code not in FAULTS_SINCE_TAKEOFF
+        return headline.is_bad and headline.code not in PERMANENT_FAULTS
 
     def _most_urgent_headline(self, headline: Fact) -> Fact:
         """Returns the headline to show in flight: an active alarm, if that is more urgent than the given headline.

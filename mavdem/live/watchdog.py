@@ -1194,10 +1194,10 @@ class Watchdog:
         return self.alarms.is_calm(quantity, review.now)
 
     def _is_end_reported(self, quantity: WatchedQuantity, review: _Review) -> bool:
-        """Returns whether the end of an alarm is reported: in flight always, on the ground only if it is good news.
+        """Returns whether the user is told that an alarm is over: in flight always, on the ground only if its fault is.
 
-        A vehicle that was lost is not sound. And a landing neither charges a battery, nor ends a state that lasts, such
-        as no fix of the GPS receiver, nor corrects a barometer.
+        A landing ends most faults with the alarm. It does not end them after a loss of the vehicle, and it neither
+        charges a battery, nor ends a state that lasts, such as a GPS receiver without a fix, nor corrects a barometer.
 
         Args:
             quantity: quantity of the alarm, which is still active.
@@ -1212,7 +1212,10 @@ class Watchdog:
     def _reasons_not_watched(
         self, now: float, vehicle: Telemetry, motion: RecentMotion | None
     ) -> dict[WatchedQuantity, Fact]:
-        """Finds out what cannot be watched because the messages for it are missing or too slow.
+        """Finds the quantities that cannot be watched for faults at present, such as the vibration, and states why.
+
+        A quantity cannot be watched if the messages that show it are missing or too slow, if it follows from an
+        attitude that is not a number, or if the battery has no voltage that could be judged.
 
         Args:
             now: present time on the boot clock, s.
@@ -1220,7 +1223,7 @@ class Watchdog:
             motion: attitude and motor outputs of the last seconds; None if they do not come.
 
         Returns:
-            For each quantity that cannot be watched, the fact that states why; quantities that can be are left out.
+            The reason as a fact (a coded finding), by quantity; quantities that can be watched are left out.
         """
         reasons = quantities_without_motion(motion)
         received_names = self._recent.names_since(now - MEMORY_SECONDS)
@@ -1241,11 +1244,11 @@ class Watchdog:
         return reasons
 
     def set_motors_watched(self, reason: Fact | None, now: float) -> None:
-        """Notes whether a motor that loses thrust would be detected at present; ``MotorAlarms`` tests the motors.
+        """Adds to the list of watched quantities whether the motors are tested for a loss of thrust at present.
 
-        If so, the status light of the motors becomes "no loss found" until something worse is found. There are two
-        exceptions: after a loss of control, and while the vehicle oscillates. Then the motors go from limit to limit,
-        so that they are not compared with each other, and must not be called sound.
+        The test itself is made by ``MotorAlarms``, with each sample of the motors. While it runs, a status light of the
+        motors that states nothing yet becomes "no loss found". After a loss of control, and while the vehicle
+        oscillates, it does not: then the motors go from limit to limit, and the test does not show that they are sound.
 
         Args:
             reason: why a motor that loses thrust would not be detected; None if it would be.

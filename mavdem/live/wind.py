@@ -440,12 +440,12 @@ class LiveWind:
         attitudes = np.array(attitude_samples).reshape(-1, 4)
         velocities = np.array(velocity_samples).reshape(-1, 4)
         velocity_times = velocities[:, 0]
-        # ``next_row`` is the first velocity that is not earlier than the attitude; the one before it is earlier.
-        next_row = np.searchsorted(velocity_times, attitudes[:, 0])
-        is_between_velocities = (next_row > 0) & (next_row < len(velocities))
+        # ``next_velocity`` is the first velocity that is not earlier than the attitude; the one before it is earlier.
+        next_velocity = np.searchsorted(velocity_times, attitudes[:, 0])
+        is_between_velocities = (next_velocity > 0) & (next_velocity < len(velocities))
         attitudes = attitudes[is_between_velocities]
-        next_row = next_row[is_between_velocities]
-        gaps = velocity_times[next_row] - velocity_times[next_row - 1]
+        next_velocity = next_velocity[is_between_velocities]
+        gaps = velocity_times[next_velocity] - velocity_times[next_velocity - 1]
         attitudes = attitudes[gaps <= MAX_VELOCITY_GAP]
         time = attitudes[:, 0]
         velocity = interpolated(time, velocity_times, velocities[:, 1:])

@@ -401,6 +401,6 @@ def _spectrogram_in_decibels(x: Array, frequency: Array, density: Array) -> Spec
     smallest_positive = np.finfo(np.float64).tiny
     decibels = 10 * np.log10(np.maximum(bin_density, smallest_positive))
     even_x = np.linspace(x[0], x[-1], int(np.clip(len(x), 2, MAX_BINS)))
-    nearest_row = abs(even_x[:, None] - x).argmin(axis=1)
+    nearest_index = abs(even_x[:, None] - x).argmin(axis=1)
     low, high = np.percentile(decibels, HEAT_PERCENTILES)
-    return Spectrogram(even_x, frequency_bins, np.clip(decibels[nearest_row], low, high))
+    return Spectrogram(even_x, frequency_bins, np.clip(decibels[nearest_index], low, high))

@@ -60,7 +60,7 @@ def plant_response(
 
 
 def identified_plant(learned: Learned) -> Physical | None:
-    """Checks that a frequency response can be computed from a model's physical parameters.
+    """Returns the physical parameters of a model, if a frequency response can be computed from them.
 
     They must be identifiable, and the outputs no more than angle and rate, which are all that the physical plant has.
 
@@ -68,7 +68,7 @@ def identified_plant(learned: Learned) -> Physical | None:
         learned: the linear model that was learned from a flight, with its training data.
 
     Returns:
-        The parameters; None if it cannot.
+        The parameters; None if they do not meet these conditions.
     """
     physical = learned.physical
     output_count = learned.record.outputs.shape[1]

@@ -196,14 +196,17 @@ def wind_torque_charts(learned: Learned) -> Charts:
 
 
 def _torque_spectrum_chart(spectrum: WindSpectrum) -> Chart:
-    """Returns a chart of the spectral density of the wind torque up to ``MAX_WIND_FREQUENCY``, and of its model.
+    """Returns the chart of the wind torque's power spectral density over frequency, up to ``MAX_WIND_FREQUENCY``.
+
+    A dashed line is the model of the spectrum with which the torque was smoothed: where the two agree, it fits.
 
     Args:
-        spectrum: spectral density of the wind torque, in the units of the data, with its model.
+        spectrum: estimated density and its model at the same frequencies, Hz. The wind torque is in the unit of the
+            training data, rad/s², and the chart shows it in ``TORQUE_UNIT``.
     """
     is_shown = (spectrum.frequency > 0) & (spectrum.frequency <= MAX_WIND_FREQUENCY)
     frequency = spectrum.frequency[is_shown]
-    # A spectral density has the square of the unit.
+    # The unit of a power spectral density is the square of the signal's unit per Hz.
     scale = TORQUE_UNIT.scale**2
     density = scale * spectrum.density[is_shown]
     model_density = scale * spectrum.model[is_shown]
@@ -287,8 +290,8 @@ def forecast_charts(held_out: HeldOut, labels: Labels, output: int = 0) -> Chart
 def sample_times(record: Record) -> Array:
     """Returns the times of the T samples of a record.
 
-    Samples are ``record.dt`` apart within a segment. Segments begin at their times on the flight's clock or, where a
-    record of arrays does not know them, follow each other without gaps from 0 on.
+    Samples are ``record.dt`` apart within a segment. The start times of the segments are on the flight's clock. If the
+    record was made of arrays without times, the first segment starts at 0, and the others follow without gaps.
 
     Args:
         record: the training data of a model.
