@@ -16,7 +16,11 @@ from mavdem.dataset.signals import Signals
 from mavdem.documents.fleet import Diff
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import vehicle_difference
-from mavdem.fleet.parameter_changes import changed_parameters, states_without_gains
+from mavdem.fleet.parameter_changes import (
+    changed_parameters,
+    compared_parameters,
+    states_without_gains,
+)
 from mavdem.fleet.report_columns import value_at
 from mavdem.fleet.state import (
     Days,
@@ -169,7 +173,20 @@ def diff_command(
         headlines={side.lower(): headline for side, headline in headlines.items()},
         motor_health={side.lower(): review.get("motor_health") for side, review in reviews.items()},
     )
-    reviewed = reviewed_difference(difference, reviews, parameters, names_without_gains)
+    reviewed = reviewed_difference(
+        difference,
+        reviews,
+        parameters,
+        names_without_gains,
+        len(compared_parameters(state_a.parameters, state_b.parameters)),
+    )
+    if difference.is_of_same_flight:
+        # Nothing can differ, so that there is nothing to keep.
+        if as_json:
+            print_json(document)
+        else:
+            print_screen([], [], [], headline_of_comparison(reviewed), verbose=verbose)
+        return
     names = (_shown_name(before, days_a), _shown_name(after, days_b))
     page = comparison_page(
         names, reviewed, flights=(_flight_series(state_a), _flight_series(state_b))
@@ -207,9 +224,6 @@ def _print_comparison(
     """
     headline = headline_of_comparison(reviewed)
     last_sentences = [*next_blocks(reviewed), Sentence(str(page), "Page:")]
-    if reviewed.difference.is_of_same_flight:
-        print_screen([], [], [], [*headline, *last_sentences], verbose=verbose)
-        return
     title = []
     for side, description in side_descriptions(names, reviewed).items():
         title.append(Sentence(f"{description}.", f"{side}:"))

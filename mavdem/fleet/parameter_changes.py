@@ -55,10 +55,8 @@ def changed_parameters(before: Parameters, after: Parameters) -> list[ParameterC
         The changes: parameters of control first, each part in the order of names.
     """
     changes = []
-    for name in before.keys() & after.keys():
-        is_set_by_autopilot = AUTOPILOT_SET_PARAMETERS.search(name)
-        is_equal = isclose(before[name], after[name], rel_tol=RELATIVE_ROUNDING)
-        if not is_set_by_autopilot and not is_equal:
+    for name in compared_parameters(before, after):
+        if not isclose(before[name], after[name], rel_tol=RELATIVE_ROUNDING):
             changes.append(ParameterChange(name, before[name], after[name]))
 
     def control_first(change: ParameterChange) -> tuple[bool, str]:
@@ -67,6 +65,17 @@ def changed_parameters(before: Parameters, after: Parameters) -> list[ParameterC
         return not is_of_control, change.name
 
     return sorted(changes, key=control_first)
+
+
+def compared_parameters(before: Parameters, after: Parameters) -> list[str]:
+    """Returns the names of the parameters that both states have, without those that the autopilot itself sets.
+
+    Args:
+        before: values by the autopilot's name, in the first state.
+        after: values in the second state.
+    """
+    common_names = before.keys() & after.keys()
+    return [name for name in common_names if not AUTOPILOT_SET_PARAMETERS.search(name)]
 
 
 def axes_of_parameter(name: str) -> list[str]:

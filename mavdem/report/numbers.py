@@ -173,3 +173,11 @@ def rounded(value: float, digits: int = 2) -> str:
         return f"{value:z.{digits}g}"
     decimals = max(digits - 1 - floor(log10(abs(value))), 0)
     return f"{value:.{decimals}f}"
+
+
+def parameter_value_text(value: float) -> str:
+    """Returns the value of an autopilot's parameter: whole numbers with all digits, others with seven.
+
+    Autopilots store parameters in single precision, which has about seven digits.
+    """
+    return f"{value:.0f}" if float(value).is_integer() else f"{value:.7g}"

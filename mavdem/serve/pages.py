@@ -24,7 +24,11 @@ from mavdem.facts.serve import ListingOrder, Permission, RefusalReason, Stage
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import baseline_differences, vehicle_difference
 from mavdem.fleet.flights import group_by_vehicle
-from mavdem.fleet.parameter_changes import changed_parameters, states_without_gains
+from mavdem.fleet.parameter_changes import (
+    changed_parameters,
+    compared_parameters,
+    states_without_gains,
+)
 from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.fleet.workers import PAGES, POLL_SECONDS
 from mavdem.ingest.formats import detect_format
@@ -512,7 +516,8 @@ class Pages:
             reviews,
             parameters,
             states_without_gains(gains_before, gains_after),
-        )
+            len(compared_parameters(gains_before, gains_after)),
+        )._replace(has_only_control_parameters=True)
         given_names = self._library.names.flights
         html = comparison_page(
             names=(

@@ -17,6 +17,7 @@ from mavdem.report.difference.baseline import baseline_blocks
 from mavdem.report.difference.changes import difference_blocks
 from mavdem.report.difference.headline import headline_of_comparison
 from mavdem.report.difference.next_step import next_blocks
+from mavdem.report.difference.parameters import parameter_sentences
 from mavdem.report.difference.reviewed import reviewed_difference
 from mavdem.report.fleet import vehicle_health, vehicle_texts
 from mavdem.report.flight_lines import COLUMNS, flight_line
@@ -246,6 +247,8 @@ def test_motors_are_not_checked_for_what_new_gains_explain():
     )
     difference = vehicle_difference(before, after, gains)
     assert not next_blocks(reviewed_difference(difference))
+    equal = reviewed_difference(difference)._replace(compared_parameter_count=866)
+    assert "all 866 that both logs have are equal" in plain_text(parameter_sentences(equal))
     # The gains are the cause, and what follows from them is neither doubtful nor tested.
     sentences = headline_of_comparison(reviewed_difference(difference, {}, gains))
     headline = plain_text(sentences)

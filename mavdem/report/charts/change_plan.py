@@ -4,6 +4,7 @@ Quantities have different units. So each change is drawn relative to the largest
 equivalence limit: within ±1 nothing of note changed.
 """
 
+from collections.abc import Collection
 from typing import NamedTuple
 
 from mavdem.facts.fleet import QuantityOutcome
@@ -21,6 +22,12 @@ OUTCOME_LEVELS = {
     QuantityOutcome.SAME: "good",
 }
 """Class by which each outcome is coloured, in the order in which changes are listed."""
+
+EVIDENCE_LEVEL = "watch"
+"""Class of a change that is uncertain alone and agrees with the motor that the headline names."""
+
+EVIDENCE_REMARK = "agrees with the weak motor"
+"""What stands below such a change in the drawing."""
 
 MAX_RELATIVE_CHANGE = 4.0
 """Largest change that has room in the drawing, in equivalence limits; a larger one ends at its edge. A choice."""
@@ -49,6 +56,8 @@ class DrawnChange(NamedTuple):
     """Largest difference that is called the same, with its unit."""
     beyond: int
     """1 or -1 where the estimate lies to the right or to the left of the drawing, which an arrow shows; 0 inside."""
+    remark: str = ""
+    """What the change is besides its own outcome; empty for most."""
 
 
 def drawn_changes(difference: VehicleDifference) -> list[QuantityChange]:
@@ -75,13 +84,16 @@ def drawn_changes(difference: VehicleDifference) -> list[QuantityChange]:
     return sorted(changes or difference.changes, key=sort_key)
 
 
-def change_plan(difference: VehicleDifference) -> Plan | None:
+def change_plan(
+    difference: VehicleDifference, evidence: Collection[QuantityChange] = ()
+) -> Plan | None:
     """Draws how much each quantity changed, with its 90 % interval, as a forest plot with a row for each quantity.
 
     Changes are drawn relative to the equivalence limit of their quantity, below which a change does not matter.
 
     Args:
         difference: changes of a vehicle between two states, quantity by quantity.
+        evidence: changes that agree with a weak motor, which a light of one side names.
 
     Returns:
         The drawing of :func:`drawn_changes`; None if nothing was compared.
@@ -109,20 +121,32 @@ def change_plan(difference: VehicleDifference) -> Plan | None:
             beyond = 1
         elif relative.difference < -extent:
             beyond = -1
+        is_evidence = is_uncertain_evidence(change, evidence)
         rows.append(
             DrawnChange(
                 capitalize_first(change_text(change, difference)),
-                level=OUTCOME_LEVELS[change.outcome],
+                level=EVIDENCE_LEVEL if is_evidence else OUTCOME_LEVELS[change.outcome],
                 low=position(relative.difference - relative.half_width),
                 middle=position(relative.difference),
                 high=position(relative.difference + relative.half_width),
                 limit=equivalence_limit_text(change.quantity.kind),
                 beyond=beyond,
+                remark=EVIDENCE_REMARK if is_evidence else "",
             )
         )
     svg = figure_as_svg("changes", rows=rows, limit=percent_per_limit)
     texts = listed(row.text for row in rows)
     return Plan("", f"Changes with their 90 % intervals: {texts}", svg)
+
+
+def is_uncertain_evidence(change: QuantityChange, evidence: Collection[QuantityChange]) -> bool:
+    """Returns whether a change agrees with a motor that is known to be weak, and is no sure change by itself.
+
+    Args:
+        change: change of one quantity.
+        evidence: changes that agree with a weak motor, which a light of one side names.
+    """
+    return change in evidence and change.outcome is not QuantityOutcome.CHANGED
 
 
 def _relative(change: QuantityChange) -> QuantityChange:

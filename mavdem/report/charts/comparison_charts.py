@@ -7,9 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
+from mavdem.dataset.axes import TILT_COLUMNS
 from mavdem.dataset.flight_states import airborne_intervals
 from mavdem.dataset.intervals import TimeInterval, intersection
 from mavdem.dataset.signals import Signals
+from mavdem.dataset.steady_flight import attitude_tracking
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.report.charts.chart import Axis, Chart, Line
 from mavdem.vibration.vibration_message import reported_vibration
@@ -18,6 +20,10 @@ TIME_AFTER_TAKE_OFF = Axis("time since take-off (s)")
 
 ROLL = "Roll (°)"
 PITCH = "Pitch (°)"
+ROLL_ERROR = "Roll minus its setpoint (°)"
+PITCH_ERROR = "Pitch minus its setpoint (°)"
+ROLL_RATE = "Roll rate (°/s)"
+PITCH_RATE = "Pitch rate (°/s)"
 HEIGHT = "Height (m)"
 MEAN_MOTOR_OUTPUT = "Mean motor output (%)"
 BATTERY_VOLTAGE = "Battery voltage (V)"
@@ -36,6 +42,10 @@ manoeuvre. A choice."""
 FLIGHT_SERIES_TITLES = (
     ROLL,
     PITCH,
+    ROLL_ERROR,
+    PITCH_ERROR,
+    ROLL_RATE,
+    PITCH_RATE,
     HEIGHT,
     MEAN_MOTOR_OUTPUT,
     BATTERY_VOLTAGE,
@@ -94,16 +104,18 @@ def flight_series(signals: Signals) -> FlightSeries:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
-        Roll and pitch, °; height, m; mean output of all motors, and of each motor the means over ``MEAN_SECONDS``, %
-        of the range; voltage of the first battery, V; and vibration of the worst axis, m/s². Each is an array (2, N) of
-        times since take-off, s, and values. Empty if the vehicle never flew.
+        Roll, pitch and how far each is from its setpoint, °; their rates, °/s; height, m; mean output of all motors,
+        and of each motor the means over ``MEAN_SECONDS``, % of the range; voltage of the first battery, V; and
+        vibration of the worst axis, m/s². Each is an array (2, N) of times since take-off, s, and values. Empty if the
+        vehicle never flew.
     """
     flight = longest_flight(signals)
     if flight is None:
         return {}
     take_off, landing = flight.interval
     series_in_flight = {}
-    for title, series in _recorded_series(signals).items():
+    recorded_series = _recorded_series(signals) | _setpoint_errors(signals, flight.boot)
+    for title, series in recorded_series.items():
         is_of_boot = series.boot == flight.boot
         is_airborne = (series.time >= take_off) & (series.time <= landing)
         in_flight = series.select(is_of_boot & is_airborne)
@@ -144,8 +156,10 @@ def _recorded_series(signals: Signals) -> dict[str, TimeSeries]:
     recorded_series = dict[str, TimeSeries]()
     if signals.height is not None:
         recorded_series[HEIGHT] = signals.height
-    for title, attitude in zip((ROLL, PITCH), signals.tilts, strict=False):
-        recorded_series[title] = _scaled(attitude.angle_series, degrees(1))
+    titles = ((ROLL, ROLL_RATE), (PITCH, PITCH_RATE))
+    for (angle_title, rate_title), attitude in zip(titles, signals.tilts, strict=False):
+        recorded_series[angle_title] = _scaled(attitude.angle_series, degrees(1))
+        recorded_series[rate_title] = _scaled(attitude.rate_series, degrees(1))
     if signals.collective is not None:
         recorded_series[MEAN_MOTOR_OUTPUT] = _scaled(signals.collective, PERCENT)
     motors = signals.motors
@@ -160,6 +174,31 @@ def _recorded_series(signals: Signals) -> dict[str, TimeSeries]:
         levels = vibration.levels
         recorded_series[VIBRATION] = TimeSeries(levels.time, levels.boot, levels.values.max(axis=1))
     return recorded_series
+
+
+def _setpoint_errors(signals: Signals, boot: int) -> dict[str, TimeSeries]:
+    """Returns how far roll and pitch are from their setpoints, °, at times with a setpoint of the angle.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude and setpoints.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
+
+    Returns:
+        Measured angle minus setpoint, by the title of the chart; an axis without setpoints is left out.
+    """
+    tracking = attitude_tracking(signals, boot)
+    if tracking is None:
+        return {}
+    errors = np.degrees(tracking.angles[:, TILT_COLUMNS] - tracking.setpoints)
+    series_by_title = {}
+    for title, error in zip((ROLL_ERROR, PITCH_ERROR), errors.T, strict=True):
+        has_setpoint = ~np.isnan(error)
+        if has_setpoint.any():
+            boots = np.full(has_setpoint.sum(), boot)
+            series_by_title[title] = TimeSeries(
+                tracking.time[has_setpoint], boots, error[has_setpoint]
+            )
+    return series_by_title
 
 
 def _scaled(series: TimeSeries, factor: float) -> TimeSeries:

@@ -153,7 +153,10 @@ def doubtful_changes(reviewed: ReviewedDifference) -> list[QuantityChange]:
 
 
 def result_sentences(
-    reviewed: ReviewedDifference, changes: Sequence[QuantityChange]
+    reviewed: ReviewedDifference,
+    changes: Sequence[QuantityChange],
+    *,
+    has_watched_light: bool = False,
 ) -> list[Sentence]:
     """Returns one sentence with the result of a comparison: the change that matters most, or that nothing changed.
 
@@ -163,6 +166,7 @@ def result_sentences(
     Args:
         reviewed: comparison of two states, quantity by quantity.
         changes: the changed quantities, the most relevant first, without those that are evidence for a weak motor.
+        has_watched_light: whether a light differs, so that what is found beside it is another change.
     """
     difference = reviewed.difference
     unexplained_changes, changes_by_gains = changes_by_cause(difference, changes)
@@ -196,6 +200,7 @@ def result_sentences(
         has_changes_by_gains=bool(changes_by_gains),
         has_bad_light=bool(bad_lights(reviewed.reviews)),
         has_motor_difference=reviewed.motors.differs,
+        has_watched_light=has_watched_light,
         are_two_vehicles=reviewed.are_two_vehicles,
     )
 

@@ -8,10 +8,12 @@ from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.parameter_changes import axes_of_parameter
 from mavdem.fleet.quantities import LOOP_KINDS
 from mavdem.fleet.random_effects import QuantityChange
+from mavdem.fleet.report_columns import value_at
 from mavdem.report.blocks import Blocks, Sentence, shortened
 from mavdem.report.difference.changes import (
     changes_by_cause,
     changes_by_relevance,
+    doubtful_changes,
     result_sentences,
 )
 from mavdem.report.difference.identity import identity_cautions
@@ -22,6 +24,7 @@ from mavdem.report.difference.lights import (
     levels_and_reason,
     lights_of_both,
     remark_on_imus,
+    vibrations_of_same_imu,
 )
 from mavdem.report.difference.motors import MotorVerdict
 from mavdem.report.difference.parameters import changed_rate_gains, parameter_text
@@ -51,8 +54,10 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
        names are its evidence, and no result of their own.
     3. Whether compared figures changed. One change is named: of a loop with a bad margin, or else the surest one.
     4. The changed gains of loops with a bad margin or a changed figure, or else all changed gains, and their effects.
-       Where no figure changed that they do not explain, they come first.
     5. The other lights of the vehicle that are to be watched on one side, and good on the other.
+
+    Where no figure changed that the gains do not explain, the third comes last, since it then says that nothing else
+    changed.
 
     Args:
         reviewed: comparison of the two states, with the reviews of both logs and changed parameters.
@@ -74,17 +79,18 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
         change.quantity.axis for change in changes if change.quantity.kind in LOOP_KINDS
     }
     gain_sentences = _sentences_on_gains(reviewed, changes, bad_axes | changed_axes)
-    result = result_sentences(reviewed, changes)
+    watched = sentences_on_watched_lights(reviewed.reviews)
+    result = result_sentences(reviewed, changes, has_watched_light=bool(watched))
     sentences: list[Sentence] = []
     if reviewed.are_two_vehicles:
         sentences += identity_cautions(reviewed)
     sentences += light_sentences
     if changes_by_cause(difference, changes).unexplained:
-        sentences += [*result, *gain_sentences]
-    else:
-        # The result is then that no figure changed which the gains do not explain, so that it follows them.
-        sentences += [*gain_sentences, *result]
-    return [*sentences, *sentences_on_watched_lights(reviewed.reviews)]
+        return [*sentences, *result, *gain_sentences, *watched]
+    if doubtful_changes(reviewed):
+        return [*sentences, *gain_sentences, *result, *watched]
+    # The result is then that nothing else changed: it follows all that did.
+    return [*sentences, *gain_sentences, *watched, *result]
 
 
 def _sentences_on_gains(
@@ -211,7 +217,13 @@ def sentences_on_watched_lights(reviews: Mapping[str, Review]) -> list[Sentence]
             reason = light["sentence"].removeprefix(f"{name.capitalize()} ")
             short_reason = without_full_stop(shortened(reason, MAX_LIGHT_CHARACTERS))
             texts.append(f"{light['level']} in {side} ({short_reason})")
-        text = f"{', '.join(texts)}.{remark_on_imus(lights_by_side)}"
+        remark = remark_on_imus(lights_by_side)
+        is_each_imu_compared = remark and len(vibrations_of_same_imu(lights_by_side)) > 1
+        has_clips = any(value_at(light, "figures.clips") for light in lights_by_side.values())
+        if is_each_imu_compared and not has_clips:
+            # The remark has the vibration of both sides, and without clips there is no more to say.
+            texts = [f"{light['level']} in {side}" for side, light in lights_by_side.items()]
+        text = f"{', '.join(texts)}.{remark}"
         sentences.append(Sentence(text, lead=f"{name.capitalize()}:"))
     return sentences
 

@@ -7,13 +7,14 @@ from mavdem.fleet.parameter_changes import ParameterChange, axes_of_parameter
 from mavdem.ingest.vocabulary import RATE_PID_GAINS
 from mavdem.report.blocks import Sentence
 from mavdem.report.difference.reviewed import ReviewedDifference
+from mavdem.report.numbers import parameter_value_text
 from mavdem.report.templates import render_section
 
 
 def parameter_sentences(
     reviewed: ReviewedDifference, headline: Sequence[Sentence] = ()
 ) -> list[Sentence]:
-    """Returns the sentences on changed parameters, and on the sides whose parameters are not known.
+    """Returns the sentences on changed parameters, or that none changed, and on sides whose parameters are not known.
 
     Args:
         reviewed: comparison of two states, with the changed parameters.
@@ -30,6 +31,9 @@ def parameter_sentences(
         parameters=parameters,
         are_two_vehicles=reviewed.are_two_vehicles,
         sides_without_parameters=reviewed.sides_without_parameters,
+        changed_count=len(reviewed.parameters),
+        compared_count=reviewed.compared_parameter_count,
+        are_of_control=reviewed.has_only_control_parameters,
     )
 
 
@@ -59,13 +63,9 @@ def _log_factor(parameter: ParameterChange) -> float:
 
 def parameter_text(parameter: ParameterChange) -> str:
     """Returns a changed parameter as text, such as "ATC_RAT_RLL_P 0.135 → 0.108"."""
-    before, after = value_text(parameter.before), value_text(parameter.after)
+    before = parameter_value_text(parameter.before)
+    after = parameter_value_text(parameter.after)
     return f"{parameter.name} {before} → {after}"
-
-
-def value_text(value: float) -> str:
-    """Returns the value of a parameter as text: whole numbers with all digits, others with four."""
-    return f"{value:.0f}" if float(value).is_integer() else f"{value:.4g}"
 
 
 def _gains_first(parameters: Sequence[ParameterChange]) -> list[ParameterChange]:

@@ -29,6 +29,12 @@ class ReviewedDifference(NamedTuple):
     sides_without_parameters: Names = ()
     """Sides, "A" or "B", whose parameters are not known."""
 
+    compared_parameter_count: int = 0
+    """Number of parameters that both sides have, and that the autopilot does not set by itself."""
+
+    has_only_control_parameters: bool = False
+    """Whether only the parameters of control are compared, as those that a library keeps."""
+
     @property
     def simulated_sides(self) -> Names:
         """Sides whose flight was simulated, as far as their logs show it."""
@@ -54,6 +60,7 @@ def reviewed_difference(
     reviews: Mapping[str, Review] = NO_REVIEWS,
     parameters: Sequence[ParameterChange] = (),
     sides_without_parameters: Names = (),
+    compared_parameter_count: int = 0,
 ) -> ReviewedDifference:
     """Returns the comparison of two states beside the reviews of their logs, with the verdict of these on the motors.
 
@@ -62,6 +69,14 @@ def reviewed_difference(
         reviews: review documents of both logs, by side, "A" and "B"; of a fleet, empty.
         parameters: parameters of the autopilot that changed.
         sides_without_parameters: sides, "A" or "B", whose parameters are not known.
+        compared_parameter_count: number of parameters that both sides have.
     """
     motors = motor_verdict(reviews, difference)
-    return ReviewedDifference(difference, motors, reviews, parameters, sides_without_parameters)
+    return ReviewedDifference(
+        difference,
+        motors,
+        reviews,
+        parameters,
+        sides_without_parameters,
+        compared_parameter_count,
+    )

@@ -10,8 +10,12 @@ from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.quantities import LOOP_KINDS, SHARE
 from mavdem.fleet.report_columns import NOT_IDENTIFIABLE, value_at
-from mavdem.report.blocks import Blocks, Sentence, Table, headline_sentence
-from mavdem.report.charts.change_plan import change_plan, drawn_changes
+from mavdem.report.blocks import Blocks, Rated, Sentence, Table, headline_sentence
+from mavdem.report.charts.change_plan import (
+    change_plan,
+    drawn_changes,
+    is_uncertain_evidence,
+)
 from mavdem.report.charts.chart import Axis, Chart, Group, Line, LineStyle, step_chart
 from mavdem.report.charts.comparison_charts import (
     MEAN_MOTOR_OUTPUT,
@@ -37,11 +41,11 @@ from mavdem.report.difference.identity import identity_remarks
 from mavdem.report.difference.lights import Review, light_blocks, vibrations_of_same_imu
 from mavdem.report.difference.motors import motor_table
 from mavdem.report.difference.next_step import next_blocks
-from mavdem.report.difference.parameters import value_text
+from mavdem.report.difference.parameters import parameter_sentences
 from mavdem.report.difference.reviewed import ReviewedDifference
 from mavdem.report.difference.sides import side_descriptions
 from mavdem.report.loops import LOOP_FIGURES, TUNED_FIGURES
-from mavdem.report.numbers import counted, rounded
+from mavdem.report.numbers import counted, parameter_value_text, rounded
 from mavdem.report.pages.page import Chapter, KeyEntry, render_document
 from mavdem.report.pages.page_link import PageLink
 from mavdem.report.palette import PREDICTED, TRUTH
@@ -54,10 +58,13 @@ SIDE_COLOURS = {"A": PREDICTED, "B": TRUTH}
 """Colour of each side in charts."""
 
 CHANGES_CAPTION = """\
-Each change from A to B with its own 90 % interval, relative to the largest one that is called the same (shaded). \
-Squares changed, rings are not known, dots stayed the same. An arrow stands for a change that lies outside; an \
-interval that ends at the edge goes on."""
+Each change from A to B with its own 90 % interval. Within the shaded band a change is called the same. A square \
+changed, a ring is too uncertain to tell, a dot stayed the same. An arrow lies outside the drawing."""
 """What stands below the drawing of all changes."""
+
+EVIDENCE_CAPTION = """\
+ A diamond is too uncertain alone, but agrees with the weak motor that the headline names."""
+"""What is added to it where the drawing has such a change."""
 
 TRIMS_CAPTION = """\
 The output of each motor over that of the median motor. What lean in wind asks for is in it; the light of the motors \
@@ -69,8 +76,8 @@ Means over {MEAN_SECONDS:g} s, all on one scale. The charts begin at take-off; t
 the autopilot's boot."""
 """What stands below the charts of the motors' outputs."""
 
-MOTORS_IN_ROW = 2
-"""Charts of motors' outputs side by side: four motors fill two rows."""
+CHARTS_IN_ROW = 2
+"""Charts over time side by side: four motors fill two rows, and roll stands beside pitch."""
 
 OVERVIEW_SERIES = (VIBRATION, MEAN_MOTOR_OUTPUT)
 """Time series in the row of pictures at the top: what rotors and load change in flights that are flown alike."""
@@ -112,7 +119,10 @@ def comparison_page(
         " and ".join(names),
         subtitle="",
         blocks=_summary(reviewed, headline),
-        chapters=_chapters(reviewed, headline, flights),
+        # A flight does not differ from itself.
+        chapters=()
+        if reviewed.difference.is_of_same_flight
+        else _chapters(reviewed, headline, flights),
         back=back,
         key=key,
     )
@@ -126,15 +136,20 @@ def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Bloc
         headline: the sentences that head the comparison.
     """
     summary: Blocks = []
-    # What is to be watched stands below the headlines.
+    # What is to be watched, and what follows it, stands in small letters below the headlines.
     watched = sentences_on_watched_lights(reviewed.reviews)
+    is_headline = True
     for sentence in headline:
-        if sentence in watched:
-            summary.append(sentence)
-        else:
+        is_headline = is_headline and sentence not in watched
+        if is_headline:
             summary.append(headline_sentence(f"{sentence.lead} {sentence.text}".strip()))
+        else:
+            summary.append(sentence)
     if not reviewed.difference.is_of_same_flight:
         summary += identity_remarks(reviewed)
+        if not reviewed.parameters:
+            # Changed parameters have a chapter.
+            summary += parameter_sentences(reviewed)
     return [*summary, *next_blocks(reviewed)]
 
 
@@ -154,6 +169,11 @@ def _chapters(
     # Names of files and dates, which stand at the top, would fill each chart's legend.
     legend = {side: side for side in SIDE_COLOURS}
     series_charts = list(_series_charts(flights, legend))
+    words = difference_blocks(reviewed, headline)
+    if not reviewed.parameters:
+        # What is known of parameters then stands at the top.
+        stated_above = parameter_sentences(reviewed)
+        words = [sentence for sentence in words if sentence not in stated_above]
     motors = _motor_chapter(reviewed, legend, series_charts)
     steps = _step_chapter(reviews_by_side, legend)
     changed_chapters = []
@@ -163,17 +183,13 @@ def _chapters(
     if _do_loops_differ(reviewed):
         changed_chapters.append(steps)
     other_chapters = [chapter for chapter in (steps, motors) if chapter not in changed_chapters]
-    changed_parameters = [
-        [name, value_text(value_before), value_text(value_after)]
-        for name, value_before, value_after in reviewed.parameters
-    ]
     return [
         *changed_chapters,
+        _change_chapter(reviewed),
         Chapter("Both flights", (), _overview_groups(reviews_by_side, legend, series_charts)),
-        _change_chapter(reviewed.difference),
+        _series_chapter(flights, series_charts),
         _light_chapter(reviewed, headline),
         *other_chapters,
-        _series_chapter(flights, series_charts),
         _table_chapter("Margins", "90 % interval", _margin_rows(reviews_by_side))._replace(
             folded=True
         ),
@@ -182,12 +198,8 @@ def _chapters(
             "wind: 90 % interval",
             [_vibration_row(reviews_by_side), *_wind_rows(reviews_by_side)],
         ),
-        _table_chapter(
-            "Parameters",
-            f"{counted(len(changed_parameters), 'parameter')} changed",
-            changed_parameters,
-        )._replace(folded=len(changed_parameters) > MAX_OPEN_PARAMETERS),
-        Chapter("In words", difference_blocks(reviewed, headline), folded=True),
+        _parameter_chapter(reviewed),
+        Chapter("In words", words, folded=True),
     ]
 
 
@@ -258,24 +270,39 @@ def _light_chapter(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -
         headlines = {
             side: value_at(review, "headline.sentence") for side, review in reviewed.reviews.items()
         }
-        blocks += headline_blocks(headlines, headline)
+        blocks += headline_blocks(headlines, [*headline, *_reasons_in_tables(blocks)])
     return Chapter("Lights of both", blocks)
 
 
-def _change_chapter(difference: VehicleDifference) -> Chapter:
+def _reasons_in_tables(blocks: Blocks) -> list[Sentence]:
+    """Returns the sentences that tables have beside a level, so that they are not repeated."""
+    sentences = []
+    for block in blocks:
+        if isinstance(block, Table):
+            for row in block.rows:
+                sentences += [Sentence(cell.reason) for cell in row if isinstance(cell, Rated)]
+    return sentences
+
+
+def _change_chapter(reviewed: ReviewedDifference) -> Chapter:
     """Returns the chapter on what changed between the flights: a drawing of the changes, and sentences on the others.
 
     Where nothing could be compared, the sentences say why. The drawing has each change with its interval. The sentences
     name the quantities that it leaves out, since they stayed the same, or say how large a change may have been missed.
 
     Args:
-        difference: comparison of the two flights, quantity by quantity.
+        reviewed: comparison of both flights.
     """
+    difference = reviewed.difference
+    evidence = reviewed.motors.evidence
     if not difference.changes:
         return Chapter("What changed", sentences_on_missing_figures(difference))
-    drawing = change_plan(difference)
-    groups = [] if drawing is None else [Group.side_by_side([drawing], CHANGES_CAPTION)]
+    drawing = change_plan(difference, evidence)
     changes_in_drawing = drawn_changes(difference)
+    caption = CHANGES_CAPTION
+    if any(is_uncertain_evidence(change, evidence) for change in changes_in_drawing):
+        caption += EVIDENCE_CAPTION
+    groups = [] if drawing is None else [Group.side_by_side([drawing], caption)]
     other_changes = [change for change in difference.changes if change not in changes_in_drawing]
     bounds = [] if difference.is_of_same_flight else explained_bounds(difference)
     return Chapter("What changed", [*bounds, *same_sentences(other_changes)], groups)
@@ -320,17 +347,28 @@ def _overview_groups(
 
 
 def _motor_groups(series_charts: Sequence[Chart]) -> list[Group]:
-    """Returns the outputs of the motors in both flights, ``MOTORS_IN_ROW`` side by side.
+    """Returns the outputs of the motors in both flights, ``CHARTS_IN_ROW`` side by side.
 
     Args:
         series_charts: charts of the time series of both flights.
     """
     charts = [chart for chart in series_charts if chart.title in MOTOR_OUTPUTS]
+    return _paired_groups(charts, MOTORS_CAPTION)
+
+
+def _paired_groups(charts: Sequence[Chart], caption: str = "") -> list[Group]:
+    """Returns low charts in rows of ``CHARTS_IN_ROW``, with a caption below the last row.
+
+    Args:
+        charts: charts in the order of reading.
+        caption: what stands below them; empty for nothing.
+    """
     groups = []
-    for first in range(0, len(charts), MOTORS_IN_ROW):
-        is_last_row = first + MOTORS_IN_ROW >= len(charts)
-        caption = MOTORS_CAPTION if is_last_row else ""
-        row = Group.side_by_side(charts[first : first + MOTORS_IN_ROW], caption)
+    for first in range(0, len(charts), CHARTS_IN_ROW):
+        is_last_row = first + CHARTS_IN_ROW >= len(charts)
+        row = Group.side_by_side(
+            charts[first : first + CHARTS_IN_ROW], caption if is_last_row else ""
+        )
         groups.append(row._replace(is_flat=True))
     return groups
 
@@ -338,7 +376,7 @@ def _motor_groups(series_charts: Sequence[Chart]) -> list[Group]:
 def _series_chapter(
     flights: tuple[FlightSeries | None, FlightSeries | None], series_charts: Sequence[Chart]
 ) -> Chapter:
-    """Returns the folded chapter with the charts over time that the page does not show elsewhere.
+    """Returns the chapter with the charts over time that the page does not show elsewhere, roll beside pitch.
 
     Elsewhere are those in the row at the top of the page and those of the motors. A sentence names the side whose time
     series were not stored.
@@ -353,11 +391,23 @@ def _series_chapter(
             sides_without_series.append(side)
     remarks = render_section("difference_series", lacking=sides_without_series)
     titles_shown_elsewhere = (*OVERVIEW_SERIES, *MOTOR_OUTPUTS)
-    groups = []
-    for chart in series_charts:
-        if chart.title not in titles_shown_elsewhere:
-            groups.append(Group.side_by_side([chart]))
-    return Chapter("More time series", remarks, groups, folded=True)
+    charts = [chart for chart in series_charts if chart.title not in titles_shown_elsewhere]
+    return Chapter("Attitude, tracking and more over time", remarks, _paired_groups(charts))
+
+
+def _parameter_chapter(reviewed: ReviewedDifference) -> Chapter:
+    """Returns the chapter on the autopilot's parameters that changed; empty if none did.
+
+    Args:
+        reviewed: comparison of both flights, with the changed parameters.
+    """
+    rows = []
+    for name, value_before, value_after in reviewed.parameters:
+        rows.append([name, parameter_value_text(value_before), parameter_value_text(value_after)])
+    header = f"{len(rows)} of {counted(reviewed.compared_parameter_count, 'parameter')} changed"
+    return _table_chapter("Parameters", header, rows)._replace(
+        folded=len(rows) > MAX_OPEN_PARAMETERS
+    )
 
 
 def _table_chapter(title: str, header: str, rows: list[list[str]]) -> Chapter:

@@ -9,6 +9,7 @@ from mavdem.files import load_adjacent_toml
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS, CONTROL_PARAMETERS
 from mavdem.report.blocks import Blocks, Linked, Rated, Table
+from mavdem.report.numbers import parameter_value_text
 from mavdem.report.pages.page import Chapter
 from mavdem.report.templates import render_section
 
@@ -71,7 +72,13 @@ def parameters_chapter(telemetry: Telemetry, *, is_full: bool) -> Chapter:
     changes = []
     for name, value_before in sorted(telemetry.initial_parameters.items()):
         if not AUTOPILOT_SET_PARAMETERS.search(name):
-            changes.append([name, f"{value_before:.4g}", f"{telemetry.parameters[name]:.4g}"])
+            changes.append(
+                [
+                    name,
+                    parameter_value_text(value_before),
+                    parameter_value_text(telemetry.parameters[name]),
+                ]
+            )
     if changes:
         blocks.append(Table(["changed in flight", "from", "to"], changes))
     control_rows = _control_parameter_rows(telemetry)
@@ -130,8 +137,8 @@ def _changed_default_rows(telemetry: Telemetry) -> list[list[str]]:
     for name, default in sorted(telemetry.changed_defaults.items()):
         if not AUTOPILOT_SET_PARAMETERS.search(name):
             linked_name = Linked(name, reference_address(telemetry.autopilot, name))
-            value = f"{telemetry.parameters[name]:.7g}"
-            rows.append([linked_name, value, f"{default:.7g}", meaning_of(name)])
+            value = parameter_value_text(telemetry.parameters[name])
+            rows.append([linked_name, value, parameter_value_text(default), meaning_of(name)])
     return rows
 
 
@@ -152,13 +159,15 @@ def _all_parameters(telemetry: Telemetry) -> Table:
         differs_from_default = name in defaults and not AUTOPILOT_SET_PARAMETERS.search(name)
         remarks = []
         if has_changed_in_flight:
-            remarks.append(f"changed in flight, from {telemetry.initial_parameters[name]:.7g}")
+            remarks.append(
+                f"changed in flight, from {parameter_value_text(telemetry.initial_parameters[name])}"
+            )
         if differs_from_default:
-            remarks.append(f"not the default, {defaults[name]:.7g}")
+            remarks.append(f"not the default, {parameter_value_text(defaults[name])}")
         remark = "; ".join(remarks)
         if has_changed_in_flight:
             remark = Rated(remark, Level.WATCH)
-        rows.append([name, f"{value:.7g}", remark, meaning_of(name)])
+        rows.append([name, parameter_value_text(value), remark, meaning_of(name)])
     return Table(["parameter", "value", "remark", "meaning"], rows, words=True)
 
 
@@ -183,7 +192,7 @@ def _control_parameter_rows(telemetry: Telemetry) -> list[list[str]]:
         column = "all" if axis is None else axis[0][0]
         name_of_axes = AXIS_IN_PARAMETER.sub("…", name, count=1)
         first_names.setdefault(name_of_axes, name)
-        values_by_name.setdefault(name_of_axes, {})[column] = f"{value:.4g}"
+        values_by_name.setdefault(name_of_axes, {})[column] = parameter_value_text(value)
     rows: list[list[str]] = []
     for name, values in values_by_name.items():
         linked_name = Linked(name, reference_address(telemetry.autopilot, first_names[name]))

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from hover import Hover, only
+from hover import Hover, asking, only
 from numpy.testing import assert_allclose
 from pytest import approx, mark
 
@@ -14,6 +14,8 @@ from mavdem.report.charts.comparison_charts import (
     MEAN_MOTOR_OUTPUT,
     MEAN_SECONDS,
     MOTOR_OUTPUTS,
+    ROLL,
+    ROLL_ERROR,
     VIBRATION,
     flight_series,
     flight_series_charts,
@@ -31,6 +33,16 @@ def test_a_flight_that_began_before_the_record_is_drawn_from_its_beginning_on():
     for times, values in series.values():
         assert np.isfinite(values).all()
         assert 0.0 <= times[0] < 1.0
+
+
+def test_the_error_of_an_angle_is_drawn_only_where_its_setpoint_was_recorded():
+    time = np.arange(25.0, 35.0, 0.1)
+    signals = Signals(asking(FLOWN, time, 7, None, np.full(len(time), np.radians(3.0))))
+    series = flight_series(signals)
+    error_times, errors = series[ROLL_ERROR]
+    roll_times, rolls = series[ROLL]
+    assert_allclose(errors + 3.0, np.interp(error_times, roll_times, rolls), atol=1e-6)
+    assert ROLL_ERROR not in flight_series(Signals(FLOWN))
 
 
 def test_stored_series_are_drawn_as_those_of_the_log(tmp_path):

@@ -197,12 +197,13 @@ def test_a_light_to_be_watched_on_one_side_is_in_the_headline(difference):
     assert sentence.text == "watch in A (16 m/s²), good in B (10 m/s²)."
 
 
-def test_spectra_of_both_flights_are_open_before_what_changed(difference):
+def test_spectra_of_both_flights_are_open_after_what_changed(difference):
     spectrum = {"frequency": [0.0, 1.0, 2.0], "density": {"roll": [1.0, 2.0, 3.0]}}
     review = {"spectra": {"gyro": spectrum}}
     reviewed = reviewed_difference(difference, {"A": review, "B": review})
     page = comparison_page(("a.bin", "b.bin"), reviewed)
-    chapter = page[page.index('id="both-flights"') : page.index('id="what-changed"')]
+    chapter = page[page.index('id="both-flights"') : page.index('id="in-words"')]
+    assert page.index('id="what-changed"') < page.index('id="both-flights"')
     assert "Gyro, power" in chapter and "<details open>" in chapter
 
 
@@ -325,7 +326,13 @@ def test_the_vibration_of_each_imu_is_compared_with_its_own(difference):
     *_, sentence = headline_of_comparison(
         reviewed_difference(difference, {"A": worse, "B": better})
     )
-    assert sentence.text.endswith(" IMU 2: 16 → 7.4 m/s²; IMU 3: 8.5 → 7.9 m/s².")
+    assert sentence.text == ("watch in A, good in B. IMU 2: 16 → 7.4 m/s²; IMU 3: 8.5 → 7.9 m/s².")
+    # Clips are a reason of their own.
+    worse["lights"]["vibration"]["figures"]["clips"] = 3
+    *_, sentence = headline_of_comparison(
+        reviewed_difference(difference, {"A": worse, "B": better})
+    )
+    assert sentence.text.startswith("watch in A (16.2 m/s² on IMU 2), good in B")
     assert _vibration_row({"A": worse, "B": better}) == ["vibration of IMU 2 (m/s²)", "16", "7.4"]
     same = review("IMU 2", 7.9, "good")
     *_, sentence = headline_of_comparison(reviewed_difference(difference, {"A": worse, "B": same}))

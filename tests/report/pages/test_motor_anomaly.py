@@ -166,6 +166,8 @@ def test_a_doubtful_figure_of_the_motor_that_is_weak_is_evidence_and_no_second_v
     assert "Perhaps" not in everything and "Doubtful" not in everything
     (step,) = texts(next_blocks(reviewed_difference(difference, reviews)))
     assert step == "Next: Inspect motor 1 and its propeller before the next flight."
+    page = comparison_page(("a", "b"), reviewed_difference(difference, reviews))
+    assert page.count('<path class="watch" d="M0 -7') == 1
     # A motor that became stronger is no evidence that it is weak.
     stronger = " ".join(
         texts(headline_of_comparison(reviewed_difference(doubtful_trim(1, -0.08), reviews)))
