@@ -11,15 +11,16 @@ import click
 from rich.live import Live
 
 from mavdem.assessment.judgement import Judgement
-from mavdem.cli.console import STDERR
+from mavdem.cli.console import STDERR, STDOUT
 from mavdem.cli.exit_codes import EXIT_DONE, EXIT_ERROR, EXIT_UNSUPPORTED
 from mavdem.cli.live_dashboard import Dashboard
 from mavdem.cli.live_files import gains_line, written_file_lines
-from mavdem.cli.live_status import StatusLines, print_fact
+from mavdem.cli.live_lines import print_line
+from mavdem.cli.live_status import StatusLines
 from mavdem.cli.options import NumberRange, file_option, json_option, model_options, vehicle_option
 from mavdem.cli.output import print_json
 from mavdem.cli.output_files import check_output_file
-from mavdem.cli.streams import print_to_stderr
+from mavdem.cli.streams import escape_unprintable, print_to_stderr
 from mavdem.cli.termination import termination_requests
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import TILT_AXES
@@ -196,7 +197,7 @@ class FollowedFlight:
 @click.option(
     "--plain",
     is_flag=True,
-    help="Print the status as lines below each other, as without a terminal.",
+    help="Print lines below each other on standard output, as without a terminal: events, and a short status.",
 )
 def live_command(
     link: str,
@@ -350,7 +351,9 @@ def _follow_vehicle(
                 raise Unreadable(
                     LinkFact.STREAM_FILE_FAILED, path=record, error=error_message(error)
                 ) from None
-        status_lines = StatusLines()
+        # With --json, standard output has the document and nothing else.
+        console = STDERR if options.as_json else STDOUT
+        status_lines = StatusLines(console=console)
 
         def report_status(status: SessionStatus) -> None:
             dashboard.report(session, status)
@@ -404,7 +407,7 @@ def _follow_vehicle(
         status = session.status
         dropped_datagrams = link.dropped_datagrams
         if dropped_datagrams:
-            print_fact(Fact(LinkFact.DATAGRAMS_LOST, count=dropped_datagrams))
+            print_to_stderr(Fact(LinkFact.DATAGRAMS_LOST, count=dropped_datagrams))
         print_to_stderr("Ending takes some seconds: model, message rates and files are completed.")
         learned = _final_model(session, session_end)
         # The model is written first, since what follows may fail or take its time.
@@ -423,7 +426,8 @@ def _follow_vehicle(
             # Another vehicle may be in the air: nobody waits for advice on the gains of the one before.
             session.report_gain_advice(is_at_end=True)
         status = _with_final_judgement(status, session)
-        _print_headline_and_next_step(status.overall_judgement)
+        for line in headline_and_next_step(status.overall_judgement):
+            print_line(escape_unprintable(line), console)
         dashboard.report(session, status)
         resources.close()
         if dashboard.is_recording_empty:
@@ -440,7 +444,8 @@ def _follow_vehicle(
             model=paths.model if code == EXIT_DONE else None,
             page=None if is_page_lost else paths.page,
         )
-        _print_written_files(written_paths, recording, session, account)
+        for line in _lines_on_written_files(written_paths, recording, session, account):
+            print_line(escape_unprintable(line), console)
         files = _written_files(written_paths, recording)
         document = live_document(session, status, account, files) if options.as_json else None
         is_ended_by_user = is_end_requested()
@@ -595,10 +600,10 @@ def _run_and_show_status(
     *,
     plain: bool,
 ) -> None:
-    """Runs a session until its end, and shows its status on standard error.
+    """Runs a session until its end, and shows its status.
 
-    On a terminal the status is updated in place, every ``STATUS_PERIOD``. Elsewhere, for example in a file, each status
-    adds lines, so that it is printed only every ``PRINTED_STATUS_PERIOD``.
+    On a terminal the status is updated in place on standard error, every ``STATUS_PERIOD``. Elsewhere, for example in a
+    file, each status adds lines, so that it is looked at only every ``PRINTED_STATUS_PERIOD``.
 
     Args:
         session: The live session: its link, the vehicle and the model that it learns.
@@ -666,23 +671,13 @@ def _with_final_judgement(status: SessionStatus, session: LiveSession) -> Sessio
     )
 
 
-def _print_headline_and_next_step(judgement: Judgement) -> None:
-    """Prints the headline of a judgement and its next step on standard error.
-
-    Args:
-        judgement: Judgement of the flight and its final model.
-    """
-    for line in headline_and_next_step(judgement):
-        print_to_stderr(line)
-
-
-def _print_written_files(
+def _lines_on_written_files(
     paths: OutputPaths,
     recording: RawRecording | None,
     session: LiveSession,
     account: Mapping[TimeUse, float],
-) -> None:
-    """Prints on standard error what the session has written and what opens it, and which gains, or why there are none.
+) -> list[str]:
+    """Returns lines on what the session has written and what opens it, and which gains, or why there are none.
 
     Args:
         paths: Paths of the written files; None for a file that was not written.
@@ -701,8 +696,7 @@ def _print_written_files(
     if session.gain_adviser is not None:
         advice = session.gain_adviser.facts
     lines.append(gains_line(advice, account))
-    for line in lines:
-        print_to_stderr(line)
+    return lines
 
 
 def _written_files(paths: OutputPaths, recording: RawRecording | None) -> JsonValues:

@@ -1,21 +1,28 @@
-"""Status of a live session on standard error, with facts (coded findings); updated in place on a terminal."""
+"""Status of a live session, with facts (coded findings): updated in place on a terminal, or lines below each other."""
 
 from collections.abc import Hashable, Sequence
 from contextlib import suppress
 from math import inf
-from time import monotonic, strftime
+from time import monotonic
 from typing import NamedTuple
 
-from rich.console import Group, RenderableType
+from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
 from mavdem.assessment.judgement import Judgement
-from mavdem.cli.console import STDERR
-from mavdem.cli.streams import MAX_COLUMNS, escape_unprintable, print_to_stderr
+from mavdem.cli.console import STDERR, STDOUT
+from mavdem.cli.live_lines import (
+    LEVEL_STYLES,
+    print_event,
+    print_line,
+    stamped_line,
+    style_of_facts,
+)
+from mavdem.cli.streams import MAX_COLUMNS, escape_unprintable
 from mavdem.facts import Fact, Facts, Level
-from mavdem.facts.event import LEARNING_STATES, SESSION_STATES, Event
+from mavdem.facts.event import SESSION_STATES, Event
 from mavdem.facts.session import LinkFact, RowsFact, SessionFact
 from mavdem.facts.watch import WatchFact
 from mavdem.live.session import LiveSession
@@ -25,8 +32,8 @@ from mavdem.report.live import (
     LightRow,
     headline_and_next_step,
     light_rows,
-    moment_text,
     statement_of_headline,
+    status_line_text,
     unwatched_quantities_text,
     vehicle_text,
     watched_quantities_text,
@@ -55,14 +62,6 @@ MAX_HEADLINE_LINES = 2
 MAX_LIGHTS_PER_LINE = 3
 """Lights on a line of the widest terminal, a choice: with more, the eye loses the column."""
 
-LEVEL_STYLES = {
-    Level.GOOD: "green",
-    Level.WATCH: "yellow",
-    Level.BAD: "bold red",
-    Level.UNKNOWN: "dim",
-}
-"""Style in which the word for each level is printed, in the notation of the library Rich."""
-
 UNREPORTED_REASONS = frozenset(
     {
         WatchFact.ON_GROUND_NOW,
@@ -81,6 +80,9 @@ SETTLING_SECONDS = 4.0
 It is longer than the silence after which a message counts as missing. The status that is updated in place shows the
 changes at once.
 """
+
+STATUS_LINE_WIDTH = 120
+"""Longest line of the status in a file, characters: as wide as a screen of this program; a choice."""
 
 MAX_SETTLING_SECONDS = 15.0
 """Longest time that a change waits to be printed while further quantities change, s; a choice."""
@@ -161,26 +163,32 @@ class StatusTexts(NamedTuple):
 
 
 class StatusLines:
-    """Shows the status of a live session on standard error.
+    """Shows the status of a live session on a terminal, or prints it as lines below each other.
 
-    On a terminal the status is updated where it is. Elsewhere a line with the time of day is printed where the state is
-    new, and every ``UNCHANGED_STATE_PERIOD``. Which quantities are watched, or cannot be, is printed when it changes,
-    and not for ``UNREPORTED_REASONS``. A fact is new if it has another code; the same code with other values is not
-    printed again.
+    On a terminal the status is updated where it is. Elsewhere a short line is printed where the state is new, and every
+    ``UNCHANGED_STATE_PERIOD``. Which quantities are watched, or cannot be, is printed when it changes, and not for
+    ``UNREPORTED_REASONS``. A fact is new if it has another code; the same code with other values is not printed again.
 
     Attributes:
         terminal_text: The text on the terminal that is updated; None to print lines below each other.
     """
 
-    def __init__(self, terminal_text: Live | None = None) -> None:
+    def __init__(self, terminal_text: Live | None = None, console: Console = STDOUT) -> None:
         """Shows nothing yet.
 
         Args:
             terminal_text: The text on the terminal that is updated; None to print lines below each other.
+            console: Where the lines below each other are printed.
         """
         self.terminal_text = terminal_text
+        self._line_console = console
         # The alarms of the status on the terminal.
         self._shown_alarms: Facts = ()
+        # The next step that was printed last, without its numbers; and what the latest event advised.
+        self._printed_next_step: Hashable = None
+        self._advised_text = ""
+        # Whether the latest report on the link was an alarm.
+        self._is_link_alarmed = False
         # The state that was printed last and when, s of the monotonic clock.
         self._printed_state: PrintedState | None = None
         self._print_time = -inf
@@ -200,9 +208,9 @@ class StatusLines:
         """
         status = session.status
         if status.loss is None:
-            self._print_watch_changes(status.watch_facts)
+            self._print_watch_changes(status.watch_facts, status.boot_clock)
         if self.terminal_text is None:
-            self._print_new(status, _status_texts(status, has_table=False))
+            self._print_new(status)
         else:
             self.update_in_place(status)
 
@@ -225,13 +233,28 @@ class StatusLines:
             event: What was found, and when.
         """
         if self.terminal_text is None:
-            print_event(event)
+            self._advised_text = event.fact.remedy
+            print_event(event, self._line_console, ends_alarm=self._ends_link_alarm(event))
         elif event.is_alarm:
             with suppress(OSError):
                 STDERR.bell()
-            print_event(event)
+            print_event(event, STDERR)
         elif event.fact.code not in SESSION_STATES:
-            print_fact(event.fact, moment_text(event), has_remedy=event.fact.warns)
+            print_event(event, STDERR, has_remedy=event.fact.warns)
+
+    def _ends_link_alarm(self, event: Event) -> bool:
+        """Notes alarms about the link, and returns whether an event is the end of one: messages come again.
+
+        Args:
+            event: What was found, and when.
+        """
+        code = event.fact.code
+        if code is LinkFact.LOST_IN_FLIGHT and event.is_alarm:
+            self._is_link_alarmed = True
+        ends_alarm = code is RowsFact.MESSAGES_RESUMED and self._is_link_alarmed
+        if ends_alarm:
+            self._is_link_alarmed = False
+        return ends_alarm
 
     def update_in_place(self, status: SessionStatus) -> None:
         """Updates the status on a terminal; does nothing elsewhere.
@@ -242,9 +265,9 @@ class StatusLines:
         if self.terminal_text is None:
             return
         self._shown_alarms = status.alarms
-        texts = _status_texts(status, has_table=True)
-        alarm_style = _style(*status.alarms)
-        headline_style = _style(*status.alarms, status.overall_judgement.headline)
+        texts = _status_texts(status)
+        alarm_style = style_of_facts(*status.alarms)
+        headline_style = style_of_facts(*status.alarms, status.overall_judgement.headline)
         parts: list[RenderableType] = [texts.vehicle, Text(texts.judgement, headline_style)]
         if status.vehicle is not None:
             parts.append(_table_of_lights(light_rows(status), min(STDERR.width, MAX_COLUMNS)))
@@ -260,7 +283,7 @@ class StatusLines:
         with suppress(OSError):
             self.terminal_text.update(Group(*parts), refresh=True)
 
-    def _print_watch_changes(self, watch_facts: Facts) -> None:
+    def _print_watch_changes(self, watch_facts: Facts, boot_clock: float) -> None:
         """Prints which quantities the session watches now, and which no longer, with the reason, if that has changed.
 
         A session compares quantities such as the battery and the vibration with their values earlier in the flight,
@@ -270,6 +293,7 @@ class StatusLines:
         Args:
             watch_facts: A fact (coded finding) for each of these quantities: since when it is watched, or why it is
                 not.
+            boot_clock: Time of the vehicle's boot clock, s; NaN before that is known.
         """
         is_updated_in_place = self.terminal_text is not None
         changed_facts = []
@@ -292,18 +316,18 @@ class StatusLines:
         has_settled = self._watch_changes.update(changes, monotonic())
         if changed_facts and (has_settled or not is_updated_in_place):
             self._printed_watch_facts.update(changes)
-            print_to_stderr(line_with_time(watched_quantities_text(changed_facts)))
+            console = STDERR if is_updated_in_place else self._line_console
+            text = escape_unprintable(watched_quantities_text(changed_facts))
+            print_line(stamped_line(text, boot_clock=boot_clock), console)
 
-    def _print_new(self, status: SessionStatus, texts: StatusTexts) -> None:
+    def _print_new(self, status: SessionStatus) -> None:
         """Prints a line if the state has changed since the last line, or if that line was printed long ago.
 
-        A changed state is a short line on the vehicle and the learning, since the session itself reports alarms and
-        reasons for learning no model when they begin. A state that has not changed for ``UNCHANGED_STATE_PERIOD`` is
-        repeated as a reminder, with all problems, the headline and the next step.
+        The session itself reports alarms and reasons for learning no model when they begin. A state that has not changed
+        for ``UNCHANGED_STATE_PERIOD`` is repeated as a reminder. The next step has a line of its own where it is new.
 
         Args:
-            status: State of the live session: vehicle, learning, alarms, headline and next step.
-            texts: The same status in sentences.
+            status: State of the live session: vehicle, learning, alarms, lights and next step.
         """
         state = PrintedState(
             status.vehicle,
@@ -318,20 +342,28 @@ class StatusLines:
             return
         self._printed_state = state
         self._print_time = now
-        if is_new:
-            sentences = [texts.vehicle, texts.learning]
-            if status.delay_fact is not None:
-                sentences.append(str(status.delay_fact))
-        else:
-            # The reason why nothing is learned was reported when it began: it is not repeated.
-            reported_texts = set()
-            reason = status.no_model_reason
-            if reason is not None:
-                reported_texts.add(escape_unprintable(reason.sentence))
-                reported_texts.add(escape_unprintable(reason.sentence_and_remedy))
-            unreported_problems = [text for text in texts.problems if text not in reported_texts]
-            sentences = [texts.vehicle, texts.learning, *unreported_problems, texts.judgement]
-        print_to_stderr(line_with_time(" ".join(sentences)))
+        line = stamped_line(
+            escape_unprintable(status_line_text(status)), boot_clock=status.boot_clock
+        )
+        print_line(shortened(line, STATUS_LINE_WIDTH), self._line_console)
+        if not is_new:
+            self._print_next_step(status)
+
+    def _print_next_step(self, status: SessionStatus) -> None:
+        """Prints what to do next, unless that was printed before or the latest event said it.
+
+        Args:
+            status: State of the live session.
+        """
+        next_step = status.overall_judgement.next_step
+        content = next_step.without_measurements
+        if content == self._printed_next_step:
+            return
+        self._printed_next_step = content
+        text = escape_unprintable(next_step)
+        if text and text not in escape_unprintable(self._advised_text):
+            line = stamped_line(f"Next: {text}", boot_clock=status.boot_clock)
+            print_line(line, self._line_console)
 
 
 def _unwatched_names(watch_facts: Facts) -> list[str]:
@@ -388,17 +420,18 @@ def _table_of_lights(lights: Sequence[LightRow], width: int) -> Table:
     return table
 
 
-def _status_texts(status: SessionStatus, *, has_table: bool) -> StatusTexts:
+def _status_texts(status: SessionStatus) -> StatusTexts:
     """Returns the status of a session in sentences, none of which repeats the headline or the next step.
+
+    A table of lights stands beside them, which has battery, wind and margins.
 
     Args:
         status: The status. Its ``no_model_reason`` is the fact that says why no model is learned now, if none is.
-        has_table: Whether a table of lights stands beside them, which has battery, wind and margins.
     """
     judgement = status.overall_judgement
-    judgement_text = _judgement_text(judgement, has_table=has_table)
+    judgement_text = _judgement_text(judgement)
     sentences = []
-    for sentence in render_section("live_status", status=status, has_table=has_table):
+    for sentence in render_section("live_status", status=status):
         sentences.append(escape_unprintable(sentence.text))
     reason = status.no_model_reason
     if reason is not None:
@@ -408,13 +441,13 @@ def _status_texts(status: SessionStatus, *, has_table: bool) -> StatusTexts:
         if unrepeated_text != reason_text:
             sentences[sentences.index(reason_text)] = unrepeated_text
         is_after_landing = reason.code is SessionFact.NOT_FLYING and bool(status.worst_lights)
-        if is_after_landing and has_table:
+        if is_after_landing:
             # Another take-off is the pilot's choice, and the table shows the flight before.
             sentences[-1] = ""
     sentences = [text for text in sentences if text and text not in judgement_text]
     # The first sentence of the section is always there.
     return StatusTexts(
-        vehicle=escape_unprintable(vehicle_text(status, has_table=has_table)),
+        vehicle=escape_unprintable(vehicle_text(status, has_table=True)),
         learning=sentences[0],
         problems=sentences[1:],
         judgement=judgement_text,
@@ -442,66 +475,16 @@ def _unrepeated_reason(reason: Fact, headline: Fact, judgement_text: str) -> str
     return escape_unprintable(reason.sentence_and_remedy)
 
 
-def _judgement_text(judgement: Judgement, *, has_table: bool) -> str:
+def _judgement_text(judgement: Judgement) -> str:
     """Returns the headline of a judgement and, if the headline lacks it, the next step, on one line.
+
+    The headline is shortened: the table below it has what was checked, and the whole sentence was printed on a line of
+    its own when it was new.
 
     Args:
         judgement: The judgement of the flight so far.
-        has_table: Whether a table of lights stands below. Then the headline is shortened: the table has what was
-            checked, and the whole sentence was printed on a line of its own when it was new.
     """
     sentences = headline_and_next_step(judgement)
-    if has_table:
-        statement = statement_of_headline(sentences[0], judgement.headline)
-        sentences[0] = shortened(statement, MAX_HEADLINE_LINES * STDERR.width)
+    statement = statement_of_headline(sentences[0], judgement.headline)
+    sentences[0] = shortened(statement, MAX_HEADLINE_LINES * STDERR.width)
     return escape_unprintable(" ".join(sentences))
-
-
-def print_fact(fact: Fact, moment: str = "", *, has_remedy: bool = True) -> None:
-    """Prints the sentence of a fact on standard error, in a colour if it warns.
-
-    If standard error is no terminal, the sentence is one line.
-
-    Args:
-        fact: A coded finding, of which the sentence and the remedy are printed.
-        moment: Time of day when it was reported; empty for now.
-        has_remedy: Whether the remedy is printed too.
-    """
-    sentences = fact.sentence_and_remedy if has_remedy else fact.sentence
-    line = line_with_time(escape_unprintable(sentences), moment)
-    text = Text(line, _style(fact))
-    # A terminal that was closed takes no text any more.
-    with suppress(OSError):
-        STDERR.print(text, soft_wrap=not STDERR.is_terminal)
-
-
-def print_event(event: Event) -> None:
-    """Prints an event of a live session, with the time of day and the time on the vehicle's clock before it.
-
-    An event of ``LEARNING_STATES`` is not printed: the status shows these, and a pilot would have to look for an alarm
-    among such lines.
-
-    Args:
-        event: What was found, and when.
-    """
-    if event.fact.code not in LEARNING_STATES:
-        print_fact(event.fact, moment_text(event))
-
-
-def line_with_time(text: str, moment: str = "") -> str:
-    """Returns a line of text that begins with a time, by which a pilot finds it again.
-
-    Args:
-        text: The text.
-        moment: The time as text; empty for the present time of day.
-    """
-    return f"{moment or strftime('%H:%M:%S')} {text}"
-
-
-def _style(*facts: Fact) -> str:
-    """Returns the style for Rich of a text about facts: that of the worst level that warns; empty if none warns."""
-    levels = {fact.level for fact in facts}
-    for level in (Level.BAD, Level.WATCH):
-        if level in levels:
-            return LEVEL_STYLES[level]
-    return ""

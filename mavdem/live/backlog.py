@@ -1,6 +1,7 @@
 """The queue of received frames that wait for analysis in a live session, and the tasks that are put off meanwhile."""
 
 from collections import deque
+from math import inf
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from mavdem.facts.session import DelayedWork, SessionFact
 from mavdem.live import clock
 from mavdem.live.history import MAX_ROWS
 from mavdem.live.intake import FrameBatch
+from mavdem.live.link import SILENCE_SECONDS
 from mavdem.live.session_status import Latency
 from mavdem.live.vehicle_selection import Component
 
@@ -59,6 +61,8 @@ class Backlog:
         self.longest_delay = 0.0
         self.suspends_learning = False
         self._batches: deque[FrameBatch] = deque()
+        # When the latest frames arrived, s of the monotonic clock.
+        self._latest_arrival = -inf
         # When the analysis was last too late, s of the monotonic clock; None while it keeps up. When that was reported
         # last, s of that clock, and with which delay, s.
         self._behind_time: float | None = None
@@ -106,6 +110,8 @@ class Backlog:
     def add(self, batches: list[FrameBatch]) -> None:
         """Adds what was received."""
         self._batches += batches
+        if batches:
+            self._latest_arrival = batches[-1].arrival_time
 
     def pop_simultaneous(self) -> list[FrameBatch]:
         """Removes the oldest batch and those that arrived less than ``STEP_SECONDS`` after it, and returns them.
@@ -166,8 +172,8 @@ class Backlog:
         """Decides by the present delay of the analysis which tasks are postponed (``POSTPONING_DELAYS``).
 
         A delay that has doubled since its last report is reported again, at most once in ``REPEAT_SECONDS``: alarms
-        come so much later. Recovery is reported only after ``REPEAT_SECONDS`` without a long delay, so that a delay
-        around the limit is not reported all the time. In a session that begins late, a delay is reported
+        come so much later. Recovery is reported only after ``REPEAT_SECONDS`` of messages without a long delay,
+        so that a delay around the limit is not reported all the time. In a session that begins late, a delay is reported
         only if it lasts for longer than ``CATCH_UP_SECONDS``.
 
         Args:
@@ -175,7 +181,7 @@ class Backlog:
 
         Returns:
             The fact that the computer is too slow, once for each doubling of the delay; the fact that it keeps up
-            again, ``REPEAT_SECONDS`` after it was last too slow; otherwise None.
+            again, after ``REPEAT_SECONDS`` of messages that were analysed in time; otherwise None.
         """
         now = clock.monotonic()
         # ``self.analysed_until`` is the time of arrival up to which all frames are analysed.
@@ -186,7 +192,13 @@ class Backlog:
             return None
         if delay >= BEHIND_DELAY:
             return self._report_of_delay(delay, now)
-        if self._behind_time is not None and now - self._behind_time >= REPEAT_SECONDS:
+        if self._behind_time is None:
+            return None
+        is_silent = now - self._latest_arrival > SILENCE_SECONDS
+        if is_silent:
+            # Where nothing comes, nothing shows whether this computer would keep up.
+            self._behind_time = now
+        elif now - self._behind_time >= REPEAT_SECONDS:
             self._behind_time = None
             return Fact(
                 SessionFact.COMPUTER_KEEPS_UP,

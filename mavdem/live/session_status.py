@@ -129,6 +129,9 @@ class SessionStatus(ImmutableResult):
     is_flying: bool = False
     """Whether the vehicle is armed and airborne."""
 
+    boot_clock: float = nan
+    """Latest time of the vehicle's boot clock, s; NaN before any."""
+
     state: VehicleState | None = None
     """Its mode, arming and battery; None before a vehicle is chosen."""
 

@@ -338,6 +338,7 @@ class LiveStream:
                 active_alarms.append(alarm)
         return SessionStatus(
             vehicle=vehicle.name if vehicle else None,
+            boot_clock=self._clock.now,
             no_model_reason=self._no_rows_reason,
             rates=self._rows.rates(self._clock.now),
             is_flying=self.is_flying,

@@ -68,6 +68,19 @@ def vehicle_text(status: SessionStatus, *, has_table: bool = False) -> str:
     return sentence.text
 
 
+def status_line_text(status: SessionStatus) -> str:
+    """Returns the status in one short line for a file: vehicle, flight, battery, wind, link, learning, bad lights.
+
+    Args:
+        status: state of the session.
+    """
+    names_by_level: dict[str, list[str]] = {str(level): [] for level in Level}
+    for name, light in status.overall_judgement.lights.items():
+        names_by_level[str(light.level)].append(name)
+    [sentence] = render_section("live_line", status=status, names_by_level=names_by_level)
+    return sentence.text
+
+
 class LightRow(NamedTuple):
     """One light of a live flight, the judgement of one part of the vehicle, as a table shows it."""
 

@@ -53,3 +53,25 @@ def test_a_delay_that_doubles_is_reported_again(monkeypatch):
             assert fact.code is SessionFact.COMPUTER_BEHIND
             reported.append(fact.figures["delay"])
     assert reported == [1.0, 31.0, 62.0, 124.0]
+
+
+def test_silence_does_not_show_that_the_computer_keeps_up(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("mavdem.live.clock.monotonic", lambda: now[0])
+    backlog = Backlog()
+    reported = []
+
+    def pass_seconds(count, delay=None):
+        for _ in range(count):
+            now[0] += 1.0
+            if delay is not None:
+                backlog.add([FrameBatch(now[0] - delay, 0.0, [])])
+            reported.append(backlog.update(0))
+            if delay is not None:
+                backlog.pop_simultaneous()
+
+    pass_seconds(1, delay=2.0)
+    pass_seconds(100)
+    assert [fact.code for fact in filter(None, reported)] == [SessionFact.COMPUTER_BEHIND]
+    pass_seconds(40, delay=0.0)
+    assert [fact.code for fact in filter(None, reported[101:])] == [SessionFact.COMPUTER_KEEPS_UP]

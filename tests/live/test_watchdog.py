@@ -487,20 +487,47 @@ def test_rates_that_vary_are_no_news(capsys):
         watch = Fact(WatchFact.NOT_WATCHED, subject=WatchedQuantity.OSCILLATION, reason=slow)
         status = SessionStatus(vehicle="1:1", no_model_reason=obstacle, watch_facts=(watch,))
         lines.show(Mock(status=status))
-        counts.append(len(capsys.readouterr().err.splitlines()))
+        counts.append(len(capsys.readouterr().out.splitlines()))
     assert counts == [2, 0, 0, 0]
 
 
-def test_what_the_verdict_states_is_not_said_twice_and_its_remedy_stays(capsys):
+def test_a_lasting_state_is_repeated_in_a_short_line_and_its_next_step_once(capsys):
     lines = StatusLines(None)
-    status = SessionStatus(vehicle="1:1", no_model_reason=Fact(SessionFact.NOT_FLYING))
-    for _ in range(2):
-        # The second line repeats an unchanged state.
+    status = SessionStatus("1:1", no_model_reason=Fact(SessionFact.NOT_FLYING), boot_clock=182.44)
+    for _ in range(3):
+        # The second and the third line repeat an unchanged state.
         lines.show(Mock(status=status))
         lines._print_time = -np.inf
-    last = capsys.readouterr().err.splitlines()[-1]
-    for text in (str(status.no_model_reason), status.no_model_reason.remedy):
-        assert last.count(text) == 1
+    printed = capsys.readouterr().out
+    assert printed.count(status.no_model_reason.remedy) == 1
+    assert len(printed.splitlines()) == 4
+    for line in printed.splitlines():
+        assert re.match(r"\d\d:\d\d:\d\d    182.4 s  \S", line) and len(line) <= 120
+
+
+def test_alarms_and_their_ends_are_marked_in_lines_of_one_form(capsys):
+    limit = Fact(ReportedEvent.BATTERY_ALARMED, Level.BAD)
+    silent = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MOTION, duration=3.0)
+    link_loss = SessionStatus("1:1", is_flying=True, no_model_reason=silent).link_loss
+    assert link_loss is not None
+    lost = link_loss.replace(Level.BAD)
+    resumed = Fact(RowsFact.MESSAGES_RESUMED, subject=MissingMessages.MOTION, duration=9.0)
+    facts = (
+        resumed,
+        Fact(SessionFact.ALARM, reason=limit),
+        Fact(WatchFact.ALARM_OVER, time=50.0, reason=limit),
+        lost,
+        resumed,
+        resumed,
+    )
+    lines = StatusLines(None)
+    for fact in facts:
+        lines.print_event(Event(9.0, fact, reception=0.0))
+    printed = capsys.readouterr().out.splitlines()
+    starts = [re.split(r"- s  ", line)[1] for line in printed]
+    markers = [re.match(r"(ALARM OVER|ALARM|)", start).group() for start in starts]
+    assert markers == ["", "ALARM", "ALARM OVER", "ALARM", "ALARM OVER", ""]
+    assert "Alarm" not in "".join(printed)
 
 
 def test_a_wind_that_may_come_from_anywhere_is_half_a_turn_uncertain():
@@ -708,7 +735,7 @@ def test_a_line_of_a_log_says_what_is_new(capsys):
     )
     for known, count in news:
         lines.show(Mock(status=SessionStatus(vehicle="1:1", **known)))
-        assert len(capsys.readouterr().err.splitlines()) == count
+        assert len(capsys.readouterr().out.splitlines()) == count
 
 
 @mark.slow
@@ -909,19 +936,18 @@ def test_lines_below_each_other_say_that_attitude_is_back_during_an_alarm(capsys
     unsettled = Fact(SessionFact.NOT_SETTLED)
     for status in (alarmed, replace(alarmed, no_model_reason=unsettled, rates=rates)):
         lines.show(Mock(status=status))
-    without, back = capsys.readouterr().err.splitlines()
-    assert "ALARM; 0 samples; no attitude" in without
-    assert "ALARM; 0 samples; 50 Hz" in back
+    without, back = capsys.readouterr().out.splitlines()
+    assert "; no attitude; not learning" in without
+    assert "; 50 Hz; not learning" in back
 
 
-def test_an_alarm_that_stays_after_the_landing_is_a_fault_that_was_found(capsys):
+def test_an_alarm_that_stays_after_the_landing_is_a_fault_that_was_found(monkeypatch):
     alarm = Fact(ReportedEvent.BATTERY_ALARMED, Level.BAD)
     landed = VehicleState("Hold", is_armed=False)
     status = SessionStatus("1:1", active_alarms=(alarm,), state=landed, message_age=40.0)
-    StatusLines(None).show(Mock(status=status))
-    line = capsys.readouterr().err
-    assert "Fault found; 0 samples." in line
-    assert "ALARM" not in line and "no attitude" not in line
+    shown = shown_status(status, monkeypatch)
+    assert "Fault found; 0 samples." in shown
+    assert "ALARM" not in shown and "no attitude" not in shown
 
 
 def test_the_terminal_rings_once_for_each_alarm_and_never_elsewhere(monkeypatch):
@@ -950,7 +976,7 @@ def test_lines_above_a_status_are_about_the_vehicle_and_short(monkeypatch):
     for terminal_text, line_count in ((Mock(), 1), (None, 2)):
         shown.seek(0)
         shown.truncate()
-        lines = StatusLines(terminal_text)
+        lines = StatusLines(terminal_text, console)
         for event in events:
             lines.print_event(event)
         assert len(shown.getvalue().splitlines()) == line_count

@@ -1,0 +1,121 @@
+"""Lines on a live session that are printed below each other, of one form, by which programs find what they look for.
+
+A line is ``14:03:07   182.4 s  TEXT``: the time of day, the time on the vehicle's boot clock ("-" before that is known),
+and a text. Lines of alarms have ``ALARM`` before the text, those of their ends ``ALARM OVER``, and no other line has.
+"""
+
+from contextlib import suppress
+from math import isfinite, nan
+
+from rich.console import Console
+from rich.text import Text
+
+from mavdem.cli.streams import escape_unprintable
+from mavdem.facts import Fact, Level
+from mavdem.facts.event import LEARNING_STATES, Event
+from mavdem.facts.session import SessionFact
+from mavdem.facts.watch import WatchFact
+from mavdem.live import clock
+from mavdem.report.templates import time_of_day
+
+ALARM_MARKER = "ALARM"
+"""Word before the text of an alarm."""
+
+ALARM_OVER_MARKER = "ALARM OVER"
+"""Words before the text of an alarm that is over."""
+
+CLOCK_WIDTH = 8
+"""Width of the time on the vehicle's clock, characters: "999999.9", which is 11 days."""
+
+LEVEL_STYLES = {
+    Level.GOOD: "green",
+    Level.WATCH: "yellow",
+    Level.BAD: "bold red",
+    Level.UNKNOWN: "dim",
+}
+"""Style in which the word for each level is printed, in the notation of the library Rich."""
+
+
+def stamped_line(text: str, reception: float | None = None, boot_clock: float = nan) -> str:
+    """Returns a line of text that begins with the time of day and the time on the vehicle's clock.
+
+    Args:
+        text: the text.
+        reception: when it was found, UNIX s; None for now.
+        boot_clock: when it was found, s of the vehicle's boot clock; NaN where that is not known.
+    """
+    moment = time_of_day(clock.unix_time() if reception is None else reception)
+    boot_clock_text = f"{boot_clock:.1f}" if isfinite(boot_clock) else "-"
+    return f"{moment} {boot_clock_text:>{CLOCK_WIDTH}} s  {text}"
+
+
+def event_line(event: Event, *, has_remedy: bool = True, ends_alarm: bool = False) -> str:
+    """Returns the line of an event of a live session.
+
+    Args:
+        event: what was found, and when.
+        has_remedy: whether the line says what to do about it, too.
+        ends_alarm: whether it is the end of an alarm, although its fact does not say so.
+    """
+    fact = event.fact
+    sentence = fact.sentence
+    marker = ALARM_OVER_MARKER if ends_alarm else ""
+    if fact.code is WatchFact.ALARM_OVER:
+        marker = ALARM_OVER_MARKER
+        sentence = fact.figures["reason"].sentence
+    elif fact.code is SessionFact.ALARM:
+        # The sentence of this fact begins with "Alarm:", which the marker says.
+        marker = ALARM_MARKER
+        sentence = fact.figures["reason"].sentence
+    elif event.is_alarm:
+        marker = ALARM_MARKER
+    parts = [marker, sentence]
+    if has_remedy:
+        parts.append(fact.remedy)
+    text = " ".join(part for part in parts if part)
+    return stamped_line(escape_unprintable(text), event.reception, event.clock)
+
+
+def print_event(
+    event: Event, console: Console, *, has_remedy: bool = True, ends_alarm: bool = False
+) -> None:
+    """Prints an event of a live session in the colour of its level, if it warns.
+
+    An event of ``LEARNING_STATES`` is not printed: the status shows these, and a pilot would have to look for an alarm
+    among such lines.
+
+    Args:
+        event: what was found, and when.
+        console: standard output or standard error.
+        has_remedy: whether the line says what to do about it, too.
+        ends_alarm: whether it is the end of an alarm, although its fact does not say so.
+    """
+    if event.fact.code not in LEARNING_STATES:
+        line = event_line(event, has_remedy=has_remedy, ends_alarm=ends_alarm)
+        print_line(line, console, style_of_facts(event.fact))
+
+
+def print_line(line: str, console: Console, style: str = "") -> None:
+    """Prints a line at once; where the stream is no terminal it is never wrapped, so that programs can search it.
+
+    Args:
+        line: the line.
+        console: standard output or standard error.
+        style: style of its text on a terminal, in the notation of Rich.
+    """
+    # A terminal that was closed, or a program that reads no more, does not end the session, which records the flight.
+    with suppress(OSError):
+        console.print(Text(line, style), soft_wrap=not console.is_terminal)
+
+
+def style_of_facts(*facts: Fact) -> str:
+    """Returns the style for Rich of a text about facts: that of the worst level that warns; empty if none warns.
+
+    Args:
+        *facts: coded findings, each with its level.
+    """
+    levels = {fact.level for fact in facts}
+    for level in (Level.BAD, Level.WATCH):
+        if level in levels:
+            return LEVEL_STYLES[level]
+    return ""
