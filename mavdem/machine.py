@@ -4,9 +4,15 @@ import ctypes
 import os
 import socket
 import sys
+from contextlib import suppress
+
+import psutil
 
 LOOPBACK = "127.0.0.1"
 """IPv4 address that other machines cannot reach."""
+
+LOOPBACK_HOSTS = (LOOPBACK, "localhost", "::1", "[::1]")
+"""Names of this machine as a host to listen on, and in the Host header of requests."""
 
 
 def has_screen() -> bool:
@@ -19,6 +25,26 @@ def has_screen() -> bool:
     has_x11 = bool(os.environ.get("DISPLAY"))
     has_wayland = bool(os.environ.get("WAYLAND_DISPLAY"))
     return has_x11 or has_wayland
+
+
+def network_address() -> str:
+    """Returns the IPv4 address at which other machines of the network reach this one; ``LOOPBACK`` without a network.
+
+    It is the address of the default route or, where there is none as on an access point of its own, of an interface
+    that is up.
+    """
+    with suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        # Connecting a UDP socket sends nothing; 192.0.2.1 is reserved for documentation (RFC 5737).
+        probe.connect(("192.0.2.1", 9))
+        return str(probe.getsockname()[0])
+    states = psutil.net_if_stats()
+    for name, addresses in psutil.net_if_addrs().items():
+        is_up = name in states and states[name].isup
+        for address in addresses:
+            is_loopback = address.address.startswith("127.")
+            if is_up and address.family is socket.AF_INET and not is_loopback:
+                return str(address.address)
+    return LOOPBACK
 
 
 def free_port() -> int:

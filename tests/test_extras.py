@@ -17,7 +17,7 @@ from recorded_flights import short_flight
 
 from mavdem.cli import live_dashboard
 from mavdem.cli.commands import main
-from mavdem.cli.live_dashboard import Dashboard
+from mavdem.cli.live_dashboard import Dashboard, PageAddress
 from mavdem.cli.open import load
 from mavdem.errors import Unreadable
 from mavdem.extras import EXTRAS, MissingExtra, PackageFact, require_extra
@@ -75,7 +75,7 @@ def test_without_rerun_a_dashboard_that_is_asked_for_is_refused(words, here, mon
         and capsys.readouterr().err == f"The dashboard needs rerun: {INSTALL}\n"
     )
     # One that nobody asked for is left out.
-    dashboard = Dashboard("udpin:127.0.0.1:0", "roll", None, serve=False, connect=None)
+    dashboard = Dashboard("udpin:127.0.0.1:0", "roll", None, address=None, connect=None)
     assert dashboard.advice.endswith(INSTALL)
     assert dashboard.open(None) is None and dashboard.view is None
     dashboard.close()
@@ -89,7 +89,7 @@ def without_modules(monkeypatch, *names):
 def test_without_rerun_browsers_get_the_page_of_a_live_session_alone(monkeypatch):
     without_modules(monkeypatch, "rerun")
     monkeypatch.setattr(live_dashboard, "PAGE_PORT", free_port())
-    dashboard = Dashboard("udpin:127.0.0.1:0", "roll", None, serve=True, connect=None)
+    dashboard = Dashboard("udpin:127.0.0.1:0", "roll", None, address=PageAddress(), connect=None)
     with closing(dashboard):
         address = f"http://127.0.0.1:{live_dashboard.PAGE_PORT}"
         assert dashboard.advice.startswith(f"Open {address} in a browser of this machine.")
@@ -99,7 +99,7 @@ def test_without_rerun_browsers_get_the_page_of_a_live_session_alone(monkeypatch
 def test_a_live_page_that_cannot_be_rendered_does_not_end_the_session(monkeypatch, capsys):
     without_modules(monkeypatch, "rerun")
     monkeypatch.setattr(live_dashboard, "PAGE_PORT", free_port())
-    dashboard = Dashboard("udpin:127.0.0.1:0", "roll", None, serve=True, connect=None)
+    dashboard = Dashboard("udpin:127.0.0.1:0", "roll", None, address=PageAddress(), connect=None)
     with closing(dashboard):
         for _ in range(2):
             # A session without a history has no page.
@@ -113,7 +113,7 @@ def test_without_the_server_browsers_get_the_page_of_rerun_alone(monkeypatch):
     viewer = Mock(page=page, period=1.0, is_retried=True)
     viewer.name = "viewer"
     monkeypatch.setattr("mavdem.view.WebServer", Mock(return_value=viewer))
-    dashboard = Dashboard("udpin:127.0.0.1:0", "roll", None, serve=True, connect=None)
+    dashboard = Dashboard("udpin:127.0.0.1:0", "roll", None, address=PageAddress(), connect=None)
     with closing(dashboard):
         assert page in dashboard.advice and "requests fonts" in dashboard.advice
         assert dashboard.advice.endswith("pip install 'mavdem[serve]'.")
@@ -124,7 +124,7 @@ def test_without_the_server_browsers_get_the_page_of_rerun_alone(monkeypatch):
 def test_without_both_there_is_nothing_for_browsers(monkeypatch):
     without_modules(monkeypatch, "rerun", "starlette")
     with raises(MissingExtra, match=r"needs starlette: pip install 'mavdem\[serve\]'"):
-        Dashboard("udpin:127.0.0.1:0", "roll", None, serve=True, connect=None)
+        Dashboard("udpin:127.0.0.1:0", "roll", None, address=PageAddress(), connect=None)
 
 
 def test_what_was_started_for_browsers_ends_where_the_page_cannot_be_served(monkeypatch):
@@ -133,7 +133,7 @@ def test_what_was_started_for_browsers_ends_where_the_page_cannot_be_served(monk
     taken = OSError("port 9090 of 127.0.0.1 is taken")
     monkeypatch.setattr("mavdem.serve.live_server.LiveServer", Mock(side_effect=taken))
     with raises(Unreadable, match="is taken"):
-        Dashboard("udpin:127.0.0.1:0", "roll", None, serve=True, connect=None)
+        Dashboard("udpin:127.0.0.1:0", "roll", None, address=PageAddress(), connect=None)
     viewer.close.assert_called_once_with()
 
 
@@ -142,7 +142,9 @@ def test_a_second_session_has_its_page_at_another_port(monkeypatch):
     with socket.create_server(("127.0.0.1", 0)) as other:
         taken_port = other.getsockname()[1]
         monkeypatch.setattr(live_dashboard, "PAGE_PORT", taken_port)
-        dashboard = Dashboard("udpin:127.0.0.1:0", "roll", None, serve=True, connect=None)
+        dashboard = Dashboard(
+            "udpin:127.0.0.1:0", "roll", None, address=PageAddress(), connect=None
+        )
         with closing(dashboard):
             assert "Open http://127.0.0.1:" in dashboard.advice
             assert f":{taken_port} " not in dashboard.advice

@@ -10,16 +10,24 @@ from time import monotonic
 import click
 from rich.live import Live
 
-from mavdem.assessment.judgement import Judgement
 from mavdem.cli.console import STDERR, STDOUT
 from mavdem.cli.exit_codes import EXIT_DONE, EXIT_ERROR, EXIT_UNSUPPORTED
-from mavdem.cli.live_dashboard import Dashboard
+from mavdem.cli.live_dashboard import PAGE_PORT, Dashboard, PageAddress
 from mavdem.cli.live_files import gains_line, written_file_lines
 from mavdem.cli.live_lines import print_line
 from mavdem.cli.live_status import StatusLines
-from mavdem.cli.options import NumberRange, file_option, json_option, model_options, vehicle_option
+from mavdem.cli.options import (
+    NumberRange,
+    file_option,
+    host_option,
+    json_option,
+    model_options,
+    token_option,
+    vehicle_option,
+)
 from mavdem.cli.output import print_json
 from mavdem.cli.output_files import check_output_file
+from mavdem.cli.sign_in_links import print_sign_in_link
 from mavdem.cli.streams import escape_unprintable, print_to_stderr
 from mavdem.cli.termination import termination_requests
 from mavdem.containers import JsonValues
@@ -42,6 +50,7 @@ from mavdem.live.session import LiveSession
 from mavdem.live.session_loop import run_session
 from mavdem.live.session_status import STATUS_PERIOD, SessionStatus
 from mavdem.live.vehicle_selection import Component
+from mavdem.machine import LOOPBACK
 from mavdem.report.live import headline_and_next_step
 from mavdem.report.pages.flight_page import live_page
 from mavdem.report.templates import as_clause
@@ -92,8 +101,8 @@ class LiveOptions:
     prior: Path | None
     """The file or folder that holds it."""
 
-    serve: bool
-    """Whether browsers on this machine are served."""
+    address: PageAddress | None
+    """Where browsers find the page of the session; None if none are served."""
 
     connect: str | None
     """URL of a Rerun viewer; None for none."""
@@ -168,6 +177,13 @@ class FollowedFlight:
     is_flag=True,
     help="Show it in browsers on this machine, which load nothing from elsewhere.",
 )
+@host_option
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    help=f"Port of --serve. [default: {PAGE_PORT}, or a free one while another session has that]",
+)
+@token_option("Secret that browsers of --serve need")
 @click.option(
     "--connect",
     metavar="URL",
@@ -207,6 +223,9 @@ def live_command(
     settings: Settings,
     rrd: Path | None,
     serve: bool,
+    host: str,
+    port: int | None,
+    token: str,
     connect: str | None,
     record: Path | None,
     model: Path | None,
@@ -236,6 +255,7 @@ def live_command(
     Examples:
       mavdem live udpin:127.0.0.1:14550
       mavdem live udpin:127.0.0.1:14550 --request-rate 100 --record flight.tlog
+      MAVDEM_TOKEN=$(openssl rand -hex 16) mavdem live udpin:127.0.0.1:14550 --serve --host 0.0.0.0
       mavdem live /dev/ttyUSB0,57600 --rrd flight.rrd
 
     \b
@@ -243,13 +263,16 @@ def live_command(
       mavdem live udpin:127.0.0.1:14550 --rrd flight.rrd
       mavdem fly iris_multisine --udp 127.0.0.1:14550
     """
+    names_address = port is not None or host != LOOPBACK
+    if names_address and not serve:
+        raise click.UsageError("--host and --port are those of --serve: add that.")
     options = LiveOptions(
         link=link,
         axis=axis,
         settings=settings,
         earlier_model=None if prior is None else earlier_flight(prior, axis),
         prior=prior,
-        serve=serve,
+        address=PageAddress(host, port, token) if serve else None,
         connect=connect,
         request_rate=request_rate,
         keeps_vehicle=vehicle is not None,
@@ -333,7 +356,7 @@ def _follow_vehicle(
                     options.link,
                     options.axis,
                     paths.rrd,
-                    serve=options.serve,
+                    address=options.address,
                     connect=options.connect,
                 )
             )
@@ -385,6 +408,7 @@ def _follow_vehicle(
         session_end.callback(session.end)
         if dashboard.advice:
             print_to_stderr(dashboard.advice)
+        print_sign_in_link(dashboard.sign_in_link)
         if paths.model is None:
             print_to_stderr(
                 "The model will not be written: name a file with --model, --rrd or --record."

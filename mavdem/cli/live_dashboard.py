@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,7 @@ from mavdem.facts.session import SessionFact
 from mavdem.live import RowFormat, SessionStatus
 from mavdem.live.history import horizon_steps
 from mavdem.live.session import LiveSession
-from mavdem.machine import free_port, has_screen, require_free_port
+from mavdem.machine import LOOPBACK, LOOPBACK_HOSTS, free_port, has_screen, require_free_port
 
 if TYPE_CHECKING:
     from mavdem.serve.live_server import LiveServer
@@ -33,6 +34,36 @@ NO_SCREEN_ADVICE = (
 """What a user without a screen can do, where nothing else shows the flight."""
 
 
+@dataclass(frozen=True)
+class PageAddress:
+    """Where browsers find the page of a session, and who may see it."""
+
+    host: str = LOOPBACK
+    """Name or address to listen on."""
+
+    port: int | None = None
+    """Port to listen on; None for ``PAGE_PORT``, or a free one while another session has that."""
+
+    token: str = ""
+    """Secret that browsers need; empty for none."""
+
+    @property
+    def is_on_this_machine(self) -> bool:
+        """Whether browsers of this machine alone reach it."""
+        return self.host in LOOPBACK_HOSTS
+
+    @property
+    def chosen_port(self) -> int:
+        """The port to listen on."""
+        if self.port is not None:
+            return self.port
+        try:
+            require_free_port(PAGE_PORT)
+        except OSError:
+            return free_port()
+        return PAGE_PORT
+
+
 class Dashboard:
     """Shows a live flight in a viewer, in browsers, and in an .rrd file.
 
@@ -43,10 +74,17 @@ class Dashboard:
         view: What shows the flight; None if nothing does.
         file: The recording that is written; None if none is.
         advice: Sentences on how to open the dashboard, or why there is none; empty if it opens by itself.
+        sign_in_link: Link that signs a browser in without typing the token; empty where no token is needed.
     """
 
     def __init__(
-        self, link: str, axis: str, rrd: Path | None, *, serve: bool, connect: str | None
+        self,
+        link: str,
+        axis: str,
+        rrd: Path | None,
+        *,
+        address: PageAddress | None,
+        connect: str | None,
     ) -> None:
         """Opens the dashboard.
 
@@ -54,17 +92,18 @@ class Dashboard:
             link: Connection string of the link, for the title.
             axis: Axis that is modelled.
             rrd: Recording to write; None for none.
-            serve: Whether to serve browsers on this machine.
+            address: Where browsers find the page of the session; None to serve none.
             connect: URL of a Rerun viewer to show the flight in; None for none.
 
         Raises:
-            Unreadable: A port is taken, or a file cannot be written.
+            Unreadable: A port is taken, a file cannot be written, or a token is missing or too short.
             click.BadParameter: ``connect`` is no URL.
             MissingExtra: What is requested needs a package that is not installed.
         """
         self.view: LiveView | None = None
         self.file: RecordingFile | None = None
         self.advice = ""
+        self.sign_in_link = ""
         self._link = link
         self._axis = axis
         self._reported_problems: set[str] = set()
@@ -72,7 +111,10 @@ class Dashboard:
         missing_view = missing_extra_fact("view", "The dashboard")
         missing_server = missing_extra_fact("serve", "The page of a live session")
         needs_view = rrd is not None or connect is not None
-        if serve and missing_view is not None and missing_server is not None:
+        serve = address is not None
+        # Rerun's own page serves browsers of this machine only.
+        needs_server = missing_view is not None or not (address or PageAddress()).is_on_this_machine
+        if serve and needs_server and missing_server is not None:
             require_extra("serve", "The page of a live session")
         if missing_view is not None:
             if needs_view:
@@ -83,11 +125,14 @@ class Dashboard:
         with ExitStack() as resources:
             web_server = None
             try:
-                if serve and missing_view is None:
-                    web_server = _started_web_server(has_own_page=missing_server is not None)
+                if address is not None and missing_view is None and address.is_on_this_machine:
+                    # Rerun serves browsers of this machine only.
+                    web_server = _started_web_server(
+                        address if missing_server is not None else None
+                    )
                     resources.callback(web_server.close)
-                if serve and missing_server is None:
-                    self._server = _started_live_server(link, web_server)
+                if address is not None and missing_server is None:
+                    self._server = _started_live_server(link, address, web_server)
                     resources.callback(self._server.close)
                 if missing_view is None and not self.advice:
                     self._open_view(rrd, connect, web_server)
@@ -98,8 +143,10 @@ class Dashboard:
             # What was started goes on until ``close``.
             resources.pop_all()
         if self._server is not None:
+            self.sign_in_link = self._server.sign_in_link
+            place = " of this machine" if address is not None and address.is_on_this_machine else ""
             self.advice = _with_missing_extra(
-                f"Open {self._server.address} in a browser of this machine.", missing_view
+                f"Open {self._server.address} in a browser{place}.", missing_view
             )
         elif web_server is not None:
             self.advice = _with_missing_extra(
@@ -210,42 +257,37 @@ def _with_missing_extra(advice: str, missing_extra: Fact | None) -> str:
     return advice if missing_extra is None else f"{advice} {missing_extra}"
 
 
-def _page_port() -> int:
-    """Returns the port of the page for browsers: ``PAGE_PORT``, or a free one while another session has that."""
-    try:
-        require_free_port(PAGE_PORT)
-    except OSError:
-        return free_port()
-    return PAGE_PORT
-
-
-def _started_web_server(*, has_own_page: bool) -> WebServer:
+def _started_web_server(page_address: PageAddress | None) -> WebServer:
     """Starts the process of Rerun that has the data of the dashboard, and the program of the viewer, for browsers.
 
     Args:
-        has_own_page: Whether browsers are given Rerun's own page, whose address is then the same in each session.
+        page_address: Where browsers find Rerun's own page; None if they get the page of the session.
 
     Raises:
         OSError: A port is taken.
     """
     from mavdem.view import WebServer
 
-    if has_own_page:
-        return WebServer(page_port=_page_port())
-    return WebServer(free_port(), free_port())
+    page_port = free_port() if page_address is None else page_address.chosen_port
+    return WebServer(free_port(), page_port)
 
 
-def _started_live_server(link: str, web_server: WebServer | None) -> LiveServer:
+def _started_live_server(
+    link: str, address: PageAddress, web_server: WebServer | None
+) -> LiveServer:
     """Starts the server of the page of the session.
 
     Args:
         link: Connection string of the link.
+        address: Where browsers find the page.
         web_server: Process of Rerun that has the data of the dashboard; None without a dashboard.
 
     Raises:
-        Unreadable: Its port is taken.
+        Unreadable: Its port is taken, or a token is missing or too short.
     """
     # The web framework takes a second to import.
     from mavdem.serve.live_server import LiveServer
+    from mavdem.serve.rights import rights_for_host
 
-    return LiveServer(link, _page_port(), web_server)
+    rights = rights_for_host(address.host, address.token, is_behind_proxy=False)
+    return LiveServer(link, address.host, address.chosen_port, rights, web_server)

@@ -1,6 +1,6 @@
 """Lines on a live session that are printed below each other, of one form, by which programs find what they look for.
 
-A line is ``14:03:07   182.4 s  TEXT``: the time of day, the time on the vehicle's boot clock ("-" before that is known),
+A line is ``14:03:07   182.4 s  TEXT``: the time of day, the time on the vehicle's boot clock ("-" before it is known),
 and a text. Lines of alarms have ``ALARM`` before the text, those of their ends ``ALARM OVER``, and no other line has.
 """
 

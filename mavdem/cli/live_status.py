@@ -323,8 +323,8 @@ class StatusLines:
     def _print_new(self, status: SessionStatus) -> None:
         """Prints a line if the state has changed since the last line, or if that line was printed long ago.
 
-        The session itself reports alarms and reasons for learning no model when they begin. A state that has not changed
-        for ``UNCHANGED_STATE_PERIOD`` is repeated as a reminder. The next step has a line of its own where it is new.
+        The session itself reports alarms and reasons for learning no model when they begin. A state that has not
+        changed for ``UNCHANGED_STATE_PERIOD`` is repeated as a reminder, with the next step if that is new.
 
         Args:
             status: State of the live session: vehicle, learning, alarms, lights and next step.

@@ -79,6 +79,20 @@ class NumberRange(click.FloatRange):
         return number
 
 
+def token_option(use: str) -> Callable[[Command], Command]:
+    """Returns a decorator for ``token``, the secret of a server; empty unless given.
+
+    Args:
+        use: what the token is for, as the beginning of the help.
+    """
+    return click.option(
+        "--token",
+        default="",
+        envvar="MAVDEM_TOKEN",
+        help=f"{use}; better in the environment as MAVDEM_TOKEN.",
+    )
+
+
 def file_option(name: str, text: str) -> Callable[[Command], Command]:
     """Returns a decorator that adds an option for the path of a file or a folder.
 
@@ -122,6 +136,14 @@ vehicle_option = click.option(
     "--vehicle", metavar="SYSTEM[:COMPONENT]", help="Which vehicle, of several."
 )
 """Decorator for ``vehicle``, the name of one of several vehicles; None unless given."""
+
+host_option = click.option(
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
+    help="Address to listen on: 0.0.0.0 for all of this machine, which needs a token.",
+)
+"""Decorator for ``host``, the address at which a server listens."""
 
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON document and nothing else."

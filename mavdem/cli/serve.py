@@ -4,7 +4,14 @@ from pathlib import Path
 
 import click
 
-from mavdem.cli.options import NumberRange, jobs_option, vehicle_option
+from mavdem.cli.options import (
+    NumberRange,
+    host_option,
+    jobs_option,
+    token_option,
+    vehicle_option,
+)
+from mavdem.cli.sign_in_links import print_sign_in_link
 from mavdem.cli.streams import print_to_stderr
 from mavdem.dem.parallel import available_workers
 from mavdem.extras import require_extra
@@ -36,14 +43,9 @@ a process is replaced after a few logs, since Rerun leaves 20 MB and four thread
     default="mavdem-data",
     type=click.Path(file_okay=False, path_type=Path),
 )
-@click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on.")
+@host_option
 @click.option("--port", default=8600, show_default=True, type=click.IntRange(0, 65535))
-@click.option(
-    "--token",
-    default="",
-    envvar="MAVDEM_TOKEN",
-    help="Secret that uploading and the list of flights need; better in the environment as MAVDEM_TOKEN.",
-)
+@token_option("Secret that uploading and the list of flights need")
 @click.option(
     "--behind-proxy",
     is_flag=True,
@@ -134,8 +136,9 @@ def serve_command(
         vehicle=vehicle,
     )
 
-    def report_address(address: str) -> None:
+    def report_address(address: str, sign_in_link: str) -> None:
         print_to_stderr(f"Serving {folder} at {address}; Ctrl-C ends it.")
+        print_sign_in_link(sign_in_link)
 
     def report_warning(fact: Fact) -> None:
         print_to_stderr(f"mavdem: {fact.sentence_and_remedy}")

@@ -172,9 +172,9 @@ class Backlog:
         """Decides by the present delay of the analysis which tasks are postponed (``POSTPONING_DELAYS``).
 
         A delay that has doubled since its last report is reported again, at most once in ``REPEAT_SECONDS``: alarms
-        come so much later. Recovery is reported only after ``REPEAT_SECONDS`` of messages without a long delay,
-        so that a delay around the limit is not reported all the time. In a session that begins late, a delay is reported
-        only if it lasts for longer than ``CATCH_UP_SECONDS``.
+        come so much later. Recovery is reported only after ``REPEAT_SECONDS`` of messages without a long delay, so that
+        a delay around the limit is not reported all the time. In a session that begins late, a delay is reported only
+        if it lasts for longer than ``CATCH_UP_SECONDS``.
 
         Args:
             dropped_datagrams: number of datagrams lost so far, because they were not read in time.

@@ -16,11 +16,11 @@ from mavdem.serve.field_store import FieldStore
 from mavdem.serve.guard import Guard
 from mavdem.serve.library import Library
 from mavdem.serve.link_monitor import LinkMonitor
-from mavdem.serve.live_pages import LivePages
+from mavdem.serve.live_pages import LIVE_PATH, LivePages
 from mavdem.serve.pages import Pages
 from mavdem.serve.rerun_viewer import ViewerFiles
 from mavdem.serve.rights import Rights
-from mavdem.serve.sign_in import SignIn
+from mavdem.serve.sign_in import SIGN_IN_PATH, SignIn
 from mavdem.serve.viewers import RecordingViewer
 from mavdem.serve.visible_library import VisibleLibrary
 
@@ -77,7 +77,8 @@ class Server:
             scripts=scripts,
         )
         self._live_pages = LivePages(rights, monitor)
-        self._sign_in = SignIn(rights)
+        # With a vehicle on the link, its page is what a telephone is for.
+        self._sign_in = SignIn(rights, "/" if monitor is None else LIVE_PATH)
         self._viewer_files = ViewerFiles(
             rights, lambda: None if viewer is None else viewer.program_port
         )
@@ -101,12 +102,12 @@ class Server:
             "GET /f/{id}": pages.flight,
             "GET /f/{id}/viewer": pages.viewer,
             "GET /f/{id}/{name}": pages.file,
-            "GET /live": self._live_pages.live_session,
-            "GET /live/update": self._live_pages.live_session_update,
+            f"GET {LIVE_PATH}": self._live_pages.live_session,
+            f"GET {LIVE_PATH}/update": self._live_pages.live_session_update,
             "GET /vehicle": pages.vehicle,
             "GET /compare": pages.compare,
-            "GET /enter": sign_in.form,
-            "POST /enter": sign_in.sign_in,
+            f"GET {SIGN_IN_PATH}": sign_in.form,
+            f"POST {SIGN_IN_PATH}": sign_in.sign_in,
             "POST /leave": sign_in.sign_out,
             "GET /static/serve.js": pages.script,
             "GET /static/rerun.js": self._viewer_files.script,

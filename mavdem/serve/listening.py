@@ -11,9 +11,15 @@ from starlette.applications import Starlette
 from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
 from mavdem.errors import Unreadable, error_message
-from mavdem.facts.serve import StartFailure
+from mavdem.facts.serve import Permission, StartFailure
+from mavdem.machine import network_address
 from mavdem.processes import TERMINATION_SIGNALS, max_open_files
+from mavdem.serve.rights import Rights
+from mavdem.serve.sign_in import SIGN_IN_PATH
 from mavdem.serve.uploads import MAX_CHUNK_DELAY
+
+WILDCARD_HOSTS = ("0.0.0.0", "::", "")
+"""Hosts to listen on that stand for all addresses of this machine, and are no address for a browser."""
 
 MAX_CONNECTIONS = 1000
 """Connections that are open at once, at most; further ones are closed."""
@@ -97,10 +103,25 @@ def listening_socket(host: str, port: int) -> socket.socket:
 
 
 def server_url(host: str, listener: socket.socket) -> str:
-    """Returns the URL of the server; an IPv6 address is put in brackets (RFC 3986, sec. 3.2.2)."""
-    url_host = f"[{host}]" if ":" in host else host
+    """Returns the URL of the server; an IPv6 address is put in brackets (RFC 3986, sec. 3.2.2).
+
+    If it listens on all addresses of this machine, the URL has the one by which other machines of the network reach it.
+    """
+    reachable_host = network_address() if host in WILDCARD_HOSTS else host
+    url_host = f"[{reachable_host}]" if ":" in reachable_host else reachable_host
     port = listener.getsockname()[1]
     return f"http://{url_host}:{port}"
+
+
+def sign_in_link(url: str, rights: Rights) -> str:
+    """Returns the link that signs a browser in to read, without typing the token; empty where no token is needed.
+
+    Args:
+        url: URL of the server.
+        rights: access rights, with the token.
+    """
+    key = rights.derived_key(Permission.READ)
+    return f"{url}{SIGN_IN_PATH}?key={key}" if key else ""
 
 
 class Connection(H11Protocol):

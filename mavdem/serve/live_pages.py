@@ -26,6 +26,9 @@ from mavdem.report.pages.page_link import PageLink
 from mavdem.report.templates import Medium, sentences_for
 from mavdem.serve.rights import Rights
 
+LIVE_PATH = "/live"
+"""Path of the page of a live session."""
+
 PAGE_SECONDS = 5.0
 """Seconds between two pages of a session; one with an alarm or another event comes at once."""
 

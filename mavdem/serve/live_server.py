@@ -12,30 +12,34 @@ from starlette.responses import HTMLResponse, RedirectResponse, Response
 
 from mavdem.containers import JsonValues
 from mavdem.errors import Refusal
-from mavdem.facts.serve import RefusalReason
+from mavdem.facts.serve import Permission, RefusalReason
 from mavdem.fleet.names import NO_NAMES
 from mavdem.live import clock
 from mavdem.live.session import LiveSession
 from mavdem.live.session_status import SessionStatus
-from mavdem.machine import LOOPBACK
 from mavdem.report.live import live_title
 from mavdem.report.pages.library_page import render_server_page, script, script_hashes
 from mavdem.report.pages.page_link import PageLink
 from mavdem.serve.guard import POLICY_HEADER, Guard
-from mavdem.serve.listening import MAX_SHUTDOWN_SECONDS, listening_socket, server_config, server_url
+from mavdem.serve.listening import (
+    MAX_SHUTDOWN_SECONDS,
+    listening_socket,
+    server_config,
+    server_url,
+    sign_in_link,
+)
 from mavdem.serve.live_pages import (
+    LIVE_PATH,
     LivePages,
     SessionPage,
     session_page,
 )
 from mavdem.serve.rerun_viewer import ViewerFiles, viewer_policy
 from mavdem.serve.rights import Rights
+from mavdem.serve.sign_in import SIGN_IN_PATH, SignIn
 
 if TYPE_CHECKING:
     from mavdem.view import WebServer
-
-LIVE_PATH = "/live"
-"""Path of the page of the session."""
 
 DASHBOARD_PATH = "/dashboard"
 """Path of the page with the dashboard."""
@@ -45,30 +49,38 @@ DASHBOARD_LINK = PageLink("Dashboard in Rerun", DASHBOARD_PATH, needs_wide_scree
 
 
 class LiveServer:
-    """Serves browsers of this machine the page of a live session, and its dashboard in Rerun's viewer if there is one.
+    """Serves browsers the page of a live session, and its dashboard in Rerun's viewer if there is one.
 
     Attributes:
         address: URL of the server, which leads to the page of the session.
+        sign_in_link: link that signs a browser in without typing the token; empty where no token is needed.
     """
 
-    def __init__(self, link: str, port: int, viewer: "WebServer | None") -> None:
+    def __init__(
+        self, link: str, host: str, port: int, rights: Rights, viewer: "WebServer | None"
+    ) -> None:
         """Starts the server in a thread.
 
         Args:
             link: connection string of the link, which is the title until a vehicle is followed.
-            port: port of this machine to listen on; 0 for a free one.
-            viewer: process of Rerun that has the data of the dashboard; None without a dashboard.
+            host: name or address to listen on.
+            port: port to listen on; 0 for a free one.
+            rights: who may see the session.
+            viewer: process of Rerun that has the data of the dashboard; None without a dashboard. It serves browsers of
+                this machine only.
 
         Raises:
             Unreadable: the port is taken.
         """
         self._link = link
+        self._rights = rights
         self._viewer = viewer
         self._status: SessionStatus | None = None
         # The newest page of the session, as the endpoints read it.
         self.page = SessionPage("", clock.monotonic())
-        listener = listening_socket(LOOPBACK, port)
-        self.address = server_url(LOOPBACK, listener)
+        listener = listening_socket(host, port)
+        self.address = server_url(host, listener)
+        self.sign_in_link = sign_in_link(self.address, rights)
         self._server = uvicorn.Server(server_config(self._app()))
         # Outside the main thread, uvicorn does not handle the signals; they end the session.
         self._thread = threading.Thread(
@@ -104,10 +116,10 @@ class LiveServer:
 
     def _app(self) -> Starlette:
         """Returns the ASGI application: the addresses of the server, and what answers each of them."""
-        # Requests for other names than those of this machine are refused.
-        rights = Rights()
-        guard = Guard(rights, script_hashes(), _visitor_values)
+        rights = self._rights
+        guard = Guard(rights, script_hashes(), self._visitor_values)
         pages = LivePages(rights, self)
+        sign_in = SignIn(rights, LIVE_PATH)
         viewer = self._viewer
         files = ViewerFiles(rights, lambda: None if viewer is None else viewer.page_port)
         endpoints: Mapping[str, Any] = {
@@ -115,6 +127,9 @@ class LiveServer:
             f"GET {LIVE_PATH}": pages.live_session,
             f"GET {LIVE_PATH}/update": pages.live_session_update,
             f"GET {DASHBOARD_PATH}": self._dashboard,
+            f"GET {SIGN_IN_PATH}": sign_in.form,
+            f"POST {SIGN_IN_PATH}": sign_in.sign_in,
+            "POST /leave": sign_in.sign_out,
             "GET /static/serve.js": _script,
             "GET /static/rerun.js": files.script,
             "GET /rerun/{name}": files.program_file,
@@ -131,8 +146,9 @@ class LiveServer:
             request: the request.
 
         Raises:
-            Refusal: there is no dashboard, since Rerun is not installed.
+            Refusal: the visitor may not see it, or there is no dashboard, as where Rerun is not installed.
         """
+        self._rights.require(request, Permission.READ)
         viewer = self._viewer
         if viewer is None:
             raise Refusal(RefusalReason.NO_SUCH_PAGE)
@@ -143,27 +159,26 @@ class LiveServer:
             name=name,
             back=PageLink("Live page", LIVE_PATH),
             data_address=viewer.url,
-            **_visitor_values(request),
+            **self._visitor_values(request),
         )
         return HTMLResponse(html, headers={POLICY_HEADER: viewer_policy(viewer.port)})
 
+    def _visitor_values(self, request: HttpRequest) -> JsonValues:
+        """Returns what the templates of all pages must know about the visitor of this server.
 
-def _visitor_values(request: HttpRequest) -> JsonValues:
-    """Returns what the templates of all pages must know about the visitor of this server, who is on this machine.
+        There is no library of flights, and there are no given names of vehicles.
 
-    He may read everything; there is no access token, no library of flights, and there are no given names of vehicles.
-
-    Args:
-        request: the request, which changes nothing here; other servers read the visitor's rights from it.
-    """
-    return {
-        "may_read": True,
-        "key": "",
-        "has_token": False,
-        "has_library": False,
-        "given": NO_NAMES,
-        "frames": {},
-    }
+        Args:
+            request: the request, whose cookie shows whether the visitor may read.
+        """
+        return {
+            "may_read": self._rights.allows(request, Permission.READ),
+            "key": "",
+            "has_token": bool(self._rights.token),
+            "has_library": False,
+            "given": NO_NAMES,
+            "frames": {},
+        }
 
 
 def _to_live_page(request: HttpRequest) -> Response:

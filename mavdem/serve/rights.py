@@ -2,8 +2,8 @@
 
 Without a token the server listens on this machine only, or a proxy has checked who has access, and everybody who
 reaches it owns all flights. With a token, keys derived from it allow less than the token itself: the cookie of a
-browser only reads, the key in the address that QGroundControl is given only uploads, and the key within a page also
-changes flights.
+browser, which the link that signs it in has too, only reads, the key in the address that QGroundControl is given only
+uploads, and the key within a page also changes flights.
 """
 
 import asyncio
@@ -16,6 +16,7 @@ from starlette.requests import HTTPConnection
 
 from mavdem.errors import Refusal, Unreadable
 from mavdem.facts.serve import Permission, RefusalReason, Sharing, StartFailure
+from mavdem.machine import LOOPBACK_HOSTS
 from mavdem.serve.index import LibraryEntry
 
 COOKIE_NAME = "mavdem"
@@ -29,9 +30,6 @@ KEY_DIGITS = 32
 
 WRONG_TOKEN_DELAY = 1.0
 """Seconds until a request with a wrong token or key is answered, one after another, so that guessing takes long."""
-
-LOOPBACK_HOSTS = ("127.0.0.1", "localhost", "::1", "[::1]")
-"""Names of this machine as a host to listen on, and in the Host header of requests."""
 
 SAME_SITE = ("same-origin", "none")
 """Values of the header Sec-Fetch-Site for requests by pages of this server, and by users who type an address."""
@@ -129,6 +127,10 @@ class Rights:
     def is_token(self, secret: str) -> bool:
         """Returns whether a secret is the token, in a time that does not depend on how much of it agrees."""
         return hmac.compare_digest(secret.encode(), self.token.encode())
+
+    def is_reading_key(self, secret: str) -> bool:
+        """Returns whether a secret is the key for reading or the token, in a time that does not depend on it."""
+        return self._secret_allows(secret, Permission.READ)
 
     def _secret_allows(self, secret: str, use: Permission) -> bool:
         """Returns whether a secret is the token or the key for this use; without a token any secret is."""

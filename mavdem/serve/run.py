@@ -14,6 +14,7 @@ from mavdem.facts import Fact
 from mavdem.facts.event import Event
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.workers import JobLimits
+from mavdem.machine import LOOPBACK_HOSTS
 from mavdem.serve.app import Server
 from mavdem.serve.field_store import FieldStore
 from mavdem.serve.library import Library
@@ -23,10 +24,11 @@ from mavdem.serve.listening import (
     listening_socket,
     server_config,
     server_url,
+    sign_in_link,
 )
 from mavdem.serve.reading import read_for_library
 from mavdem.serve.reading_threads import ReadingThreads
-from mavdem.serve.rights import LOOPBACK_HOSTS, rights_for_host
+from mavdem.serve.rights import rights_for_host
 from mavdem.serve.viewers import RecordingViewer
 
 
@@ -64,7 +66,7 @@ class ServerOptions:
 
 def serve(
     options: ServerOptions,
-    report_address: Callable[[str], None],
+    report_address: Callable[[str, str], None],
     warn: Callable[[Fact], None],
     report_event: Callable[[Event], None],
     *,
@@ -74,7 +76,8 @@ def serve(
 
     Args:
         options: options of the server.
-        report_address: function that is called with the server's URL when it listens.
+        report_address: function that is called when it listens, with the server's URL and the link that signs a
+            browser in; the link is empty where none is needed, or where a proxy has another address.
         warn: function that is called with problems that its owner should know.
         report_event: function that is called with what happens on the link, such as alarms.
         opens_browser: whether to open the URL in a browser of this machine.
@@ -117,7 +120,7 @@ def serve(
         FieldStore(options.limits),
     )
     config = server_config(server.app, is_behind_proxy=options.is_behind_proxy)
-    report_address(url)
+    report_address(url, "" if options.is_behind_proxy else sign_in_link(url, rights))
     if opens_browser:
         threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
     http_server = uvicorn.Server(config)

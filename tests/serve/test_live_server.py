@@ -24,6 +24,7 @@ from mavdem.motors.motor_changes import MotorChange
 from mavdem.serve.guard import POLICY_HEADER
 from mavdem.serve.live_pages import PAGE_SECONDS, SessionPage
 from mavdem.serve.live_server import LiveServer
+from mavdem.serve.rights import WRONG_TOKEN_DELAY, Rights
 
 LINK = "udpin:127.0.0.1:14550"
 VIEWER_SCRIPT = b"""
@@ -66,11 +67,9 @@ def viewer():
 
 
 @contextmanager
-def live_server(viewer=None):
+def live_server(viewer=None, rights=None):
     """A running server, at any free port."""
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        port = probe.getsockname()[1]
-    server = LiveServer(LINK, port, viewer)
+    server = LiveServer(LINK, "127.0.0.1", 0, rights or Rights(), viewer)
     try:
         yield server
     finally:
@@ -90,10 +89,10 @@ def flying_session():
 STATUS = SessionStatus("1:1", is_flying=True, message_age=0.0)
 
 
-def answer(server, path, host=None):
+def answer(server, path, **headers):
     """The answer of a server: status, headers and text; other pages are not followed."""
     connection = HTTPConnection("127.0.0.1", int(server.address.rpartition(":")[2]))
-    connection.request("GET", path, headers={} if host is None else {"Host": host})
+    connection.request("GET", path, headers=headers)
     response = connection.getresponse()
     return response.status, response.headers, response.read()
 
@@ -126,9 +125,27 @@ def test_only_this_machine_is_answered_and_the_port_is_free_at_the_end():
     with live_server() as server:
         port = int(server.address.rpartition(":")[2])
         assert server.address == f"http://127.0.0.1:{port}"
-        assert answer(server, "/live", host="example.org")[0] == 403
+        assert answer(server, "/live", Host="example.org")[0] == 403
     socket.create_server(("127.0.0.1", port)).close()
     assert not server._thread.is_alive()
+
+
+def test_with_a_token_the_link_that_is_printed_signs_a_browser_in_to_read():
+    rights = Rights("0123456789abcdef", is_local=False)
+    with live_server(rights=rights) as server:
+        server.report(flying_session(), STATUS)
+        assert answer(server, "/live")[0] == answer(server, "/live/update")[0] == 401
+        path = server.sign_in_link.removeprefix(server.address)
+        assert rights.token not in path
+        status, headers, _ = answer(server, path)
+        assert (status, headers["Location"]) == (303, "/live")
+        assert "HttpOnly" in headers["Set-Cookie"]
+        cookie = headers["Set-Cookie"].partition(";")[0]
+        assert answer(server, "/live", Cookie=cookie)[0] == 200
+        started = clock.monotonic()
+        status, headers, _ = answer(server, path[:-1] + ("0" if path[-1] != "0" else "1"))
+        assert status in (401, 403) and "Set-Cookie" not in headers
+        assert clock.monotonic() - started >= WRONG_TOKEN_DELAY
 
 
 def test_without_rerun_there_is_the_page_alone():
