@@ -119,7 +119,7 @@ def is_barometer_steady(
         rests: when the vehicle rested before and after the flight, s since boot; None to find that in the signals.
 
     Returns:
-        Whether it does; false if the vehicle was not recorded at rest both times.
+        True if both heights agree within ``MIN_DRIFT``; False also if the vehicle was not recorded at rest both times.
     """
     heights = ground_heights(sensors.signals, sensors.boot, flight_interval, rests)
     return heights is not None and abs(heights.barometer_change) < MIN_DRIFT

@@ -134,7 +134,7 @@ def cell_count(parameters: Parameters, battery: Battery) -> int | None:
 
 
 def is_measured(parameters: Parameters, battery: Battery) -> bool:
-    """Returns whether the recorded voltage is that of a battery: whether one is connected to the voltage sensor.
+    """Returns whether a voltage sensor measures a battery, and not just a constant because none is connected.
 
     The voltage of a battery varies with its load, and exceeds the voltage at which the autopilot reports a low battery,
     at least at the take-off. A sensor without a battery reads a constant, or a lower voltage.

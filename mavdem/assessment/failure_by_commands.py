@@ -167,9 +167,9 @@ def _weak_motor_failure(
     change_in_loss = commands.change
     change_in_first_response = commands.change_until(loss_start + FIRST_RESPONSE_SECONDS)
     for change in (change_in_loss, change_in_first_response):
-        weak = weak_motor(commands.motors, change, fall_direction)
-        if weak is not None:
-            return _failure_of_motor(commands, loss_context, weak)
+        weak_pair = weak_motor(commands.motors, change, fall_direction)
+        if weak_pair is not None:
+            return _failure_of_motor(commands, loss_context, weak_pair)
     if fall_direction is None:
         # The vehicle hit something, and its attitude was not lost before.
         return None
@@ -179,10 +179,10 @@ def _weak_motor_failure(
     if response is None:
         return None
     change_before_loss = response.change_until(loss_start)
-    weak = weak_motor(commands.motors, change_before_loss, fall_direction)
-    if weak is None:
+    weak_pair = weak_motor(commands.motors, change_before_loss, fall_direction)
+    if weak_pair is None:
         return None
-    return _failure_of_motor(response, loss_context, weak)
+    return _failure_of_motor(response, loss_context, weak_pair)
 
 
 def _start_of_response(commands: _LossCommands) -> float:

@@ -159,7 +159,7 @@ def loop_decisions(evidence: Evidence, motors_light: Fact) -> DecisionsByAxis:
             tracking=evidence.tracking[margins.axis],
             oscillation=evidence.condition.oscillation,
             gain_reduction=evidence.gain_reduction,
-            vehicle_doubts=repairs,
+            vehicle_repairs=repairs,
             parameters=evidence.signals.telemetry.parameters,
             tune_arguments=tuple(evidence.command_arguments),
             attitude_swing=_swing_to_explain(margins.axis, swings),

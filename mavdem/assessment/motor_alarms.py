@@ -145,11 +145,11 @@ def _lasting_losses(
     Returns:
         At most one alarm for each interval of settled flight, then one for each other flight.
     """
-    settled = settled_intervals(signals, boot)
-    losses = _gradual_losses(signals, motors, commands, boot, settled, changes)
+    intervals_of_settled_flight = settled_intervals(signals, boot)
+    losses = _gradual_losses(signals, motors, commands, boot, intervals_of_settled_flight, changes)
     for flight in free_flight_intervals(signals, boot):
         start, end = flight
-        settled_in_flight = intersection(settled, [flight])
+        settled_in_flight = intersection(intervals_of_settled_flight, [flight])
         has_slow_loss = any(start <= loss.onset_time <= end for loss in losses)
         has_sudden_loss = bool(_changes_of_motors(changes, flight))
         if not settled_in_flight or has_slow_loss or has_sudden_loss:

@@ -209,7 +209,7 @@ def frozen_motor(motors: MotorOutputs, commands: Array, lowest_command: float) -
     """Returns the index of the one motor whose output is frozen: its command is constant while other commands change.
 
     The others change if the range of the commands, averaged over the motors, is at least ``MIN_COMMAND_RANGE``. As a
-    mixer may hold outputs at their limits, not all of which are known, the constant command must be above the idle and
+    mixer may hold an output at a limit that is not known, the constant command must be above the idle and
     above the lowest command that occurred, and below the upper limit. If no parameter says which outputs drive motors,
     a constant one may drive something else, such as a gimbal: then none is reported.
 

@@ -106,12 +106,14 @@ def _rise_of_command(signals: Signals, loss: Fact, interval: TimeInterval) -> Fa
     change = command_change(commands.time, commands.values[:, motor], interval, quantile_during=0.5)
     if change is None or change.rise < MIN_MEDIAN_RISE:
         return ()
-    # What the others did shows that the vehicle was not only heavier, or climbed.
+    # The change of the other motors shows whether the vehicle was only heavier, or climbed.
     mean_of_others = np.delete(commands.values, motor, axis=1).mean(axis=1)
-    others = command_change(commands.time, mean_of_others, interval, quantile_during=0.5)
+    change_of_others = command_change(commands.time, mean_of_others, interval, quantile_during=0.5)
     fact = rise_fact(change, interval)
-    if others is not None:
-        fact = fact.replace(others_share_before=others.before, others_share=others.later)
+    if change_of_others is not None:
+        fact = fact.replace(
+            others_share_before=change_of_others.before, others_share=change_of_others.later
+        )
     return (fact,)
 
 

@@ -402,7 +402,7 @@ def _take_offs_and_landings(signals: Signals, recorded_span: Segment) -> Iterato
 
 
 def _nearest_within(times: Array, time: float, max_distance: float) -> float | None:
-    """Returns the one of several times that is nearest to a given time; None if it is too far away.
+    """Selects the time that is nearest to a given time from several times; None if it is too far away.
 
     Args:
         times: (N,) times, s; there may be none.

@@ -60,7 +60,7 @@ def saturation_losses(signals: Signals, events: Sequence[Fact], ending: Fact | N
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        events: events of the log (facts with a time), among them those of motors at their limit.
+        events: events of the log (facts with a time), among them the events that a motor was at its limit.
         ending: event with which the flight was lost; None if it was not.
 
     Returns:
@@ -88,7 +88,7 @@ def _unexplained_limits(events: Sequence[Fact], ending: Fact | None) -> Iterator
     or after the fault that caused it, since a state must last that long to be an event.
 
     Args:
-        events: events of the log (facts with a time), among them those of motors at their limit.
+        events: events of the log (facts with a time), among them the events that a motor was at its limit.
         ending: event with which the flight was lost; None if it was not.
     """
     latest_start_before_loss = _latest_start_before_ending(ending)
@@ -158,7 +158,7 @@ def with_saturated_motor(
         ending: event with which the flight was lost; None if it was not. Its figure ``cause`` is what failed first, if
             that is known already, and its subject the motor that the autopilot reported, if it did.
         losses: losses of motors (:func:`saturation_losses`), in any boot and in the order of time.
-        events: events of the log (facts with a time), among them those of motors at their limit.
+        events: events of the log (facts with a time), among them the events that a motor was at its limit.
 
     Returns:
         The event with cause and motor. It is unchanged if it has a cause, is no loss of control, or no motor is clearly
@@ -191,7 +191,7 @@ def with_motors_limited_before(ending: Fact | None, events: Sequence[Fact]) -> F
 
     Args:
         ending: event with which the flight was lost, with its cause as the figure ``cause``; None if it was not lost.
-        events: events of the log (facts with a time), among them those of motors at their limit.
+        events: events of the log (facts with a time), among them the events that a motor was at its limit.
 
     Returns:
         The event. Its cause has ``limited_names``, the motors that had been at their limit for ``MIN_LIMIT_SECONDS``
@@ -226,7 +226,7 @@ def _was_other_motor_limited(loss: Fact, events: Sequence[Fact]) -> bool:
 
     Args:
         loss: the loss, with the motor as subject.
-        events: events of the log (facts with a time), among them those of motors at their limit.
+        events: events of the log (facts with a time), among them the events that a motor was at its limit.
     """
     assert loss.time is not None
     for event in events:

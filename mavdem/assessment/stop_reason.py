@@ -129,7 +129,7 @@ def _battery_was_low(signals: Signals, boot: int, time: float) -> bool:
         time: time when the motors stopped, s since boot.
 
     Returns:
-        Whether it was low; False if no voltage or no limit is known.
+        True if one battery was low; False also if no voltage or no limit is known.
     """
     parameters = signals.telemetry.parameters
     for battery in signals.batteries:

@@ -207,7 +207,8 @@ def _satellite_height(
 ) -> TimeSeries | None:
     """Returns the height by satellites, in the boots in which an event doubts another height.
 
-    It is shifted in each boot, by a constant, to be that of the barometer at the take-off of the last such flight.
+    In each boot a constant is added to it, so that it equals the barometer's height at the take-off of the last such
+    flight.
 
     Args:
         signals: logged time series of the vehicle.

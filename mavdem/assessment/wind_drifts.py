@@ -176,7 +176,7 @@ class WindDriftDetector:
 
         Args:
             sample: lean and motion in flight.
-            parameters: parameters of the vehicle that are known, of which one limits the lean.
+            parameters: known parameters of the vehicle; one of them limits the lean.
         """
         samples = self._samples
         if samples and sample.time < samples[-1].time + SAMPLE_PERIOD:

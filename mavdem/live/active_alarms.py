@@ -42,7 +42,7 @@ class ActiveAlarms:
 
         Args:
             quantity: watched quantity, such as the vibration.
-            fact: the finding that states the fault. It replaces that of an alarm which is active already.
+            fact: the finding that states the fault. It replaces the finding of an alarm that is active already.
             fault_time: when the fault was there last, s of the boot clock.
 
         Returns:

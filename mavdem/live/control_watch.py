@@ -488,7 +488,7 @@ def carries_vehicle(motion: RecentMotion | None, parameters: Parameters) -> bool
 
     Args:
         motion: motor outputs of the last seconds; None if they do not come.
-        parameters: parameters of the vehicle, of which some state the idle.
+        parameters: parameters of the vehicle; some of them state the idle output.
     """
     return motion is not None and _idle_start(motion.motors, parameters) is None
 
@@ -498,7 +498,7 @@ def _idle_start(motors: MotorOutputs, parameters: Parameters) -> float | None:
 
     Args:
         motors: their outputs of the last seconds.
-        parameters: parameters of the vehicle, of which some state the idle.
+        parameters: parameters of the vehicle; some of them state the idle output.
 
     Returns:
         The time of the first output since then, s of the boot clock; None if the latest outputs carry the vehicle.

@@ -92,9 +92,9 @@ class GradualLossWatch:
         block_ends = np.array([block.end for block in self._blocks])
         block_commands = np.array([block.commands for block in self._blocks])
         leans = np.array([block.lean for block in self._blocks])
-        found_loss = gradual_loss(block_ends, block_commands, leans, self._geometry, self._boot)
-        if found_loss is not None:
-            self._update_loss(found_loss, block_ends, block_commands)
+        detected_loss = gradual_loss(block_ends, block_commands, leans, self._geometry, self._boot)
+        if detected_loss is not None:
+            self._update_loss(detected_loss, block_ends, block_commands)
             self._found_time = time
         elif self.loss is not None and time - self._found_time > MAX_CONFIRMATION_SECONDS:
             is_recent = block_ends > time - MAX_CONFIRMATION_SECONDS

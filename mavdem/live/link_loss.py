@@ -70,7 +70,7 @@ def lights_before_silence(
     Args:
         lights: the lights at the last message: the judgement of each part of the vehicle, by the name of the part.
         age: time since then, s; None where that is not known.
-        missing: which messages do not come. Without those of the motion, only ``LIGHTS_OF_MOTION`` are not known.
+        missing: which messages do not come. If only the motion is missing, only ``LIGHTS_OF_MOTION`` are not known.
 
     Returns:
         The lights by the same names. Those that warn stay, since what was found is not undone.

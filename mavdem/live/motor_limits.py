@@ -40,7 +40,7 @@ def motor_at_upper_limit(motors: MotorOutputs, is_at_upper: Flags, now: float) -
         now: present time on the boot clock, s.
 
     Returns:
-        The fact, with the names of the motors, those of others that work as hard in the mean (``equally_loaded``), and
+        The fact, with the names of the motors, the names of others with as high a mean output (``equally_loaded``), and
         the time, s, over which they were tested. Its subject is the motor, if a single one stands out. None if no motor
         was at its limit for so long, if all thrust is in use, or without outputs in these seconds.
     """

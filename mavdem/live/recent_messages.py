@@ -72,7 +72,7 @@ class RecentMessages:
         """Returns messages as the columns of a log, which the functions that judge logs take.
 
         Args:
-            names: names of the messages; a name of which none came is left out.
+            names: names of the messages; names without a received message are left out.
             start_time: messages before it are left out, s of the boot clock.
 
         Returns:

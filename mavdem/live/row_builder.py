@@ -110,7 +110,7 @@ class RowBuilder:
     ) -> SampleStream | None:
         """Adds a sample to the stream of its message and port, which begins with its first sample.
 
-        The samples of all messages of attitude and motor outputs are kept, since they show of which messages rows can
+        The samples of all messages of attitude and motor outputs are kept, since they show from which messages rows can
         be made.
 
         Args:

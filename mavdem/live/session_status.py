@@ -605,7 +605,7 @@ class SessionStatus(ImmutableResult):
     def _weak_motors(self) -> list[Fact]:
         """The losses of thrust of motors, the worst first, as facts with their newest figures.
 
-        In flight they are those of the present flight, and on the ground those of the whole session.
+        In flight only losses of the present flight count, and on the ground all losses of the session.
         """
         if self.motor_alarms_of_flight is not None:
             return thrust_losses(self.motor_alarms_of_flight)
@@ -683,7 +683,7 @@ class SessionStatus(ImmutableResult):
 
     @property
     def row_rate(self) -> float:
-        """Rate at which samples of attitude and motor outputs can be made, Hz: that of the slower of the two.
+        """Rate at which samples of attitude and motor outputs can be made, Hz: the rate of the slower of the two.
 
         Each may come in several messages, of which the fastest counts. If only one of the two comes, its rate is
         returned, and 0 if neither does.

@@ -244,7 +244,7 @@ class LiveStream:
     def process_without_rows(self, stamp: float, frames: Sequence[Frame]) -> None:
         """Processes the next frames of the link, and discards the rows that they complete.
 
-        It is for a vehicle of which only alarms are reported, since no model of it is learned.
+        It is for a vehicle that is only watched for alarms, since no model of it is learned.
 
         Args:
             stamp: time when they were received, UNIX s.
@@ -649,10 +649,10 @@ class LiveStream:
         if pose is not None:
             roll, pitch, _ = pose.angles
             lean = (roll, pitch)
-        found_facts = self.motor_alarms.add_sample(
+        new_alarms = self.motor_alarms.add_sample(
             time, self.boot, motors, commands, self._pose.heading, lean
         )
-        for fact in found_facts:
+        for fact in new_alarms:
             self._report(fact)
 
     def _restart(self, boot: int) -> None:

@@ -353,7 +353,7 @@ class VehicleSelector:
         self._report(Fact(VehicleFact.FOLLOWING_VEHICLE, subject=vehicle.description))
 
     def _report_choice(self, vehicles: list[Component]) -> None:
-        """Reports several vehicles, of which the user must choose one, unless these were reported already.
+        """Reports that the user must choose one of several vehicles, unless these were reported already.
 
         Until then that is why nothing is followed (``not_followed_reason``), and all of them are watched for alarms.
 

@@ -1268,7 +1268,7 @@ def latest_estimator_time(signals: Signals, estimator: Fact) -> float:
 
     Args:
         signals: signals of the last minute, in which the estimator was judged.
-        estimator: the fault, with its time. Where the fault is a large innovation, its figure "name" is that of the
+        estimator: the fault, with its time. If the fault is a large innovation, its figure "name" is the name of the
             innovation.
 
     Returns:

@@ -270,7 +270,7 @@ def _time_table(seconds_by_activity: Mapping[TimeUse, float]) -> Table:
 def _error_table(errors: Sequence[HorizonErrors], axis: str) -> Table:
     """Returns a table of the errors of predictions in flight: a row for each horizon, the time ahead.
 
-    It has three columns for the angle and three for the rate: the RMSE in degrees or degrees/s, that of the baseline,
+    It has three columns for the angle and three for the rate: the RMSE in degrees or degrees/s, the baseline's RMSE,
     and the percentage of the measurements that lay within the 90 % band of the predictions.
 
     Args:

@@ -151,10 +151,12 @@ def margin_sentences(fact: Fact, loops: "LoopsByAxis", margins: Iterable[Fact]) 
     if fact.code is not MarginsLight.LOOP_MARGINS or not fact.warns or axis_loop is None:
         return []
     other_axes = []
-    for other in margins:
-        is_of_other_axis = other.code is fact.code and other.figures["axis"] != axis_loop.axis
-        if is_of_other_axis and other.warns:
-            other_axes.append(other.figures)
+    for other_margins in margins:
+        is_of_other_axis = (
+            other_margins.code is fact.code and other_margins.figures["axis"] != axis_loop.axis
+        )
+        if is_of_other_axis and other_margins.warns:
+            other_axes.append(other_margins.figures)
     open_loop = axis_loop.attitude if fact.subject == "attitude" else axis_loop.rate
     return render_section(
         "why_margins",

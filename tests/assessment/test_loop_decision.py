@@ -54,7 +54,7 @@ def decision_on_roll(
         tracking,
         oscillation=None,
         gain_reduction=None,
-        vehicle_doubts=doubts,
+        vehicle_repairs=doubts,
         parameters=parameters,
         tune_arguments=("my.tlog",),
         attitude_swing=swing,
@@ -95,13 +95,13 @@ def test_an_error_of_a_swinging_attitude_is_remedied_as_the_swing(level, swing, 
 def test_a_loop_with_its_margins_stays_as_it_is():
     decision = decision_on_roll(made_up())
     assert (decision.diagnosis, decision.action) == (LoopDiagnosis.NOTHING_WRONG, None)
-    assert decision.reason.code is MarginsLight.LOOP_MARGINS and not decision.doubts
+    assert decision.reason.code is MarginsLight.LOOP_MARGINS and not decision.reasons_against_gains
 
 
 @mark.parametrize("tracking", [FOLLOWS, OVERSHOOTS, falls_short(0.0)])
 def test_a_loop_below_the_goal_gets_advised_gains_whatever_it_does_in_flight(tracking):
     decision = decision_on_roll(made_up(4.5), tracking, response=RESONANCE)
-    assert decision.diagnosis is LoopDiagnosis.BELOW_GOAL and not decision.doubts
+    assert decision.diagnosis is LoopDiagnosis.BELOW_GOAL and not decision.reasons_against_gains
     assert decision.action.sentence == (
         "Load the gains that `mavdem tune my.tlog --axis all` advises."
     )
@@ -113,7 +113,7 @@ def test_a_loop_below_the_goal_of_a_biased_effectiveness_gets_advised_gains():
     caution = Fact(LoopFact.EFFECT_BIASED, reason=NOT_STEERED)
     biased = replace(loop, plant=loop.plant._replace(bias=-0.15), cautions=(caution,))
     decision = decision_on_roll(biased)
-    assert (decision.diagnosis, decision.doubts) == (LoopDiagnosis.BELOW_GOAL, ())
+    assert (decision.diagnosis, decision.reasons_against_gains) == (LoopDiagnosis.BELOW_GOAL, ())
     assert decision.action.code is LoopAction.LOAD_ADVISED_GAINS
 
 
@@ -121,7 +121,7 @@ def test_a_flight_that_is_no_basis_for_the_advised_gains_is_flown_again_before_t
     advice = advise(made_up(2.5))
     assert advice.parameters and not advice.is_sound
     decision = decision_on_roll(made_up(2.5))
-    assert (decision.diagnosis, decision.doubts) == (LoopDiagnosis.BELOW_GOAL, ())
+    assert (decision.diagnosis, decision.reasons_against_gains) == (LoopDiagnosis.BELOW_GOAL, ())
     assert decision.action.code is LoopAction.FLY_BEFORE_GAINS
     assert decision.action.sentence.startswith("Keep the gains, and fly ten small, quick doublets")
     shares = decision.action.figures
@@ -138,7 +138,7 @@ def test_a_flight_that_is_no_basis_for_the_advised_gains_is_flown_again_before_t
 
 def test_a_loop_that_meets_the_goal_only_in_many_models_is_flown_first():
     decision = decision_on_roll(made_up(1.7))
-    assert (decision.diagnosis, decision.doubts) == (LoopDiagnosis.UNKNOWN, ())
+    assert (decision.diagnosis, decision.reasons_against_gains) == (LoopDiagnosis.UNKNOWN, ())
     assert decision.action.code is LoopAction.FLY_DOUBLETS
 
 
@@ -153,7 +153,10 @@ def test_sure_margins_of_a_contradicted_model_are_watched_and_give_no_gains(fact
     assert fact.sentence.startswith("Margins in doubt: the roll ")
     assert fact.sentence.endswith("by a model whose response differs from the flight's.")
     decision = decision_on_roll(loop, contradiction=contradiction)
-    assert (decision.diagnosis, decision.doubts) == (LoopDiagnosis.UNKNOWN, (contradiction,))
+    assert (decision.diagnosis, decision.reasons_against_gains) == (
+        LoopDiagnosis.UNKNOWN,
+        (contradiction,),
+    )
     assert decision.action.code is LoopAction.FLY_DOUBLETS
     # What was measured of the tracking needs no model.
     overshooting = decision_on_roll(loop, OVERSHOOTS, contradiction=contradiction)
@@ -204,7 +207,9 @@ def test_a_response_at_limits_or_of_other_gains_contradicts_no_loop(
 def test_a_loop_that_the_flight_refutes_gives_no_gains():
     refusal = Fact(ResponseFact.RESPONSE_DISAGREES, share=0.3, needed=0.8)
     decision = decision_on_roll(refusal)
-    assert decision.diagnosis is LoopDiagnosis.UNKNOWN and decision.doubts == (refusal,)
+    assert decision.diagnosis is LoopDiagnosis.UNKNOWN and decision.reasons_against_gains == (
+        refusal,
+    )
     assert decision.fact.remedy == refusal.remedy
 
 
@@ -213,7 +218,7 @@ def test_a_measured_resonance_lowers_p_and_d_unless_the_loop_explains_it():
         decision = decision_on_roll(loop, response=RESONANCE)
         assert decision.diagnosis is LoopDiagnosis.BELOW_GOAL
         assert changed_gains(decision) == {"MC_ROLLRATE_P": 0.1, "MC_ROLLRATE_D": 0.002}
-        assert decision.doubts[0].code is MarginsLight.RESONATES
+        assert decision.reasons_against_gains[0].code is MarginsLight.RESONATES
 
 
 def integrating_loop(crossover):
@@ -236,7 +241,9 @@ def test_an_injected_signal_outranks_the_identified_loop(crossover, diagnosis, g
     decision = decision_on_roll(made_up(2.5), injected=integrating_loop(crossover))
     assert decision.diagnosis is diagnosis
     assert decision.reason.code is MarginsLight.LOOP_MEASURED
-    assert decision.doubts == (decision.reason,), "no gains are computed from such a flight"
+    assert decision.reasons_against_gains == (decision.reason,), (
+        "no gains are computed from such a flight"
+    )
     assert (decision.action and changed_gains(decision)) == gains
 
 
@@ -251,7 +258,7 @@ def test_an_overshoot_lowers_the_angle_gain_only_where_no_margin_is_small():
         decision = decision_on_roll(loop, OVERSHOOTS)
         assert decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY
         assert changed_gains(decision) == {"MC_ROLL_P": 4.333333}
-        assert decision.doubts == (decision.reason,)
+        assert decision.reasons_against_gains == (decision.reason,)
     unnamed = decision_on_roll(NOT_STEERED, OVERSHOOTS, parameters={}).action
     assert unnamed.sentence == "Lower the P gain of the roll angle by a third."
 
@@ -270,7 +277,7 @@ def test_an_axis_that_is_too_slow_gets_higher_gains_unless_a_motor_is_at_a_limit
 @mark.parametrize("factor", [1.0, 2.5])
 def test_an_angle_that_is_missed_asks_for_a_look_at_the_vehicle(factor):
     decision = decision_on_roll(made_up(factor), MISSES)
-    assert decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY and decision.doubts
+    assert decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY and decision.reasons_against_gains
     assert decision.action.sentence == "Check motors, propellers and load before the next flight."
 
 
@@ -296,18 +303,20 @@ def test_a_limit_cycle_comes_first_and_hides_the_other_axes():
         observations = LoopObservations(margins, MISSES, oscillation, lowered, (), PX4, ())
         decision = decide_on_loops(observations)
         assert (decision.diagnosis, decision.action) == (diagnosis, lowered)
-        assert decision.fact.is_bad and lowered in decision.doubts
+        assert decision.fact.is_bad and lowered in decision.reasons_against_gains
         assert decision.action.code is GainFact.LOWER_GAINS
 
 
 def test_a_vehicle_that_must_be_repaired_keeps_its_diagnosis_and_gets_no_gains():
     crashed = Fact(Ending.CRASHED, time=20.0)
     decision = decision_on_roll(made_up(2.5), doubts=(crashed,))
-    assert decision.diagnosis is LoopDiagnosis.BELOW_GOAL and decision.doubts == (crashed,)
+    assert decision.diagnosis is LoopDiagnosis.BELOW_GOAL and decision.reasons_against_gains == (
+        crashed,
+    )
     assert decision.action.figures["reason"] == crashed
     sound_axis = decision_on_roll(made_up(), doubts=(crashed,))
     assert (sound_axis.diagnosis, sound_axis.action) == (LoopDiagnosis.NOTHING_WRONG, None)
-    assert sound_axis.doubts == (crashed,)
+    assert sound_axis.reasons_against_gains == (crashed,)
 
 
 def test_gains_of_several_axes_are_lowered_in_one_sentence():

@@ -1,10 +1,9 @@
 """Decision on the loops of an axis by facts (coded findings): what is wrong, what to do, what forbids new gains.
 
-It is made once, from limit cycles, margins, the measured response, tracking, and what speaks against the vehicle. A
-doubt is a fact (a coded finding) that forbids computing gains from the identified loop; what a fact advises is its
-remedy. Lights, screen, pages, dashboards, `mavdem tune`, live sessions, fleets and documents show this decision, and no
-other advice on gains. Whether `mavdem tune` advises to load any, or to fly before, is decided here, by the same rule
-(``Advice.is_sound``).
+It is made once, from limit cycles, margins, the measured response, tracking, and the repairs that the vehicle needs.
+What a fact (a coded finding) advises is its remedy. Lights, screen, pages, dashboards, `mavdem tune`, live sessions,
+fleets and documents show this decision, and no other advice on gains. Whether `mavdem tune` advises to load any, or to
+fly before, is decided here, by the same rule (``Advice.is_sound``).
 """
 
 from collections.abc import Mapping, Sequence
@@ -59,7 +58,7 @@ class LoopDecision:
     """What shows it."""
     action: Fact | None = None
     """What to do about it, as a sentence; None if nothing is to be done."""
-    doubts: Facts = ()
+    reasons_against_gains: Facts = ()
     """Why gains must not be computed from the identified loop; empty if they may be."""
     is_too_slow: bool = False
     """Whether gains may be raised although the loop has its margins, since the axis is too slow."""
@@ -99,7 +98,7 @@ class LoopObservations(NamedTuple):
     """The limit cycle of the vehicle; None if nothing oscillates."""
     gain_reduction: Fact | None
     """Which gains to lower against the limit cycle; None if nothing oscillates."""
-    vehicle_doubts: Facts
+    vehicle_repairs: Facts
     """Why the vehicle must be repaired before it is tuned; empty if nothing is wrong with it."""
     parameters: Parameters
     """The autopilot's parameters by name."""
@@ -117,15 +116,15 @@ def decide_on_loops(observations: LoopObservations) -> LoopDecision:
 
     1. A limit cycle: lower the gains that drive it, on the axes that oscillate. Nothing else is known before it ends.
     2. An axis so far from its setpoint that no loop explains it: check the vehicle.
-    3. Margins below the goal: load the gains that `mavdem tune` advises if the loop is identified without doubts.
-       Otherwise lower P and D by a third if the margins were measured, or first remove the doubt.
+    3. Margins below the goal: load the gains that `mavdem tune` advises if the loop is identified reliably.
+       Otherwise lower P and D by a third if the margins were measured, or first do what makes the loop known.
     4. The axis follows its setpoint badly although its loops have their margins, or these are not known.
     5. Nothing is wrong, or it is not known whether something is.
 
     If the vehicle must be repaired, the diagnosis stays, but the action is the repair, and no gains are computed.
 
     Args:
-        observations: margins, tracking and doubts that the flight shows of the axis.
+        observations: margins and tracking of the axis, and the repairs that the vehicle needs.
 
     Returns:
         The decision, with the observation that is its reason and the advised action.
@@ -141,18 +140,20 @@ def decide_on_loops(observations: LoopObservations) -> LoopDecision:
         decision = _decision_by_tracking(observations)
     if decision is None:
         decision = _decision_without_fault(observations)
-    doubts = observations.vehicle_doubts
-    if not doubts:
+    reasons_against_gains = observations.vehicle_repairs
+    if not reasons_against_gains:
         return decision
-    action = None if decision.action is None else _action_to_remedy(doubts[0])
-    return LoopDecision(decision.axis, decision.diagnosis, decision.reason, action, doubts)
+    action = None if decision.action is None else _action_to_remedy(reasons_against_gains[0])
+    return LoopDecision(
+        decision.axis, decision.diagnosis, decision.reason, action, reasons_against_gains
+    )
 
 
 def _action_to_remedy(reason: Fact) -> Fact:
     """Returns the action to do first what a fact advises as its remedy, before any gain is changed.
 
     Args:
-        reason: the fact, such as a doubt about the loop, or a repair that the vehicle needs.
+        reason: the fact, such as that the loop is not reliable, or a repair that the vehicle needs.
     """
     return Fact(LoopAction.DO_FIRST, reason=reason)
 
@@ -167,7 +168,7 @@ def _decision_on_oscillation(
     gains that keep up the limit cycle. No gains are computed from a loop until they have been lowered.
 
     Args:
-        observations: margins, tracking and doubts that the flight shows of the axis.
+        observations: margins and tracking of the axis, and the repairs that the vehicle needs.
         oscillation: the limit cycle of the axis with the largest body rates, with the limit cycles of other axes.
     """
     axis = observations.margins.axis
@@ -181,11 +182,13 @@ def _decision_on_oscillation(
         diagnosis = LoopDiagnosis.OSCILLATES
     else:
         diagnosis = LoopDiagnosis.UNKNOWN
-    # The advice to lower gains at once is also a doubt, which keeps `mavdem tune` from computing other gains.
-    doubts = observations.vehicle_doubts
+    # The advice to lower gains at once also keeps `mavdem tune` from computing other gains.
+    reasons_against_gains = observations.vehicle_repairs
     if gain_reduction is not None:
-        doubts = (*doubts, gain_reduction)
-    return LoopDecision(axis, diagnosis, reason, action=gain_reduction, doubts=doubts)
+        reasons_against_gains = (*reasons_against_gains, gain_reduction)
+    return LoopDecision(
+        axis, diagnosis, reason, action=gain_reduction, reasons_against_gains=reasons_against_gains
+    )
 
 
 def _decision_by_margins(observations: LoopObservations) -> LoopDecision | None:
@@ -199,7 +202,7 @@ def _decision_by_margins(observations: LoopObservations) -> LoopDecision | None:
     4. The identified loop, if its margins are uncertain (:func:`_decision_on_uncertain_loop`).
 
     Args:
-        observations: margins, tracking and doubts that the flight shows of the axis.
+        observations: margins and tracking of the axis, and the repairs that the vehicle needs.
 
     Returns:
         The decision; None if no source warns.
@@ -230,7 +233,7 @@ def _decision_on_uncertain_loop(
     measured response contradicts the loop. The action is to fly doublets, which show the margins better.
 
     Args:
-        observations: margins, tracking and doubts that the flight shows of the axis.
+        observations: margins and tracking of the axis, and the repairs that the vehicle needs.
         loop_fact: the fact about the margins of the identified loop, which warns.
 
     Returns:
@@ -242,8 +245,8 @@ def _decision_on_uncertain_loop(
         return None
     action = _advice_to_fly_doublets(margins.axis, loop_fact)
     reason = loop_fact.replace(action=action)
-    doubts = () if margins.contradiction is None else (margins.contradiction,)
-    return LoopDecision(margins.axis, LoopDiagnosis.UNKNOWN, reason, action, doubts)
+    reasons_against_gains = () if margins.contradiction is None else (margins.contradiction,)
+    return LoopDecision(margins.axis, LoopDiagnosis.UNKNOWN, reason, action, reasons_against_gains)
 
 
 def _decision_by_measurement(
@@ -255,7 +258,7 @@ def _decision_by_measurement(
     are computed from it, since the measurement contradicts it.
 
     Args:
-        observations: margins, tracking and doubts that the flight shows of the axis.
+        observations: margins and tracking of the axis, and the repairs that the vehicle needs.
         measurement_fact: the fact about the measured margins, or about the measured resonance.
 
     Returns:
@@ -264,7 +267,9 @@ def _decision_by_measurement(
     axis = observations.margins.axis
     action = _advice_to_lower_gains(observations, "rate")
     reason = measurement_fact.replace(action=action)
-    return LoopDecision(axis, LoopDiagnosis.BELOW_GOAL, reason, action, doubts=(reason,))
+    return LoopDecision(
+        axis, LoopDiagnosis.BELOW_GOAL, reason, action, reasons_against_gains=(reason,)
+    )
 
 
 def _decision_by_identified_loop(
@@ -273,10 +278,10 @@ def _decision_by_identified_loop(
     """Returns the decision on an axis whose identified loop has margins below the goal.
 
     The action is to load the gains that `mavdem tune` advises, or to fly before if the flight is not a basis for them.
-    If there are doubts about the loop, such as motors at their limits, the action is the remedy of the first doubt.
+    If the loop is not reliable enough for new gains, the action is the remedy of the first reason for that.
 
     Args:
-        observations: margins, tracking and doubts that the flight shows of the axis.
+        observations: margins and tracking of the axis, and the repairs that the vehicle needs.
         loop: the identified loop, which no measured response contradicts.
         loop_fact: fact (a coded finding) on the stability margins of that loop.
 
@@ -284,10 +289,10 @@ def _decision_by_identified_loop(
         The decision, with the diagnosis "below the goal".
     """
     axis = observations.margins.axis
-    doubts = reasons_for_no_gains(loop)
+    reasons_against_gains = reasons_for_no_gains(loop)
     advice = None
-    if doubts:
-        action = _action_to_remedy(doubts[0])
+    if reasons_against_gains:
+        action = _action_to_remedy(reasons_against_gains[0])
     else:
         advice = _advice_that_may_be_unsound(loop, raises_sound_gains=False)
         flight_before_gains = _flight_before_gains(advice)
@@ -296,7 +301,9 @@ def _decision_by_identified_loop(
         else:
             action = Fact(LoopAction.LOAD_ADVISED_GAINS, arguments=observations.tune_arguments)
     reason = loop_fact.replace(action=action)
-    return LoopDecision(axis, LoopDiagnosis.BELOW_GOAL, reason, action, doubts, advice=advice)
+    return LoopDecision(
+        axis, LoopDiagnosis.BELOW_GOAL, reason, action, reasons_against_gains, advice=advice
+    )
 
 
 def _advice_that_may_be_unsound(loop: Loop, *, raises_sound_gains: bool) -> Advice | None:
@@ -356,7 +363,7 @@ def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None
     - The error is large for another reason: check the vehicle.
 
     Args:
-        observations: margins, tracking and doubts that the flight shows of the axis.
+        observations: margins and tracking of the axis, and the repairs that the vehicle needs.
 
     Returns:
         The decision; None if the axis follows well, or that is not known.
@@ -387,7 +394,9 @@ def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None
             offset_angle=tracking.figures["offset_angle"],
         )
     reason = tracking.replace(action=action)
-    return LoopDecision(axis, LoopDiagnosis.FOLLOWS_BADLY, reason, action, doubts=(reason,))
+    return LoopDecision(
+        axis, LoopDiagnosis.FOLLOWS_BADLY, reason, action, reasons_against_gains=(reason,)
+    )
 
 
 def _decision_on_slow_rate(observations: LoopObservations) -> LoopDecision:
@@ -400,7 +409,7 @@ def _decision_on_slow_rate(observations: LoopObservations) -> LoopDecision:
     3. The rate loop is too slow (:func:`_decision_to_raise_gains`).
 
     Args:
-        observations: margins, tracking and doubts that the flight shows of the axis.
+        observations: margins and tracking of the axis, and the repairs that the vehicle needs.
 
     Returns:
         The decision, with the diagnosis that the axis follows badly.
@@ -415,29 +424,31 @@ def _decision_on_slow_rate(observations: LoopObservations) -> LoopDecision:
         action = _action_to_remedy(_reason_for_no_margins(observations))
     else:
         return _decision_to_raise_gains(observations, loop)
-    # The slow rate itself is then the doubt that keeps gains from being computed.
+    # The slow rate itself is then the reason against computing gains.
     reason = tracking.replace(action=action)
-    return LoopDecision(axis, LoopDiagnosis.FOLLOWS_BADLY, reason, action, doubts=(reason,))
+    return LoopDecision(
+        axis, LoopDiagnosis.FOLLOWS_BADLY, reason, action, reasons_against_gains=(reason,)
+    )
 
 
 def _decision_to_raise_gains(observations: LoopObservations, loop: Loop) -> LoopDecision:
     """Returns the decision on an axis whose rate loop is too slow.
 
-    The action is to raise its gains as far as the margins allow, as `mavdem tune` advises. If there are doubts about
-    higher gains, the action is the remedy of the first doubt.
+    The action is to raise its gains as far as the margins allow, as `mavdem tune` advises. If there are
+    reasons against higher gains, the action is the remedy of the first one.
 
     Args:
-        observations: margins, tracking and doubts that the flight shows of the axis.
+        observations: margins and tracking of the axis, and the repairs that the vehicle needs.
         loop: rate and attitude loop of the axis, with the plant that was identified in flight.
 
     Returns:
         The decision, with the diagnosis that the axis follows badly because it is too slow.
     """
     axis = observations.margins.axis
-    doubts = reasons_for_no_gains(loop, for_higher_gains=True)
+    reasons_against_gains = reasons_for_no_gains(loop, for_higher_gains=True)
     advice = None
-    if doubts:
-        action = _action_to_remedy(doubts[0])
+    if reasons_against_gains:
+        action = _action_to_remedy(reasons_against_gains[0])
     else:
         advice = _advice_that_may_be_unsound(loop, raises_sound_gains=True)
         action = _flight_before_gains(advice) or Fact(
@@ -449,7 +460,7 @@ def _decision_to_raise_gains(observations: LoopObservations, loop: Loop) -> Loop
         LoopDiagnosis.FOLLOWS_BADLY,
         reason,
         action,
-        doubts,
+        reasons_against_gains,
         is_too_slow=True,
         advice=advice,
     )
@@ -463,10 +474,10 @@ def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
     such as to log the setpoint.
 
     Args:
-        observations: margins, tracking and doubts that the flight shows of the axis.
+        observations: margins and tracking of the axis, and the repairs that the vehicle needs.
 
     Returns:
-        The decision, with the diagnosis "nothing wrong" or "unknown", and doubts that forbid new gains.
+        The decision, with the diagnosis "nothing wrong" or "unknown", and the reasons why no new gains may be computed.
     """
     margins = observations.margins
     good_facts = [fact for fact in margins.facts if fact.is_good]
@@ -478,16 +489,27 @@ def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
         elif reason.remedy:
             action = _action_to_remedy(reason)
         # A loop whose margins are not known to be good is not a basis for new gains.
-        return LoopDecision(margins.axis, LoopDiagnosis.UNKNOWN, reason, action, doubts=(reason,))
+        return LoopDecision(
+            margins.axis,
+            LoopDiagnosis.UNKNOWN,
+            reason,
+            action,
+            reasons_against_gains=(reason,),
+        )
     best_fact = good_facts[0]
-    doubts: Facts = ()
+    reasons_against_gains: Facts = ()
     if best_fact.code is MarginsLight.LOOP_MEASURED:
         # An injected signal moves the vehicle, so that no gains are computed from such a flight.
-        doubts = (best_fact,)
+        reasons_against_gains = (best_fact,)
     elif isinstance(margins.loop, Fact):
         # This fact says why no loop was identified from which gains could be computed.
-        doubts = (margins.loop,)
-    return LoopDecision(margins.axis, LoopDiagnosis.NOTHING_WRONG, best_fact, doubts=doubts)
+        reasons_against_gains = (margins.loop,)
+    return LoopDecision(
+        margins.axis,
+        LoopDiagnosis.NOTHING_WRONG,
+        best_fact,
+        reasons_against_gains=reasons_against_gains,
+    )
 
 
 def _reason_for_no_margins(observations: LoopObservations) -> Fact:
@@ -497,7 +519,7 @@ def _reason_for_no_margins(observations: LoopObservations) -> Fact:
     spectrum of the rate; the reason why no loop was identified; or how the axis follows its setpoint.
 
     Args:
-        observations: margins, tracking and doubts that the flight shows of the axis.
+        observations: margins and tracking of the axis, and the repairs that the vehicle needs.
     """
     margins = observations.margins
     if margins.facts:

@@ -132,15 +132,15 @@ def tune_loops(
     evidence = assessment.evidence
     assert evidence is not None
     judgement = assessment.judgement
-    vehicle_doubts = _reasons_against_higher_gains(evidence, judgement)
-    notch = assessment.noise.notch if filters and not vehicle_doubts else None
+    reasons_of_vehicle = _reasons_against_higher_gains(evidence, judgement)
+    notch = assessment.noise.notch if filters and not reasons_of_vehicle else None
     # The fact about the notch filter contains the parameters to set, or says why there is no filter.
     notch_parameters = dict(notch.figures.get("settings", ())) if notch else {}
     advice_by_axis = _advice_on_axes(
         assessment,
         axes,
         margins,
-        vehicle_doubts,
+        reasons_of_vehicle,
         notch_parameters,
         raises_sound_gains=raises_sound_gains,
     )
@@ -225,7 +225,7 @@ def _advice_on_axes(
     assessment: Assessment,
     axes: Sequence[str],
     margins: str,
-    vehicle_doubts: Facts,
+    reasons_of_vehicle: Facts,
     notch_parameters: Parameters,
     *,
     raises_sound_gains: bool,
@@ -236,7 +236,7 @@ def _advice_on_axes(
         assessment: all results on the vehicle: events, status lights, model, loops and wind.
         axes: the requested ones of "roll", "pitch" and "yaw".
         margins: name of the required margins, in ``MARGIN_TARGETS``.
-        vehicle_doubts: reasons why no gains of any axis may be raised.
+        reasons_of_vehicle: reasons why no gains of any axis may be raised.
         notch_parameters: parameters that set a notch filter; empty if no filter is set.
         raises_sound_gains: whether the gains of loops that have enough margin are raised.
 
@@ -252,7 +252,7 @@ def _advice_on_axes(
     judgement = assessment.judgement
     reasons_without_loop = _reasons_without_loop(assessment, axes)
     refusals = {
-        axis: Fact(LoopFact.NO_LOOP, reasons=vehicle_doubts or (reason,))
+        axis: Fact(LoopFact.NO_LOOP, reasons=reasons_of_vehicle or (reason,))
         for axis, reason in reasons_without_loop.items()
     }
     if all(axis in refusals for axis in axes):
@@ -261,7 +261,7 @@ def _advice_on_axes(
         reasons = _joined_by_reason(refusals)
         if headline.is_bad and not must_be_repaired:
             reasons.insert(0, headline)
-        elif len(axes) == 1 and not vehicle_doubts:
+        elif len(axes) == 1 and not reasons_of_vehicle:
             raise NotLearnable(reasons_without_loop[axes[0]])
         raise NotLearnable(LoopFact.NO_LOOP, reasons=reasons)
     advice_by_axis = AdviceByAxis()
@@ -273,7 +273,7 @@ def _advice_on_axes(
         advice_by_axis[axis] = _advice_on_loop(
             loop,
             margins,
-            vehicle_doubts,
+            reasons_of_vehicle,
             notch_parameters,
             judgement.loop_decisions.get(axis),
             raises_sound_gains=raises_sound_gains,
@@ -443,7 +443,7 @@ def _next_step_without_new_gains(
 def _advice_on_loop(
     flown_loop: Loop,
     margins: str,
-    vehicle_doubts: Facts,
+    reasons_of_vehicle: Facts,
     notch_parameters: Parameters,
     decision: LoopDecision | None,
     *,
@@ -457,29 +457,33 @@ def _advice_on_loop(
     Args:
         flown_loop: rate and attitude loop of the axis, with the gains that flew.
         margins: name of the margins to have, in ``MARGIN_TARGETS``.
-        vehicle_doubts: reasons why no gains of any axis may be raised; the decision has them too, if there is one.
+        reasons_of_vehicle: reasons why no gains of any axis may be raised; a decision has them too.
         notch_parameters: parameters that set the notch filter; empty without one.
-        decision: what was decided on the loop, with the doubts about it, and with its advice if that was needed; None
+        decision: what was decided on the loop, with the reasons against new gains, and the advice if it was made; None
             for an axis without a decision.
         raises_sound_gains: whether the user wants higher gains even if the loop has the wanted margins already.
     """
-    doubts = vehicle_doubts if decision is None else decision.doubts
+    reasons_against_gains = (
+        reasons_of_vehicle if decision is None else decision.reasons_against_gains
+    )
     # An axis that follows its setpoint too slowly has its gains raised in any case.
     is_too_slow = decision is not None and decision.is_too_slow
     loop = loop_at_end_of_log(flown_loop)
     if loop is not flown_loop:
         # A measured response, which may contradict the identified loop, was measured with the gains that flew.
-        doubts = (*doubts, *reasons_for_no_gains(flown_loop))
+        reasons_against_gains = (*reasons_against_gains, *reasons_for_no_gains(flown_loop))
     raises_gains = raises_sound_gains or is_too_slow
-    has_usual_request = margins == "default" and raises_gains == is_too_slow and not doubts
+    has_usual_request = (
+        margins == "default" and raises_gains == is_too_slow and not reasons_against_gains
+    )
     if decision is not None and decision.advice is not None and has_usual_request:
         advice = decision.advice
     else:
-        advice = advise(loop, margins, doubts, raises_sound_gains=raises_gains)
+        advice = advise(loop, margins, reasons_against_gains, raises_sound_gains=raises_gains)
     if is_too_slow and not raises_sound_gains and advice.stage is Stage.ANGLE:
         # A higher angle gain would only demand more of a rate loop that is too slow, so no gain is raised.
         raises_gains = False
-        advice = advise(loop, margins, doubts, raises_sound_gains=False)
+        advice = advise(loop, margins, reasons_against_gains, raises_sound_gains=False)
     may_be_advised = not advice.refusals
     if notch_parameters and may_be_advised:
         # Doubts would have been among the refusals: there are none to pass on.

@@ -145,7 +145,7 @@ def _calibrated_by_device_id(
         sensor_type: names of the parameters of these sensors.
 
     Returns:
-        Whether it was calibrated, by the device id of the sensor; only for sensors with all three offsets.
+        By device id, True if the sensor was calibrated; sensors without all three offsets are left out.
     """
     calibrated_by_id = {}
     numbers = _numbers_by_device_id(parameters, sensor_type.identifier_name)

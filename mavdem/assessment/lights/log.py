@@ -274,7 +274,7 @@ def _longest_gap(evidence: Evidence, attitude: Attitude) -> float:
 
 
 def _log_of_other_vehicle(evidence: Evidence) -> Fact:
-    """Judges how well the log recorded a vehicle that is not a multirotor, and of which no model is learned.
+    """Judges how well the log recorded a vehicle that is not a multirotor. No model is learned of such a vehicle.
 
     Without a model no rate is too slow, and the outputs of the motors do not matter. Only gaps of the attitude in
     operation, messages that the logger lost ("dropouts"), and damage count.

@@ -339,13 +339,13 @@ def _lacks_headroom_in_one_motor(hover: HoverFigures) -> bool:
         hover: outputs of the motors in the hover, with the headroom of each, the fraction of its range above the 99th
             percentile of its output, and the fraction of the time that each was at its limit.
     """
-    lowest, *others = sorted(hover.headroom)
-    if not others:
+    lowest_headroom, *other_headrooms = sorted(hover.headroom)
+    if not other_headrooms:
         return False
-    lowest_of_others = others[0]
-    time_at_limit = hover.at_upper_limit[hover.headroom.index(lowest)]
+    lowest_of_other_motors = other_headrooms[0]
+    time_at_limit = hover.at_upper_limit[hover.headroom.index(lowest_headroom)]
     is_longest_at_limit = time_at_limit >= max(hover.at_upper_limit)
-    has_less = lowest_of_others >= max(MIN_HEADROOM, MIN_HEADROOM_RATIO * lowest)
+    has_less = lowest_of_other_motors >= max(MIN_HEADROOM, MIN_HEADROOM_RATIO * lowest_headroom)
     return has_less and is_longest_at_limit
 
 

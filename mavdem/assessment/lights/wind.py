@@ -122,7 +122,7 @@ def _lean_fraction(condition: Condition, telemetry: Telemetry) -> float:
 
     Args:
         condition: condition of the vehicle, with its mean lean.
-        telemetry: parameters of the autopilot, of which one limits the lean.
+        telemetry: parameters of the autopilot; one of ``LEAN_LIMIT_PARAMETERS`` limits the lean.
 
     Returns:
         Mean lean over the limit; 0 if lean or limit is not known.
@@ -137,7 +137,7 @@ def lean_limit(parameters: Parameters) -> float | None:
     """Returns the largest lean that the autopilot allows, rad; None if no parameter limits it.
 
     Args:
-        parameters: parameters of the autopilot that are known, of which one of ``LEAN_LIMIT_PARAMETERS`` limits it.
+        parameters: known parameters of the autopilot; one of ``LEAN_LIMIT_PARAMETERS`` limits it.
     """
     for name, degrees_per_unit in LEAN_LIMIT_PARAMETERS.items():
         limit = parameters.get(name, 0.0) * degrees_per_unit

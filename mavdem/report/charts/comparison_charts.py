@@ -96,7 +96,7 @@ def longest_flight(signals: Signals) -> FlightInterval | None:
 
 
 def flight_series(signals: Signals) -> FlightSeries:
-    """Returns the time series of a log's longest flight, which a comparison draws over those of another log.
+    """Returns the time series of a log's longest flight, for charts that compare it with a flight of another log.
 
     A quantity that was not recorded, or has no two samples in the flight, is left out.
 

@@ -326,7 +326,7 @@ def _lines_with_setpoint(name: str, signal: FollowedSetpoint) -> list[Line]:
         signal: the measured signal with its setpoint.
 
     Returns:
-        Two lines over time; only that of the measured signal if the setpoint was not recorded.
+        Two lines over time; only the line of the measured signal if the setpoint was not recorded.
     """
     scale = display_unit(signal.unit).scale
     time = signal.measured.time

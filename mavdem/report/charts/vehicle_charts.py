@@ -228,8 +228,8 @@ def _motor_deviations(flights: Sequence[AxisRows]) -> tuple[str, Estimates]:
 def _trims_without_lean(flights: Sequence[AxisRows]) -> Estimates:
     """Returns how much each motor deviates from the mean of all, %, without the part that the vehicle's lean explains.
 
-    Wind makes a vehicle lean, and the lean needs a torque, so that in wind even sound motors deviate. Without this part
-    the deviations are those by which the motors are judged.
+    Wind makes a vehicle lean, and the lean needs a torque, so that in wind even sound motors deviate. By the deviations
+    without this part the motors are judged.
 
     A flight in which a motor failed has no such deviations: the vehicle leans because of the failure, so that their
     effects on the motors cannot be told apart.

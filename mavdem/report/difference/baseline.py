@@ -90,7 +90,7 @@ def _sentence_on_compared_flights(latest_row: FlightRow, difference: VehicleDiff
 def _sentences_on_weak_motor(
     latest_row: FlightRow, motors: MotorVerdict, difference: VehicleDifference
 ) -> list[Sentence]:
-    """Returns the sentence on how the motors differ from those of healthy flights, with the changes that agree with it.
+    """Returns the sentence on how the motors differ from the motors in healthy flights, and the changes that show it.
 
     Args:
         latest_row: row of the latest flight in the fleet's table, with the reason for the health of its motors.

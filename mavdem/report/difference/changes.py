@@ -139,7 +139,8 @@ def doubtful_changes(reviewed: ReviewedDifference) -> list[QuantityChange]:
     """Returns the tested quantities whose change is doubtful, the most certain first.
 
     A change is doubtful if the quantity's own interval excludes "no change", but the test of all quantities together
-    does not confirm it. Those that the judgement of the motors settles are left out.
+    does not confirm it. A change of a motor's quantity is left out if the judgement of the motors has decided already
+    whether that motor is weak.
 
     Args:
         reviewed: comparison of two states.
@@ -147,7 +148,7 @@ def doubtful_changes(reviewed: ReviewedDifference) -> list[QuantityChange]:
     doubtful = [
         change
         for change in reviewed.difference.tested
-        if change.is_doubtful and not reviewed.motors.settles(change)
+        if change.is_doubtful and not reviewed.motors.takes_precedence_over(change)
     ]
     return sorted(doubtful, key=lambda change: change.p)
 
@@ -267,9 +268,9 @@ def change_sentences(
 
 
 def sentences_without_change(reviewed: ReviewedDifference) -> list[Sentence]:
-    """Returns the sentences on uncertain quantities, and on those that stayed the same.
+    """Returns the sentences on the quantities of which no change was found: uncertain ones, and unchanged ones.
 
-    Uncertain are those whose interval allows for a change as for none.
+    A quantity is uncertain if its interval is so wide that it contains both "no change" and a change that matters.
 
     Args:
         reviewed: comparison of two states, quantity by quantity.

@@ -56,8 +56,7 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
     4. The changed gains of loops with a bad margin or a changed figure, or else all changed gains, and their effects.
     5. The other lights of the vehicle that are to be watched on one side, and good on the other.
 
-    Where no figure changed that the gains do not explain, the third comes last, since it then says that nothing else
-    changed.
+    If the gains explain all changed figures, the third comes last, since it then says that nothing else changed.
 
     Args:
         reviewed: comparison of the two states, with the reviews of both logs and changed parameters.
@@ -156,12 +155,12 @@ def with_evidence(
     """Adds the measured evidence for a weak motor to the sentence of the headline that names it.
 
     Args:
-        sentences: sentences on status lights, such as that of the motors.
+        sentences: sentences on status lights, such as the light of the motors.
         motors: what is known of the motors, with the changes that are evidence.
         difference: comparison of the two states, with the names of the motors.
 
     Returns:
-        The sentences; that of the motors ends with "This agrees with …" if there is evidence.
+        The sentences; the one on the motors ends with "This agrees with …" if there is evidence.
     """
     if not motors.evidence:
         return [*sentences]

@@ -57,8 +57,15 @@ class MotorVerdict(NamedTuple):
     differs: bool = False
     """Whether the motors of the two states are judged differently, with another level or of another motor."""
 
-    def settles(self, change: QuantityChange) -> bool:
-        """Returns whether the motors' own judgement takes the place of the result of a change that is doubtful."""
+    def takes_precedence_over(self, change: QuantityChange) -> bool:
+        """Returns whether the judgement of the motors is stated instead of a doubtful change of one quantity.
+
+        That is the case if the change is evidence for a motor that is known to be weak, and for any trim if a
+        probability of a fault is known, which follows from all trims together.
+
+        Args:
+            change: change of one quantity between the two states.
+        """
         if change in self.evidence:
             return True
         return change.quantity.kind == SHARE and self.fault_probability is not None

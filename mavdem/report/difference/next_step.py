@@ -74,9 +74,9 @@ def next_blocks(reviewed: ReviewedDifference) -> list[Sentence]:
 def _steps_of_bad_logs(reviewed: ReviewedDifference) -> list[Sentence]:
     """Returns the next step that each log's own review advises, for the logs with a bad status light.
 
-    The step of the log that was flown later comes first. That of the earlier log is left out if the later log of the
-    same vehicle has settled all its bad lights: each is good there, or is bad for the same reason, for which the later
-    log's own step stands.
+    The step of the log that was flown later comes first. The step of the earlier log is left out if the later log of
+    the same vehicle makes it superfluous: if each light that is bad in the earlier log is good in the later one, or is
+    bad for the same reason, against which the later log's own step helps too.
 
     Args:
         reviewed: comparison of two states. If they are of two vehicles, one does not show whether the other was mended.
@@ -91,10 +91,10 @@ def _steps_of_bad_logs(reviewed: ReviewedDifference) -> list[Sentence]:
             is_later_bad = True
         earlier_light = reviews[earlier]["lights"][light.name]
         later_light = reviews[later]["lights"][light.name]
-        is_settled = later_light["level"] == Level.GOOD or lights_are_equal(
+        is_resolved = later_light["level"] == Level.GOOD or lights_are_equal(
             earlier_light, later_light
         )
-        if earlier in light.bad_sides and (reviewed.are_two_vehicles or not is_settled):
+        if earlier in light.bad_sides and (reviewed.are_two_vehicles or not is_resolved):
             has_earlier_open_fault = True
     sides = []
     if is_later_bad:

@@ -44,7 +44,7 @@ def changed_rate_gains(
 
     Args:
         parameters: all parameters of the autopilot that changed.
-        axes: only gains that act on one of these axes are returned; empty for those of all axes.
+        axes: only gains that act on one of these axes are returned; empty for the gains of all axes.
     """
     gains = []
     for parameter in parameters:

@@ -99,7 +99,7 @@ def change_with_interval(change: QuantityChange) -> str:
     """Returns a change with the half width of its 90 % interval, such as "−18 % ± 6 %" or "+1.2 ± 0.8", without unit.
 
     Args:
-        change: change of one quantity; that of a quantity which is compared as a ratio is in percent.
+        change: change of one quantity, which is in percent if the quantity is compared as a ratio.
     """
     if change.quantity.kind in LOGARITHMIC_KINDS:
         percent = 100 * change.half_width

@@ -241,7 +241,7 @@ def _motor_chapter(
 def _step_chapter(reviews_by_side: Reviews, legend: Mapping[str, str]) -> Chapter:
     """Returns the chapter on step responses: how the rate and the attitude follow a step of their setpoint.
 
-    Each axis has a column of charts: that of its rate loop, and below it that of its attitude loop. A chart shows the
+    Each axis has a column of charts: its rate loop, and below it its attitude loop. A chart shows the
     responses that were measured in both flights. Axes without a measured response have no column; the chapter is empty
     if no axis has one.
 

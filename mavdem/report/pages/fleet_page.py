@@ -458,7 +458,7 @@ def _labels_of_serial_numbers(
 def _note_on_vehicle(vehicle: VehicleFlights) -> str:
     """Returns what is wrong with a vehicle in one sentence, for its line in the list of a fleet's vehicles.
 
-    A vehicle of which nothing is known to be wrong has no note, since most vehicles of a fleet would have the same.
+    A vehicle with no known fault has no note, since most vehicles of a fleet would have the same.
 
     Args:
         vehicle: summary of the vehicle's flights, with texts on its motors and the headline of its latest flight.

@@ -235,7 +235,7 @@ def unfold_chapters_of_warnings(
     Args:
         chapters: the chapters.
         lights: the lights by name; each is a fact (a coded finding) with a level.
-        headline: the fact in the headline, which is that of a light or of an event.
+        headline: the fact in the headline, which is about a light or an event.
     """
     titles_to_open = _titles_to_open(chapters, lights, headline)
     for chapter in chapters:
@@ -259,7 +259,7 @@ def _titles_to_open(
     Args:
         chapters: the chapters, with the levels of their sections.
         lights: the judgement of each part of the vehicle by name, a fact (a coded finding) with a level.
-        headline: the fact in the headline, which is that of a light or of an event.
+        headline: the fact in the headline, which is about a light or an event.
     """
     vehicle_levels = {fact.level for name, fact in lights.items() if name != Light.LOG}
     worst_level = Level.BAD if Level.BAD in vehicle_levels else Level.WATCH

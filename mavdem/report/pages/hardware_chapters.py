@@ -25,11 +25,11 @@ def hardware_chapters(
 ) -> list[Chapter]:
     """Returns two folded chapters: on the hardware, such as the power supply, and on setpoints and the pilot's sticks.
 
-    A chapter has a section with a sentence and charts for each subject of which anything was logged.
+    A chapter has a section with a sentence and charts for each subject with logged data.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        lights: status lights by name; that on the power is the finding of the section on the power supply.
+        lights: status lights by name; the light on the power is the finding of the section on the power supply.
         timeline: charts of the flight over time; without it (None) the sections have no charts.
 
     Returns:
