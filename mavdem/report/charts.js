@@ -260,7 +260,10 @@
   const height = (figure, data) => {
     if (!data.lines.length) return 26;
     const isFlat = figure.dataset.flat != null, isBare = figure.dataset.bare != null, isForPaper = root.classList.contains("printing");
-    return above(data) + (isForPaper ? (isFlat ? 54 : 81) + (isBare ? 0 : 26) : (isFlat ? 118 : 154) + (isBare ? 0 : 34));
+    // Many lines in one plot, such as those of all motors, are told apart only where it is high.
+    const isCrowded = data.lines.length > 3, isWide = figure.clientWidth > 500;
+    const plotHeight = isForPaper ? (isCrowded ? 100 : isFlat || isWide ? 60 : 81) : (isCrowded || !isFlat ? 154 : 118);
+    return above(data) + plotHeight + (isBare ? 0 : isForPaper ? 26 : 34);
   };
 
   // What a figure shows: its data with the values unpacked, and the columns, series and bands that uPlot has of them.

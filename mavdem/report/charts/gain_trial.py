@@ -152,7 +152,9 @@ def _motion_chart(title: str, motion: TwinMotion, is_drawn: Flags) -> Chart:
     if np.any(motion.setpoint):
         setpoint = np.degrees(motion.setpoint[is_drawn])
         lines.append(Line("setpoint", TRUTH, time, setpoint, style=LineStyle.DASHES))
-    angles = {"now": motion.present, "advised": motion.advised}
-    for name, angle in angles.items():
-        lines.append(Line(name, GAIN_COLOURS[name], time, np.degrees(angle[is_drawn])))
+    advised_angle = np.degrees(motion.advised[is_drawn])
+    present_angle = np.degrees(motion.present[is_drawn])
+    lines.append(Line("advised", GAIN_COLOURS["advised"], time, advised_angle))
+    # The line of the present gains is dashed and drawn last, so that both are seen where they are equal.
+    lines.append(Line("now", GAIN_COLOURS["now"], time, present_angle, style=LineStyle.DASHES))
     return Chart(f"{title}: error {errors}", TRIAL_TIME, Axis("angle (°)"), tuple(lines))

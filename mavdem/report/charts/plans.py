@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from itertools import combinations, pairwise
+from math import dist
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -27,6 +28,12 @@ if TYPE_CHECKING:
 
 RADIUS = 100.0
 """Radius of what is drawn, in units of the drawing: of the outermost motor, the largest petal, and half of the path."""
+
+MAX_DISC_RADIUS = 43.0
+"""Largest radius of the disc of a motor, in units of the drawing: a motor at ``RADIUS`` still lies within it."""
+
+MIN_MOTOR_DISTANCE = 1.0
+"""Distance in the drawing below which two motors have the same place: those of a coaxial pair."""
 
 SPEED_CLASS_LIMITS = (0, 2, 4, 6, 8, 10, np.inf)
 """Limits of the classes of wind speed in a wind rose, m/s."""
@@ -82,7 +89,7 @@ class _DrawnCommands(NamedTuple):
             hover: commands and headroom of the motors in settled flight, as fractions of their range.
         """
         return cls(
-            title="From above, in settled flight",
+            title="From above, in settled flight: commands in % of the range",
             description="Mean command, of its range, and headroom",
             commands=np.array(hover.trim_of_range),
             remarks=[f"{100 * headroom:.0f} % left" for headroom in hover.headroom],
@@ -98,7 +105,7 @@ class _DrawnCommands(NamedTuple):
         """
         start_time, end_time = failure.interval
         return cls(
-            title=f"From above, at the failure ({start_time:.1f} to {end_time:.1f} s)",
+            title=f"From above, at the failure ({start_time:.1f} to {end_time:.1f} s): commands in % of the range",
             description="Median command at the failure, of its range, and in the flight before",
             commands=failure.at_failure,
             remarks=[f"usual {100 * usual_command:.0f} %" for usual_command in failure.usual],
@@ -160,9 +167,22 @@ def frame_plan(
     motor_texts = [
         f"motor {motor['name']} {motor['command']}, {motor['remark']}" for motor in drawn_motors
     ]
-    # The radius of the discs, in the units of the drawing: those of eight motors on a circle still do not overlap.
-    svg = figure_as_svg("frame", motors=drawn_motors, size=150.0 / motor_count**0.9)
+    svg = figure_as_svg("frame", motors=drawn_motors, size=_disc_radius(positions))
     return Plan(drawn.title, f"{drawn.description}: {listed(motor_texts)}.", svg)
+
+
+def _disc_radius(positions: Array) -> float:
+    """Returns the radius of a disc with full command, in units of the drawing: neighbouring discs do not overlap.
+
+    Args:
+        positions: (k, 2) places of the motors in the drawing. Two motors at one place, one above the other, share it.
+    """
+    radii = [MAX_DISC_RADIUS]
+    for first, second in combinations(positions.tolist(), 2):
+        distance = dist(first, second)
+        if distance > MIN_MOTOR_DISTANCE:
+            radii.append(distance / 2)
+    return min(radii)
 
 
 def motor_levels(light: Fact, imbalance: Array) -> list[Level]:

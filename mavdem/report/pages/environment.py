@@ -26,6 +26,9 @@ _SPACE_BEFORE_PERCENT = re.compile(r"(?<=\d) ?%")
 _SPACE_BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:k?m|m?s|min|h|k?Hz|V|A|dB|kg|MB)\b)")
 """The space between a number and its unit, such as that in "22.1 s" and "5 m/s"."""
 
+_INTERVAL = re.compile(r"\(\S+ to \S+\)")
+"""An interval after a figure, such as "(23 to 35)"."""
+
 _ELLIPSIS_IN_NAME = re.compile(r"(?<=\w)…(?=\w)")
 """An ellipsis within a shortened name, such as "001a…333539"."""
 
@@ -42,8 +45,8 @@ def render_page(template: Template, **values: Any) -> str:
 def environment() -> Environment:
     """Returns Jinja's environment for the templates of ``mavdem/report``; it escapes all text.
 
-    Beside Jinja's own, templates have the filters ``prose``, ``with_unbroken_units`` and ``evidence_text``, the tests
-    ``is table`` and ``is chart`` by which they choose how to draw a block, and as globals the version of the program
+    Beside Jinja's own, templates have the filters ``prose``, ``with_unbroken_units``, ``with_unbroken_intervals`` and
+    ``evidence_text``, the tests ``is table`` and ``is chart`` by which they choose how to draw a block, and as globals the version of the program
     and the colours of charts. The environment is cached and shared: a filter that one page adds is there for all pages.
     """
     jinja = Environment(
@@ -63,6 +66,7 @@ def environment() -> Environment:
     jinja.tests["chart"] = lambda panel: isinstance(panel, Chart)
     jinja.filters["prose"] = _prose_as_html
     jinja.filters["with_unbroken_units"] = _with_unbroken_units
+    jinja.filters["with_unbroken_intervals"] = _with_unbroken_intervals
     jinja.filters["evidence_text"] = evidence_text
     return jinja
 
@@ -89,3 +93,13 @@ def _prose_as_html(text: str) -> Markup:
 def _with_unbroken_units(html: Markup) -> Markup:
     """Returns text whose numbers stay on a line with their units: for large print, in which a line has few words."""
     return Markup(_SPACE_BEFORE_UNIT.sub("\N{NO-BREAK SPACE}", html))
+
+
+def _with_unbroken_intervals(html: Markup) -> Markup:
+    """Returns text whose intervals stay on a line: in a narrow table a line breaks before an interval, not in it."""
+
+    def unbroken(interval: re.Match[str]) -> str:
+        """Returns an interval with spaces at which no line breaks."""
+        return interval[0].replace(" ", "\N{NO-BREAK SPACE}")
+
+    return Markup(_INTERVAL.sub(unbroken, html))

@@ -422,14 +422,22 @@
     } catch (error) { status.textContent = error.message; }
   };
   if (fieldsPart && plots && column && $("bar")) {
-    const summary = fieldsPart.firstElementChild, label = element("label", "Search ", null), input = element("input", "", label);
+    const details = element("details", "", null, "fields"), label = element("label", "Search ", null), input = element("input", "", label);
+    element("summary", "Plot any field of the log", details);
     Object.assign(input, { id: "fieldsearch", type: "search", placeholder: "words of message and field", autocomplete: "off" });
     const status = element("p", "", null, "soft"), list = element("ul", "", null, "fieldlist");
     Object.assign(status, { id: "fieldstatus" }).setAttribute("role", "status");
     list.id = "fieldlist";
-    fieldsPart.replaceChildren(summary, label, status, list);
+    details.append(label, status, list);
+    fieldsPart.replaceChildren(details);
     input.addEventListener("input", showFields);
-    fieldsPart.addEventListener("toggle", () => { if (fieldsPart.open) listFields(); });
+    // Enter plots the first field that is found, so that no hand leaves the keyboard.
+    input.addEventListener("keydown", event => {
+      if (event.key !== "Enter") return;
+      event.preventDefault();
+      list.querySelector("button[aria-pressed=false]")?.click();
+    });
+    details.addEventListener("toggle", () => { if (details.open) listFields(); });
     const plotted = new URL(location).searchParams.getAll("plot").map(text => text.split("~")).filter(parts => parts.length === 3);
     const plotThose = async () => {
       for (const [message, instance, field] of plotted) await plotField({ message, field, instance: instance ? Number(instance) : null });
