@@ -46,8 +46,9 @@ def environment() -> Environment:
     """Returns Jinja's environment for the templates of ``mavdem/report``; it escapes all text.
 
     Beside Jinja's own, templates have the filters ``prose``, ``with_unbroken_units``, ``with_unbroken_intervals`` and
-    ``evidence_text``, the tests ``is table`` and ``is chart`` by which they choose how to draw a block, and as globals the version of the program
-    and the colours of charts. The environment is cached and shared: a filter that one page adds is there for all pages.
+    ``evidence_text``, the tests ``is table`` and ``is chart`` by which they choose how to draw a block, and as globals
+    the version of the program and the colours of charts. The environment is cached and shared: a filter that one page
+    adds is there for all pages.
     """
     jinja = Environment(
         loader=PackageLoader("mavdem.report", ""),
