@@ -27,10 +27,7 @@ def test_learning_is_suspended_until_the_analysis_has_caught_up(monkeypatch):
 
 
 def test_a_session_that_begins_late_is_too_slow_only_where_it_does_not_catch_up(monkeypatch):
-    """A computer that is late for 10 s is reported, and one that catches up after the start is not.
-
-    In the second round, the delay stays at 1.2 s; the rounds before have 3 updates.
-    """
+    """One session catches up after a late start. Another stays 1.2 s late, which is reported after 10 s."""
     now = [100.0]
     monkeypatch.setattr("mavdem.live.clock.monotonic", lambda: now[0])
     reported = []

@@ -217,7 +217,10 @@ def test_landing_messages_are_requested_only_where_they_do_not_come():
 
 
 def test_rates_that_another_ground_station_sets_back_are_requested_again():
-    """Another ground station sets the rates back every 15 s. They are requested again, after ever longer pauses."""
+    """Another ground station sets the rates back every 15 s.
+
+    They are requested again, but not more often than every ``REPEAT_SECONDS``.
+    """
     vehicle = Vehicle(RateRequest(VEHICLE, 100.0), _30=4.0, _36=4.0, _74=4.0, _245=4.0, _32=4.0)
     vehicle.run(300.0, back_every=15.0)
     requested = [at for at, command, kind in vehicle.sent if (command, kind) == (SET_INTERVAL, 30)]
