@@ -259,10 +259,14 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(here, capsys,
     assert "The model is being learned. Fly on" not in captured
     assert re.search(r"in flight 0:\d\d, .*; learning", captured)
     assert re.search(r"Watched: .*\boscillation\b.*\(since \d+ s\)", captured)
-    told = strict_json(printed.out)
-    assert told["vehicle"] == "1:1" and told["samples"]["learnt"] > 500 and told["lost"] == 0
-    assert told["record"]["frames"] > 1000 and flown[0].commands >= 4
-    assert told["rates"]["ATTITUDE"] == approx(100, rel=0.1), (
+    document = strict_json(printed.out)
+    assert (
+        document["vehicle"] == "1:1"
+        and document["samples"]["learnt"] > 500
+        and document["lost"] == 0
+    )
+    assert document["record"]["frames"] > 1000 and flown[0].commands >= 4
+    assert document["rates"]["ATTITUDE"] == approx(100, rel=0.1), (
         "what comes faster already is not lowered"
     )
     learned = mavdem.Learned.from_json((here / document["model"]).read_text())
