@@ -357,14 +357,14 @@ def _first_event_distorting_outputs(events: Sequence[Fact], ending: Fact | None)
     Returns:
         The first such event; None if there was none.
     """
-    losses = []
+    distorting_events = []
     for event in events:
         is_standstill = event.code is MotionEvent.MOTOR_STOOD_STILL and event.is_bad
         if is_standstill or event.code is MotionEvent.HEIGHT_DIVERGED:
-            losses.append(event)
+            distorting_events.append(event)
     if ending is not None:
-        losses.append(ending)
-    return in_time_order(losses)[0] if losses else None
+        distorting_events.append(ending)
+    return in_time_order(distorting_events)[0] if distorting_events else None
 
 
 def _motor_changes(analysis: LogAnalysis, ending: Fact | None) -> list[Fact]:
@@ -395,7 +395,8 @@ def with_wind(assessment: Assessment, wind: WindEvidence) -> Assessment:
     """Returns an assessment with another estimate of its wind, such as one with the drag of an earlier flight.
 
     The light of the wind, the headline and the next step are judged anew; the other lights (the judgements of motors,
-    margins, …) are kept. The grades of the learned model are left out, so that no next step is to improve it.
+    margins, …) are kept. The grades of the learned model are left out, so that the next step is never to improve the
+    model.
 
     Args:
         assessment: assessment of a vehicle, which must have been judged.

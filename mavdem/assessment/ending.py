@@ -71,17 +71,18 @@ def find_ending(
     else:
         return None
     if loss.code is MotionEvent.TIPPED:
-        # The ground tipped the vehicle over.
+        # The ground tipped the vehicle over, so that no part of it failed first.
         cause = None
     elif loss.code is MotionEvent.TOPPLED:
+        # The ground drives the motors of a toppling vehicle to their limits: they show no cause, but the stick may.
         cause = _throttle_closed(loss)
     boot = loss.figures["boot"]
     motor_report = _motor_report(signals, bad_events, boot)
     # A motor is named only if cause and report do not name two different ones.
-    subjects = {fact.subject for fact in (cause, motor_report) if fact and fact.subject}
-    concerns_one_motor = len(subjects) == 1 and (
-        cause is None or cause.code not in CAUSES_OF_ALL_MOTORS
-    )
+    named_motors = {fact.subject for fact in (cause, motor_report) if fact and fact.subject}
+    is_cause_of_all_motors = cause is not None and cause.code in CAUSES_OF_ALL_MOTORS
+    concerns_one_motor = len(named_motors) == 1 and not is_cause_of_all_motors
+    # A report on the motor that the cause names already says nothing new.
     adds_to_cause = motor_report is not None and (
         cause is None or cause.subject != motor_report.subject
     )
@@ -89,7 +90,7 @@ def find_ending(
         ENDINGS.get(loss.code, Ending.LOSS_REPORTED),
         time=loss.time,
         end_time=loss.end_time,
-        subject=subjects.pop() if concerns_one_motor else "",
+        subject=named_motors.pop() if concerns_one_motor else "",
         cause=cause,
         word=motor_report if adds_to_cause else None,
         mode="" if cause is not None else signals.mode_at(boot, loss_onset(loss) or 0.0),

@@ -217,7 +217,9 @@ def _battery_faults(signals: Signals) -> Iterator[FaultSignal]:
 
 
 def _batteries_with_charge_state(telemetry: Telemetry) -> list[BatteryColumns]:
-    """Returns the messages on batteries that report a charge state; only BATTERY_STATUS if that does.
+    """Returns the messages on batteries that report a charge state, such as "low" or "critical".
+
+    Several messages may report the same battery: if BATTERY_STATUS has a charge state, the others are left out.
 
     Args:
         telemetry: messages of the vehicle.

@@ -67,9 +67,15 @@ def first_failure(
 ) -> Fact | None:
     """Returns the fact about what failed first before a vehicle was lost; None if the log does not show it.
 
-    The cause is a motor that was off or stood still when the loss began, or a setpoint that turned the vehicle over.
-    Otherwise the commands of the motors are examined over a short interval (:func:`_context_of_impact`,
-    :func:`_context_of_attitude_loss`). If the height estimate diverged before, that is the cause instead.
+    The first of these that the log shows is the cause:
+
+    1. A motor was off or stood still when the loss began.
+    2. A setpoint turned the vehicle over.
+    3. The height estimate diverged.
+    4. The commands of the motors, as the loss began, show what failed (:func:`failure_by_commands`).
+    5. Before an impact, the throttle was lowered.
+
+    If all motors were switched off, the result says why, such as that the autopilot wrongly assumed a landing.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -89,11 +95,6 @@ def first_failure(
     error = attitude_error(signals, boot)
     if error is None:
         return None
-    if loss.code is MotionEvent.HIT:
-        loss_context = _context_of_impact(events, boot, onset)
-    else:
-        loss_context = _context_of_attitude_loss(error, onset)
-    cause = failure_by_commands(signals, boot, loss_context)
     divergence = _height_divergence_event(events, boot, onset)
     if divergence is not None:
         return Fact(
@@ -102,6 +103,11 @@ def first_failure(
             cause=divergence,
             later_cause=_throttle_closed_fact(signals, boot, divergence, onset),
         )
+    if loss.code is MotionEvent.HIT:
+        loss_context = _context_of_impact(events, boot, onset)
+    else:
+        loss_context = _context_of_attitude_loss(error, onset)
+    cause = failure_by_commands(signals, boot, loss_context)
     if cause is None and loss.code is MotionEvent.HIT:
         return lowered_throttle(signals, boot, onset)
     if cause is None or cause.code is not FailedFirst.ALL_OFF_FIRST:

@@ -361,7 +361,8 @@ class _Contact:
         throttle_closing = self.sensors.throttle_closed_fact(
             (onset - DESCENT_SECONDS, onset + STICK_REACTION_SECONDS)
         )
-        if self.loss is not None or (rest is not None and rest.is_on_side):
+        has_toppled = self.loss is not None or (rest is not None and rest.is_on_side)
+        if has_toppled:
             code = self._code_of_toppled_vehicle(onset, rest, fall_speed, throttle_closing)
         elif (contact_speed or 0.0) > HARD_IMPACT_SPEED:
             code = MotionEvent.HIT
@@ -372,6 +373,7 @@ class _Contact:
         if code is MotionEvent.TOPPLED and throttle_closing is not None:
             sensor_facts = (*sensor_facts, throttle_closing)
         is_hit = code is MotionEvent.HIT
+        # An impact is dated by its first knock, another contact by its onset, which may be the loss of attitude.
         event_time = contact if is_hit else onset
         height = self._height_of_contact(event_time)
         interval = (onset - MAX_SETPOINT_DELAY, onset + RECOVERY_SECONDS)
@@ -546,7 +548,9 @@ class _Contact:
         return height_before - height > LANDING_DESCENT
 
     def _is_leaning(self, time: float) -> bool:
-        """Returns whether roll or pitch exceeded ``MAX_LANDING_LEAN`` at a time, s, with any setpoint.
+        """Returns whether the vehicle leaned too far to land: roll or pitch beyond ``MAX_LANDING_LEAN``.
+
+        The setpoint plays no part: a vehicle that leans on purpose does not land either.
 
         Args:
             time: the time, s since boot.

@@ -187,10 +187,9 @@ def _headline_without_flight(evidence: Evidence) -> Fact:
     if evidence.other_vehicle is not None:
         if signals.armed is not None and not signals.armed.values.any():
             return NEVER_ARMED
-    shows_flight = any(
-        signal is not None for signal in (signals.motors, signals.landed_state, signals.armed)
-    )
-    if not shows_flight:
+    # With one of these signals a log shows whether the vehicle flew.
+    signals_of_flight = (signals.motors, signals.landed_state, signals.armed)
+    if all(signal is None for signal in signals_of_flight):
         for event in evidence.events:
             if event.warns and isinstance(event.code, ReportedEvent):
                 return event

@@ -97,7 +97,8 @@ def innovation_ratios(telemetry: Telemetry) -> TimeSeries | None:
     """Returns the estimator's innovations divided by the limits of its tests (innovation ratios).
 
     An innovation is a measurement minus its prediction by the filter. At a ratio of 1 the filter's test just accepts
-    the measurement. The first message with all ratios is used, ArduPilot's or PX4's.
+    the measurement. ArduPilot and PX4 have different messages with these ratios; the first that has all of them is
+    used.
 
     Args:
         telemetry: messages of the vehicle.

@@ -426,10 +426,10 @@ def _compass_instances(evidence: Evidence) -> Iterator[Instance]:
 
 
 def _imu_instances(evidence: Evidence) -> Iterator[Instance]:
-    """Yields the IMUs with their vibration in flight, m/s², as the autopilot reports it, of the most shaken axis.
+    """Yields the IMUs with their vibration in flight, m/s²: what the autopilot reports for the most shaken axis.
 
-    For an IMU whose vibration is not reported, the values are the size of its specific force, m/s², instead. Its state
-    says whether its accelerometer measured gravity at rest, if the log shows that.
+    If the vibration of an IMU is not reported, the magnitude of its specific force, m/s², is used instead. The state of
+    an IMU says whether its accelerometer measured gravity at rest, if the log shows that.
 
     Args:
         evidence: signals, events and measurements of the vehicle.

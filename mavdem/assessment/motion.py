@@ -231,7 +231,7 @@ def _events_of_flight(
     divergences = list(height_divergences(sensors, controlled_interval))
     yield from divergences
     if not divergences:
-        # A height that diverged is off as well.
+        # A height that diverged has an offset too, which needs no event of its own.
         yield from height_offsets(sensors, controlled_interval)
     yield from position_losses(sensors, controlled_interval, reports)
     yield from wind_drifts(sensors, controlled_interval)

@@ -77,10 +77,15 @@ def _advice_of_light(light: Fact) -> Fact | None:
 def _step_against_faults(headline: Fact, lights: NamedFacts) -> Fact:
     """Returns the next step: to do what the fault in the headline needs, and what some other bad lights need.
 
-    The advice of another light is added only if the fault in the headline does not explain that light. Bad power always
-    has other causes, and so has bad vibration if power is the headline. If the autopilot reports a battery, and a
-    battery was measured to be bad, the advice is only about the measured one. After a loss of the vehicle, every bad
-    light may be its reason, and a motor that is bad, or was found weak, is named as the suspect.
+    The advice of another bad light is added only if the fault in the headline cannot be the cause of that light:
+
+    - After a loss of the vehicle every bad light may be the reason for the loss, and its advice is added. A motor that
+      is bad, or was found weak, is named as the suspect.
+    - The power is bad for reasons of its own under any other headline.
+    - The vibration is bad for reasons of its own if the power is the headline.
+
+    If the headline is the autopilot's report on a battery, and a battery was measured to be bad, the only advice is
+    about the measured one.
 
     Args:
         headline: headline of the judgement, with a fault.

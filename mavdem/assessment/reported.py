@@ -365,10 +365,11 @@ def _arming_events(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
 def _take_offs_and_landings(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
     """Yields take-offs and landings in one boot.
 
-    The flights are those that motor outputs and heights show, because a land detector may be mistaken. As they come
-    from averages, their times are inexact: if the land detector reports a change within ``AVERAGING_SECONDS``, the
-    event has the time of that. The outputs of vehicles that are not multirotors do not show flights, so that only the
-    reports of the land detector are used for them. Vehicles that stay on the ground or water have no such events.
+    The flights are found by motor outputs and heights, because the autopilot's land detector may be mistaken. As they
+    are found in averages, their times are inexact. So if the land detector reports a change within
+    ``AVERAGING_SECONDS``, the event gets the time of this report. The outputs of vehicles that are not multirotors do
+    not show flights: their events are the reports of the land detector alone. Vehicles that stay on the ground or water
+    have no such events.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.

@@ -78,9 +78,9 @@ def restarts(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
         recorded_span: recorded time of the boot.
 
     Yields:
-        At most one fact, with the figures of :func:`mavdem.assessment.reported.reported_events`. That of a restart in
-        flight also has ``watchdog``, whether the watchdog caused it; ``descent``, how far the vehicle fell then, m; and
-        ``impact``, when it hit the ground, s since boot. The last two are None if it did not, or that is not known.
+        At most one fact, with the figures of :func:`mavdem.assessment.reported.reported_events`. The fact of a restart
+        in flight also has ``watchdog``, whether the watchdog caused it; ``descent``, how far the vehicle fell then, m;
+        and ``impact``, when it hit the ground, s since boot. The last two are None without a fall, or if not known.
     """
     telemetry = signals.telemetry
     is_watchdog = _reports_watchdog(signals, recorded_span)
@@ -91,7 +91,7 @@ def restarts(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
     if is_watchdog or was_flying:
         is_in_flight = has_fallen or _begins_in_flight(signals, recorded_span)
     else:
-        # There is no other sign of a flight. Only a fall from a greater height, and a tumble, soon after the boot are.
+        # Nothing else shows a flight. So only a fall from a greater height with a tumble, soon after the boot, does.
         has_fallen_far = descent >= MIN_UNREPORTED_FALL_HEIGHT
         is_early = recorded_span.start <= MAX_BOOT_CLOCK
         is_in_flight = is_early and has_fallen_far and _tilts_far_at_start(signals, recorded_span)

@@ -186,8 +186,8 @@ def with_saturated_motor(
 def with_motors_limited_before(ending: Fact | None, events: Sequence[Fact]) -> Fact | None:
     """Adds to the event of a lost flight the motors that were at their limit before all thrust was used up.
 
-    That all thrust is used up is found by the mean command of all motors. The mean hides a motor that worked at its
-    limit long before the others came near theirs.
+    The mean command of all motors shows when all thrust is used up. But it hides a motor that worked at its limit long
+    before the others came near theirs, which may be the weak one.
 
     Args:
         ending: event with which the flight was lost, with its cause as the figure ``cause``; None if it was not lost.

@@ -82,11 +82,12 @@ class ShownTime:
     def event(self, fact: Fact) -> Event | None:
         """Returns a fact as an event on the clock of the shown time.
 
-        With several parts, the time outside a part may be taken by a part of another boot. So an event outside of all
-        parts of its boot is not shown. With a single part there is no such risk.
+        The shown time consists of parts of the record, one after the other. An event outside of all parts of its boot
+        would appear in a part of another boot, so that it is not shown. With a single part there is no such risk.
 
         Args:
-            fact: the fact; without a figure ``boot`` it is of the boot on whose clock the parts are shown.
+            fact: the fact. Its figure ``boot`` is the boot whose clock its time is on; without this figure it is the
+                boot on whose clock the parts are shown.
 
         Returns:
             The event; None if the fact has no time, or a time that is not shown.
@@ -123,11 +124,11 @@ def one_part(segment: Segment) -> ShownTime:
 
 
 def successive_parts(segments: Sequence[Segment], boot: int) -> ShownTime:
-    """Returns the shown time of parts of several boots, one after the other.
+    """Puts parts of several boots one after the other on the clock of one of these boots, for charts of all of them.
 
     Args:
         segments: a part of each boot, in the order of the boots.
-        boot: the boot on whose clock all are put; one of theirs.
+        boot: number of the boot on whose clock all parts are put.
     """
     # First the parts are put one after the other on a clock that is 0 at the start of the first. The shift of a part is
     # what has to be added to its times for that.

@@ -7,7 +7,7 @@ from mavdem.facts.ending import MotionEvent
 
 
 def with_causes_of_swings(events: Sequence[Fact]) -> list[Fact]:
-    """Adds to each event of a swinging attitude what other events at the same time show of its cause.
+    """Adds to each event of a swinging attitude the causes that other events at the same time show.
 
     Args:
         events: events of all boots of the autopilot, each with its time.

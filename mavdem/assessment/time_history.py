@@ -137,7 +137,7 @@ def time_history(
     *,
     has_all_flights: bool = False,
 ) -> TimeHistory | None:
-    """Returns the signals of the boot that was analysed, or of all flights, over time.
+    """Returns the signals of the analysed boot over time, or of all flights, for the charts of a page.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.

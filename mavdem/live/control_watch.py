@@ -192,9 +192,9 @@ class ControlWatch:
             moment: present time, with the motor outputs, which show what failed first.
 
         Returns:
-            How the flight would end, with the cause where the motors show one; if the vehicle is so low that a
-            parachute does not help, with the figure ``is_low``. None if control is not lost, if the loss is not serious
-            yet, if the vehicle has recovered from it, or if no second sensor confirms it.
+            The fact how the flight is being lost, with the cause if the motors show one, and with the figure ``is_low``
+            if the vehicle is so low that a parachute does not help. None if control is not lost, if the loss is not
+            serious yet, if the vehicle has recovered from it, or if no second sensor confirms it.
         """
         if moment.time - self._large_error_time > RECOVERY_SECONDS:
             return None
@@ -275,14 +275,14 @@ class ControlWatch:
         return is_new and is_too_low_for_parachute
 
     def held_climb_rate(self, moment: FlightMoment) -> TimeSeries | None:
-        """Returns the climb rate of a vehicle whose autopilot is to hold its height, so that it should not sink.
+        """Returns the climb rate of a vehicle whose autopilot holds its height, so that it should not sink.
 
         Args:
             moment: present time.
 
         Returns:
-            The estimated climb rate of the last seconds, m/s; None in a mode that lands or leaves the throttle to the
-            pilot, where the sensors of the height contradict each other, or where no climb rate comes.
+            The estimated climb rate of the last seconds, m/s. None in a mode that lands or leaves the throttle to the
+            pilot, if the sensors of the height contradict each other, or if no climb rate comes.
         """
         start_time = moment.time - MEMORY_SECONDS
         signals = self.signals(

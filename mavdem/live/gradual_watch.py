@@ -67,13 +67,13 @@ class GradualLossWatch:
         self._latest_time = -inf
 
     def add_sample(self, time: float, commands: list[float], lean: Numbers = UNKNOWN_LEAN) -> None:
-        """Adds a sample of settled flight whose attitude follows its setpoint, and searches when that is due.
+        """Adds a sample of settled flight, and searches, when that is due, for a motor that gradually loses thrust.
 
-        A loss is over if it has not been found for ``MAX_CONFIRMATION_SECONDS``, in which the command of the motor was
-        nearer to that before the loss than to that with it.
+        A loss that was found is over if no search has found it for ``MAX_CONFIRMATION_SECONDS``, and if the command of
+        the motor in this time was nearer to its value before the loss than to its value with the loss.
 
         Args:
-            time: time of the sample, s of the boot clock.
+            time: time of the sample, in which the attitude follows its setpoint, s of the boot clock.
             commands: (k,) outputs of the motors, as fractions of the range.
             lean: roll and pitch, rad; NaN where they are not known.
         """
@@ -85,7 +85,8 @@ class GradualLossWatch:
         if completed_block is None:
             return
         self._blocks.append(completed_block)
-        if time - self._search_time < SEARCH_PERIOD:
+        is_search_due = time - self._search_time >= SEARCH_PERIOD
+        if not is_search_due:
             return
         self._search_time = time
         # Blocks are means over a short time: B of them, of k motors.

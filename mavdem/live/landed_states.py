@@ -77,10 +77,12 @@ class LandedStates:
         Args:
             now: time until which the latest state lasts, s of the boot clock.
             boot: number of the boot; a boot lasts from one start of the autopilot to the next.
-            was_flying: whether the vehicle flew when the former boot ended, of which nothing else is known.
+            was_flying: whether the vehicle was in flight when the former boot ended. Nothing else is known of that
+                boot.
 
         Returns:
-            MAV_LANDED_STATE (N,) of this boot and, if the vehicle was flying in the former one, a sample of that.
+            MAV_LANDED_STATE (N,) of this boot. If the vehicle was in flight at the end of the former boot, the first
+            sample is of that boot.
         """
         # The latest state is repeated at the present time.
         latest_sample = self._samples[-1]

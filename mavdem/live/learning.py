@@ -203,13 +203,14 @@ class FlightLearning:
         return self._torque.resolved(estimate)
 
     def _keep_model(self, row: AlignedRow, model: Learned | None) -> None:
-        """Keeps the learner's model, if it is new and of settled flight, with the time of the row that it came with.
+        """Keeps the learner's model, if it is new and of settled flight, with the time at which it was learned.
 
-        By these times, models that were learned from a landing are withdrawn. A model from the climb after take-off is
-        only remembered, so that it is not kept when the first row of settled flight comes with the same model.
+        These times show after a landing which models were learned from it, so that they can be withdrawn. A model from
+        the climb after take-off is only remembered. So it is not taken for a new one when settled flight begins, before
+        the learner has another.
 
         Args:
-            row: the row that the learner was updated with.
+            row: the sample, of one time, that the learner was updated with.
             model: the learner's latest model; None before any.
         """
         if row.is_settled:

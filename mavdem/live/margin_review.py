@@ -246,7 +246,9 @@ class MarginReview:
             self._messages.add(stamp, frames, vehicle)
 
     def update(self, now: float, stream: LiveStream, *, is_busy: bool) -> None:
-        """Takes the result of a review that is done, or begins another one if that is due; it never waits.
+        """Takes the result of a finished review of the stability margins, or begins another one if that is due.
+
+        Reviews are computed in another process, for which this method never waits.
 
         It is called once a second. Reviews begin ``FIRST_REVIEW_SECONDS`` after the take-off, and follow each other
         while the vehicle flies. The last one is of the whole flight, after its landing.
@@ -254,7 +256,7 @@ class MarginReview:
         Args:
             now: present time, s of the monotonic clock.
             stream: stream of the vehicle.
-            is_busy: whether this computer has no time for a review.
+            is_busy: whether this computer has no time for a review now.
         """
         has_taken_off = stream.is_flying and not self._was_flying
         has_just_landed = self._was_flying and not stream.is_flying

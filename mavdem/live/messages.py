@@ -270,10 +270,10 @@ def port_outputs(message: Message) -> PortOutputs:
 
 
 def parameters_by_name(messages: Iterable[Message], autopilot: str) -> Parameters:
-    """Returns the finite values of an autopilot's parameters by name, decoded as those of a log are.
+    """Returns the finite values of an autopilot's parameters by name, decoded as the parameters in a log are.
 
     Args:
-        messages: Messages PARAM_VALUE of one vehicle, at least one.
+        messages: messages PARAM_VALUE of one vehicle, at least one.
         autopilot: name of the MAV_AUTOPILOT, which decides how integers are sent as floats.
     """
     ids = []

@@ -124,12 +124,12 @@ class Presentation:
         learned: Learned | None = None,
         wind: WindEstimate | None = None,
     ) -> None:
-        """Displays a row together with what is estimated at its time, if there is a display.
+        """Displays a sample of the flight together with the estimates at its time, if there is a display.
 
         Args:
-            row: motor outputs and motion at one time.
+            row: the sample: motor outputs and motion at one time.
             pose: the latest attitude with its setpoint; None before the first.
-            estimate: estimate of this row; None for a row that was not learned from.
+            estimate: the learner's estimate for this sample; None if it was not learned from.
             learned: the latest model; None before the first.
             wind: the latest estimate of the wind; None before the first.
         """

@@ -141,15 +141,17 @@ class RawRecording:
             if self._mcap is not None:
                 self._mcap.finish()  # type: ignore[no-untyped-call]
 
-    def move_after(self, system: int, component: int, other: RawRecording) -> list[ReceivedPiece]:
+    def move_after(
+        self, system: int, component: int, destination: RawRecording
+    ) -> list[ReceivedPiece]:
         """Moves all frames after the last frame of a vehicle from its closed .tlog to the recording of another vehicle.
 
-        They were sent by other vehicles, after this one had become silent. An .mcap stays as it is.
+        The frames were sent by other vehicles, after this one had become silent. An .mcap stays as it is.
 
         Args:
             system: MAVLink system id of the vehicle.
             component: MAVLink component id of its autopilot.
-            other: an open recording of the same format.
+            destination: the recording that gets the frames; it is open and has the same format.
 
         Returns:
             The moved frames with their stamps.
@@ -161,10 +163,10 @@ class RawRecording:
         if end_of_last_frame is None:
             # The recording has no frame of the vehicle.
             return []
-        return self._move_from(end_of_last_frame, other)
+        return self._move_from(end_of_last_frame, destination)
 
     def move_since_restart(
-        self, restart: TimeInterval, system: int, component: int, other: RawRecording
+        self, restart: TimeInterval, system: int, component: int, destination: RawRecording
     ) -> list[ReceivedPiece]:
         """Moves all frames since a restart of a vehicle from its closed .tlog to the recording of its next flight.
 
@@ -174,7 +176,7 @@ class RawRecording:
             restart: an interval in which the vehicle restarted, UNIX s.
             system: system id of the vehicle.
             component: its component id.
-            other: an open recording of the same format.
+            destination: the recording that gets the frames; it is open and has the same format.
 
         Returns:
             The moved frames with their stamps.
@@ -195,7 +197,7 @@ class RawRecording:
         restart_offset = self._size
         if silence_end is not None:
             restart_offset = first_byte + silence_end
-        return self._move_from(restart_offset, other)
+        return self._move_from(restart_offset, destination)
 
     def _offset_before(self, time: float) -> int:
         """Returns an offset in a .tlog, bytes, from which on all frames of a given time or later are found.
@@ -213,7 +215,7 @@ class RawRecording:
             offset = size
         return offset
 
-    def _move_from(self, start: int, other: RawRecording) -> list[ReceivedPiece]:
+    def _move_from(self, start: int, destination: RawRecording) -> list[ReceivedPiece]:
         """Moves the end of the closed .tlog, from an offset on, to another recording.
 
         The frames are cut off here only once the operating system has them in the other file, so that no failure loses
@@ -221,7 +223,7 @@ class RawRecording:
 
         Args:
             start: offset of the first record to move, bytes.
-            other: an open recording of the same format.
+            destination: the recording that gets the frames; it is open and has the same format.
 
         Returns:
             The moved frames with their stamps.
@@ -233,7 +235,7 @@ class RawRecording:
             return []
         with open(self._path, "r+b") as file:
             file.seek(start)
-            pieces = other._add_records(file.read(self._size - start))
+            pieces = destination._add_records(file.read(self._size - start))
             file.truncate(start)
         self.frame_count -= len(pieces)
         return pieces

@@ -121,18 +121,18 @@ def _thinned_out(name: str, messages: Sequence[TimedValues]) -> list[TimedValues
     return [*kept_messages, *messages[half:]]
 
 
-def columns_from(fields: Sequence[str], rows: Iterable[TimedValues], boot: int) -> Columns:
+def columns_from(fields: Sequence[str], messages: Iterable[TimedValues], boot: int) -> Columns:
     """Turns messages of one name into the columns in which a log holds them.
 
     Args:
         fields: names of the fields, in the order of the values.
-        rows: the messages, at least one.
+        messages: the messages, each with its time and its values; at least one.
         boot: number of the boot, the same for all of them.
 
     Returns:
         One array of N values for each field, with the columns "time" and "boot".
     """
-    times, values = zip(*rows, strict=True)
+    times, values = zip(*messages, strict=True)
     columns = {"time": np.array(times), "boot": np.full(len(times), boot)}
     # One tuple of N values for each field, in the order of the fields.
     values_by_field = zip(*values, strict=True)

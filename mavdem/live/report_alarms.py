@@ -62,7 +62,7 @@ class ReportAlarms:
         )
 
     def update(self, reports: Sequence[Fact], now: float) -> None:
-        """Notes which faults are reported still or again, and drops the alarms on faults that no longer are.
+        """Notes which faults are reported still or again, and ends the alarms on faults that are no longer reported.
 
         Args:
             reports: all reports of the last minute, with repetitions merged.

@@ -288,8 +288,9 @@ class LiveSession:
         The order of the stages matters:
 
         1. The time before these messages is added to the time account, before they change the state of the session.
-        2. The frames become rows, from each of which the model learns, and the timeline is advanced.
-        3. If the vehicle has landed or is out of control, what was learned of that is withdrawn.
+        2. The frames become rows, samples of motor outputs and motion. The model learns from each, and the timeline is
+           advanced.
+        3. If the vehicle has landed or is out of control, what was learned from that is withdrawn.
         4. The end of a silence is reported.
         5. After a reboot or a silence the vehicle may have forgotten its message rates, which are requested again.
 

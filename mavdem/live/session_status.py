@@ -357,13 +357,13 @@ class SessionStatus(ImmutableResult):
     def _judgement_by_model(self) -> Judgement:
         """The judgement of the latest model; before one is judged, status lights that say why there is none.
 
-        A model shows nothing of tracking and estimator: its judgement says that they are judged later. Their lights
-        then get the reason why they are not judged in flight.
+        A model shows neither the tracking nor the estimator: its judgement says of both that they are judged later.
+        Their lights then get the reason why they are not judged in flight.
         """
         reason = self._reason_without_model
         watch_facts = self._followed_watch_facts
         if self._is_silent_after_flight:
-            # Nothing is watched any more, and no light needs to be: the reason is the end of the flight, not the link.
+            # The flight is over, and nothing need be watched any more. So no light gets the silent link as its reason.
             watch_facts = {}
         unjudged_lights = lights_before_model(reason, self.rates, watch_facts, self.no_wind_reason)
         if self.model_judgement is None:
@@ -685,8 +685,8 @@ class SessionStatus(ImmutableResult):
     def row_rate(self) -> float:
         """Rate at which samples of attitude and motor outputs can be made, Hz: the rate of the slower of the two.
 
-        Each may come in several messages, of which the fastest counts. If only one of the two comes, its rate is
-        returned, and 0 if neither does.
+        If several messages bring the attitude, or the motor outputs, the fastest one counts. If only one of the two
+        comes, its rate is returned, and 0 if neither does.
         """
         received_rates = [rate for rate in fastest_rates(self.rates) if rate]
         return min(received_rates, default=0.0)
@@ -702,8 +702,8 @@ class SessionStatus(ImmutableResult):
         """Returns a copy of the status with ``prediction_band`` and ``useful_horizon`` filled in.
 
         Args:
-            estimate: the learner's latest estimate, with predictions at K horizons of m outputs, the first of which is
-                the angle; half widths of their bands (K, m), and squared errors over a baseline's (K, m).
+            estimate: the learner's latest estimate. It predicts m outputs, first the angle, at K horizons, with half
+                widths of their bands (K, m), and ratios of their squared errors to those of a baseline (K, m).
         """
         horizons = estimate.ahead_times - estimate.time
         # Horizons are whole steps, so that the one nearest to ``REPORTED_HORIZON`` is reported.

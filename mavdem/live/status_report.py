@@ -60,9 +60,9 @@ class StatusReport:
     def status(self) -> SessionStatus:
         """The present status of the session without its ``shortfall``, for screen, log file and display.
 
-        It is the status of the stream with the model's findings, delays and predictions added. The stream advances
-        with its messages only and does not notice when none come. On a silent link its last rates are therefore
-        replaced by 0, and nothing counts as watched.
+        It is the status of the stream of messages, to which the findings, delays and predictions of the model are
+        added. The stream advances with its messages only, and does not notice when none come. So on a silent link its
+        last rates are replaced by 0, and nothing counts as watched.
         """
         status = self.stream.status()
         # The first reason counts: the link is silent, no samples can be made of the messages, or nothing is learned of

@@ -57,9 +57,9 @@ class TrackingWatch:
         return bool(samples) and now - samples[-1].time <= MEMORY_SECONDS
 
     def has_rate_setpoint(self, vehicle: Telemetry, axis: str) -> bool:
-        """Returns whether the stream has a setpoint of the body rate by which its recording may show the rate loop.
+        """Returns whether the stream has a setpoint of the body rate with which the rate loop may be identified later.
 
-        It must be as fast as the setpoint that a log needs for that, and must change: a constant one excites nothing.
+        The setpoint must come as often as a log must have it for that, and must change: a constant one excites nothing.
 
         Args:
             vehicle: identity and parameters of the vehicle, without messages.

@@ -111,9 +111,9 @@ class Component:
 
     @property
     def is_other_vehicle(self) -> bool:
-        """Whether it is certain to be a vehicle, and no multirotor.
+        """Whether this component certainly is a vehicle of another kind than a multirotor, such as a plane.
 
-        Ground stations, cameras and other components that are no autopilots call themselves by the autopilot INVALID.
+        Components that are no autopilots, such as ground stations and cameras, state the autopilot INVALID.
         """
         is_autopilot = self.autopilot not in (UNNAMED, "INVALID")
         is_certain = self._heartbeat_count >= MIN_MESSAGES
@@ -122,10 +122,10 @@ class Component:
 
     @property
     def can_be_followed(self) -> bool:
-        """Whether it is certain enough that this is a multirotor to follow.
+        """Whether it is certain enough that this component is a multirotor, which can be followed.
 
-        It has identified itself and sends attitude; or it has sent HEARTBEATs of a multirotor for some seconds and no
-        attitude, since many autopilots send nothing else until they are asked.
+        Usually it has identified itself and sends attitude. It may also have sent HEARTBEATs of a multirotor for some
+        seconds without attitude, since many autopilots send nothing else until they are asked.
         """
         if self.is_identified and self.sends_attitude:
             return True

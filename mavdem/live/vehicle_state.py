@@ -51,7 +51,7 @@ class VehicleState(NamedTuple):
 
 
 def vehicle_state(recent: RecentMessages, vehicle: Telemetry, now: float) -> VehicleState:
-    """Returns the state of a vehicle by its latest messages.
+    """Returns the state of a vehicle by its latest messages: flight mode, arming, battery and name.
 
     Args:
         recent: slow messages of the present boot, such as battery and position.

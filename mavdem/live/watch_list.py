@@ -59,9 +59,10 @@ class WatchList:
     def update(
         self, now: float, reasons: Mapping[WatchedQuantity, Fact], *, is_flying: bool
     ) -> None:
-        """Updates the facts of all quantities but the balance of the motors, for which the caller sets it.
+        """Updates, for each watched quantity, the fact that says since when it is watched, or why it cannot be.
 
-        On the ground only the autopilot's warnings are watched.
+        On the ground only the autopilot's warnings are watched. The balance of the motors is left out, since the caller
+        sets its fact.
 
         Args:
             now: present time on the boot clock, s.
@@ -161,10 +162,10 @@ def quantities_without_message(
 
 
 def reason_battery_not_judged(power: Fact) -> Fact | None:
-    """Returns why no battery is judged by the judgement of the power supply; None if one is judged.
+    """Returns why the status light of the power judges no battery; None if it judges one.
 
     Args:
-        power: the judgement of the power, a fact with a level.
+        power: the fact of the light, with a level.
 
     Returns:
         The reason, without measurements, so that it stays the same from review to review.

@@ -1019,7 +1019,7 @@ class Watchdog:
         vehicle: Telemetry,
         now: float,
         start_time: float,
-        settled: Intervals | None = None,
+        settled_intervals: Intervals | None = None,
     ) -> Signals:
         """Returns the vehicle's status messages as signals of a log, so that the functions for logs can judge them.
 
@@ -1027,7 +1027,7 @@ class Watchdog:
             vehicle: identity and parameters of the vehicle, without messages.
             now: time of the review, s of the boot clock.
             start_time: messages before it are left out, s.
-            settled: intervals of settled flight, s; None if they are not needed.
+            settled_intervals: intervals of settled flight, s; None if they are not needed.
 
         Returns:
             The signals. Their landed state is what the reviews so far have found, until ``now``.
@@ -1042,7 +1042,7 @@ class Watchdog:
         return LiveSignals(
             replace(vehicle, messages=columns),
             landed_state=landed_state,
-            preset_settled_intervals=settled,
+            preset_settled_intervals=settled_intervals,
         )
 
     def _new_reports(self, signals: Signals, vehicle: Telemetry, now: float) -> list[Fact]:

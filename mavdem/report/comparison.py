@@ -94,7 +94,7 @@ def _error_blocks(comparison: Comparison, kind: ForecastKind) -> Blocks:
     """Returns the table with the errors of all forecasting methods, after a sentence that says what it shows.
 
     The first method is the reference, with which each other one is compared by a paired test. A caution stands before
-    the table if its 90 % band holds too few of the samples.
+    the table if the 90 % band of the reference holds too few of the samples.
 
     Args:
         comparison: errors and tests of all methods.

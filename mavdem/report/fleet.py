@@ -337,7 +337,7 @@ def _next_step(flights: Flights, anomalous_row: FlightRow | None) -> str:
 
 
 def motor_next_step(row: FlightRow) -> list[Sentence]:
-    """Returns what to do about a fault or a drift of motors, found by comparison with other flights of their vehicle.
+    """Returns the next step if a comparison with other flights of the vehicle shows a fault or a drift of its motors.
 
     Args:
         row: row of a flight whose motors have a fault or a drift, with the number of the suspected motor if any is.

@@ -60,8 +60,8 @@ def fleet_blocks(
     vehicles_of_headline = {}
     vehicles_without_name = {}
     for name, vehicle in vehicles_with_section(summaries).items():
-        # A bad flight under a shared name counts as a flight and not as a vehicle, unless the health of its motors was
-        # compared, which a user asks for where all flights under this name are of one vehicle.
+        # A bad flight under a shared name counts as a flight and not as a vehicle. The exception is a name whose
+        # flights the user has declared to be of one vehicle, by comparing the health of their motors.
         if name in shared_names and vehicle.health not in ANOMALOUS_HEALTHS:
             vehicles_without_name[name] = vehicle
         else:
@@ -304,12 +304,14 @@ def _health_summary(
 def _flown_summary(summaries: Sequence[VehicleSummary]) -> dict[str, object] | None:
     """Returns how much a fleet has flown, as values for the template of its page.
 
+    A tier is the kind of model that a log allows, such as a full one, or one of the slow motion only.
+
     Args:
         summaries: summary of the flights under each name.
 
     Returns:
         "flights", their number; "hours" of settled flight; "dates", the first and the last one, or none if no date is
-        known; and "kinds", in words, which models the logs allow, with the number of flights. None without a flight.
+        known; and "kinds", each tier in words with the number of its flights. None without a flight.
     """
     flight_count = 0
     seconds = 0.0

@@ -82,14 +82,17 @@ def gain_changes(
     next_step: Fact,
     notch_parameters: Parameters = NO_PARAMETERS,
 ) -> GainChanges | None:
-    """Returns the gains to set of a judged flight: those to lower, if its next step names some, or the advised ones.
+    """Returns a table of the gains to set after a judged flight, and parameter files with them to download.
+
+    These are the gains to lower, if the next step of the judgement names some, and otherwise the advised gains.
 
     Args:
         log_name: name of the log, after which the files are named.
-        vehicle: the vehicle that they are for.
-        advice: gains that are advised by axis, or why there are none.
+        vehicle: the vehicle, with its present parameters.
+        advice: advised gains by axis, or why there are none.
         next_step: next step of the judgement.
-        notch_parameters: parameters of a notch filter with which the gains were advised; they are set with the first.
+        notch_parameters: parameters of the notch filter that the advised gains presuppose; they are set together with
+            the first set of gains.
 
     Returns:
         The table with its files; None if no gain changes.

@@ -35,7 +35,8 @@ def watched_quantities_text(watch_facts: Sequence[Fact], stated_reason: Fact | N
     Args:
         watch_facts: for each such quantity a fact (a coded finding): since when it is watched, or why it cannot be.
         stated_reason: a reason that the screen states above this line, such as why no model is learned. If a quantity
-            is not watched for the same reason, "as said" stands in its place. None if nothing is stated there.
+            is not watched for the same reason, the line has "as said" instead of repeating it. None if nothing is
+            stated above.
     """
     stated_sentence = "" if stated_reason is None else stated_reason.sentence
     facts_at_whole_seconds = []

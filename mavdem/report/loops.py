@@ -672,7 +672,7 @@ def filter_sentences(loop: Loop) -> list[Sentence]:
     """Returns the sentence on the gyro's filters of a loop, their delay and phase lag; none without filters.
 
     Args:
-        loop: a rate loop, with the filters of its controller. The phase lag is that at its crossover frequency.
+        loop: a rate loop, with the filters of its controller. The phase lag is stated at its crossover frequency.
     """
     return render_section(
         "loop_filters",

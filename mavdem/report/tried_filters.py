@@ -111,10 +111,9 @@ def tried_filters(
         return tuple(filters)
     # Older versions of PX4 have a single notch, whose parameters have other names.
     notches: Sequence[_NotchParameters] = PX4_NOTCHES
-    if (
-        PX4_NOTCHES[0].center not in logged_parameters
-        and OLDER_PX4_NOTCH.center in logged_parameters
-    ):
+    has_newer_notch = PX4_NOTCHES[0].center in logged_parameters
+    has_older_notch = OLDER_PX4_NOTCH.center in logged_parameters
+    if has_older_notch and not has_newer_notch:
         notches = (OLDER_PX4_NOTCH,)
     for index, notch in enumerate(notches):
         if index == 0 or notch.center in logged_parameters:

@@ -247,8 +247,8 @@ def summary_adapter() -> TypeAdapter[VehicleSummary]:
 def _flown_flights(name: str, flights: Flights) -> FlownFlights:
     """Counts the flights under one vehicle's name, and sums their durations.
 
-    Flights at the same time are two logs of one flight and count once, unless several vehicles may have the name. Of
-    the durations of a flight's axes the longest is taken, since an axis may lack data.
+    Flights at the same time are two logs of one flight and count once, unless several vehicles may have the name. A
+    flight has a row for each axis, which may lack data: the longest duration of its rows counts.
 
     Args:
         name: the name; ``UNKNOWN`` for logs without one.

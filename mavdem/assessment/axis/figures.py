@@ -177,6 +177,7 @@ def _weak_motor_intervals(alarms: Sequence[MotorChange]) -> list[TimeInterval]:
             continue
         end_time = inf
         for alarm in alarms:
+            # An alarm whose change has the size 0 reports that the motor is as it was before the loss.
             is_recovery = alarm.motor == loss.motor and alarm.size == 0
             if is_recovery and alarm.onset_time > loss.onset_time:
                 end_time = min(end_time, alarm.onset_time)

@@ -74,7 +74,7 @@ class Tuning(NamedTuple):
         a separate pair if the gains are kept.
 
         Args:
-            vehicle: vehicle that they are for.
+            vehicle: the vehicle that will load the files.
 
         Returns:
             The text of each file by the ending of its name, such as ``.stage1.params``.
@@ -251,11 +251,12 @@ def _advice_on_axes(
     assert evidence is not None
     judgement = assessment.judgement
     reasons_without_loop = _reasons_without_loop(assessment, axes)
-    refusals = {
-        axis: Fact(LoopFact.NO_LOOP, reasons=reasons_of_vehicle or (reason,))
-        for axis, reason in reasons_without_loop.items()
-    }
-    if all(axis in refusals for axis in axes):
+    refusals = {}
+    for axis, reason in reasons_without_loop.items():
+        # A vehicle that must not be tuned needs no further reason on a single axis.
+        refusals[axis] = Fact(LoopFact.NO_LOOP, reasons=reasons_of_vehicle or (reason,))
+    is_no_loop_known = all(axis in refusals for axis in axes)
+    if is_no_loop_known:
         headline = judgement.headline
         must_be_repaired = repairs_before_tuning(evidence, judgement.lights[Light.MOTORS])
         reasons = _joined_by_reason(refusals)

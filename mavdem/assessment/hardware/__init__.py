@@ -21,7 +21,7 @@ def hardware_facts(evidence: Evidence, lights: NamedFacts) -> NamedFacts:
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        lights: the status lights, of which the one on power is the fact about the batteries.
+        lights: the facts of the status lights by name; the light of the power is the fact about the batteries.
     """
     facts = {
         HardwarePart.POWER: lights["power"],

@@ -29,9 +29,10 @@ in twenty by more than 0.63."""
 
 
 def field_fact(evidence: Evidence) -> Fact | None:
-    """Returns the fact about the magnetic field at the compass whose field changed most in flight, of those in use.
+    """Returns the fact about the magnetic field that changed most in flight among the fields at the compasses in use.
 
-    Its level is by the change from the ground to the flight, and "unknown" if the ground was not recorded.
+    The change of its strength from the ground to the flight decides the level, which is "unknown" if the ground was not
+    recorded.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -43,6 +44,7 @@ def field_fact(evidence: Evidence) -> Fact | None:
     facts = []
     for number, field in compass_fields(evidence.signals).items():
         in_flight = evidence.values_in_flight(field)
+        # The use of a compass may be unknown (None). Only one that is certainly not used is left out.
         if not len(in_flight) or is_compass_used(evidence.signals.telemetry, number) is False:
             continue
         change = field_change(evidence, field)

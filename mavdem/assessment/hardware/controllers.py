@@ -59,7 +59,7 @@ def _errors_in_flight(
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        controllers: speed controllers, all of which count errors.
+        controllers: speed controllers; each counts its errors.
 
     Returns:
         Number of errors of all controllers; and "watch" if one of them counted more than ``MAX_ERROR_RATE`` errors per

@@ -55,15 +55,18 @@ def receiver_fact(evidence: Evidence) -> Fact | None:
     failed_checks = []
     if np.median(satellites) < MIN_SATELLITES:
         failed_checks.append(ReceiverDoubt.SATELLITES)
-    limits = {"dilution": MAX_DILUTION, "accuracy": _accuracy_limit(signals.telemetry)}
-    figures: dict[str, float | None] = {}
+    limits_of_medians = {"dilution": MAX_DILUTION, "accuracy": _accuracy_limit(signals.telemetry)}
+    figures: dict[str, float | None] = dict.fromkeys(QUANTITIES)
     dilution_usual = None
     for name, quantity in QUANTITIES.items():
         values = evidence.values_in_flight(recorded_quantity(signals, quantity))
-        figures[name] = float(np.quantile(values, TYPICAL_FRACTION)) if len(values) else None
-        if len(values) and name == "dilution":
-            dilution_usual = float(np.median(values))
-        if len(values) and name in limits and np.median(values) > limits[name]:
+        if not len(values):
+            continue
+        median = float(np.median(values))
+        figures[name] = float(np.quantile(values, TYPICAL_FRACTION))
+        if name == "dilution":
+            dilution_usual = median
+        if name in limits_of_medians and median > limits_of_medians[name]:
             failed_checks.append(ReceiverDoubt(name))
     jamming = figures["jamming"]
     if jamming is not None and jamming >= MAX_JAMMING:
@@ -71,6 +74,7 @@ def receiver_fact(evidence: Evidence) -> Fact | None:
     return Fact(
         HardwareFact.RECEIVER_MEASURED,
         Level.WATCH if failed_checks else Level.GOOD,
+        # Of satellites few are bad, of the other quantities large values: so this is the low quantile.
         satellites=np.quantile(satellites, 1 - TYPICAL_FRACTION),
         satellites_usual=np.median(satellites),
         dilution=figures["dilution"],

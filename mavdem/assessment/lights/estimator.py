@@ -439,8 +439,9 @@ def _compass_disturbances(evidence: Evidence) -> Iterator[Fact]:
     """Yields a fact if the motors disturb the compass: the magnetic field differs in strength in flight and before it.
 
     The currents of the motors cause a magnetic field, which a compass that is mounted too near to them measures too.
-    The median strength in the first flight is compared with that on the ground before it, if that has enough samples.
-    Only the first compass that the parameters do not exclude, and that was recorded in flight, is judged.
+    The median strength of the field in the first flight is compared with its median on the ground before, if there are
+    enough samples. Only the first compass that the parameters do not exclude, and that was recorded in flight, is
+    judged.
 
     Args:
         evidence: signals, events and measurements of the vehicle.

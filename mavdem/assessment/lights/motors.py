@@ -86,8 +86,8 @@ def _missing_hover(evidence: Evidence) -> Fact:
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        A fact with the names of the motors. Without names their outputs were not recorded, and the fact has the reason
-        why recorded outputs do not belong to motors, if that is so.
+        A fact with the names of the motors. If their outputs were not recorded, it has no names. If outputs were
+        recorded that do not belong to motors, it has the reason for that.
     """
     names = _motor_names(evidence)
     return Fact(

@@ -303,11 +303,13 @@ def _first_time_below(evidence: Evidence, voltage: TimeSeries, limit: float) -> 
 def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterator[Fact]:
     """Yields a fact for each battery whose charge fell below the autopilot's limits in flight.
 
-    The autopilot estimates the remaining charge in percent. It is averaged over 2 s, and compared as a fraction of the
-    full charge with PX4's parameters BAT_LOW_THR, below which it is to be watched, and BAT_CRIT_THR, below which it is
-    bad, or with their defaults; or with those of ArduPilot, which has no defaults. ArduPilot counts the charge down
-    from the capacity that is set: at 0 %, all of it was used. That is bad, or to be watched if the voltage of the cells
-    shows that the battery holds more than is set.
+    The autopilot estimates the remaining charge. Its average over 2 s is compared with two parameters of the autopilot:
+    below the limit of a low battery (PX4: BAT_LOW_THR) the level is "watch", below the limit of a critical one
+    (BAT_CRIT_THR) it is "bad". Where these parameters are not set, PX4 has defaults, and ArduPilot has no limits.
+
+    ArduPilot counts the charge down from the capacity that is set, so that at 0 % all of it was used, even without
+    limits. Then the level is "bad", or "watch" if the voltage of the cells shows that the battery holds more than is
+    set.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -328,7 +330,8 @@ def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterat
         else:
             levels = _px4_charge_levels(telemetry)
         is_empty = is_ardupilot and lowest_fraction <= 0
-        if lowest_fraction >= max(levels.watch, levels.bad) and not is_empty:
+        is_above_limits = lowest_fraction >= max(levels.watch, levels.bad)
+        if is_above_limits and not is_empty:
             continue
         is_critical = lowest_fraction < levels.bad
         charged_cell_voltage = None

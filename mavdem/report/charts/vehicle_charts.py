@@ -176,9 +176,9 @@ def _lines_of_estimates(estimates: Estimates, suspect_motor: str) -> Iterator[Li
 def _charted_quantities(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Estimates]]:
     """Yields the quantities that are drawn over the flights of a vehicle: the title of each chart, and its lines.
 
-    The first chart has the deviation of each motor from the mean of all, as it would be without lean, by which flights
-    are compared. If no flight has that, since the positions of the motors are not known, it has the deviations of the
-    outputs as they were. Charts of the vibration follow, and of ``AXIS_QUANTITIES`` with a line for each axis.
+    The first chart has the deviation of each motor's output from the mean of all, as it would be without lean, so that
+    flights in different winds can be compared. If the positions of the motors are not known in any flight, it has the
+    deviations as they were. Charts of the vibration follow, and of ``AXIS_QUANTITIES`` with a line for each axis.
 
     Args:
         flights: rows of the vehicle's flights, one for each axis, in the order of date.
@@ -228,11 +228,11 @@ def _motor_deviations(flights: Sequence[AxisRows]) -> tuple[str, Estimates]:
 def _trims_without_lean(flights: Sequence[AxisRows]) -> Estimates:
     """Returns how much each motor deviates from the mean of all, %, without the part that the vehicle's lean explains.
 
-    Wind makes a vehicle lean, and the lean needs a torque, so that in wind even sound motors deviate. By the deviations
-    without this part the motors are judged.
+    Wind makes a vehicle lean, and the lean needs a torque, so that in wind even sound motors deviate. The motors are
+    judged by what remains of the deviations without this part.
 
-    A flight in which a motor failed has no such deviations: the vehicle leans because of the failure, so that their
-    effects on the motors cannot be told apart.
+    A flight in which a motor failed counts as unknown: the vehicle leans because of the failure, so that the effects of
+    lean and failure on the motors cannot be told apart.
 
     Args:
         flights: rows of the vehicle's flights, in the order of date. The motors are those of the latest flight with a

@@ -161,8 +161,8 @@ def result_sentences(
 ) -> list[Sentence]:
     """Returns one sentence with the result of a comparison: the change that matters most, or that nothing changed.
 
-    The most certain of the doubtful changes is named after it or, if nothing changed for sure, in its place. Where
-    neither is, the sentence says how many figures were compared, and how many are too uncertain to tell.
+    The most certain of the doubtful changes is named after it or, if nothing changed for sure, in its place. If there
+    is no doubtful change either, the sentence says how many figures were compared, and how many are too uncertain.
 
     Args:
         reviewed: comparison of two states, quantity by quantity.
@@ -172,17 +172,18 @@ def result_sentences(
     difference = reviewed.difference
     unexplained_changes, changes_by_gains = changes_by_cause(difference, changes)
     doubtful = doubtful_changes(reviewed)
-    # What the sentence names: the first of these, and how many there are besides.
+    # The sentence names the first of these, and says how many there are besides.
     candidates = unexplained_changes or doubtful
     main_change = candidates[0] if candidates else None
     doubtful_text = ""
     if unexplained_changes and doubtful:
         doubtful_text = change_text(doubtful[0], difference)
-    outcomes = Counter(
-        change.outcome for change in difference.changes if change not in reviewed.motors.evidence
-    )
+    # Outcomes of all figures, and of those for which it was tested whether they changed. The evidence of a weak motor
+    # has a sentence of its own.
+    evidence = reviewed.motors.evidence
+    outcomes = Counter(change.outcome for change in difference.changes if change not in evidence)
     tested_outcomes = Counter(
-        change.outcome for change in difference.tested if change not in reviewed.motors.evidence
+        change.outcome for change in difference.tested if change not in evidence
     )
     return render_section(
         "difference_conclusion",
@@ -228,59 +229,59 @@ def change_sentences(
     listed_changes = unexplained_changes if len(unexplained_changes) > 1 else []
     texts_above = " ".join(sentence.text for sentence in headline)
     texts_by_gains = [change_text(change, difference) for change in by_gains]
-    doubtful = [
-        change
-        for change in difference.changes
-        if change.is_doubtful and change not in motors.evidence
-    ]
+    axes_with_other_gains = {
+        *difference.axes_with_other_gains,
+        *difference.axes_with_other_attitude_gains,
+    }
+    doubtful = []
+    for change in difference.changes:
+        # The sentences on weak motors quote the changes that are evidence of them.
+        if change.is_doubtful and change not in motors.evidence:
+            doubtful.append(change)
     tested_changes = difference.tested
-    surest_change = min(
-        (change for change in doubtful if change in tested_changes),
-        key=lambda change: change.p,
-        default=None,
-    )
+    tested_doubtful_changes = [change for change in doubtful if change in tested_changes]
+    surest_p = None
+    chance_of_any = None
+    if tested_doubtful_changes:
+        surest_p = min(change.p for change in tested_doubtful_changes)
+        # Probability that at least one of so many independent figures has such a p-value by chance.
+        chance_of_any = 1 - (1 - surest_p) ** len(tested_changes)
+    # All trims together give the probability of a weak motor. It is stated if they show none, but single ones are
+    # doubtful.
+    fault_probability = None
     are_trims_doubtful = any(change.quantity.kind == SHARE for change in doubtful)
+    if are_trims_doubtful and not motors.is_weak:
+        fault_probability = motors.fault_probability
     return render_section(
         "difference_changes",
         changed=[change_text(change, difference) for change in listed_changes],
         by_gains=[text for text in texts_by_gains if text not in texts_above],
         is_more=any(text in texts_above for text in texts_by_gains),
-        axes=[
-            axis
-            for axis in AXES
-            if axis in difference.axes_with_other_gains
-            or axis in difference.axes_with_other_attitude_gains
-        ],
+        axes=[axis for axis in AXES if axis in axes_with_other_gains],
         doubtful=[change_text(change, difference) for change in doubtful],
-        # Probability of a weak motor by all trims together, where they show none and a single one is doubtful.
         fault_rise=FAULT_RISE,
-        fault_probability=motors.fault_probability
-        if are_trims_doubtful and not motors.is_weak
-        else None,
+        fault_probability=fault_probability,
         are_two_vehicles=reviewed.are_two_vehicles,
         tested_count=len(tested_changes),
-        surest_p=None if surest_change is None else surest_change.p,
-        # Probability that at least one of so many independent figures has such a p-value by chance.
-        chance_of_any=None
-        if surest_change is None
-        else 1 - (1 - surest_change.p) ** len(tested_changes),
+        surest_p=surest_p,
+        chance_of_any=chance_of_any,
     )
 
 
 def sentences_without_change(reviewed: ReviewedDifference) -> list[Sentence]:
-    """Returns the sentences on the quantities of which no change was found: uncertain ones, and unchanged ones.
+    """Returns the sentences on the quantities that show no change: uncertain ones, and then those that are the same.
 
     A quantity is uncertain if its interval is so wide that it contains both "no change" and a change that matters.
+    Doubtful changes, and changes that are evidence of a weak motor, have sentences of their own elsewhere.
 
     Args:
         reviewed: comparison of two states, quantity by quantity.
     """
     difference = reviewed.difference
-    uncertain = [
-        change
-        for change in difference.changes_with(QuantityOutcome.UNCERTAIN)
-        if not change.is_doubtful and change not in reviewed.motors.evidence
-    ]
+    uncertain = []
+    for change in difference.changes_with(QuantityOutcome.UNCERTAIN):
+        if not change.is_doubtful and change not in reviewed.motors.evidence:
+            uncertain.append(change)
     sentences = render_section(
         "difference_uncertain",
         uncertain=[*texts_of_equal_changes(uncertain, difference)],

@@ -196,12 +196,12 @@ def _sentence_on_watched_motors(reviewed: ReviewedDifference) -> list[Sentence]:
 def sentences_on_watched_lights(reviews: Mapping[str, Review]) -> list[Sentence]:
     """Returns a sentence on each status light that has the level "watch" in one log and "good" in the other.
 
-    Left out are the lights of the wind and of the log, which judge the day and the recording and not the vehicle, and
-    that of the motors, which has its own sentence (:func:`_sentence_on_watched_motors`).
+    Three lights are left out: wind and log, since they judge the day and the recording and not the vehicle, and motors,
+    since this light has its own sentence (:func:`_sentence_on_watched_motors`).
 
     Args:
-        reviews: review documents of both logs, by side, "A" and "B"; one without lights, such as that of a fleet, is
-            compared with nothing.
+        reviews: review documents of both logs, by side, "A" and "B". A document without lights, such as the review of a
+            fleet, is compared with nothing.
     """
     sentences = []
     for name, lights_by_side in lights_of_both(reviews).items():

@@ -53,8 +53,8 @@ def bad_lights(reviews: Mapping[str, Review]) -> list[BadLight]:
     bad light matters more to the reader than a measured quantity that changed.
 
     Args:
-        reviews: review documents of both logs, by side, "A" and "B"; one without lights, such as that of a fleet, is
-            compared with nothing.
+        reviews: review documents of both logs, by side, "A" and "B". A document without lights, such as the review of a
+            fleet, is compared with nothing.
 
     Returns:
         The bad lights, in the order of the review of A.
@@ -253,7 +253,7 @@ def lights_are_equal(first_light: JsonValues, second_light: JsonValues) -> bool:
     if first_light["level"] != second_light["level"]:
         return False
     if first_light["level"] not in WARNING_LEVELS:
-        # Margins that are good on one axis only are not those of three axes.
+        # Margins that are known and good on one axis only are less than good margins on three axes.
         axes_of_margins = [_axes_of_margins(light) for light in (first_light, second_light)]
         return axes_of_margins[0] == axes_of_margins[1]
     keys = ("code", "subject", "figures.axis")

@@ -78,9 +78,9 @@ NO_VERDICT = MotorVerdict()
 def motor_verdict(reviews: Mapping[str, Review], difference: VehicleDifference) -> MotorVerdict:
     """Collects what a comparison of two logs knows of the motors: which are weak, and how probable a fault is.
 
-    Weak motors are those of which one log's status light warns and the other's does not, or not of the same motor. If
-    both warn of the same motor, its measured quantities show whether it became worse. The probability is that of the
-    later log, from its comparison with other flights of the vehicle.
+    A motor counts as weak if the status light of one log warns of it and the light of the other does not. If both warn
+    of the same motor, its measured quantities show whether it became worse. The probability of a fault is taken from
+    the later log, which was compared with other flights of the vehicle.
 
     Args:
         reviews: review documents of both logs, by side, "A" and "B"; of a fleet, empty.
@@ -106,13 +106,13 @@ def motor_verdict(reviews: Mapping[str, Review], difference: VehicleDifference) 
 def _has_motor_difference(reviews: Mapping[str, Review]) -> bool:
     """Returns whether the reviews of two logs judge the motors differently: with another level, or of another motor.
 
-    The status lights of the motors are compared, and not the measured quantities, since what a motor lost during a
-    flight is known of that flight alone. If neither light warns (one is good and the other unknown, for example), the
-    motors count as equal.
+    The status lights of the motors are compared, and not the measured quantities: if a motor lost thrust during one
+    flight, there is no such figure of the other flight to compare with. If neither light warns (one is good and the
+    other unknown, for example), the motors count as equal.
 
     Args:
-        reviews: review documents of both logs, by side, "A" and "B"; one without lights, such as that of a fleet, is
-            compared with nothing.
+        reviews: review documents of both logs, by side, "A" and "B". A document without lights, such as the review of a
+            fleet, is compared with nothing.
     """
     motor_lights = lights_of_both(reviews).get(Light.MOTORS)
     if motor_lights is None:
@@ -125,7 +125,9 @@ def _has_motor_difference(reviews: Mapping[str, Review]) -> bool:
 def evidence_of_weak_motors(
     difference: VehicleDifference, weak_motors: Mapping[str, int | None]
 ) -> Iterator[QuantityChange]:
-    """Yields the measured changes that agree with what is known already: that a motor is weak in one of two states.
+    """Yields the measured changes that confirm a weak motor, such as its higher trim in the state in which it is weak.
+
+    The status lights of the two states have shown already which motor is weak.
 
     Args:
         difference: comparison of the two states, quantity by quantity.

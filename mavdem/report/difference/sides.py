@@ -35,9 +35,9 @@ def side_descriptions(names: tuple[str, str], reviewed: ReviewedDifference) -> d
         date = value_at(review, "identity.date")
         if date:
             parts.append(f"{str(date)[:ISO_MINUTE_LENGTH].replace('T', ' ')} UTC")
-        settled = value_at(review, "condition.hover.seconds")
-        if settled:
-            parts.append(f"{settled:.0f} s of settled flight")
+        settled_seconds = value_at(review, "condition.hover.seconds")
+        if settled_seconds:
+            parts.append(f"{settled_seconds:.0f} s of settled flight")
         if flight_count > 1:
             parts.append(counted(flight_count, "flight"))
         descriptions[side] = ", ".join(part for part in parts if part)

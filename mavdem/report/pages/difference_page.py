@@ -330,7 +330,7 @@ def _overview_groups(
 ) -> list[Group]:
     """Returns the row of pictures at the top of the page: spectra of the gyro, vibration and mean motor output.
 
-    Each picture shows both flights. Those of quantities that were not recorded are left out.
+    Each picture shows both flights. A quantity that was not recorded has no picture.
 
     Args:
         reviews_by_side: review documents of both logs, by side.
@@ -378,8 +378,8 @@ def _series_chapter(
 ) -> Chapter:
     """Returns the chapter with the charts over time that the page does not show elsewhere, roll beside pitch.
 
-    Elsewhere are those in the row at the top of the page and those of the motors. A sentence names the side whose time
-    series were not stored.
+    The row at the top of the page, and the chapter of the motors, show the others. A sentence names each side whose
+    time series were not stored.
 
     Args:
         flights: time series of flight A and of flight B; None where they were not stored with the flight.
@@ -538,10 +538,10 @@ def _trim_chart(legend: Mapping[str, str], difference: VehicleDifference) -> Cha
     The relative trim is by how much the motor's mean output in hover exceeds that of the median motor. The step from
     one dot of a motor to the other shows the change that the text states.
 
-    The text also states a 90 % interval of that change. It allows for more than the errors within both flights: trims
-    of one vehicle vary from flight to flight, and they depend on the lean in wind. So that the chart shows the same
-    uncertainty, the whiskers of a motor's two dots are made of the interval of its change, in equal parts. The half
-    widths of independent errors add up by their squares, so that each whisker has 1/√2 of the change's half width.
+    The text also states a 90 % interval of that change. It allows for more than the errors within both flights, since
+    the trims of a vehicle vary from flight to flight, and depend on the lean in wind. The chart must show the same
+    uncertainty. So the interval of the change is divided equally between the whiskers of the motor's two dots. Half
+    widths of independent errors add by their squares, so that each whisker is 1/√2 of the change's half width.
 
     Args:
         legend: name of each side, "A" and "B", in legends.
@@ -578,8 +578,8 @@ def _trim_chart(legend: Mapping[str, str], difference: VehicleDifference) -> Cha
 def _vibration_row(reviews_by_side: Reviews) -> list[str]:
     """Returns the row of a table with the mean vibration in flight, m/s², of the same IMU in both logs.
 
-    It is the IMU that vibrates most in A or, if it was not recorded in both logs, the one that does in B. If neither
-    was recorded in both, it is the first IMU.
+    It is the IMU that vibrates most in A or, if this was not recorded in B, the IMU that vibrates most in B. If that
+    was not recorded in A either, it is the first IMU.
 
     Args:
         reviews_by_side: review documents of both logs, by side.

@@ -292,12 +292,13 @@ def _vehicle_sections(
     charts: ChartsOfVehicle,
     names: GivenNames,
 ) -> list[VehicleSection]:
-    """Makes the section of the page on each vehicle.
+    """Makes the sections of a fleet's page: one for each vehicle, with its flights, status, next step and charts.
 
-    Urgency is a rank by the health of the motors and the latest headline. Flights whose logs do not identify their
-    vehicle may be of several vehicles. They have no section unless they were compared with a baseline. To keep the page
-    small, charts are drawn only for the ``MAX_DRAWN`` most urgent vehicles with more than one flight. Sections are
-    folded, except the first one with charts if its vehicle needs a look.
+    The most urgent vehicle comes first; urgency is a rank by the health of the motors and the latest headline.
+
+    Flights whose logs do not identify their vehicle may be of several vehicles, and have no section, unless they were
+    compared with a baseline. To keep the page small, charts are drawn only for the ``MAX_DRAWN`` most urgent vehicles
+    with more than one flight. Sections are folded, except the first one with charts if its vehicle needs a look.
 
     Args:
         summaries: summary of the flights under each name.
@@ -315,9 +316,8 @@ def _vehicle_sections(
         if name not in shared_names or vehicle.health != UNKNOWN:
             vehicles[name] = vehicle
     names_by_urgency = sorted(vehicles, key=lambda name: (vehicles[name].urgency, name))
-    names_with_charts = [name for name in names_by_urgency if vehicles[name].flight_count > 1][
-        :MAX_DRAWN
-    ]
+    names_with_charts = [name for name in names_by_urgency if vehicles[name].flight_count > 1]
+    names_with_charts = names_with_charts[:MAX_DRAWN]
     bar_count = _bar_count(vehicles)
     latest_lines = {summary.name: _latest_line(summary) for summary in summaries}
     sections = []
@@ -342,7 +342,7 @@ def _vehicle_sections(
                 next_step=vehicle.texts.next_step,
                 summary=vehicle.texts.all_flights,
                 changes=changes.get(name, ()),
-                # They are HTML of this program.
+                # Charts are HTML that this program made itself, so that nothing in it has to be escaped.
                 charts=Markup(charts(name) if name in names_with_charts else ""),  # noqa: S704
                 is_open=needs_look and name in names_with_charts[:1],
             )

@@ -206,7 +206,8 @@ def log_page(
         subtitle = capitalize_first(review_title(assessment).text)
         max_points = MAX_POINTS if is_full else MAX_POINTS_OF_SMALL_PAGE
         sentences = judgement_sentences(assessment.judgement)
-        # The witnesses of the headline and the next step follow it; the lights stand in a grid below them.
+        # After the headline come its evidence, which is what sensors confirm, and the next step. The status lights
+        # stand in a grid below.
         summary = [
             sentences.headline,
             *evidence,

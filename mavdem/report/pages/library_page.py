@@ -150,8 +150,8 @@ def _lights_beside_fleet(lights: Mapping[str, str], row: FlightRow | None) -> di
     """Returns the levels of a flight's status lights as the list of flights shows them.
 
     A light is the judgement of one part of the vehicle, such as its motors, with a level: good, watch, bad or unknown.
-    The lights of a log are judged by that log alone. If the motors differ from those of the vehicle's other flights,
-    their light gets the worse of both levels, as on the page of the flight.
+    A log's lights are judged by the log alone. If the motors work otherwise than in the vehicle's other flights, their
+    light gets the worse of both levels, as on the page of the flight.
 
     Args:
         lights: level of each light by the log alone, by name; empty before the log is judged.

@@ -107,16 +107,16 @@ def responses_chapter(
             name = f"{axis} {loop_name}"
             measured_response = response.measured
             if isinstance(measured_response, Fact):
+                # The fact says why there is no response. Without its subject, equal reasons are equal facts.
                 refusal = measured_response.replace(subject="")
                 names_by_refusal.setdefault(refusal, []).append(name)
             else:
-                has_identified_step |= measured_response.is_identified
-                row_name = (
-                    f"{name} (step: identified loop)" if measured_response.is_identified else name
-                )
-                rows.append(
-                    [row_name, *(_step_figure_text(measured_response, key) for key in STEP_FIGURES)]
-                )
+                row_name = name
+                if measured_response.is_identified:
+                    has_identified_step = True
+                    row_name = f"{name} (step: identified loop)"
+                figures = [_step_figure_text(measured_response, key) for key in STEP_FIGURES]
+                rows.append([row_name, *figures])
             if response.compared is not None and not response.compared.is_good:
                 doubts.append(caution(response.compared))
     blocks = Blocks()

@@ -105,13 +105,14 @@ def review_beside_flights(review: Mapping[str, Any], rows: FlightRows) -> Mappin
     """Returns the review of a flight with its motors judged beside the other flights of the vehicle.
 
     Args:
-        review: review document of the flight, by its log alone; empty of a fleet. It is not modified.
+        review: review document of the flight, by its log alone. It is empty if a whole fleet is compared, which has no
+            review. It is not modified.
         rows: rows of the fleet's table for the flight, with its health; of several flights the latest counts.
 
     Returns:
-        A changed copy, as :func:`review_with_anomaly` makes it, in which ``motor_health`` has the judgement itself. A
-        review without lights, such as the review of a fleet, gets the light of the motors alone. If the motors were not
-        judged, the review itself.
+        A changed copy, as :func:`review_with_anomaly` makes it, with the judgement of the motors as ``motor_health``. A
+        review without lights, such as the empty one of a fleet, gets the light of the motors alone. If the motors were
+        not judged, the review itself.
     """
     flown_rows = [row for row in rows if row.is_read]
     if not flown_rows:
@@ -128,10 +129,10 @@ def review_beside_flights(review: Mapping[str, Any], rows: FlightRows) -> Mappin
     }
     judged_review = review_with_anomaly(review, motor_anomaly(row))
     if not review and row.headline_level == Level.BAD:
-        # A fleet has no reviews, only headlines, of which a bad one stays.
+        # A fleet has no review whose bad headline would be kept. So the anomaly must not become its headline here.
         judged_review = review
     if not judged_review.get("lights"):
-        # Nor has it lights, except the judgement of the motors.
+        # A fleet has no lights either, except the judgement of the motors.
         motors_light = {
             "level": HEALTH_LEVELS[MotorHealth(row.health)],
             "sentence": row.health_reason,
@@ -147,10 +148,11 @@ def review_with_anomaly(
     """Returns the review document of a flight, with its motors judged also by the other flights of the vehicle.
 
     The review itself judges the log alone. An anomaly of the motors, which only a comparison with other flights shows,
-    replaces the status light of the motors, even one of the same level. It does so on the page of the flight and in
-    lists too. It also replaces the headline and the next step, unless the headline is bad already. A comparison of two
-    flights then judges each in the same way as its own page does. What the log alone says of a motor is added if the
-    anomaly names none.
+    replaces two parts of it, so that lists and comparisons of flights judge them in the same way as their pages do:
+
+    - The status light of the motors, even one of the same level. If the anomaly names no motor, and the light by the
+      log alone names one, the sentence of this light is kept beside the anomaly.
+    - The headline with the next step, unless the headline is bad already.
 
     Args:
         review: review document of the flight; it is not modified.
