@@ -9,7 +9,7 @@ DT = 0.01
 REPORTED_HORIZON = (0.01, 0.25)
 
 
-def flown(history, seconds, segment=0, start=100.0, learnt=True, boot=0):
+def add_flight(history, seconds, segment=0, start=100.0, learnt=True, boot=0):
     """Takes rows of a sine whose predictions are off by 0.1 and 0.2."""
     time = start + DT * np.arange(round(seconds / DT))
     motion = np.stack([np.sin(time), np.cos(time)], axis=-1)

@@ -20,6 +20,7 @@ from mavdem.cli.assistant_input import character_input
     ],
 )
 def test_a_surrogate_without_a_partner_is_replaced(sent, read):
+    """A character beyond U+FFFF is escaped in JSON as a pair of surrogates. Half of a pair is no character."""
     source = io.TextIOWrapper(io.BytesIO(f"{sent}\n".encode() * 2), encoding="utf-8")
     lines = character_input(source).readlines()
     assert [json.loads(line)["log"] for line in lines] == [read, read]

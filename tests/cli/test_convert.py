@@ -38,17 +38,18 @@ def test_through_mcap_a_telemetry_log_comes_back_byte_by_byte(log, tmp_path, cap
 @mark.slow
 @mark.parametrize("axis", ["roll", "yaw"])
 def test_a_table_is_the_flight(axis, tmp_path, capsys):
+    """A CSV file has the samples of the flight, rounded to a fixed step for each column."""
     out = tmp_path / "flight.csv"
     document = convert(capsys, FLIGHT, out, "--axis", axis, "--vehicle", "1")
     flight = read_flight(FLIGHT, axis)
     with out.open(newline="", encoding="utf-8") as file:
-        head, *rows = csv.reader(file)
+        header, *rows = csv.reader(file)
     values = np.array(rows, dtype=np.float64)
-    assert head == document["columns"]
+    assert header == document["columns"]
     steps = {"time_s": 1e-6, **{f"motor_{number}_us": 0.01 for number in range(1, 5)}}
     steps |= {"roll_rad": 1e-6} if axis == "roll" else {}
     steps[f"{axis}_rate_rad_s"] = 1e-5
-    assert head == [*steps] and document["samples"] == len(values)
+    assert header == [*steps] and document["samples"] == len(values)
     exact = np.column_stack([flight.time, flight.inputs, flight.outputs])
     assert (abs(values - exact) <= 0.5 * np.array([*steps.values()]) * (1 + 1e-6)).all()
 

@@ -46,6 +46,7 @@ def fleets(tmp_path):
 
 @mark.slow
 def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
+    """Motor 3 of vehicle alpha is weak in the newer fleet."""
     assert run("diff", *fleets) == 0
     output = capsys.readouterr().out
     changed_line = next(line for line in output.splitlines() if line.startswith("Changed:"))
@@ -67,6 +68,7 @@ def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
 
 @mark.slow
 def test_two_weeks_of_one_fleet_are_compared(tmp_path, capsys):
+    """Flights of the first days of a fleet are compared with later ones, in which motor 3 is weak."""
     fleet_of(
         tmp_path / "fleet",
         [*rows_of_flights("alpha", range(4)), *rows_of_flights("alpha", range(7, 10), **WEAK)],
@@ -108,6 +110,7 @@ def test_a_vehicle_that_cannot_be_chosen_is_refused_with_those_that_can(
 
 
 def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path, capsys):
+    """Single logs are compared instead of fleets. Folders of results are numbered if their name is taken."""
     rows = {
         "a.bin": rows_of_flights("alpha", [0], system=4, collective=0.4),
         "two.bin": rows_of_flights("alpha", [0, 1], system=4, collective=0.4),

@@ -44,6 +44,7 @@ def test_a_description_is_a_file_that_is_the_same_scenario(name, tmp_path):
 def test_a_description_of_any_characters_reads_back_and_sends_none_to_the_terminal(
     text, tmp_path, capsys
 ):
+    """The description of a scenario contains control characters."""
     own_file = tmp_path / "mine.toml"
     again = tmp_path / "again.toml"
     escaped = "".join(f"\\U{ord(character):08x}" for character in text)
@@ -60,6 +61,7 @@ def test_a_description_of_any_characters_reads_back_and_sends_none_to_the_termin
 def test_a_live_flight_says_how_it_went_and_if_the_machine_is_too_slow(
     speed, flown, slow, monkeypatch, capsys
 ):
+    """In 10 s of real time at double speed 20 s should be simulated. With less than 19 s, the user is warned."""
     shown_texts = []
 
     def fly_live(scenario, simulation, ground, speed, show):

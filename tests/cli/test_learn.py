@@ -42,6 +42,7 @@ def names(folder):
 @mark.slow
 @mark.usefixtures("without_pages")
 def test_the_document_is_the_report_of_the_library(tmp_path, capsys):
+    """The command writes the model that the library learns from the same samples."""
     out = tmp_path / "new" / "folder"
     log = short_flight(tmp_path)
     arguments = f"learn {log} --out {out} --preset paper --start 2s --train 2s --test 50".split()
@@ -192,6 +193,7 @@ def test_an_impossible_out_or_a_wrong_truth_file_is_refused_before_the_work(
 @mark.slow
 @mark.usefixtures("logs_read_once")
 def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
+    """Motor 1 failed: terminal, pages and documents must all have that headline and its remedy."""
     alarm = MotorChange(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99, loss=(0.17, 0.39))
     monkeypatch.setattr("mavdem.assessment.axis.analysis.motor_alarms", lambda signals: (alarm,))
     log = str(short_flight(tmp_path))

@@ -45,12 +45,14 @@ from sitl_scenarios.simulation import Simulation
     }.items(),
 )
 def test_what_cannot_be_is_refused_in_a_sentence(line, said, capsys, here):
+    """A wrong address or option ends the command with exit code 2, and writes no file."""
     assert said in refused(capsys, 2, "live", *line.split())
     assert list(here.iterdir()) == []
 
 
 @mark.slow
 def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, monkeypatch):
+    """The folder of the model is deleted during the session, and learning takes a minute at its end."""
     folder = tmp_path / "gone"
     folder.mkdir()
 
@@ -71,43 +73,49 @@ def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, mon
     assert (
         run("live", f"udpin:127.0.0.1:{free_port()}", "--model", folder / "m.json", "--json") == 2
     )
-    said = capsys.readouterr()
-    told = strict_json(said.out)
-    assert told["model"] is None and told["obstacle"].startswith("No vehicle found yet.")
+    captured = capsys.readouterr()
+    document = strict_json(captured.out)
+    assert document["model"] is None and document["obstacle"].startswith("No vehicle found yet.")
     assert (
-        "The model is lost" in said.err and "The page is lost" in said.err and told["html"] is None
+        "The model is lost" in captured.err
+        and "The page is lost" in captured.err
+        and document["html"] is None
     )
-    assert "there is no folder" in said.err
+    assert "there is no folder" in captured.err
 
 
 @mark.slow
 def test_the_vehicle_that_sends_after_the_followed_one_has_files_of_its_own(
     here, capsys, monkeypatch
 ):
-    wanted = []
+    """Vehicle 1 is silent and vehicle 2 sends.
+
+    The second session has files of its own, whose number is free for all of them.
+    """
+    sessions = []
 
     def fly(session, is_end_requested, *_):
-        wanted.append(session)
-        if len(wanted) == 1:
+        sessions.append(session)
+        if len(sessions) == 1:
             record_take_over(session)
-        assert is_end_requested() == (len(wanted) == 1)
+        assert is_end_requested() == (len(sessions) == 1)
 
     monkeypatch.setattr("mavdem.cli.live.run_session", fly)
     # A file that is not named, but written beside the recording.
     (here / "f-2.model.json").touch()
     words = f"udpin:127.0.0.1:{free_port()} --record f.tlog --html f.html --json"
     assert run("live", *words.split()) == 1
-    _, second = wanted
+    _, second = sessions
     assert second.stream.status().no_model_reason.subject == "2:1"
     names = {path.name for path in here.iterdir()}
     assert {"f.tlog", "f.html", "f-3.tlog", "f-3.html"} <= names and "f-2.tlog" not in names
     # The session of 2:1 ends before it has analysed anything, and its recording has the frames all the same.
     assert systems_in(here / "f.tlog") == [1] and systems_in(here / "f-3.tlog") == [2]
-    told = strict_json(capsys.readouterr().out)
-    (earlier,) = told["earlier"]
+    document = strict_json(capsys.readouterr().out)
+    (earlier,) = document["earlier"]
     assert earlier["html"] == "f.html" and "earlier" not in earlier
-    assert earlier["record"]["frames"] == told["record"]["frames"] > 0
-    assert told["record"]["file"] == "f-3.tlog"
+    assert earlier["record"]["frames"] == document["record"]["frames"] > 0
+    assert document["record"]["file"] == "f-3.tlog"
 
 
 @mark.slow
@@ -148,6 +156,7 @@ def test_what_was_recorded_of_a_vehicle_that_is_not_followed_any_more_stays_wher
 
 @mark.slow
 def test_without_a_vehicle_it_ends_with_nothing_kept(here, capsys, monkeypatch):
+    """Only bytes that are no MAVLink arrive."""
     port = free_port()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
         stranger.bind(("127.0.0.1", 0))
@@ -163,11 +172,11 @@ def test_without_a_vehicle_it_ends_with_nothing_kept(here, capsys, monkeypatch):
         stranger.settimeout(0.1)
         with raises(TimeoutError):
             stranger.recv(100)  # not one byte is sent
-    said = capsys.readouterr()
-    told = strict_json(said.out)
-    assert "No vehicle" in said.err
-    assert told["vehicle"] is told["model"] is told["rrd"] is None
-    assert told["samples"] == {"learnt": 0, "shown": 0}
+    captured = capsys.readouterr()
+    document = strict_json(captured.out)
+    assert "No vehicle" in captured.err
+    assert document["vehicle"] is document["model"] is document["rrd"] is None
+    assert document["samples"] == {"learnt": 0, "shown": 0}
 
 
 @mark.slow
@@ -244,19 +253,23 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(here, capsys,
         for number, handler in handlers.items():
             signal.signal(number, handler)
     printed = capsys.readouterr()
-    said = printed.err
-    assert "First model of roll" in said and "should not have happened" not in said
+    captured = printed.err
+    assert "First model of roll" in captured and "should not have happened" not in captured
     # The states of the learning are in the status, and have no lines of their own.
-    assert "The model is being learned. Fly on" not in said
-    assert re.search(r"in flight 0:\d\d, .*; learning", said)
-    assert re.search(r"Watched: .*\boscillation\b.*\(since \d+ s\)", said)
-    told = strict_json(printed.out)
-    assert told["vehicle"] == "1:1" and told["samples"]["learnt"] > 500 and told["lost"] == 0
-    assert told["record"]["frames"] > 1000 and flown[0].commands >= 4
-    assert told["rates"]["ATTITUDE"] == approx(100, rel=0.1), (
+    assert "The model is being learned. Fly on" not in captured
+    assert re.search(r"in flight 0:\d\d, .*; learning", captured)
+    assert re.search(r"Watched: .*\boscillation\b.*\(since \d+ s\)", captured)
+    document = strict_json(printed.out)
+    assert (
+        document["vehicle"] == "1:1"
+        and document["samples"]["learnt"] > 500
+        and document["lost"] == 0
+    )
+    assert document["record"]["frames"] > 1000 and flown[0].commands >= 4
+    assert document["rates"]["ATTITUDE"] == approx(100, rel=0.1), (
         "what comes faster already is not lowered"
     )
-    learned = mavdem.Learned.from_json((here / told["model"]).read_text())
+    learned = mavdem.Learned.from_json((here / document["model"]).read_text())
     assert (learned.settings.prior, learned.settings.order) == ("uniform", 4)
     assert len(learned.model.B.T) == 4 and len(learned.record) >= 2 * MIN_SAMPLES
     assert {*drawn(here / "f.rrd")} >= {"motors/0_outputs", "axes/pitch/1_measured"}

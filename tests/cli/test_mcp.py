@@ -100,6 +100,7 @@ def test_errors_are_sentences(answers):
 
 
 def test_a_log_of_many_messages_is_described_as_far_as_it_is_listed(monkeypatch):
+    """Of nine messages with three fields each, an answer of five fields at most lists two."""
     # At the top of the file the import would take every worker of the tests half a second.
     from mavdem.cli import assistant_tools
 

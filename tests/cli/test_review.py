@@ -20,14 +20,15 @@ from mavdem.report.review import first_lines, further_lines, review_screen
 
 
 def test_a_log_alone_is_reviewed(here, capsys, monkeypatch):
+    """The path of a log is enough as a command. The review fits a terminal of 80 columns and 24 lines."""
     monkeypatch.setenv("COLUMNS", "80")
     assert run(SLOW) == 0
     screen = capsys.readouterr().out.splitlines()
-    (following,) = (row for row, line in enumerate(screen) if line.startswith("Next: "))
+    (next_line,) = (row for row, line in enumerate(screen) if line.startswith("Next: "))
     # A terminal of 24 lines shows all; what is not good is whole, and so is what to do next.
     assert len(screen) <= 24 and max(map(len, screen)) <= 80
-    cut = [line for line in screen[1:] if "…" in line]
-    assert all(line[11:].startswith("good ") for line in cut)
+    cut_lines = [line for line in screen[1:] if "…" in line]
+    assert all(line[11:].startswith("good ") for line in cut_lines)
     assert screen[0].startswith("ardupilot_default_rates.tlog: ")
     assert 0 <= float(re.search(r"took ([0-9.]+) s", screen[-1])[1]) < time.perf_counter()
     folder = here / "ardupilot_default_rates"
@@ -55,8 +56,8 @@ def test_the_library_returns_what_is_printed(tmp_path):
     with raises(TypeError):
         other_review.lights["log"] = other_review.headline
     command = "`mavdem tune 'my flight.tlog' --axis all`"
-    following = prose(f"What to do, in so many words that they do not fit on the line: {command}.")
-    judgement = replace(other_review.judgement, next_step=following)
+    next_line = prose(f"What to do, in so many words that they do not fit on the line: {command}.")
+    judgement = replace(other_review.judgement, next_step=next_line)
     assert f"\n{command}." in str(replace(other_review, judgement=judgement))
     other_review.page(tmp_path / "page.html")
     assert other_review.sentence(other_review.headline) in (tmp_path / "page.html").read_text()
@@ -100,6 +101,7 @@ def test_a_file_that_is_missing_is_no_command(capsys):
 
 @mark.slow
 def test_two_logs_of_one_flight_are_one_review(here, capsys):
+    """A log is cut in two, and both parts are given: the review is that of the whole log."""
     content = SLOW.read_bytes()
     middle = len(content) // 2
     first, second = here / "first.tlog", here / "second.tlog"
@@ -120,6 +122,7 @@ def test_two_logs_of_one_flight_are_one_review(here, capsys):
 
 @mark.slow
 def test_the_inventory_and_the_review_have_every_instance_and_what_can_be_trusted(here, capsys):
+    """Both commands list batteries, sensors and outputs, and the checks of the sensors."""
     inventory = document_of(capsys, "info", SLOW, code=1)
     (vehicle,) = inventory["vehicles"]
     reviewed = document_of(capsys, "review", SLOW)

@@ -19,6 +19,7 @@ from mavdem.fleet_pages import write_fleet_pages
 
 @mark.slow
 def test_a_fleet_in_one_command(tmp_path, capsys, monkeypatch):
+    """A folder with a sound log and a damaged one is tracked several times."""
     flights = tmp_path / "flights"
     flights.mkdir()
     shutil.copy(LOGS / "ardupilot_default_rates.tlog", flights)
@@ -60,16 +61,17 @@ def test_a_fleet_in_one_command(tmp_path, capsys, monkeypatch):
 
 @mark.slow
 def test_names_are_given_kept_and_taken_away(tmp_path, capsys):
+    """The user names a vehicle and a flight by --name, and removes the name of the vehicle."""
     paths = make_logs(tmp_path / "logs", 1)
     out = tmp_path / "fleet"
     track(out, *paths)
     (vehicle,) = {row.vehicle for row in read_rows(out)}
     # The log is known, so that the command reads nothing.
     command = ("track", *paths, "--out", out, "--jobs", "1")
-    named = document_of(
+    document = document_of(
         capsys, *command, "--name", f"{vehicle}=Red <b> quad", "--name", f"{paths[0].name}=First"
     )
-    assert (named["read"], named["vehicle_names"]) == (0, {vehicle: "Red <b> quad"})
+    assert (document["read"], document["vehicle_names"]) == (0, {vehicle: "Red <b> quad"})
     document_of(capsys, *command)
     page = (out / "index.html").read_text()
     assert "Red &lt;b&gt; quad" in page and "<b> quad" not in page
@@ -115,6 +117,7 @@ def test_a_page_says_what_its_row_says_now(tmp_path):
     }.items(),
 )
 def test_logs_that_cannot_be_tracked_are_reported(here, capsys, line, sentence):
+    """A wrong path or option ends the command with exit code 2, and creates no fleet."""
     (here / "x.bin").write_bytes(b"?")
     assert sentence in refused(capsys, 2, "track", *line.split())
     assert not (here / "fleet").exists()

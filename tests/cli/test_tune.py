@@ -17,6 +17,7 @@ pytestmark = [mark.slow, mark.usefixtures("coarse_physics")]
 def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(
     tmp_path, capsys, monkeypatch
 ):
+    """The gains in the document, in the file for the ground station and on the page agree."""
     log = str(tmp_path / "flight.tlog")
     out = tmp_path / "out"
     assert run("fly", "iris_identification", "--duration", "50", "--out", log) == 0
@@ -76,6 +77,7 @@ stream = { autopilot = "ardupilot", rates = { HIGHRES_IMU = 400, ATTITUDE_TARGET
 
 @mark.usefixtures("without_pages")
 def test_filters_are_written_with_the_gains_when_asked_for(tmp_path, capsys):
+    """The simulated vehicle vibrates, so that a notch filter is advised."""
     (tmp_path / "shaken.toml").write_text(SHAKEN)
     log = str(tmp_path / "flight.tlog")
     assert run("fly", tmp_path / "shaken.toml", "--out", log) == 0

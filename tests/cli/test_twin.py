@@ -19,6 +19,7 @@ WEIGHT = 1.52 * 9.81 / 4
 
 @fixture(scope="module")
 def folder(tmp_path_factory, coarse_physics):
+    """A folder with a simulated flight, and the twin of its vehicle in all file formats."""
     folder_path = tmp_path_factory.mktemp("twin")
     log = folder_path / "flight.tlog"
     files = [folder_path / f"mine.{ending}" for ending in ("toml", "json", "params", "sdf")]
@@ -37,6 +38,7 @@ def folder(tmp_path_factory, coarse_physics):
 
 
 def test_every_file_hovers_and_rolls_as_the_vehicle(folder):
+    """Each format has its own formula of thrust and torque: all must give the true hover and roll effect."""
     body = tomllib.loads((folder / "mine.toml").read_text())["vehicle"]["body"]
     hover = body["hover"]
     arm = body["arm"][1]
@@ -83,6 +85,7 @@ def test_the_twin_follows_the_recorded_setpoints_much_as_the_vehicle_did(folder)
 def test_the_twin_flies_other_gains_or_gives_the_reason_why_not(
     folder, change, sentence, tmp_path, capsys
 ):
+    """A gain is changed by its name; a wrong name or value is refused."""
     (gains := tmp_path / "gains.param").write_text("MC_PITCH_P 7\n")
     flown = tmp_path / "flown.tlog"
     arguments = ["calm", "--duration", "16", "--vehicle", folder / "mine.toml", "--params", gains]

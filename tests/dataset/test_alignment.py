@@ -94,24 +94,25 @@ def eight_and_twelve(phase):
 @mark.slow
 def test_signals_of_another_axis_share_results_and_those_of_another_flight_do_not():
     signals = Signals(HOVER.telemetry())
-    found = settled_segments(signals)
-    assert settled_segments(signals.for_axis("roll")) is found
-    assert aligned_flight(signals, found[0], dt=0.02).dt == approx(0.02)
+    segments = settled_segments(signals)
+    assert settled_segments(signals.for_axis("roll")) is segments
+    assert aligned_flight(signals, segments[0], dt=0.02).dt == approx(0.02)
     other = replace(signals, telemetry=HOVER.telemetry(without=("ATTITUDE",)))
-    assert settled_segments(other) != found
+    assert settled_segments(other) != segments
 
 
 def test_each_of_two_boots_whose_clocks_overlap_has_its_segment():
-    once = HOVER.telemetry()
-    parted = only(once, lambda time: (time < 30.0) | (time > 33.0))
-    twice = {}
-    for name, table in once.messages.items():
-        later = parted.messages[name]
-        twice[name] = {field: np.append(table[field], later[field]) for field in table}
-        twice[name]["boot"] = np.repeat([0, 1], [len(table["time"]), len(later["time"])])
-    parts = [replace(part, boot=1) for part in settled_segments(Signals(parted))]
-    found = settled_segments(Signals(replace(once, messages=twice)))
-    assert found == (*settled_segments(Signals(once)), *parts)
+    """The log has the same hover twice, as boots 0 and 1. The second lacks 3 s, so that it has two segments."""
+    telemetry = HOVER.telemetry()
+    interrupted = only(telemetry, lambda time: (time < 30.0) | (time > 33.0))
+    both_boots = {}
+    for name, table in telemetry.messages.items():
+        later = interrupted.messages[name]
+        both_boots[name] = {field: np.append(table[field], later[field]) for field in table}
+        both_boots[name]["boot"] = np.repeat([0, 1], [len(table["time"]), len(later["time"])])
+    parts = [replace(part, boot=1) for part in settled_segments(Signals(interrupted))]
+    segments = settled_segments(Signals(replace(telemetry, messages=both_boots)))
+    assert segments == (*settled_segments(Signals(telemetry)), *parts)
 
 
 def test_the_segment_is_the_hover_between_a_climb_and_a_sinking_however_slow():
@@ -205,10 +206,10 @@ def test_a_climb_in_the_midst_of_a_flight_is_not_settled():
     telemetry = HOVER.telemetry()
     position = telemetry.messages["LOCAL_POSITION_NED"]
     climbs = np.where((position["time"] > 25) & (position["time"] < 35), -1.2, position["vz"])
-    found = phases.settled_intervals(
+    segments = phases.settled_intervals(
         Signals(changed(telemetry, "LOCAL_POSITION_NED", vz=climbs)), 0
     )
-    assert [round(edge) for span in found for edge in span[:2]][1:3] == [26, 34]
+    assert [round(edge) for span in segments for edge in span[:2]][1:3] == [26, 34]
 
 
 def test_what_never_rose_was_never_in_the_air_whatever_is_reported():
@@ -238,6 +239,7 @@ def test_a_vehicle_that_hovers_below_any_threshold_flies_by_its_land_detector():
 
 
 def test_gaps_and_tumbles_end_a_segment():
+    """Motor outputs are missing for a while after 20 s, and the vehicle tumbles at 30 s and at 40 s."""
     gap = 20, 20 + 2 * MAX_GAP_SECONDS
     telemetry = only(
         HOVER.telemetry(), lambda time: (time <= gap[0]) | (time >= gap[1]), "SERVO_OUTPUT_RAW"
@@ -246,11 +248,11 @@ def test_gaps_and_tumbles_end_a_segment():
     time = telemetry.messages["ATTITUDE"]["time"]
     roll[abs(time - 40) < 0.5] = 2.5
     tumbling = changed(telemetry, "ATTITUDE", roll=roll, pitch=1.2 * (abs(time - 30) < 0.5))
-    found = settled_segments(Signals(tumbling))
-    assert [round(segment.duration) for segment in found] == sorted(
-        (round(segment.duration) for segment in found), reverse=True
+    segments = settled_segments(Signals(tumbling))
+    assert [round(segment.duration) for segment in segments] == sorted(
+        (round(segment.duration) for segment in segments), reverse=True
     )
-    ends = sorted((round(s.start, 1), round(s.end, 1)) for s in found)
+    ends = sorted((round(s.start, 1), round(s.end, 1)) for s in segments)
     # The tumbles of 1 s about 30 and 40 s are left out with a second around them; on its back, at 40 s, the vehicle has
     # crashed, and the seconds before that are those before a touch-down.
     assert ends[1:3] == [(20.2, 28.5), (31.5, 34.5)]
@@ -367,9 +369,9 @@ def test_lost_messages_and_jitter_part_nothing():
         -0.004, 0.004, round(HOVER.end * MIN_STREAM_RATE)
     )
     for stamps in (lossy, shaky):
-        found = settled_segments(Signals(HOVER.telemetry(stamps, HOVER.stamps(50.0))))
-        assert sum(segment.duration for segment in found) > 39
-        assert len(found) <= 1 + np.count_nonzero(np.diff(stamps) > MAX_GAP_SECONDS)
+        segments = settled_segments(Signals(HOVER.telemetry(stamps, HOVER.stamps(50.0))))
+        assert sum(segment.duration for segment in segments) > 39
+        assert len(segments) <= 1 + np.count_nonzero(np.diff(stamps) > MAX_GAP_SECONDS)
 
 
 def with_roll_demand(motor_rate, demand_rate):
@@ -380,6 +382,7 @@ def with_roll_demand(motor_rate, demand_rate):
     "motor_rate, demand_rate, taken", [(100.0, 100.0, "motors"), (10.0, 100.0, "demand")]
 )
 def test_the_demand_is_taken_only_where_motors_come_too_slowly(motor_rate, demand_rate, taken):
+    """The demand of the controller replaces motor outputs that are recorded at 10 Hz, but not those at 100 Hz."""
     demanded = with_roll_demand(motor_rate, demand_rate)
     learnability = learnability_of(Signals(demanded))
     assert learnability.learnable
@@ -401,9 +404,10 @@ def test_the_demand_is_taken_only_where_motors_come_too_slowly(motor_rate, deman
 
 @mark.slow
 def test_the_inputs_that_are_asked_for_are_taken():
-    both = with_roll_demand(100.0, 50.0)
-    learnability = learnability_of(Signals(both, inputs="demand"))
-    flight = aligned_flight(Signals(both, inputs="demand"), learnability.segment)
+    """The user chooses the demand or the motors as inputs; inputs that are too slow or missing are refused."""
+    with_motors_and_demand = with_roll_demand(100.0, 50.0)
+    learnability = learnability_of(Signals(with_motors_and_demand, inputs="demand"))
+    flight = aligned_flight(Signals(with_motors_and_demand, inputs="demand"), learnability.segment)
     assert learnability.learnable and learnability.cautions[0].code is Caution.DEMAND_IS_INPUT
     assert flight.input_names == ("roll demand",) and flight.dt == approx(0.02)
     slow_motors = learnability_of(Signals(with_roll_demand(10.0, 100.0), inputs="motors"))
@@ -413,7 +417,7 @@ def test_the_inputs_that_are_asked_for_are_taken():
     without = learnability_of(Signals(Hover().telemetry(), inputs="demand"))
     assert without.reason.code is NotLearnableReason.NO_DEMAND and without.remedy
     with raises(ValueError, match="'torque'"):
-        learnability_of(Signals(both, inputs="torque"))
+        learnability_of(Signals(with_motors_and_demand, inputs="torque"))
 
 
 @mark.parametrize(
@@ -428,16 +432,16 @@ def test_the_inputs_that_are_asked_for_are_taken():
 def test_what_neither_rises_nor_leans_as_it_is_asked_is_held(height, asked, leaned, stands):
     """In shares of what is asked at least, and of what hardly leans."""
     hover = Hover(sway=0.0)
-    made = hover.telemetry(20.0, 20.0)
-    time = made.messages["ATTITUDE"]["time"]
+    telemetry = hover.telemetry(20.0, 20.0)
+    time = telemetry.messages["ATTITUDE"]["time"]
     wave = np.where(np.sin(3 * time) > 0, 1.0, -1.0) * asked * np.radians(10.0)
     asks = attitude_target(quaternion(wave, 0 * time, 0 * time))
-    made = changed(made, "ATTITUDE_TARGET", **columns(time, **asks))
+    telemetry = changed(telemetry, "ATTITUDE_TARGET", **columns(time, **asks))
     leans = wave / asked * leaned / 3
-    made = changed(made, "ATTITUDE", roll=leans, pitch=0.0)
-    at = made.messages["LOCAL_POSITION_NED"]["time"]
-    up = np.where((at > 20.0) & (at < 40.0), -height, 0.0)
-    signals = Signals(changed(made, "LOCAL_POSITION_NED", z=up))
+    telemetry = changed(telemetry, "ATTITUDE", roll=leans, pitch=0.0)
+    height_time = telemetry.messages["LOCAL_POSITION_NED"]["time"]
+    up = np.where((height_time > 20.0) & (height_time < 40.0), -height, 0.0)
+    signals = Signals(changed(telemetry, "LOCAL_POSITION_NED", z=up))
     flights = flight_states.airborne_intervals(signals, 0)
     assert flights
     if stands:

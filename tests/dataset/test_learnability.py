@@ -117,7 +117,7 @@ def test_who_asks_for_rates_is_named_only_where_somebody_does():
 
 
 def with_contradiction(telemetry, start, end):
-    """The rate has nothing to do with the angle from ``start`` to ``end``, after which 0.5 s are missing."""
+    """Returns telemetry whose body rate does not fit its angle from start to end, after which 0.5 s are missing."""
     telemetry = only(
         telemetry, lambda time: (time <= end) | (time > end + 0.5), "ATTITUDE", "SERVO_OUTPUT_RAW"
     )
@@ -171,6 +171,7 @@ def test_a_hover_on_little_of_the_range_is_a_flight_where_the_autopilot_idles_lo
     ],
 )
 def test_a_figure_is_doubted_below_its_limit_only(figure, limit, caution):
+    """A caution is given for a value just below the limit of a figure, and none for a value just above it."""
     signals = Signals(HOVER.telemetry())
     figures = learnability_of(signals).figures
     for value, doubted in ((limit - 1e-3, {caution}), (limit + 1e-3, set())):
@@ -344,13 +345,15 @@ def test_a_command_at_the_floor_of_the_stream_is_refused():
     )
 
 
-def random_stamps(random, end):
-    """A stream that changes its pace a few times, rounded or not."""
-    paces = random.choice(
-        [0.001, 0.0025, 0.01, 0.02, 0.066, 0.25, 1.0, 3.0], size=random.integers(1, 5)
+def random_stamps(random_generator, end):
+    """Returns random time stamps, s, of a stream that changes its rate a few times."""
+    paces = random_generator.choice(
+        [0.001, 0.0025, 0.01, 0.02, 0.066, 0.25, 1.0, 3.0], size=random_generator.integers(1, 5)
     )
-    steps = [random.exponential(pace, random.integers(1, 300)) for pace in paces]
-    stamps = np.round(np.cumsum(np.concatenate(steps)), random.choice([3, 6]))
+    steps = [
+        random_generator.exponential(pace, random_generator.integers(1, 300)) for pace in paces
+    ]
+    stamps = np.round(np.cumsum(np.concatenate(steps)), random_generator.choice([3, 6]))
     return stamps[stamps < end]
 
 
@@ -358,20 +361,26 @@ def random_stamps(random, end):
 @mark.parametrize("seed", range(40))
 def test_mutilated_telemetry_is_judged_and_its_segments_align(seed):
     """Whatever is missing, shuffled, repeated or not a number, it is judged, and every segment makes a Flight."""
-    random = default_rng(seed)
-    hover = Hover(hovering=random.uniform(0, 20))
-    streams = [random_stamps(random, hover.end) for _ in range(2)]
+    random_generator = default_rng(seed)
+    hover = Hover(hovering=random_generator.uniform(0, 20))
+    streams = [random_stamps(random_generator, hover.end) for _ in range(2)]
     telemetry = hover.telemetry(
-        *(streams if seed % 2 else random.choice([1.0, 4.0, 50.0, 100.0], 2))
+        *(streams if seed % 2 else random_generator.choice([1.0, 4.0, 50.0, 100.0], 2))
     )
     for message, table in telemetry.messages.items():
         rows = len(table["time"])
-        kept = random.permutation(rows)[: random.choice([0, 1, 2, rows // 3, rows, rows, rows])]
+        kept = random_generator.permutation(rows)[
+            : random_generator.choice([0, 1, 2, rows // 3, rows, rows, rows])
+        ]
         columns = {name: column[kept].copy() for name, column in table.items()}
         if message != "HEARTBEAT" and len(kept):
-            hit = random.choice([name for name in columns if name not in ("boot", "port")])
-            columns[hit][: rows // 20] = random.choice([np.nan, np.inf, 0.0, -1e6])
-            columns["boot"] = np.int64(np.nan_to_num(columns["time"]) > random.uniform(0, 60))
+            hit = random_generator.choice(
+                [name for name in columns if name not in ("boot", "port")]
+            )
+            columns[hit][: rows // 20] = random_generator.choice([np.nan, np.inf, 0.0, -1e6])
+            columns["boot"] = np.int64(
+                np.nan_to_num(columns["time"]) > random_generator.uniform(0, 60)
+            )
         telemetry = changed(telemetry, message, **columns)
     document = Verdict.model_validate(judged(telemetry)).as_dict()
     assert json.loads(json.dumps(document, allow_nan=False)) == document
@@ -385,7 +394,10 @@ def in_whole_pulses(telemetry):
 
 
 def held(telemetry, message, rows, only=("",)):
-    """Each ``rows``th message's values again and again, under the stamps as they were; only fields beginning so."""
+    """Returns telemetry in which each value of a message is repeated for a number of rows.
+
+    The time stamps stay. Only fields whose names begin with ``only`` are changed.
+    """
     table = telemetry.messages[message]
     source = np.arange(len(table["time"])) // rows * rows
     fields = {
@@ -406,6 +418,7 @@ def held(telemetry, message, rows, only=("",)):
 def test_values_sent_again_and_again_are_refused_for_the_rate_of_new_ones(
     message, only, rows, told
 ):
+    """Messages come at 100 Hz, but their values are new only in every 5th, 10th or 25th."""
     # A motor that never moves says nothing.
     telemetry = changed(in_whole_pulses(HOVER.telemetry()), "SERVO_OUTPUT_RAW", servo4_raw=1000.0)
     reason = refused_for(held(telemetry, message, rows, (only,)))
@@ -429,6 +442,7 @@ def test_motors_that_stand_still_because_they_are_rounded_are_not_held():
 
 
 def test_an_attitude_near_its_resolution_is_doubted_and_at_it_refused():
+    """Angles and rates are rounded to 0.05 rad: a caution for a usual hover, a refusal for one that hardly moves."""
     doubted = learnability_of(Signals(with_steps(0.05, HOVER.telemetry())))
     assert doubted.learnable
     (caution,) = (fact for fact in doubted.cautions if fact.code is Caution.NEAR_RESOLUTION)

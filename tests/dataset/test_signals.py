@@ -59,6 +59,10 @@ def test_a_faster_quaternion_gives_the_euler_angles_it_was_made_of():
 
 @mark.parametrize("per_rad", [1.0, np.degrees(1.0)])
 def test_faster_rates_of_the_controller_give_the_angle_between_two_attitudes(per_rad):
+    """ArduPilot's log message RATE comes at 100 Hz, and the attitude at 2.5 Hz.
+
+    The rates are integrated between the angles.
+    """
     time = HOVER.stamps(100.0)
     achieved = per_rad * HOVER.roll_rate(time)
     axis = np.ones(len(time))
@@ -76,9 +80,9 @@ def test_faster_rates_of_the_controller_give_the_angle_between_two_attitudes(per
     without = only(telemetry, lambda time: (time < 10.0) | (time > 15.0), "ATTITUDE")
     steps = np.diff(attitude.attitude_of_axis(without, "roll").time)
     assert steps.max() == approx(5.0, abs=0.9), "an outage of the angle is one"
-    half = {name: values[: len(time) // 2] for name, values in tuning.items()}
-    part = changed(telemetry, "PID_TUNING", **half)
-    assert attitude.attitude_of_axis(part, "roll").message == "ATTITUDE", (
+    first_half = {name: values[: len(time) // 2] for name, values in tuning.items()}
+    interrupted = changed(telemetry, "PID_TUNING", **first_half)
+    assert attitude.attitude_of_axis(interrupted, "roll").message == "ATTITUDE", (
         "the rest has attitude too"
     )
 
@@ -113,6 +117,7 @@ def test_slope_is_the_derivative_of_the_angle_in_a_banked_turn():
 
 
 def test_disordered_repeated_and_broken_samples_leave_clean_columns():
+    """The messages of a log are shuffled, 500 of them are there twice, and one angle is NaN."""
     telemetry = HOVER.telemetry()
     table = telemetry.messages["ATTITUDE"]
     order = default_rng(0).permutation(len(table["time"]))
@@ -121,14 +126,15 @@ def test_disordered_repeated_and_broken_samples_leave_clean_columns():
     lost = shuffled["time"][7]
     shuffled["roll"][shuffled["time"] == lost] = np.nan
     shuffled["roll"][-1] += 1.0  # another value at the same stamp
-    got = attitude.attitude_of_axis(changed(telemetry, "ATTITUDE", **shuffled), "roll")
-    assert got.unused_count == 1 + np.count_nonzero(np.isnan(shuffled["roll"]))
-    whole = attitude.attitude_of_axis(telemetry, "roll")
-    assert_array_equal(got.time, whole.time[whole.time != lost])
-    assert_array_equal(got.angle, whole.angle[whole.time != lost])
+    cleaned = attitude.attitude_of_axis(changed(telemetry, "ATTITUDE", **shuffled), "roll")
+    assert cleaned.unused_count == 1 + np.count_nonzero(np.isnan(shuffled["roll"]))
+    expected_attitude = attitude.attitude_of_axis(telemetry, "roll")
+    assert_array_equal(cleaned.time, expected_attitude.time[expected_attitude.time != lost])
+    assert_array_equal(cleaned.angle, expected_attitude.angle[expected_attitude.time != lost])
 
 
 def test_ardupilot_motors_by_servo_function_and_frame():
+    """Parameters assign the motors of a plus frame to outputs 2, 3, 4 and 1, and output 5 to something else."""
     parameters = {"FRAME_CLASS": 1, "FRAME_TYPE": 0, "SERVO1_FUNCTION": 36, "SERVO2_FUNCTION": 33}
     parameters |= {"SERVO3_FUNCTION": 34, "SERVO4_FUNCTION": 35, "SERVO5_FUNCTION": 70}
     motors = motor_outputs.motor_outputs_or_reason(HOVER.telemetry(parameters=parameters))
@@ -151,14 +157,14 @@ def test_yaw_is_by_the_direction_of_the_propellers():
     functions = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, 5)}
     for frame_type, signs in ((1, [1, 1, -1, -1]), (3, [-1, -1, 1, 1]), (14, [1, -1, 1, -1])):
         frame = functions | {"FRAME_CLASS": 1.0, "FRAME_TYPE": float(frame_type)}
-        found = motor_geometry(
+        geometry = motor_geometry(
             "QUADROTOR", "ARDUPILOTMEGA", frame, moving_channels=range(1, 5), bank_size=8
         )
-        assert_array_equal(4 * found.mixer_row("yaw"), signs)
+        assert_array_equal(4 * geometry.mixer_row("yaw"), signs)
     rotors = {f"PWM_MAIN_FUNC{n}": 100.0 + n for n in range(1, 5)}
     rotors |= px4_rotors((1, 1, 0.05), (-1, -1, 0.04), (1, -1, 0.0), (-1, 1, -0.04))
-    found = motor_geometry("QUADROTOR", "PX4", rotors, moving_channels=range(1, 5), bank_size=16)
-    assert found.mixer_row("yaw") is None, "it is not known how the third one turns"
+    geometry = motor_geometry("QUADROTOR", "PX4", rotors, moving_channels=range(1, 5), bank_size=16)
+    assert geometry.mixer_row("yaw") is None, "it is not known how the third one turns"
 
 
 def test_without_parameters_the_moving_channels_are_assumed_and_said():
@@ -177,11 +183,11 @@ def test_without_parameters_the_moving_channels_are_assumed_and_said():
 
 def test_a_tricopter_s_tilt_servo_is_no_motor_and_an_unknown_frame_has_no_places():
     parameters = {"FRAME_CLASS": 7.0} | {f"SERVO{n}_FUNCTION": 32.0 + n for n in (1, 2, 4, 7)}
-    found = motor_geometry(
+    geometry = motor_geometry(
         "TRICOPTER", "ARDUPILOTMEGA", parameters, moving_channels=[1, 2, 4, 7], bank_size=8
     )
-    assert found.motors == (1, 2, 4) and not found.positions_assumed
-    assert found.positions[1] == approx((0.5, -(3**0.5) / 2)), "of 120° from arm to arm"
+    assert geometry.motors == (1, 2, 4) and not geometry.positions_assumed
+    assert geometry.positions[1] == approx((0.5, -(3**0.5) / 2)), "of 120° from arm to arm"
     # A hexarotor of unknown frame has no places.
     motors = motor_geometry(
         "HEXAROTOR", "ARDUPILOTMEGA", {}, moving_channels=range(1, 9), bank_size=8
@@ -202,21 +208,21 @@ def test_every_frame_balances(frame_class, frame_type, count):
     """Equal thrust on every motor turns nothing, and both axes can be turned."""
     functions = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, count + 1)}
     frame = functions | {"FRAME_CLASS": frame_class, "FRAME_TYPE": frame_type}
-    found = motor_geometry(
+    geometry = motor_geometry(
         "QUADROTOR", "ARDUPILOTMEGA", frame, moving_channels=range(1, count + 1), bank_size=8
     )
-    assert len(found.motors) == count and not found.positions_assumed
+    assert len(geometry.motors) == count and not geometry.positions_assumed
     yawless = frame_class == 1 and frame_type in (16, 17)
     if yawless:
-        assert found.mixer_row("yaw") is None
+        assert geometry.mixer_row("yaw") is None
     else:
-        assert found.mixer_row("yaw") is not None
+        assert geometry.mixer_row("yaw") is not None
     for axis in ("roll", "pitch", *([] if yawless else ["yaw"])):
-        assert found.mixer_row(axis).sum() == approx(0, abs=1e-6)
-        assert abs(found.mixer_row(axis)).sum() == approx(1)
+        assert geometry.mixer_row(axis).sum() == approx(0, abs=1e-6)
+        assert abs(geometry.mixer_row(axis)).sum() == approx(1)
         # Turning about one axis turns nothing about the others.
-        others = [found.mixer_row(other) for other in ("roll", "pitch") if other != axis]
-        assert_allclose(np.array(others) @ found.mixer_row(axis), 0, atol=1e-6)
+        others = [geometry.mixer_row(other) for other in ("roll", "pitch") if other != axis]
+        assert_allclose(np.array(others) @ geometry.mixer_row(axis), 0, atol=1e-6)
 
 
 def test_rounding_is_measured_before_a_bank_is_moved_to_the_stamps_of_another():
@@ -318,6 +324,10 @@ def test_the_collective_is_the_motors_mean_or_else_the_thrust_asked_for():
     ],
 )
 def test_a_stop_is_where_motors_stay_as_nowhere_below(stay, close, depth, highest, stops):
+    """The upper limit of a motor is the highest output if it has that output unusually often.
+
+    Of 1000 samples some stay at the highest output, and some close below it.
+    """
     shares = np.repeat([highest, highest - depth, 0.4], [stay, close, 1000 - stay - close])
     assert motor_outputs._observed_upper_limit(shares[:, None]) == (highest if stops else 1.0)
 
@@ -364,8 +374,11 @@ def test_without_a_battery_monitor_there_is_none():
     ],
 )
 def test_height_and_climb_are_in_metres_upwards(signal, message, field, value):
-    flown = HOVER.telemetry(10.0, without=("LOCAL_POSITION_NED",))
-    telemetry = changed(flown, message, **columns(np.arange(5.0), **{field: np.full(5, value)}))
+    """Each message has a height of 12 m, or a climb rate of 12 m/s, in its own unit and sign."""
+    hover_telemetry = HOVER.telemetry(10.0, without=("LOCAL_POSITION_NED",))
+    telemetry = changed(
+        hover_telemetry, message, **columns(np.arange(5.0), **{field: np.full(5, value)})
+    )
     assert getattr(Signals(telemetry), signal).values == approx(12.0)
 
 

@@ -13,14 +13,17 @@ HOVER = Hover(hovering=40.0)
 
 
 def steady_seconds(turn=0.0, stray=0.0):
-    """Of 40 s, for 5 s of which the nose turns by so many °/s, and for the next 5 s roll strays so far, °."""
+    """Returns the duration of steady flight in a hover of 40 s.
+
+    For 5 s the nose turns at a rate, °/s; for the next 5 s roll deviates from its setpoint by an angle, °.
+    """
     telemetry = HOVER.telemetry(attitude_time=20.0, motor_time=20.0)
     time = HOVER.stamps(20.0)
     yaw = (np.radians(turn) * np.clip(time - 20.0, 0.0, 5.0) + np.pi) % (2 * np.pi) - np.pi
     roll = HOVER.roll(time) + np.radians(stray) * ((time >= 25) & (time < 30))
-    asked = quaternion(HOVER.roll(time), 0 * time, 0 * time)
+    setpoint = quaternion(HOVER.roll(time), 0 * time, 0 * time)
     telemetry = changed(telemetry, "ATTITUDE", yaw=yaw, roll=roll)
-    telemetry = changed(telemetry, "ATTITUDE_TARGET", **columns(time, **attitude_target(asked)))
+    telemetry = changed(telemetry, "ATTITUDE_TARGET", **columns(time, **attitude_target(setpoint)))
     return total_duration(steady_intervals(Signals(telemetry, inputs="motors"), 0))
 
 

@@ -157,7 +157,9 @@ def test_a_script_that_its_workers_import_anew_starts_no_others(tmp_path):
 
 @mark.slow
 def test_threads_that_learn_take_turns(monkeypatch):
-    def slowly(*arguments):
+    """Six threads learn the same model: no two may be in the fit at a time, and all get the same result."""
+
+    def slow_complete_settings(*arguments):
         assert turn.acquire(blocking=False)
         time.sleep(0.01)  # lets the others come
         turn.release()
@@ -165,7 +167,9 @@ def test_threads_that_learn_take_turns(monkeypatch):
 
     turn = threading.Lock()
     fit_them = sys.modules["mavdem.dem.learning"].complete_settings
-    monkeypatch.setattr(sys.modules["mavdem.dem.learning"], "complete_settings", slowly)
+    monkeypatch.setattr(
+        sys.modules["mavdem.dem.learning"], "complete_settings", slow_complete_settings
+    )
     with ThreadPoolExecutor(3) as executor:
         answers = list(executor.map(learn, [FLIGHTS[0]] * 6, [JOBS[0][1]] * 6))
     assert len({answer.to_json() for answer in answers}) == 1

@@ -28,19 +28,20 @@ def document():
 @mark.slow
 @mark.parametrize("settings", [Settings(), Settings.paper(), Settings(order=4)])
 def test_json_both_ways_keeps_every_forecast(settings):
+    """A model that was written as JSON and read again gives exactly the same results."""
     learned = learn(FLIGHT[:700], settings)
     text = learned.to_json()
     strict_json(text)
     restored = Learned.from_json(text)
     assert restored.to_json() == text
-    for answer in (
+    for result_of in (
         lambda model: model.predict(50),
         lambda model: model.forecast(FLIGHT[700:].inputs),
         lambda model: model.one_step(),
         lambda model: model.process_noise()[1],
         lambda model: model.model_interval().B,
     ):
-        assert_array_equal(answer(restored), answer(learned))
+        assert_array_equal(result_of(restored), result_of(learned))
 
 
 @mark.parametrize("text", ["5", "null", "{}", '{"settings": {}}', "not JSON"])
@@ -51,6 +52,7 @@ def test_something_else_is_no_learned_model(text):
 
 @mark.slow
 def test_every_field_of_a_document_is_needed_and_checked(document):
+    """Each field of the JSON is removed, or replaced by something of another type or length."""
     values = json.loads(document)
     # Documents of the same version that were written before F(t) was kept as a function are read all the same.
     optional = {"sample_free_energy"}
@@ -58,22 +60,24 @@ def test_every_field_of_a_document_is_needed_and_checked(document):
         missing = {key: value for key, value in values.items() if key != name}
         with raises(ValueError, match=f"^not the document of a learned model: {name} is missing"):
             Learned.from_json(json.dumps(missing))
-    kept = values["record"]
-    former = {name: kept[name] for name in kept.keys() - {"parameters", "setpoints"}}
-    read = Learned.from_json(json.dumps({**values, "record": former}))
-    assert len(read.record) == len(kept["inputs"])
+    record_values = values["record"]
+    record_of_earlier_version = {
+        name: record_values[name] for name in record_values.keys() - {"parameters", "setpoints"}
+    }
+    restored = Learned.from_json(json.dumps({**values, "record": record_of_earlier_version}))
+    assert len(restored.record) == len(record_values["inputs"])
     for name in ("theta_covariance", "known", "state_map", "theta", "free_energy_of_samples"):
         for junk in (None, "junk", {"a": 1}):
             with raises(ValueError, match="must"):
                 Learned.from_json(json.dumps({**values, name: junk}))
     for name, other in {
-        "inputs": kept["inputs"][:-1],
+        "inputs": record_values["inputs"][:-1],
         "outputs": [],
         "lengths": [],
         "effect_directions": [1.0],
     }.items():
         with raises(ValueError, match="must"):
-            Learned.from_json(json.dumps({**values, "record": {**kept, name: other}}))
+            Learned.from_json(json.dumps({**values, "record": {**record_values, name: other}}))
 
 
 @mark.slow
@@ -108,6 +112,7 @@ def test_settings_of_former_versions_are_read():
 
 
 def test_paper_settings_are_those_of_section_v_d():
+    """The default settings, and where those of the paper (section V-D) differ from them."""
     usual = {"order": None, "p": 2, "d": None, "window": None, "scaling": "channel"}
     usual |= {"known_inputs": True, "smoothness": None, "correlation": "sampled"}
     usual |= {"prior": "regulated", "parameter_precision": None, "lambda_z": 20, "lambda_w": 3}

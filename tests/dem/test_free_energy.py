@@ -66,17 +66,20 @@ def close(actual, expected):
 @mark.slow
 @of_any_model
 def test_gradients_are_those_of_the_free_energy(model, seed):
-    """Of F in X, and of the action in θ and λ, at any posterior, mean-field terms included."""
+    """Gradients and curvatures equal numeric derivatives of the free energy, at a random posterior.
+
+    The derivatives are of F by X, and of the action by θ and λ, with the mean-field terms.
+    """
     rng = default_rng(seed)
     data = rng.standard_normal((5, model.hidden_columns.start))
     samples = SufficientStatistics.from_segments(data)
     state_map, posterior = random_posterior(seed, model, samples)
     states = data @ state_map.T
 
-    of_data, precision = state_gradient(posterior)
+    data_gain, precision = state_gradient(posterior)
     energy = SampleFreeEnergy.from_posterior(posterior)
     numeric = gradient(lambda X: energy.evaluate(data, X).sum(), states)
-    close(data @ of_data.T - states @ precision, numeric)
+    close(data @ data_gain.T - states @ precision, numeric)
 
     def action(**changed):
         changed_energy = SampleFreeEnergy.from_posterior(posterior._replace(**changed))
@@ -85,20 +88,20 @@ def test_gradients_are_those_of_the_free_energy(model, seed):
     slope, precision = theta_gradient(posterior), theta_precision(posterior)
     close(slope, gradient(lambda at: action(theta=at), posterior.theta))
     direction = rng.standard_normal(len(slope))
-    ahead, behind = (
+    gradient_ahead, gradient_behind = (
         theta_gradient(posterior._replace(theta=posterior.theta + d))
         for d in (direction, -direction)
     )
-    close(precision @ direction, (behind - ahead) / 2)
+    close(precision @ direction, (gradient_behind - gradient_ahead) / 2)
 
     slope, precision = lambda_gradient(posterior)
     close(slope, gradient(lambda at: action(lambda_=at), posterior.lambda_))
     direction = rng.standard_normal(len(slope))
-    along = gradient(
+    directional_gradient = gradient(
         lambda at: direction @ lambda_gradient(posterior._replace(lambda_=at))[0],
         posterior.lambda_,
     )
-    close(-precision @ direction, along)
+    close(-precision @ direction, directional_gradient)
 
 
 @of_any_model
@@ -121,8 +124,8 @@ def test_internal_energy_has_the_curvatures_of_free_energy_without_uncertainty(m
 def test_each_step_ends_where_the_gradient_of_the_free_energy_is_zero(model, seed):
     """By the gradients that the test above compares with differences."""
     samples, posterior = random_samples_and_posterior(seed, model)
-    of_data, precision = state_gradient(posterior)
-    close(precision @ d_step(posterior), of_data)
+    data_gain, precision = state_gradient(posterior)
+    close(precision @ d_step(posterior), data_gain)
     start_slope = abs(theta_gradient(posterior)).max()
     slope = theta_gradient(posterior._replace(theta=e_step(posterior)))
     assert abs(slope).max() < 1e-6 * (start_slope + samples.sample_count)

@@ -70,10 +70,11 @@ class MisjudgedBowl:
 
 
 def test_a_curvature_that_is_corrected_by_gradients_saves_half_of_the_steps():
+    """The curvature that the objective states is wrong; secant corrections from gradients make up for that."""
     objective = MisjudgedBowl()
     start = objective.expand(np.array([30.0, -20.0, 20.0, 10.0]))
-    plain, _ = gauss_newton(objective, start, DAMPING, 200)
-    corrected, gain = gauss_newton(objective, start, DAMPING, 200, corrects_curvature=True)
-    assert len(corrected) < len(plain) / 2
+    uncorrected_steps, _ = gauss_newton(objective, start, DAMPING, 200)
+    corrected_steps, gain = gauss_newton(objective, start, DAMPING, 200, corrects_curvature=True)
+    assert len(corrected_steps) < len(uncorrected_steps) / 2
     assert gain < 5e-3
-    assert corrected[-1].value > -0.01
+    assert corrected_steps[-1].value > -0.01

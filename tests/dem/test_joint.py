@@ -42,37 +42,43 @@ def regressed(choice):
     )
     precision = CONSTANT_RIDGE * np.eye(lags * K + 1)
     precision[:-1, :-1] = np.kron(choice.prior_precision, np.eye(K))
-    spread = np.eye(len(design)) + design @ np.linalg.inv(precision) @ design.T
+    sample_covariance = np.eye(len(design)) + design @ np.linalg.inv(precision) @ design.T
     regression = regress(
         statistics.gram_of_fewer_lags(max_lags, lags), statistics.row_count, choice.prior_precision
     )
-    return design, WALK[max_lags:] - design[:, :K], precision, spread, regression
+    return design, WALK[max_lags:] - design[:, :K], precision, sample_covariance, regression
 
 
 @mark.parametrize("choice", [LONGER, SHORTER])
 def test_the_terms_of_the_free_energy_are_as_named_and_sum_to_the_log_evidence(choice):
-    """Given Σ, the samples are Gaussian about the random walk, of covariance Σ ⊗ (1 + X P⁻¹ Xᵀ)."""
-    design, error, precision, spread, regression = regressed(choice)
-    noise = error.T @ np.linalg.solve(spread, error) / len(design) + ROUNDING_TOLERANCE * np.eye(K)
-    covariance = np.kron(noise, spread)
-    vector = error.T.ravel()
+    """Given the noise covariance Σ, the samples are Gaussian with the covariance Σ ⊗ (1 + X P⁻¹ Xᵀ).
+
+    So the evidence is also computed directly.
+    """
+    design, error, precision, sample_covariance, regression = regressed(choice)
+    noise = error.T @ np.linalg.solve(sample_covariance, error) / len(
+        design
+    ) + ROUNDING_TOLERANCE * np.eye(K)
+    covariance = np.kron(noise, sample_covariance)
+    stacked_errors = error.T.ravel()
     evidence = -0.5 * (
-        np.linalg.slogdet(2 * np.pi * covariance)[1] + vector @ np.linalg.solve(covariance, vector)
+        np.linalg.slogdet(2 * np.pi * covariance)[1]
+        + stacked_errors @ np.linalg.solve(covariance, stacked_errors)
     )
     assert regression.free_energy == approx(evidence, abs=1e-5)
     posterior = np.linalg.inv(design.T @ design + precision)
-    moved = posterior @ design.T @ error
+    mean_change = posterior @ design.T @ error
     weights = np.linalg.inv(noise)
-    assert_allclose(regression.mean, np.eye(*moved.shape) + moved, atol=1e-7)
+    assert_allclose(regression.mean, np.eye(*mean_change.shape) + mean_change, atol=1e-7)
     assert_allclose(
         regression.covariance_root.T @ regression.covariance_root, posterior, rtol=1e-6, atol=1e-9
     )
-    residual = error - design @ moved
+    residual = error - design @ mean_change
     narrower = np.linalg.slogdet(posterior @ precision)[1]
     expected = {
         "prediction errors": -0.5 * np.trace(weights @ residual.T @ residual),
         "noise entropy": -0.5 * len(design) * np.linalg.slogdet(2 * np.pi * noise)[1],
-        "parameter errors": -0.5 * np.trace(weights @ moved.T @ precision @ moved),
+        "parameter errors": -0.5 * np.trace(weights @ mean_change.T @ precision @ mean_change),
         "parameter entropy": 0.5 * K * narrower,
     }
     assert regression.terms == approx(expected, abs=1e-5)
@@ -138,19 +144,20 @@ def test_known_directions_are_taken_and_inputs_that_are_no_rotors_as_they_are():
 
 @mark.slow
 def test_bands_hold_nine_of_ten_at_every_horizon():
+    """The 90 % bands of forecasts over 0.1 s to 1.5 s contain nine tenths of the samples of eight simulated flights."""
     inside = []
     for seed in range(8):
         flight = in_closed_loop(seed, wind=10.0, samples=2000)
-        learnt = JointModel.learn(Record.from_flights(flight[:700]))
+        joint_model = JointModel.learn(Record.from_flights(flight[:700]))
         outputs = flight.outputs[700:]
         for steps in (10, 50, 150):
-            for made in (
-                learnt.rolling_forecast_known_inputs,
-                learnt.rolling_forecast_unknown_inputs,
+            for rolling_forecast in (
+                joint_model.rolling_forecast_known_inputs,
+                joint_model.rolling_forecast_unknown_inputs,
             ):
-                mean, variance = made(steps, flight.inputs[700:], outputs)
+                mean, variance = rolling_forecast(steps, flight.inputs[700:], outputs)
                 inside.append(
-                    (abs(outputs - mean) <= learnt.half_widths(variance, 0.9, steps)).mean()
+                    (abs(outputs - mean) <= joint_model.half_widths(variance, 0.9, steps)).mean()
                 )
     shares = np.reshape(inside, (8, -1)).mean(axis=0)
     # Of flights that do not change: recorded ones do, for which the bands are a little wider than these need.
@@ -158,7 +165,7 @@ def test_bands_hold_nine_of_ten_at_every_horizon():
 
 
 def followed(flight, outputs, gap=None):
-    """The live model, which begins anew after a ``gap``, and what it returns of each sample in turn."""
+    """Yields for each sample the online forecaster and its predictions; after a ``gap`` the forecaster begins anew."""
     ahead = OnlineForecaster(0.01, (1, 5, 25), 2, X_FRAME[:, None])
     memory = SampleMemory(0.01, 10, 300)
     for row in range(len(flight)):
@@ -173,25 +180,31 @@ def followed(flight, outputs, gap=None):
 
 @mark.slow
 def test_live_it_is_the_model_learnt_of_the_same_samples(monkeypatch):
-    """Unforgotten, but for the units: here of all samples, there of the first second. To 0.05 of the deviation."""
+    """The online forecaster, with endless memory, predicts like the model that is learned at once.
+
+    They scale the units by the first second and by all samples, so that they agree to 0.05 of the deviation.
+    """
     monkeypatch.setattr("mavdem.dem.online.forecaster.MEMORY_SECONDS", 1e9)
     flight = replace(in_closed_loop(wind=10.0, samples=2500), effect_directions=X_FRAME)
-    learnt = JointModel.learn(Record.from_flights(flight[:2450]))
+    joint_model = JointModel.learn(Record.from_flights(flight[:2450]))
     channels = np.hstack([flight.outputs, flight.inputs @ X_FRAME[:, None]])
     results = list(followed(flight, flight.outputs))
     for row, (_, expected_live, ahead_live) in enumerate(results):
         if row >= 2450:
             live = np.vstack([expected_live, ahead_live])
-            past = channels[row + 1 - learnt.hyperparameters.lags : row + 1]
-            expected = learnt.one_step_predictions(Record.from_flights(flight[row - 30 : row + 1]))[
-                -1
-            ]
+            past = channels[row + 1 - joint_model.hyperparameters.lags : row + 1]
+            expected = joint_model.one_step_predictions(
+                Record.from_flights(flight[row - 30 : row + 1])
+            )[-1]
             offline = np.vstack(
-                [expected, learnt.process.forecast_unknown_inputs(past, 25).mean[[0, 4, 24], :2]]
+                [
+                    expected,
+                    joint_model.process.forecast_unknown_inputs(past, 25).mean[[0, 4, 24], :2],
+                ]
             )
             assert_allclose((live - offline) / flight.outputs.std(axis=0), 0, atol=0.05)
     live_model = results[-1][0]
-    assert live_model._hyperparameters == learnt.hyperparameters
+    assert live_model._hyperparameters == joint_model.hyperparameters
 
 
 def test_no_lag_reaches_across_a_gap():

@@ -27,6 +27,7 @@ def alone(outputs):
 
 
 def test_a_clean_system_is_recovered_and_forecast():
+    """A simulated second-order system without wind: the model has its stiffness 9, damping and gain."""
     flight = simulated()
     train = flight[:700]
     test = flight[700:]
@@ -44,20 +45,36 @@ def test_a_clean_system_is_recovered_and_forecast():
 
 
 def test_units_of_the_stream_do_not_matter():
+    """The same flight in rad and µs, and in degrees and fractions, gives the same model in other units."""
     flight = simulated(wind=0.5)
     other = Flight(flight.time, flight.inputs / 1000 - 1, np.degrees(flight.outputs))
-    one = learn(flight[:700], QUICK)
-    two = learn(other[:700], QUICK)
-    assert_allclose(two.model.A, one.model.A, rtol=1e-6, atol=1e-9)
-    assert_allclose(two.model.B, np.degrees(one.model.B) * 1000, rtol=1e-6, atol=1e-9)
-    half, other_half = (of.model_interval().B for of in (one, two))
-    assert_allclose(other_half, np.degrees(half) * 1000, rtol=1e-6, atol=1e-9)
-    for name in ("theta", "theta_sd"):
-        B, other_B = (unpack(getattr(of.learning, name)[-1], 2, 4, 2)[1] for of in (one, two))
-        assert_allclose(other_B, np.degrees(B) * 1000, rtol=1e-5, atol=1e-9)
-    forecast = np.degrees(one.forecast(flight[700:].inputs))
+    learned_in_si_units = learn(flight[:700], QUICK)
+    learned_in_other_units = learn(other[:700], QUICK)
     assert_allclose(
-        two.forecast(other[700:].inputs), forecast, rtol=0, atol=1e-6 * abs(forecast).max()
+        learned_in_other_units.model.A, learned_in_si_units.model.A, rtol=1e-6, atol=1e-9
+    )
+    assert_allclose(
+        learned_in_other_units.model.B,
+        np.degrees(learned_in_si_units.model.B) * 1000,
+        rtol=1e-6,
+        atol=1e-9,
+    )
+    half_width, half_width_in_other_units = (
+        of.model_interval().B for of in (learned_in_si_units, learned_in_other_units)
+    )
+    assert_allclose(half_width_in_other_units, np.degrees(half_width) * 1000, rtol=1e-6, atol=1e-9)
+    for name in ("theta", "theta_sd"):
+        B, other_B = (
+            unpack(getattr(of.learning, name)[-1], 2, 4, 2)[1]
+            for of in (learned_in_si_units, learned_in_other_units)
+        )
+        assert_allclose(other_B, np.degrees(B) * 1000, rtol=1e-5, atol=1e-9)
+    forecast = np.degrees(learned_in_si_units.forecast(flight[700:].inputs))
+    assert_allclose(
+        learned_in_other_units.forecast(other[700:].inputs),
+        forecast,
+        rtol=0,
+        atol=1e-6 * abs(forecast).max(),
     )
 
 
@@ -76,6 +93,8 @@ def test_the_window_that_is_left_open_lasts_as_long_at_every_rate(rate, window):
 
 
 def test_the_window_that_is_left_open_is_the_shortest_in_short_segments():
+    """The default window has 9 samples; it has 3 if the segments are shorter than 16."""
+
     def record(samples):
         return Record(
             np.zeros((60 * samples, 4)), np.zeros((60 * samples, 2)), 0.01, (samples,) * 60
@@ -96,22 +115,26 @@ def test_the_window_that_is_left_open_is_the_shortest_in_short_segments():
 
 
 def test_process_noise_is_the_moment_of_the_wind():
+    """The estimated noise of the states correlates with the simulated torque of the wind, without a delay."""
     flight = simulated(3, wind=0.5)
     learned = learn(flight[:700], Settings(order=2, window=3, parameter_precision=0.01))
-    places, noise = learned.process_noise()
+    window_centers, noise = learned.process_noise()
     rng = default_rng(3)
     rng.standard_normal((850, 4))
     moment = (
         0.5 * gaussian_filter1d(rng.standard_normal(8500), 50) * np.sqrt(100 * np.sqrt(np.pi))
     )[::10]
-    likeness = [np.corrcoef(noise[5:-5, 1], moment[places[5:-5] + lag])[0, 1] for lag in (-3, 0, 3)]
+    likeness = [
+        np.corrcoef(noise[5:-5, 1], moment[window_centers[5:-5] + lag])[0, 1] for lag in (-3, 0, 3)
+    ]
     assert np.argmax(likeness) == 1
     assert likeness[1] > 0.9
-    assert noise[5:-5, 1].std() == approx(moment[places[5:-5]].std(), rel=0.2)
+    assert noise[5:-5, 1].std() == approx(moment[window_centers[5:-5]].std(), rel=0.2)
 
 
 @mark.slow
 def test_unstable_models_are_said_to_be():
+    """The outputs grow as exp(2 t): the model has a caution with the growth time of 0.5 s."""
     time = DT * np.arange(400)
     growing = 1e-3 * np.exp(2 * time)
     rng = default_rng(1)
@@ -119,8 +142,12 @@ def test_unstable_models_are_said_to_be():
     flight = Flight(time, rng.standard_normal((400, 1)), outputs)
     learned = learn(flight, Settings(order=2, parameter_precision=0.01, window=3))
     assert learned.model.spectral_abscissa > 0
-    growth = next(one for one in learned.cautions if one.code is ModelCaution.MODEL_GROWS)
-    assert growth.figures["growth_time"] == approx(1 / 2, rel=0.05)
+    growth_caution = next(
+        learned_in_si_units
+        for learned_in_si_units in learned.cautions
+        if learned_in_si_units.code is ModelCaution.MODEL_GROWS
+    )
+    assert growth_caution.figures["growth_time"] == approx(1 / 2, rel=0.05)
     assert (
         not learned.stable
         and not replace(learned, settings=replace(learned.settings, forecasts="plant")).stable
@@ -195,14 +222,15 @@ def test_wrong_forecast_inputs_are_named():
 @mark.slow
 @mark.parametrize("settings", [PLANT, Settings.paper(), replace(PLANT, order=3, forecasts="joint")])
 def test_from_zero_row_0_is_the_trim_and_inputs_move_the_rest_by_the_physical_model(settings):
+    """A forecast from zero equals the simulation of the model's equations from the trim."""
     flight = simulated(wind=0.5)
     learned = learn(flight[:700], settings)
     model = learned.model
     inputs = flight.inputs[700:]
     system = model.A, np.column_stack([model.B, model.offset]), model.C, np.zeros((2, 5))
-    pushes = np.column_stack([inputs - model.input_trim, np.ones(len(inputs))])
-    _, moved, _ = lsim(system, pushes, DT * np.arange(len(inputs)))
-    expected = moved + model.output_trim
+    inputs_and_offset = np.column_stack([inputs - model.input_trim, np.ones(len(inputs))])
+    _, deviation, _ = lsim(system, inputs_and_offset, DT * np.arange(len(inputs)))
+    expected = deviation + model.output_trim
     forecast = learned.forecast(inputs, from_zero=True)
     assert_allclose(forecast, expected, atol=1e-8 * abs(expected).max())
     assert learned.forecast(inputs[:0], from_zero=True).shape == (0, 2)
@@ -212,13 +240,14 @@ CLEAN = Settings(order=2, parameter_precision=0.01, window=5)
 
 
 def test_predictions_and_noise_belong_to_their_segments():
+    """Between two segments 60 samples are missing: nothing may be predicted across that gap."""
     flight = simulated()
     learned = learn([flight[:400], flight[460:700]], CLEAN)
     ahead = learned.one_step()
     assert ahead.shape == (640, 2)
-    places, noise = learned.process_noise()
-    assert_array_equal(places, np.r_[2:398, 402:638])
-    assert noise.shape == (len(places), 2)
+    window_centers, noise = learned.process_noise()
+    assert_array_equal(window_centers, np.r_[2:398, 402:638])
+    assert noise.shape == (len(window_centers), 2)
     # What is predicted in the second segment depends neither on the first nor on later samples.
     record = learned.record
     outputs = record.outputs.copy()
@@ -230,6 +259,7 @@ def test_predictions_and_noise_belong_to_their_segments():
 
 
 def test_windows_and_folds_are_of_single_segments():
+    """Embedding windows and folds of the cross-validation never reach from one segment into the next."""
     record = Record(np.zeros((10, 1)), np.arange(10.0)[:, None], DT, (3, 4, 3))
     assert (record.window_count(3), record.window_count(4), record.longest_segment) == (
         1 + 2 + 1,
@@ -243,10 +273,14 @@ def test_windows_and_folds_are_of_single_segments():
 
 
 def test_a_flight_is_cut_at_its_gaps():
-    whole = simulated()
-    kept = np.r_[0:300, 330:331, 400:700]
+    """A flight without 30 and 69 samples: a piece of one sample is left out."""
+    flight = simulated()
+    kept_samples = np.r_[0:300, 330:331, 400:700]
     segments = Flight.segments(
-        whole.time[kept] + 1e-6, whole.inputs[kept], whole.outputs[kept], output_names=("a", "b")
+        flight.time[kept_samples] + 1e-6,
+        flight.inputs[kept_samples],
+        flight.outputs[kept_samples],
+        output_names=("a", "b"),
     )
     assert [len(segment) for segment in segments] == [300, 300]
     assert segments[1].time[0] == approx(4.0) and segments[1].output_names == ("a", "b")

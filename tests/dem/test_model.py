@@ -61,6 +61,7 @@ def test_first_order_hold_agrees_with_scipy(seed, n, r):
 @mark.slow
 @given(seed=seeds, size=st.integers(1, 8))
 def test_agrees_with_numpy_whatever_the_units(seed, size):
+    """Solutions, inverses and determinants stay accurate where units differ by 24 orders of magnitude."""
     rng = default_rng(seed)
     matrix = positive_definite(rng, size)
     right = rng.standard_normal((size, 3))
@@ -105,6 +106,7 @@ def test_defective_dynamics_run_as_sample_by_sample(F, samples):
 @mark.slow
 @given(seed=seeds)
 def test_the_innovation_form_is_the_filter_of_textbooks(seed):
+    """The predictor equals a Kalman filter with separate prediction and correction, for random systems."""
     rng = default_rng(seed)
     dt = 0.02
     A = rng.standard_normal((3, 3)) * 3 - 2 * np.eye(3)
@@ -240,6 +242,7 @@ def joint(model, start, inputs, outputs, spread=None):
     steady_change=st.sampled_from([1e-11, 0.0]),
 )
 def test_it_is_the_joint_gaussian_given_the_outputs(seed, n, k, m, samples, radius, steady_change):
+    """The smoother's means and covariances equal those of the joint Gaussian of all states, given the outputs."""
     with MonkeyPatch.context() as patched:
         patched.setattr(kalman, "STEADY_CHANGE", steady_change)
         rng = default_rng(seed)

@@ -34,7 +34,8 @@ COMPLETE = Settings(order=3, d=2, window=9, parameter_precision=1.0)
 WINDY = simulated(samples=2000, wind=2.0, lag=0.05)
 
 
-def flown(online, flight):
+def estimates_of(online, flight):
+    """Returns the learner's estimate of each sample of a flight."""
     rows = zip(flight.time, flight.outputs, flight.inputs, strict=True)
     return [online.update(time, outputs, inputs) for time, outputs, inputs in rows]
 
@@ -76,7 +77,7 @@ def test_it_arrives_where_learning_at_once_does(horizon):
     flight = simulated(samples=600, wind=1.0, lag=0.05)
     settings = dataclasses.replace(COMPLETE, horizon=horizon)
     online = OnlineLearner(settings, dt=flight.dt, memory=30.0)
-    estimate = flown(online, flight)[-1]
+    estimate = estimates_of(online, flight)[-1]
     learned = round((estimate.training_end_time - flight.time[0]) / flight.dt) + 1
     longest_pause = max(LEARNING_SECONDS / flight.dt, NEW_SAMPLE_FRACTION * learned)
     assert len(flight) - learned <= longest_pause
@@ -86,13 +87,14 @@ def test_it_arrives_where_learning_at_once_does(horizon):
 
 @mark.slow
 def test_a_gap_keeps_what_was_learnt_and_predicts_nothing_across():
+    """After a gap of 5 s the model stays, but the first sample is not predicted."""
     online = OnlineLearner(COMPLETE, dt=0.01)
-    flown(online, WINDY[:400])
+    estimates_of(online, WINDY[:400])
     later = Flight(WINDY.time[400:500] + 5.0, WINDY.inputs[400:500], WINDY.outputs[400:500])
-    estimates = flown(online, later)
+    estimates = estimates_of(online, later)
     assert np.isnan(estimates[0].expected).all() and estimates[0].model is not None
     assert np.isfinite(estimates[1].expected).all()
-    assert np.isnan([each.free_energy for each in estimates[:8]]).all() and np.isfinite(
+    assert np.isnan([estimate.free_energy for estimate in estimates[:8]]).all() and np.isfinite(
         estimates[8].free_energy
     )
     assert online._memory.record().lengths == (400, 100)
@@ -102,10 +104,11 @@ def test_a_gap_keeps_what_was_learnt_and_predicts_nothing_across():
 
 @mark.slow
 def test_a_vehicle_that_stood_still_is_learnt_from_soon_after_it_moves():
-    still = 900
+    """Constant samples for 9 s give no model; the first one comes seconds after the vehicle moves."""
+    samples_at_rest = 900
     dt = WINDY.dt
     online = OnlineLearner(dt=dt)
-    for row in range(still):
+    for row in range(samples_at_rest):
         online.update(dt * row, [0.2, 0.0], [1500.0] * 4)
     assert (
         online.no_model_reason.code is OnlineFact.LEARNING_FAILED
@@ -113,7 +116,9 @@ def test_a_vehicle_that_stood_still_is_learnt_from_soon_after_it_moves():
     )
     first = None
     for row in range(700):
-        estimate = online.update(dt * (still + row), WINDY.outputs[row], WINDY.inputs[row])
+        estimate = online.update(
+            dt * (samples_at_rest + row), WINDY.outputs[row], WINDY.inputs[row]
+        )
         if first is None and estimate.model is not None:
             first = row
     assert first * dt < 2 * LEARNING_SECONDS + 2.0
@@ -124,11 +129,11 @@ def test_of_many_samples_it_learns_less_often(monkeypatch):
     tracker = FreeEnergyMonitor.from_model(mavdem.learn(WINDY[:300], COMPLETE), 3.0)
     learns = Mock(return_value=tracker)
     monkeypatch.setattr(learner, "_learn_and_monitor", learns)
-    flown(OnlineLearner(COMPLETE, dt=WINDY.dt), WINDY[:1400])
+    estimates_of(OnlineLearner(COMPLETE, dt=WINDY.dt), WINDY[:1400])
     assert [len(call.args[0]) for call in learns.call_args_list] == [200, 400, 800]
     learns.reset_mock()
     monkeypatch.setattr(learner, "FULL_RATE_SAMPLES", 100)
-    flown(OnlineLearner(COMPLETE, dt=WINDY.dt), WINDY[:1400])
+    estimates_of(OnlineLearner(COMPLETE, dt=WINDY.dt), WINDY[:1400])
     assert [len(call.args[0]) for call in learns.call_args_list] == [200, 600]
 
 
@@ -139,7 +144,7 @@ def test_unusual_samples_do_not_shorten_the_pause_between_fits_of_many_samples(m
     monkeypatch.setattr(learner, "_learn_and_monitor", learns)
     monkeypatch.setattr(learner, "FULL_RATE_SAMPLES", 100)
     monkeypatch.setattr(AnomalyMarks, "add", Mock(return_value=True))
-    flown(OnlineLearner(COMPLETE, dt=WINDY.dt), WINDY[:1400])
+    estimates_of(OnlineLearner(COMPLETE, dt=WINDY.dt), WINDY[:1400])
     # After 200 samples the pause is 400 samples, after 600 it is 1200.
     assert [len(call.args[0]) for call in learns.call_args_list] == [200, 600]
 
@@ -147,9 +152,9 @@ def test_unusual_samples_do_not_shorten_the_pause_between_fits_of_many_samples(m
 def test_while_the_first_learning_runs_samples_are_not_too_few():
     executor = Mock(**{"submit.return_value": Future()})
     online = OnlineLearner(dt=WINDY.dt, executor=executor, effect_directions=SIGNS)
-    flown(online, WINDY[:150])
+    estimates_of(online, WINDY[:150])
     assert online.no_model_reason.code is OnlineFact.TOO_FEW_SAMPLES_YET
-    estimates = flown(online, WINDY[150:500])
+    estimates = estimates_of(online, WINDY[150:500])
     assert online.no_model_reason.code is OnlineFact.FIRST_LEARNING
     # Samples follow from those before them without that model.
     assert (estimates[-1].expected_band < 0.05 * WINDY.outputs.std(axis=0)).all()
@@ -158,7 +163,7 @@ def test_while_the_first_learning_runs_samples_are_not_too_few():
 def test_an_executor_that_is_gone_is_a_reason_for_no_model_and_no_error():
     with ThreadPoolExecutor(1) as executor:
         online = OnlineLearner(dt=0.01, executor=executor)
-    flown(online, WINDY[:450])
+    estimates_of(online, WINDY[:450])
     assert online.no_model_reason.figures["reason"].figures["error"] == "RuntimeError"
     dead = Future()
     dead.set_exception(BrokenExecutor("a process was killed"))
@@ -171,9 +176,9 @@ def test_while_another_thread_learns_no_update_waits_for_it():
     online = OnlineLearner(
         COMPLETE, dt=WINDY.dt, executor=Mock(**{"submit.return_value": Future()})
     )
-    flown(online, WINDY[:250])
+    estimates_of(online, WINDY[:250])
     with ThreadPoolExecutor(1) as executor, one_thread():
-        updates = executor.submit(flown, online, WINDY[250:600])
+        updates = executor.submit(estimates_of, online, WINDY[250:600])
         assert len(updates.result(timeout=300)) == 350
 
 
@@ -191,8 +196,9 @@ def test_a_process_forked_while_another_thread_learns_can_learn():
 @mark.slow
 @mark.parametrize("step", [0.02, -0.01])
 def test_a_wrong_dt_is_a_reason_for_no_model(step):
+    """Samples come at another step than the learner was told, and later at the right one again."""
     online = OnlineLearner(COMPLETE, dt=0.01)
-    flown(online, WINDY[:450])
+    estimates_of(online, WINDY[:450])
     for row in range(450, 460):
         online.update(WINDY.time[449] + step * (row - 449), WINDY.outputs[row], WINDY.inputs[row])
         if row >= 454:
@@ -201,7 +207,7 @@ def test_a_wrong_dt_is_a_reason_for_no_model(step):
             assert online.no_model_reason is None
     assert online.no_model_reason.code is OnlineFact.SAMPLES_MISPLACED
     assert online.no_model_reason.figures == approx({"interval": step, "step": 0.01})
-    flown(online, WINDY[460:480])
+    estimates_of(online, WINDY[460:480])
     assert online.no_model_reason is None
 
 
@@ -362,6 +368,7 @@ def test_marks_without_a_change_are_as_rare_as_stated():
 
 @mark.parametrize("size", [4.0, 1000.0])
 def test_a_change_is_marked_promptly_and_so_is_the_next(size):
+    """Surprise rises for 2 s at 40 s and at 80 s, then once for good."""
     rng = default_rng(2)
     surprise = surprises(rng, 120.0)
     failures = np.array([40.0, 80.0])

@@ -45,10 +45,12 @@ def choice(*flights):
     ],
 )
 def test_the_order_is_the_lowest_that_no_higher_one_is_strongly_better_than(flights, chosen):
+    """The order is chosen by the free energies, nats, of orders 1, 2, … in each flight."""
     assert choice(*flights).chosen == chosen
 
 
 def test_a_choice_says_why():
+    """The reason states how much the next order gains, and with several flights its standard errors."""
     told = choice([0.0, 100.0, 95.0])
     assert told.saturated and told.reason.code is OrderFact.ORDER_CHOSEN
     assert told.reason.figures["order"] == 2 and told.reason.figures["free_energy_gain"] == -5.0
@@ -73,20 +75,23 @@ def test_what_is_no_argument_is_named(arguments):
 
 @mark.slow
 def test_orders_that_the_data_do_not_allow_or_that_break_down_are_said(monkeypatch):
-    found = free_energy_by_order(simulated(samples=100, wind=1.0), max_order=6)
-    told_orders = np.isfinite(found.free_energy)
-    assert told_orders[0] and not told_orders[-1]
-    (remark,) = found.remarks
+    """100 samples are too few for high orders, and the fit of one order overflows."""
+    free_energies = free_energy_by_order(simulated(samples=100, wind=1.0), max_order=6)
+    is_fitted = np.isfinite(free_energies.free_energy)
+    assert is_fitted[0] and not is_fitted[-1]
+    (remark,) = free_energies.remarks
     assert remark.code is OrderFact.ORDERS_NOT_FITTED
     assert (
-        remark.figures["order"] == told_orders.sum() + 1 == int(found.effective_samples * 2 / 7) + 1
+        remark.figures["order"]
+        == is_fitted.sum() + 1
+        == int(free_energies.effective_samples * 2 / 7) + 1
     )
     fits = (Mock(free_energy=5.0), None)
     monkeypatch.setattr(order_choice, "fits_by_order", lambda *_: fits)
     (remark,) = free_energy_by_order(simulated(samples=200), max_order=2).remarks
     assert (remark.code, remark.figures["order"]) == (OrderFact.ORDER_BROKE_DOWN, 2)
-    few = refused(free_energy_by_order, simulated(samples=40, wind=1.0))
-    assert few.code is ModelRefusal.TOO_FEW_TO_CHOOSE_ORDER
+    refusal = refused(free_energy_by_order, simulated(samples=40, wind=1.0))
+    assert refusal.code is ModelRefusal.TOO_FEW_TO_CHOOSE_ORDER
 
 
 def test_a_ramp_whose_rate_never_changes_has_no_order():

@@ -19,26 +19,27 @@ pytestmark = mark.slow
 
 
 def test_a_process_that_is_killed_is_replaced():
+    """The job of a killed process fails; the next one runs in a new process."""
     with LearningProcess() as executor:
-        first = executor.submit(os.getpid).result()
-        link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        link.bind(("127.0.0.1", 0))
-        address = link.getsockname()
-        lost = executor.submit(time.sleep, 3600)
-        os.kill(first, signal.SIGKILL)
+        first_process_id = executor.submit(os.getpid).result()
+        udp_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        udp_socket.bind(("127.0.0.1", 0))
+        address = udp_socket.getsockname()
+        endless_job = executor.submit(time.sleep, 3600)
+        os.kill(first_process_id, signal.SIGKILL)
         with raises(BrokenExecutor):
-            lost.result(timeout=300)
-        second = executor.submit(os.getpid).result()
-        assert second not in (first, os.getpid())
+            endless_job.result(timeout=300)
+        second_process_id = executor.submit(os.getpid).result()
+        assert second_process_id not in (first_process_id, os.getpid())
         # A link that is opened again, while the process lives, is not held open by it.
-        link.close()
+        udp_socket.close()
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as reopened:
             reopened.bind(address)
         # Tests that are run with a still lower priority, as beside other work, have processes of that.
         assert executor.submit(os.nice, 0).result() == max(LOW_PRIORITY, os.nice(0))
         executor.submit(time.sleep, 3600)  # which is not waited for
     with raises(ProcessLookupError):
-        os.kill(second, 0)
+        os.kill(second_process_id, 0)
 
 
 KILLED_WHILE_IT_WRITES = """
@@ -129,6 +130,7 @@ def test_a_second_process_returns_what_the_function_returns(two_cores):
 
 
 def test_an_error_in_a_second_process_and_its_end_leave_the_work_to_the_caller(two_cores):
+    """The function fails, its process is killed, or its result cannot be sent back: the result is None."""
     with in_second_process(lambda: 1 / 0) as result:
         assert result() is None
     with in_second_process(lambda: os.kill(os.getpid(), signal.SIGKILL)) as result:

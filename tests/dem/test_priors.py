@@ -34,17 +34,18 @@ SETTINGS = Settings(order=2, window=3, prior=roll_prior(), parameter_precision=0
 
 
 def test_a_prior_in_physical_units_means_the_same_in_any_scaling():
+    """Learned with scaled and with unscaled channels, the model is the same."""
     flight = simulated(wind=0.2)[:700]
     scaled = learn(flight, SETTINGS)
     # As they are: the prior then has no trim to learn beside it, so the trims are taken off first.
     inputs, outputs = (table - table.mean(axis=0) for table in (flight.inputs, flight.outputs))
     centred = replace(flight, inputs=inputs, outputs=outputs)
-    plain = learn(centred, replace(SETTINGS, scaling="none", lambda_w=0.0))
-    for learned in (scaled, plain):
+    learned_unscaled = learn(centred, replace(SETTINGS, scaling="none", lambda_w=0.0))
+    for learned in (scaled, learned_unscaled):
         assert_allclose(learned.model.A[1], [-9, -RATE], rtol=0.15)
         assert_allclose(learned.model.B[1], GAIN, rtol=0.15)
-    assert_allclose(scaled.model.A, plain.model.A, atol=0.1)
-    assert_allclose(scaled.model.B, plain.model.B, atol=2e-3)
+    assert_allclose(scaled.model.A, learned_unscaled.model.A, atol=0.1)
+    assert_allclose(scaled.model.B, learned_unscaled.model.B, atol=2e-3)
     mean, precision = explicit_prior(Gaussian([6.0], 3.0), 0.5, np.array([1]), np.array([7.0, 2.0]))
     assert_array_equal(mean, [0.0, 3.0])
     assert_array_equal(precision, np.diag([0.5, 12.0]))
@@ -95,9 +96,9 @@ def test_unknown_inputs_are_process_noise_of_the_filter():
     )
     learned = learn(Flight(DT * np.arange(300), np.zeros(300), outputs), settings)
     A, B, C = unpack(learned.theta, 2, 1, 2)
-    of_z, of_w = np.exp(-learned.learning.lambda_[-1])
-    process = of_w * np.eye(2) + B @ B.T / settings.input_precision
-    expected = filter_gain(A, C, DT, np.full(2, of_z), process, 0.3)
+    output_noise_variance, state_noise_variance = np.exp(-learned.learning.lambda_[-1])
+    process_noise = state_noise_variance * np.eye(2) + B @ B.T / settings.input_precision
+    expected = filter_gain(A, C, DT, np.full(2, output_noise_variance), process_noise, 0.3)
     # A Riccati equation is solved to rounding relative to the whole matrix, not to an element that is 5e-5 of it.
     expected = expm(A * DT) @ expected
     assert_allclose(learned.predictor.K, expected, rtol=0, atol=1e-9 * abs(expected).max())

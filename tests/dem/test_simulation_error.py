@@ -22,7 +22,7 @@ ROTORS = FLIGHT.inputs.shape[1]
 
 
 def objective_of(flight):
-    """The objective with some free parameters of a fit, and their values there."""
+    """Returns the simulation-error objective of a flight with some free parameters, and the parameters' values."""
     record = Record.from_flights(flight)
     fitted = fit(record, COMPLETE)
     scaling = fitted.scaling
@@ -46,6 +46,10 @@ def objective_of(flight):
 
 
 def test_errors_are_those_of_forecasts_that_begin_at_every_middle():
+    """The filter runs over the first half of a piece, and a forecast over the second.
+
+    Both are repeated by a textbook filter.
+    """
     objective, free = objective_of(FLIGHT[:300])
     errors = objective.errors(free[None])[0]
     inputs, outputs, filter_steps, _ = objective.pieces
@@ -54,7 +58,7 @@ def test_errors_are_those_of_forecasts_that_begin_at_every_middle():
     textbook = TextbookFilter.of(A, B, C, objective.dt, objective.gain)
     for piece in (0, -1):
         piece_samples = inputs[..., piece], outputs[..., piece]
-        states, _ = textbook.corrected(*(each[: filter_steps + 1] for each in piece_samples))
+        states, _ = textbook.corrected(*(series[: filter_steps + 1] for series in piece_samples))
         ahead = textbook.forecast(states[-1], piece_samples[0][filter_steps:])
         assert_allclose(errors[..., piece], piece_samples[1][filter_steps + 1 :] - ahead, atol=1e-9)
 
@@ -94,8 +98,8 @@ def test_the_posterior_holds_the_truth_as_often_as_it_says():
     for seed in range(25):
         flight = simulated(wind=1.0, seed=seed)
         learned = learn(flight[:700], Settings(order=2, window=9, parameter_precision=0.01))
-        half = learned.model_interval(0.9).B[1]
-        inside.append(abs(learned.model.B[1] - GAIN) <= half)
+        half_width = learned.model_interval(0.9).B[1]
+        inside.append(abs(learned.model.B[1] - GAIN) <= half_width)
     share = np.mean(inside)
     # The four motors of one flight err together, so the flights are what is counted.
     assert share > 0.9 - 3 * np.sqrt(0.9 * 0.1 / len(inside))
@@ -138,6 +142,7 @@ def test_too_little_leaves_theta_where_generalized_coordinates_led_it_and_says_s
 
 
 def test_nothing_runs_across_a_gap_and_long_flights_are_thinned():
+    """The pieces of two segments are those of each by itself. Of a long flight a limited number is used."""
     flight = simulated(samples=400, wind=1.0)
     parts = [
         (flight.inputs[:150], flight.outputs[:150]),
@@ -147,7 +152,8 @@ def test_nothing_runs_across_a_gap_and_long_flights_are_thinned():
     pieces_of_each = [simulation_error.SimulationPieces.from_segments([part], 30) for part in parts]
     assert pieces_of_both is not None and all(pieces_of_each)
     assert_array_equal(
-        pieces_of_both.outputs, np.concatenate([each.outputs for each in pieces_of_each], axis=2)
+        pieces_of_both.outputs,
+        np.concatenate([series.outputs for series in pieces_of_each], axis=2),
     )
     assert pieces_of_both.effective_count == approx((150 + 200) / 30)
     zeros = np.zeros((simulation_error.MAX_PIECES * 20, 1))
@@ -164,6 +170,7 @@ def learned():
 @mark.slow
 @mark.parametrize("size", [1e150, 1e300])
 def test_inputs_without_measure_are_forecast_without_a_word(learned, size):
+    """Huge inputs overflow without a floating-point warning."""
     ahead = np.full((150, ROTORS), size)
     with np.errstate(all="raise", under="ignore"):
         learned.forecast(ahead, from_zero=True)
@@ -173,6 +180,7 @@ def test_inputs_without_measure_are_forecast_without_a_word(learned, size):
 
 @mark.slow
 def test_a_known_geometry_takes_the_place_of_the_one_that_is_inferred():
+    """The mixer of the motors is estimated from the flight, given correctly, or given wrongly."""
     flight = simulated(wind=1.0, lag=0.05)[:700]
     inferred, known, other = (
         learn(replace(flight, effect_directions=directions), COMPLETE)

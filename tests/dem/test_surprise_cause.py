@@ -69,6 +69,7 @@ def test_the_share_is_that_of_a_regression_on_the_lagged_command():
 @mark.slow
 @mark.parametrize("directions, expected", [(MOTORS, SurpriseCause.MODEL_MISFIT), (None, None)])
 def test_a_mark_of_the_stream_has_its_cause(monkeypatch, directions, expected):
+    """One sample is marked as unusual. With a known mixer the cause of its surprise is determined."""
     marked_sample = 300
     samples = iter(range(1000))
     monkeypatch.setattr(AnomalyMarks, "add", lambda *_: next(samples) == marked_sample)

@@ -69,19 +69,28 @@ def joint(true, past, steps):
     return back @ drive, back @ np.kron(np.eye(steps), true.innovation_covariance) @ back.T
 
 
-def given(
+def conditional_gaussian(
     mean,
     covariance,
-    known,
+    known_places,
     values,
-    asked,
+    target_places,
 ):
-    gain = covariance[np.ix_(asked, known)] @ np.linalg.inv(covariance[np.ix_(known, known)])
-    spread = covariance[np.ix_(asked, asked)] - gain @ covariance[np.ix_(known, asked)]
-    return mean[asked] + gain @ (values - mean[known]), spread.diagonal()
+    """Returns mean and variances of some entries of a Gaussian, given the values of others."""
+    gain = covariance[np.ix_(target_places, known_places)] @ np.linalg.inv(
+        covariance[np.ix_(known_places, known_places)]
+    )
+    conditional_covariance = (
+        covariance[np.ix_(target_places, target_places)]
+        - gain @ covariance[np.ix_(known_places, target_places)]
+    )
+    return mean[target_places] + gain @ (
+        values - mean[known_places]
+    ), conditional_covariance.diagonal()
 
 
 def test_predictions_filtering_and_smoothing_are_the_joint_gaussian_s_for_each_past():
+    """Forecasts with unknown and with known inputs equal the conditional Gaussian that is computed directly."""
     true = model()
     samples = np.stack([run(true, LAGS + STEPS, seed) for seed in (1, 2)])
     pasts = samples[:, :LAGS]
@@ -96,15 +105,18 @@ def test_predictions_filtering_and_smoothing_are_the_joint_gaussian_s_for_each_p
         assert_allclose(predicted.mean[number].ravel(), mean, rtol=1e-9)
         assert_allclose(predicted.variance[number].ravel(), covariance.diagonal(), rtol=1e-9)
         for smooth, step in product((False, True), range(STEPS)):
-            seen = slice(STEPS if smooth else step + 1)
-            known = places[seen, OUTPUTS:].ravel()
-            asked = places[step, :OUTPUTS]
-            expected = given(mean, covariance, known, inputs[number, seen].ravel(), asked)
+            known_steps = slice(STEPS if smooth else step + 1)
+            known_places = places[known_steps, OUTPUTS:].ravel()
+            target_places = places[step, :OUTPUTS]
+            expected = conditional_gaussian(
+                mean, covariance, known_places, inputs[number, known_steps].ravel(), target_places
+            )
             assert_allclose(inferred[smooth].mean[number, step], expected[0], rtol=1e-6)
             assert_allclose(inferred[smooth].variance[number, step], expected[1], rtol=1e-6)
 
 
 def test_inputs_that_are_constant_copied_or_mixed_change_nothing_and_may_move_later():
+    """Further inputs without information are added to a flight: the forecasts hardly change."""
     samples = run(model(), 400)
     plain = fitted([samples])
     with_further_inputs = np.hstack(
@@ -115,10 +127,10 @@ def test_inputs_that_are_constant_copied_or_mixed_change_nothing_and_may_move_la
     wider = np.hstack([ahead, np.ones((40, 1)), ahead[:, :1], np.diff(ahead[:, :2])])
     for smooth in (False, True):
         expected = plain.forecast_known_inputs(samples[-LAGS:], ahead, smooth)
-        got = autoregression.forecast_known_inputs(with_further_inputs[-LAGS:], wider, smooth)
+        forecast = autoregression.forecast_known_inputs(with_further_inputs[-LAGS:], wider, smooth)
         # The prior is of other coefficients, so that the posterior is not quite the same.
-        assert_allclose(got.mean, expected.mean, atol=0.02 * expected.mean.std())
-        assert_allclose(got.variance, expected.variance, rtol=0.02)
+        assert_allclose(forecast.mean, expected.mean, atol=0.02 * expected.mean.std())
+        assert_allclose(forecast.variance, expected.variance, rtol=0.02)
         # Motors that contradict what they always did.
         assert np.isfinite(
             autoregression.forecast_known_inputs(
@@ -143,6 +155,7 @@ def test_what_overflows_is_the_training_mean_with_infinite_variance():
 
 
 def test_one_step_ahead_of_each_sample_is_the_mean_of_that_step():
+    """All one-step predictions at once equal forecasts over one step from each sample."""
     true = model()
     samples = run(true, LAGS + 9)
     outputs, inputs = np.split(samples, [OUTPUTS], axis=1)

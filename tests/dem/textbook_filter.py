@@ -34,7 +34,7 @@ class TextbookFilter(NamedTuple):
         return np.array(states), np.array(ahead)
 
     def forecast(self, state, inputs):
-        """(H, m) after a corrected ``state``, whose own inputs are row 0 of inputs (H + 1, r)."""
+        """Returns (H, m) outputs after a corrected state, whose own inputs are row 0 of inputs (H + 1, r)."""
         ahead = []
         for t in range(1, len(inputs)):
             state = self._moved(state, inputs[t - 1], inputs[t])

@@ -92,6 +92,7 @@ def test_a_model_without_a_plant_says_why(physical, names, code):
 
 @mark.slow
 def test_the_physical_plant_responds_as_the_vehicle_is_simulated(learned):
+    """The exported plant and the learned model respond to the same motor commands in the same way."""
     warning_text = "^Poorly known of this plant: effect biased, damping biased, lag biased"
     with warns(UserWarning, match=warning_text) as caught:
         plant = learned.to_control()
@@ -155,6 +156,7 @@ def result(flight):
 
 @mark.slow
 def test_what_was_learned_stands_beside_it(tmp_path, result):
+    """The exported recording has the flight, the forecasts in held-out windows, and the free energy of the model."""
     train, test, learned, held_out = result
     write_channels(tmp_path / "flight.mcap", [train], learned, held_out)
     series = read(tmp_path / "flight.mcap")
@@ -185,6 +187,7 @@ def test_names_are_kept_apart_and_no_time_is_before_0(tmp_path):
 
 @mark.slow
 def test_the_layouts_plot_what_there_is(result, tmp_path):
+    """Every field that the layouts for PlotJuggler and Foxglove plot is in the exported recording."""
     train, _, learned, held_out = result
     write_channels(tmp_path / "flight.mcap", [train], learned, held_out)
     fields = {

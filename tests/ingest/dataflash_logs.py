@@ -53,11 +53,11 @@ def packed(characters):
 
 def fmt(name, length=None, kind=None, characters=None):
     """FMT of one of ``MESSAGES``, true or with something else in it."""
-    own, usual, fields = MESSAGES[name]
+    message_number, usual, fields = MESSAGES[name]
     length = 3 + struct.calcsize(packed(usual)) if length is None else length
     body = struct.pack(
         "<BB4s16s64s",
-        own if kind is None else kind,
+        message_number if kind is None else kind,
         length,
         name.encode(),
         (characters or usual).encode(),
@@ -67,17 +67,19 @@ def fmt(name, length=None, kind=None, characters=None):
 
 
 def formats():
-    own = struct.pack("<BB4s16s64s", 0x80, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns")
-    return HEADER + b"\x80" + own + b"".join(fmt(name) for name in MESSAGES)
+    message_number = struct.pack(
+        "<BB4s16s64s", 0x80, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns"
+    )
+    return HEADER + b"\x80" + message_number + b"".join(fmt(name) for name in MESSAGES)
 
 
 def message(name, *values, kind=None):
-    """Raw values in the order of the fields; what is not given is zero."""
-    own, characters, _ = MESSAGES[name]
+    """Returns a binary DataFlash message with values in the order of its fields. Fields without a value are zero."""
+    message_number, characters, _ = MESSAGES[name]
     empty = [b"" if character in "nNZa" else 0 for character in characters]
     given = [value.encode() if isinstance(value, str) else value for value in values]
     body = struct.pack(packed(characters), *given, *empty[len(given) :])
-    return HEADER + bytes([own if kind is None else kind]) + body
+    return HEADER + bytes([message_number if kind is None else kind]) + body
 
 
 def att(time, roll, pitch=0.0, yaw=0.0):

@@ -47,6 +47,7 @@ class Recorder:
         schema=True,
         time=None,
     ):
+        """Writes a message to a topic, 10 ms after the one before unless its time, ns, is given."""
         if topic not in self._channels:
             number = (
                 self._writer.register_schema(topic.replace("/", "."), "jsonschema", b"{}")

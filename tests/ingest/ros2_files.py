@@ -18,16 +18,20 @@ QUADROTOR = 2
 
 
 def definitions():
-    """Of messages by name, from lines ``name = field; field``, where ``@name`` is what stands on another line."""
-    lines = (Path(__file__).parent / "ros2_messages.txt").read_text().splitlines()
-    rows = dict(line.split(" = ", 1) for line in lines)
+    """Returns the ROS 2 message definitions by name.
 
-    def written(row):
+    They are read from lines ``name = field; field``, where ``@name`` stands for the fields of another line.
+    """
+    lines = (Path(__file__).parent / "ros2_messages.txt").read_text().splitlines()
+    definition_by_name = dict(line.split(" = ", 1) for line in lines)
+
+    def expanded(row):
         return "".join(
-            written(rows[part]) if part[:1] == "@" else f"{part}\n" for part in row.split("; ")
+            expanded(definition_by_name[part]) if part[:1] == "@" else f"{part}\n"
+            for part in row.split("; ")
         )
 
-    return {name: written(row) for name, row in rows.items() if name[0] != "@"}
+    return {name: expanded(row) for name, row in definition_by_name.items() if name[0] != "@"}
 
 
 DEFINITIONS = definitions()

@@ -12,6 +12,7 @@ LONGEST_PIECE = 280
 
 @pytest.mark.parametrize("size", [1, ROW_BYTES - 1, ROW_BYTES, 20 * ROW_BYTES + 17])
 def test_checksums_of_pieces_are_those_of_pymavlink(size):
+    """The checksums of 500 random pieces of a block of bytes are computed at once."""
     generator = np.random.default_rng(3)
     block = generator.integers(0, 256, size).astype(np.uint8)
     first = generator.integers(0, size, 500)

@@ -11,7 +11,11 @@ SECOND = 10**9
 
 
 def recorded(offsets, silence=0.0, count=300, step=0.02):
-    """Two topics in turn; at half of the messages the offset of the clock changes, after a silence, s."""
+    """Records two topics alternately while the clock of the vehicle is set.
+
+    At half of the messages the offset of its clock, s, changes, after a silence, s. Returns stamps and positions of the
+    messages by topic, and the times of their reception by position.
+    """
     rows = np.arange(count)
     is_after = rows >= count // 2
     sent = 100.0 + step * rows + silence * is_after

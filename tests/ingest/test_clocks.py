@@ -24,7 +24,7 @@ class Clock(NamedTuple):
 
 
 def clock(message_types, count):
-    """Puts messages on the boot clock; positions that no type has are those of messages without stamps."""
+    """Puts messages on the boot clock. Positions that no message type has are those of messages without stamps."""
     stamped = np.concatenate([message_type.positions for message_type in message_types])
     unstamped = MessageStamps("HEARTBEAT", np.setdiff1d(np.arange(count), stamped))
     boot_times, repairs = boot_clock([*message_types, unstamped])
@@ -53,24 +53,30 @@ def interleaved(times, servo):
 @mark.slow
 @given(st.floats(1, 3e6), st.floats(0.01, 5), st.integers(10, 300))
 def test_servo_wraps_are_put_on_the_epoch_of_attitude(start, step, count):
+    """SERVO_OUTPUT_RAW has 32-bit microseconds, which wrap after 71 minutes.
+
+    ATTITUDE has milliseconds, which do not.
+    """
     times = start + step * np.arange(count)
     servo = np.maximum((times + 0.001) % WRAP_US, 1e-6)
-    made = interleaved(times, servo)
-    assert np.allclose(made.time[::2], times, atol=1e-9)
-    assert np.allclose(made.time[1::2], times + 0.001, atol=2e-6)
-    assert not made.boot.any()
+    clock_result = interleaved(times, servo)
+    assert np.allclose(clock_result.time[::2], times, atol=1e-9)
+    assert np.allclose(clock_result.time[1::2], times + 0.001, atol=2e-6)
+    assert not clock_result.boot.any()
 
 
 def test_a_wrap_of_the_only_clock_is_undone():
     times = 4000 + 0.5 * np.arange(2000)
-    made = clock_of(times % WRAP_US, period=WRAP_US)
-    assert np.allclose(made.time, times)
-    assert not made.boot.any()
-    (wrap,) = made.repairs
+    clock_result = clock_of(times % WRAP_US, period=WRAP_US)
+    assert np.allclose(clock_result.time, times)
+    assert not clock_result.boot.any()
+    (wrap,) = clock_result.repairs
     assert wrap.code is Repair.CLOCK_WRAPPED and wrap.figures["period"] == WRAP_US
     # After a minute's silence it has restarted.
-    made = clock_of(np.append(WRAP_US - 5 + np.arange(5), 65 + np.arange(9)), period=WRAP_US)
-    assert made.boot.any()
+    clock_result = clock_of(
+        np.append(WRAP_US - 5 + np.arange(5), 65 + np.arange(9)), period=WRAP_US
+    )
+    assert clock_result.boot.any()
     # So are 49 days.
     times = WRAP_MS - 30 + 0.1 * np.arange(1000)
     assert np.allclose(clock_of(times % WRAP_MS).time, times)
@@ -79,21 +85,22 @@ def test_a_wrap_of_the_only_clock_is_undone():
 @mark.slow
 @given(st.floats(20, 4200), st.floats(0.5, 15), st.floats(0.02, 1.0))
 def test_a_reboot_starts_a_new_boot(before, after, step):
+    """The clock counts 100 messages, and then begins again at a time before them."""
     first = before + step * np.arange(100)
     second = after + step * np.arange(100)
     times = np.concatenate([first, second])
-    made = clock_of(times)
-    assert np.array_equal(made.time, times)
-    assert made.boot.tolist() == [0] * 100 + [1] * 100
+    clock_result = clock_of(times)
+    assert np.array_equal(clock_result.time, times)
+    assert clock_result.boot.tolist() == [0] * 100 + [1] * 100
 
 
 def test_messages_around_a_reboot_go_to_the_boot_their_own_stamp_tells():
     times = np.concatenate([500 + 0.25 * np.arange(40), 4 + 0.25 * np.arange(40)])
     servo = times + 0.01
     servo[39] = 3.9
-    made = interleaved(times, servo)
-    assert made.boot[79] == 1 and made.time[79] == approx(3.9)
-    assert made.boot[77] == 0 and made.boot[81] == 1
+    clock_result = interleaved(times, servo)
+    assert clock_result.boot[79] == 1 and clock_result.time[79] == approx(3.9)
+    assert clock_result.boot[77] == 0 and clock_result.boot[81] == 1
 
 
 def test_a_text_before_the_first_stamp_of_a_boot_is_of_that_boot():
@@ -112,9 +119,9 @@ def test_a_text_before_the_first_stamp_of_a_boot_is_of_that_boot():
 def test_a_reboot_after_a_wrap_reads_its_own_time():
     first = 4200 + 0.5 * np.arange(400)
     second = 5 + 0.5 * np.arange(100)
-    made = clock_of(np.concatenate([first % WRAP_US, second]), period=WRAP_US)
-    assert np.allclose(made.time, np.concatenate([first, second]))
-    assert made.boot.tolist() == [0] * 400 + [1] * 100
+    clock_result = clock_of(np.concatenate([first % WRAP_US, second]), period=WRAP_US)
+    assert np.allclose(clock_result.time, np.concatenate([first, second]))
+    assert clock_result.boot.tolist() == [0] * 400 + [1] * 100
 
 
 @mark.slow
@@ -124,9 +131,9 @@ def test_a_stray_stamp_is_no_reboot(row, wrong, twice):
     times = 1000 + 0.1 * np.arange(200)
     stray = times.copy()
     stray[row : row + 1 + (twice and 2 <= row <= 196)] = wrong
-    made = clock_of(stray)
-    assert not made.boot.any()
-    assert abs(made.time - times).max() < 10
+    clock_result = clock_of(stray)
+    assert not clock_result.boot.any()
+    assert abs(clock_result.time - times).max() < 10
 
 
 def test_late_messages_are_no_reboot():
@@ -166,13 +173,17 @@ def test_a_clock_that_never_comes_back_is_a_reboot():
 
 def test_a_jump_forward_stays_a_gap():
     times = np.concatenate([10 + 0.01 * np.arange(500), 600 + 0.01 * np.arange(500)])
-    made = clock_of(times)
-    assert np.array_equal(made.time, times)
-    assert not made.boot.any()
-    assert made.repairs == ()
+    clock_result = clock_of(times)
+    assert np.array_equal(clock_result.time, times)
+    assert not clock_result.boot.any()
+    assert clock_result.repairs == ()
 
 
 def test_unix_time_is_moved_to_the_boot_clock():
+    """Some messages of a log are stamped by UTC or another clock.
+
+    Their offset to the boot clock is removed and reported.
+    """
     times = np.linspace(50.0, 59.9, 100)
     rows = np.arange(100)
     for epoch in (1.6e9, 11.0):
@@ -180,9 +191,9 @@ def test_unix_time_is_moved_to_the_boot_clock():
             MessageStamps("ATTITUDE", 2 * rows, times, WRAP_MS),
             MessageStamps("GPS_RAW_INT", 2 * rows + 1, times + epoch, np.inf),
         ]
-        made = clock(stamps, 200)
-        assert abs(made.time[1::2] - times).max() <= 0.1 + 1e-6
-        (moved,) = made.repairs
+        clock_result = clock(stamps, 200)
+        assert abs(clock_result.time[1::2] - times).max() <= 0.1 + 1e-6
+        (moved,) = clock_result.repairs
         assert moved.code is Repair.CLOCK_MOVED
         assert moved.figures["offset"] == approx(epoch, abs=0.2)
     # Messages without a clock take the last before them.
@@ -194,17 +205,19 @@ def test_unix_time_is_moved_to_the_boot_clock():
 @given(st.lists(st.floats(0, 4e6), min_size=1, max_size=60), st.booleans())
 def test_any_stamps_at_all_give_finite_times(times, servo):
     values = np.array(times)
-    made = interleaved(values, values[::-1] % WRAP_US) if servo else clock_of(values)
+    clock_result = interleaved(values, values[::-1] % WRAP_US) if servo else clock_of(values)
     if values.any():
-        assert np.isfinite(made.time).all()
-    assert (np.diff(made.boot) >= -made.boot.max()).all() and (made.boot >= 0).all()
+        assert np.isfinite(clock_result.time).all()
+    assert (np.diff(clock_result.boot) >= -clock_result.boot.max()).all() and (
+        clock_result.boot >= 0
+    ).all()
 
 
 def test_a_message_whose_stamp_is_ignored_repeats_the_last_of_its_kind():
     times = 100 + 0.1 * np.arange(200)
     servo = times + 0.05
     servo[100] += 5.5
-    made = interleaved(times, servo)
-    assert made.time[201] == made.time[199]
-    (ignored,) = made.repairs
+    clock_result = interleaved(times, servo)
+    assert clock_result.time[201] == clock_result.time[199]
+    (ignored,) = clock_result.repairs
     assert dict(ignored.figures) == {"name": "SERVO_OUTPUT_RAW", "count": 1}

@@ -82,6 +82,7 @@ TRANSLATED = {
 @mark.slow
 @mark.parametrize("log", TRANSLATED)
 def test_the_translation_holds_dfreaders_values_in_mavlinks_units(log, steps):
+    """The values of real logs are those that pymavlink's DFReader reads, times the factor between the units."""
     path = steps if log == STEPS else shared(log)
     read = by_dfreader(path, [*{own for _, _, own, _, _ in TRANSLATED[log]}, "PARM"])
     (vehicle,) = read_dataflash(path).vehicles
@@ -124,10 +125,21 @@ def test_between_events_that_contradict_each_other_nothing_is_reported(tmp_path)
     for row, stamp in ((13, 26_100_000), (5, 22_100_000)):
         rows.insert(row, made.message("EV", stamp, 28))
     states = vehicle_in(tmp_path, *rows).messages["EXTENDED_SYS_STATE"]
-    told = dict(
+    landed_state_by_second = dict(
         zip(np.floor(states["time"]).tolist(), states["landed_state"].tolist(), strict=False)
     )
-    assert [told[second] for second in range(20, 30)] == [1, 1, 2, 0, 0, 0, 2, 0, 0, 0]
+    assert [landed_state_by_second[second] for second in range(20, 30)] == [
+        1,
+        1,
+        2,
+        0,
+        0,
+        0,
+        2,
+        0,
+        0,
+        0,
+    ]
     assert states["landed_state"][states["time"] == 26.0].tolist() == [1]
 
 
@@ -160,6 +172,10 @@ def test_the_armed_flag_of_the_supply_dates_an_arming_without_its_event(tmp_path
 
 
 def test_two_armings_with_the_first_message_and_events_of_no_kind_change_no_time(tmp_path):
+    """Times must ascend although two events have the stamp of the first message.
+
+    Events without a number of their kind are left out.
+    """
     rows = made.flight(SLOW)
     twice = [made.message("EV", 20_000_000, 10)] * 2
     vehicle = vehicle_in(tmp_path, *twice, *rows)
@@ -172,6 +188,7 @@ def test_two_armings_with_the_first_message_and_events_of_no_kind_change_no_time
 
 
 def test_yaw_is_between_half_turns_and_rates_move_to_the_angles_stamps(tmp_path):
+    """Yaw passes north, from 350° to 26°, and rates are recorded 3 ms after the angles."""
     rows = [made.att(20 + 0.1 * i, 0, 0, (350 + 4 * i) % 360) for i in range(10)]
     rows += [made.rate(20.003 + 0.1 * i, 10.0 * i) for i in range(-1, 11)]
     attitude = vehicle_of(
@@ -184,6 +201,7 @@ def test_yaw_is_between_half_turns_and_rates_move_to_the_angles_stamps(tmp_path)
 
 
 def test_no_attitude_is_invented_between_slow_rates_nor_in_their_gaps(tmp_path):
+    """Angles come at 100 Hz, rates at 20 Hz with a gap of 1 s. Samples are those of the rates."""
     angles = [made.att(20 + 0.01 * i, 0.1 * i) for i in range(301)]
     rates = [made.rate(20 + 0.05 * i, 1.0) for i in range(61) if not 20 < i < 40]
     rows = sorted(angles + rates, key=lambda row: row[3:11][::-1])
@@ -214,7 +232,7 @@ def counts(vehicle):
 
 
 def spoiled(case):
-    """A log of ``TIMES`` with one thing wrong, of which every message of attitude and motors can be read."""
+    """Returns a log of ``TIMES`` with one thing wrong, of which all messages of attitude and motors can be read."""
     rows = made.flight(TIMES)
     att = made.fmt("ATT")
     ctun = made.fmt("CTUN")
@@ -254,6 +272,7 @@ def spoiled(case):
     ],
 )
 def test_what_is_wrong_costs_itself_only(tmp_path, case, repairs):
+    """A log with one damaged place, or one wrong definition, loses at most the message there."""
     vehicle = vehicle_of(spoiled(case), tmp_path)
     attitude = vehicle.messages["ATTITUDE"]
     assert np.allclose(attitude["time"], TIMES, atol=1e-9)
@@ -263,10 +282,10 @@ def test_what_is_wrong_costs_itself_only(tmp_path, case, repairs):
     servos = np.round(vehicle.messages["SERVO_OUTPUT_RAW"]["time"], 6).tolist()
     lost = set(np.round(TIMES, 6).tolist()) - set(servos)
     assert lost <= ({round(TIMES[79], 6)} if case.startswith("garbage") else set())
-    found = counts(vehicle)
-    assert found.keys() == repairs.keys()
+    size_by_point = counts(vehicle)
+    assert size_by_point.keys() == repairs.keys()
     if not lost:
-        assert found == repairs
+        assert size_by_point == repairs
 
 
 def test_markers_between_two_stretches_of_a_log_count(monkeypatch):
@@ -289,11 +308,14 @@ def test_markers_between_two_stretches_of_a_log_count(monkeypatch):
     ],
 )
 def test_who_flies(tmp_path, said, parameters, expected):
-    told = made.message("MSG", 1, said) + b"".join(
+    """The kind of vehicle follows from the text of the firmware, and the parameter of the frame."""
+    landed_state_by_second = made.message("MSG", 1, said) + b"".join(
         made.message("PARM", 1, *pair, 0.0) for pair in parameters.items()
     )
     assert (
-        vehicle_of(made.formats() + told + b"".join(made.flight(TIMES)), tmp_path).vehicle
+        vehicle_of(
+            made.formats() + landed_state_by_second + b"".join(made.flight(TIMES)), tmp_path
+        ).vehicle
         == expected
     )
 
@@ -305,6 +327,7 @@ def test_setpoints_of_rate_and_att_are_in_order(tmp_path):
 
 
 def test_what_system_identification_injects_is_known_by_its_axis(tmp_path):
+    """ArduPilot's SIDS names by a number where its system identification injects the signal that SIDD has."""
     pieces = made.flight(TIMES)
     for row, (axis, size) in enumerate(
         ((1, 2.0), (4, 3.0), (7, 4.0), (10, 0.5), (11, 0.25), (14, 9.0))
@@ -315,22 +338,27 @@ def test_what_system_identification_injects_is_known_by_its_axis(tmp_path):
             pieces[20 * row] += made.message("SIDD", stamp, 0.0, size * step)
     vehicle = vehicle_in(tmp_path, *pieces)
     injected = Signals(vehicle).injected_signals
-    found = {one.injection_point: one.signal.values[1] for one in injected}
-    assert found == {
+    size_by_point = {
+        injected_signal.injection_point: injected_signal.signal.values[1]
+        for injected_signal in injected
+    }
+    assert size_by_point == {
         Injection.ANGLE_SETPOINT: approx(np.radians(2)),
         Injection.RECOVERED_ANGLE_SETPOINT: approx(np.radians(3)),
         Injection.RATE_SETPOINT: approx(np.radians(4)),
         Injection.DEMAND: 0.5,
     }
     assert injected[-1].signal.time == approx(21.104 + 0.0025 * np.arange(3))
-    assert [one.injection_point for one in Signals(vehicle, axis="pitch").injected_signals] == [
-        Injection.DEMAND
-    ]
+    assert [
+        injected_signal.injection_point
+        for injected_signal in Signals(vehicle, axis="pitch").injected_signals
+    ] == [Injection.DEMAND]
     assert Signals(vehicle, axis="yaw").injected_signals == ()
 
 
 @mark.parametrize("names", ["RPY", "RP"])
 def test_d_terms_are_those_of_all_axes_or_not_known(names, tmp_path):
+    """The D terms of the rate controllers are read only if roll, pitch and yaw were logged."""
     pieces = made.flight(TIMES)
     for row, name in enumerate(names * 2):
         pieces[20 * row] += made.message(f"PID{name}", 20_503_000 + 200_000 * row, 0.1 * row)
@@ -344,6 +372,7 @@ def test_d_terms_are_those_of_all_axes_or_not_known(names, tmp_path):
 
 
 def test_the_firmware_and_what_the_logger_lost_are_known(tmp_path):
+    """The log names the firmware, parameters with their defaults, and how many messages its writer dropped."""
     lost = [
         made.message("DSF", round(1e6 * (20 + i)), count, 0, 0, 0, 0, 0)
         for i, count in enumerate((7, 7, 12, 0, 3))

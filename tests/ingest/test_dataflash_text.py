@@ -21,7 +21,7 @@ DEFINITIONS = (
 
 
 def attitude_lines(point=".", separator=", "):
-    """Fifty lines of attitude, whose roll is -0.5, 0.5, 1.5 and so on, °."""
+    """Returns 50 text lines with the attitude, whose roll is -0.5°, 0.5°, 1.5° and so on."""
     lines = ""
     for row in range(50):
         numbers = ["0.1", f"{row - 0.5}", "0.25", "-0.75", "10.5", "11.5"]

@@ -68,6 +68,10 @@ def log(
 
 @mark.parametrize("rate, gyro", [(100, True), (1, True), (1, False)])
 def test_the_unit_of_rate_is_told_by_the_gyro(tmp_path, rate, gyro):
+    """Old versions log rates in centidegrees per second.
+
+    The gyro in the log shows that; without motion nothing is concluded.
+    """
     vehicle = log(tmp_path, rate, gyro=gyro)
     assert_allclose(vehicle.messages["ATTITUDE"]["rollspeed"], ROLL_RATE, rtol=1e-4, atol=1e-6)
     if rate == 100:
@@ -111,14 +115,15 @@ def test_rate_of_3_3_before_its_release_is_read_under_its_own_names(tmp_path):
 
 
 def test_lines_that_are_no_messages_cost_themselves_only(tmp_path):
-    whole = log(tmp_path, firmware="a, text, with commas")
+    """A text log has blank lines, nonsense, and a line that is cut off."""
+    complete_log = log(tmp_path, firmware="a, text, with commas")
     path = tmp_path / "flight.log"
     text = path.read_text().replace("\nRATE", "\nRATE, 5\nnonsense\nRATE", 1) + "ATT, 1, 2"
     path.write_text("ArduCopter V4\r\n\r\n" + text.replace("\n", "\r\n"), newline="")
     (vehicle,) = read_dataflash(path).vehicles
     left_out, *_ = vehicle.repairs
     assert (left_out.code, left_out.figures["count"]) == (Repair.LINES_LEFT_OUT, 4)
-    for name, fields in whole.messages.items():
+    for name, fields in complete_log.messages.items():
         for field, values in fields.items():
             assert_array_equal(vehicle.messages[name][field], values)
     assert vehicle.messages["STATUSTEXT"]["text"].tolist() == ["a, text, with commas"]
@@ -135,6 +140,7 @@ def test_the_battery_in_volts_and_in_the_hundredths_of_old_logs(tmp_path, batter
 
 
 def test_a_dataflash_log_has_its_board_and_the_time_of_the_first_receiver(tmp_path):
+    """The serial number of the board is in a text; week and milliseconds of GPS give the UTC once there is a fix."""
     moment = datetime(2026, 5, 4, 12, tzinfo=UTC)
     week, seconds = divmod(moment.timestamp() - 315964800 + 18, 604800)
     pieces = [dataflash.message("MSG", 1_000_000, "CUAVv5Nano 001A002F 30395113 33333539")]
@@ -144,10 +150,10 @@ def test_a_dataflash_log_has_its_board_and_the_time_of_the_first_receiver(tmp_pa
         pieces.append(dataflash.message("GPS", 20_000_000 + n * 1_000_000, 0, fix, *at))
     path = tmp_path / "a.bin"
     path.write_bytes(dataflash.log(*dataflash.flight(np.arange(20.0, 25.0, 0.1)), *pieces))
-    (found,) = read_dataflash(path).vehicles
-    assert (found.board, found.hardware) == ("001a002f3039511333333539", "CUAVv5Nano")
+    (vehicle,) = read_dataflash(path).vehicles
+    assert (vehicle.board, vehicle.hardware) == ("001a002f3039511333333539", "CUAVv5Nano")
     # The time is that of messages with a fix.
-    unix = found.messages["SYSTEM_TIME"]["time_unix_usec"] / 1e6
+    unix = vehicle.messages["SYSTEM_TIME"]["time_unix_usec"] / 1e6
     assert_allclose(unix, moment.timestamp() + np.arange(1, 5), rtol=1e-12)
 
 

@@ -73,6 +73,7 @@ def px4_heartbeat(sub_mode):
 
 
 def test_external_modes_of_a_telemetry_log_have_their_announced_names(tmp_path):
+    """Modes 11 and 12 are external. Only mode 12 was announced with a name, by the message AVAILABLE_MODES."""
     announced = message("AVAILABLE_MODES", custom_mode=px4_mode(4, 12), mode_name=b"Wall follower")
     times = [20 + 0.01 * row for row in range(400)]
     frames = [
@@ -93,6 +94,7 @@ def test_external_modes_of_a_telemetry_log_have_their_announced_names(tmp_path):
 
 
 def test_navigation_states_of_a_ulog_are_external_modes(tmp_path):
+    """PX4's navigation states from 23 on are the external modes."""
     name = "vehicle_status:uint64_t timestamp;uint8_t nav_state;"
     pieces = []
     for row, state in enumerate([4, 23, 24, 31]):

@@ -62,6 +62,7 @@ def any_frame(draw):
 @given(st.lists(any_frame(), min_size=1, max_size=8), st.sampled_from([0, 8]), st.data())
 @settings(max_examples=60)
 def test_every_frame_is_found_and_decodes_as_pymavlink_does(frames, gap, data):
+    """Random frames of MAVLink, with or without the 8 bytes of a stamp between them."""
     content = b"".join(data.draw(st.binary(min_size=gap, max_size=gap)) + each for each in frames)
     table = frames_in(content, gap)
     assert [content[start:end] for start, end in zip(table.start, table.end, strict=True)] == frames
@@ -73,13 +74,13 @@ def test_every_frame_is_found_and_decodes_as_pymavlink_does(frames, gap, data):
         columns_are_read_as(read, table[row : row + 1], [expected])
 
 
-def is_read_as(content, found, expected):
-    """Asserts that the one frame ``found`` in the ``content`` is the message that pymavlink reads."""
+def is_read_as(content, frames, expected):
+    """Asserts that a frame in the content is the message that pymavlink reads."""
     sender = (expected.get_srcSystem(), expected.get_srcComponent(), expected.get_seq())
-    assert (found.system, found.component, found.sequence) == sender
-    assert found.message_id == expected.get_msgId()
+    assert (frames.system, frames.component, frames.sequence) == sender
+    assert frames.message_id == expected.get_msgId()
     definition = definitions_by_id()[expected.get_msgId()]
-    one = parse_frame(content[int(found.start[0]) : int(found.end[0])].tobytes())
+    one = parse_frame(content[int(frames.start[0]) : int(frames.end[0])].tobytes())
     assert one.checksum == CHECKSUM_MATCHES
     assert_equal(
         field_values(one.payload, definition),
@@ -87,31 +88,32 @@ def is_read_as(content, found, expected):
     )
 
 
-def columns_are_read_as(content, found, expected):
-    """Asserts that the columns of the frames ``found``, all of one message, have the fields that pymavlink reads."""
+def columns_are_read_as(content, frames, expected):
+    """Asserts that the fields of several frames of one message are those that pymavlink reads."""
     definition = definitions_by_id()[expected[0].get_msgId()]
     for name in definition.fields:
-        values = decoded_field(content, found.start, definition, name)
-        theirs = [getattr(one, f"_{name}_raw", getattr(one, name)) for one in expected]
-        np.testing.assert_array_equal(values, np.asarray(theirs, values.dtype), name)
+        values = decoded_field(content, frames.start, definition, name)
+        expected_values = [getattr(one, f"_{name}_raw", getattr(one, name)) for one in expected]
+        np.testing.assert_array_equal(values, np.asarray(expected_values, values.dtype), name)
 
 
 @mark.slow
 @mark.parametrize("log", SAMPLE_LOGS, ids=lambda log: log.name)
 def test_a_recorded_stream_is_read_as_pymavlink_reads_it(log, tmp_path):
+    """Reads the beginning of each real log by both readers, message by message and column by column."""
     path = tmp_path / log.name
     path.write_bytes(log.read_bytes()[:50_000])
     content = np.fromfile(path, np.uint8)
-    found = frames_in(content.tobytes(), STAMP_BYTES)
-    assert (found.checksum == CHECKSUM_MATCHES).all() and len(found) > 1000
+    frames = frames_in(content.tobytes(), STAMP_BYTES)
+    assert (frames.checksum == CHECKSUM_MATCHES).all() and len(frames) > 1000
     reader = mavutil.mavlogfile(str(path))
-    expected = [reader.recv_match() for _ in range(len(found))]
+    expected = [reader.recv_match() for _ in range(len(frames))]
     reader.close()
     for row, message in enumerate(expected):
-        is_read_as(content, found[row : row + 1], message)
-    for message_id in np.unique(found.message_id):
-        rows = np.flatnonzero(found.message_id == message_id)
-        columns_are_read_as(content, found[rows], [expected[row] for row in rows])
+        is_read_as(content, frames[row : row + 1], message)
+    for message_id in np.unique(frames.message_id):
+        rows = np.flatnonzero(frames.message_id == message_id)
+        columns_are_read_as(content, frames[rows], [expected[row] for row in rows])
 
 
 def test_a_frame_carried_inside_a_damaged_one_is_not_taken():
@@ -142,10 +144,11 @@ def test_a_flood_of_markers_hides_no_frame_and_makes_none(flood):
 @example(60, struct.pack(">Q", NOW + 3_601_000_000))
 @settings(max_examples=40)
 def test_a_damaged_stamp_misleads_nobody(row, wrong):
+    """One receive stamp of a telemetry log is replaced by random bytes, or is an hour late."""
     frames = [heartbeat(), *flight(TIMES)]
-    place = sum(STAMP_BYTES + len(each) for each in frames[:row])
+    position = sum(STAMP_BYTES + len(each) for each in frames[:row])
     content = bytearray(tlog(frames))
-    content[place : place + STAMP_BYTES] = wrong
+    content[position : position + STAMP_BYTES] = wrong
     log = read(bytes(content))
     assert log.receive_time == approx((NOW / 1e6, NOW / 1e6 + 0.01 * (len(frames) - 1)))
     assert np.allclose(log.vehicles[0].messages["ATTITUDE"]["time"], TIMES)

@@ -38,10 +38,10 @@ def with_utc(telemetry, utc_at_boot):
 
 
 def halves(silence=4.0, restarted=True, has_utc=True):
-    """A flight whose record is silent for a while in the air, and goes on in a second log."""
-    whole = Hover().telemetry()
-    first = only(whole, lambda time: time < CUT)
-    second = only(whole, lambda time: time >= CUT + silence)
+    """Returns two logs of one flight, between which nothing was recorded for some seconds."""
+    hover = Hover().telemetry()
+    first = only(hover, lambda time: time < CUT)
+    second = only(hover, lambda time: time >= CUT + silence)
     clock_shift = CUT + silence - 2.0 if restarted else 0.0
     second = replace(moved(second, clock_shift), source="second.tlog")
     if has_utc:
@@ -96,6 +96,7 @@ def test_logs_with_utc_may_be_in_any_order():
 
 @mark.parametrize("has_utc", [True, False])
 def test_an_autopilot_that_ran_on_has_one_boot(has_utc):
+    """The autopilot did not restart between the two logs, so that its clock goes on."""
     first, second = halves(restarted=False, has_utc=has_utc)
     # The second log repeats a message that is older than itself, as PX4 does.
     older = selected_rows(first.messages["HEARTBEAT"], slice(-1, None))
@@ -139,6 +140,7 @@ def test_parameters_that_changed_keep_their_first_value():
     ],
 )
 def test_logs_of_two_vehicles_are_refused(other, reason):
+    """The second log is of another system, format, firmware or board, or has other parameters."""
     first, second = halves()
     first = replace(
         first, board="0C0D", firmware="ArduCopter V4.6.0", parameters=dict.fromkeys(NAMES, 1.0)

@@ -34,6 +34,7 @@ def columns_of(log):
 
 
 def test_a_mapped_log_reads_like_one_in_memory(tmp_path, monkeypatch):
+    """A large log is mapped into memory and read in parts, here of 1000 bytes."""
     path = flight_log(tmp_path)
     in_memory = read_tlog(path)
     monkeypatch.setattr(contents, "MIN_MAPPED_BYTES", 1)
@@ -42,11 +43,11 @@ def test_a_mapped_log_reads_like_one_in_memory(tmp_path, monkeypatch):
     mapped = read_tlog(path)
     assert mapped.receive_time == in_memory.receive_time
     assert mapped.bytes_skipped == in_memory.bytes_skipped
-    expected = columns_of(in_memory)
-    found = columns_of(mapped)
-    assert found.keys() == expected.keys()
-    for key, values in found.items():
-        np.testing.assert_array_equal(values, expected[key])
+    columns_in_memory = columns_of(in_memory)
+    mapped_columns = columns_of(mapped)
+    assert mapped_columns.keys() == columns_in_memory.keys()
+    for key, values in mapped_columns.items():
+        np.testing.assert_array_equal(values, columns_in_memory[key])
 
 
 def test_columns_go_to_other_processes_without_the_recording(tmp_path):

@@ -47,19 +47,24 @@ def back_to_tlog(mcap):
 @mark.slow
 @mark.parametrize("log", SAMPLE_LOGS, ids=lambda log: log.stem)
 def test_json_alone_tells_the_same(log, tmp_path):
+    """A recording with MAVLink as JSON only is read like the telemetry log with the same messages as frames."""
     path = tmp_path / log.name
     path.write_bytes(log.read_bytes()[:200_000])
-    ours, theirs = map(read_log, (json_only(converted(path, tmp_path), tmp_path), path))
-    assert [vars(one) for one in ours.components] == [vars(one) for one in theirs.components]
-    for mine, other in zip(ours.vehicles, theirs.vehicles, strict=True):
+    log_of_json, log_of_frames = map(
+        read_log, (json_only(converted(path, tmp_path), tmp_path), path)
+    )
+    assert [vars(message) for message in log_of_json.components] == [
+        vars(message) for message in log_of_frames.components
+    ]
+    for vehicle, other in zip(log_of_json.vehicles, log_of_frames.vehicles, strict=True):
         # The bits of a NaN are an integer of PX4's, and JSON has but one NaN: these, with their types, are lost.
-        known = {name: other.parameters[name] for name in mine.parameters}
-        assert mine.parameters == known
+        shared_parameters = {name: other.parameters[name] for name in vehicle.parameters}
+        assert vehicle.parameters == shared_parameters
         if other.autopilot != "PX4":
-            assert known == other.parameters
+            assert shared_parameters == other.parameters
         else:
-            assert known != other.parameters
-        for name, columns in mine.messages.items():
+            assert shared_parameters != other.parameters
+        for name, columns in vehicle.messages.items():
             for field in columns.keys() - {"param_type"}:
                 assert_array_equal(columns[field], other.messages[name][field], strict=True)
 
@@ -171,12 +176,13 @@ def test_a_channel_of_encoding_mavlink_may_begin_within_a_frame(recorder):
 
 
 def test_who_is_heard_in_frames_is_not_read_again_from_json(recorder):
+    """System 1 is recorded as frames and as JSON with another roll angle, system 2 as JSON only."""
     for row, frame in enumerate(flight(TIMES[:20], system=1)):
         recorder.write("raw", frame, "mavlink", schema=False)
         recorder.blueos("ATTITUDE", {"time_boot_ms": row + 1, "roll": 9.0}, row, system=1)
     recorder.flight(TIMES[:20], system=2)
     log = recorder.log()
-    assert [(one.system, one.messages.get("ATTITUDE")) for one in log.components] == [
+    assert [(message.system, message.messages.get("ATTITUDE")) for message in log.components] == [
         (1, 20),
         (2, 20),
     ]
@@ -186,14 +192,15 @@ def test_who_is_heard_in_frames_is_not_read_again_from_json(recorder):
 @mark.parametrize("chunked", [True, False])
 @mark.parametrize("compression", COMPRESSIONS)
 def test_the_library_reads_the_same_messages(compression, chunked, tmp_path):
+    """The reader of this project and the library mcap read the same messages from each kind of file."""
     path = tmp_path / "compared.mcap"
     with Recorder(path, compression=compression, use_chunking=chunked, chunk_size=3000) as recorder:
         recorder.flight(TIMES[:50])
     recording = McapRecording(path.read_bytes())
-    ours = list(recording.messages())
+    log_of_json = list(recording.messages())
     with path.open("rb") as file:
         read = NonSeekingReader(file).iter_messages(log_time_order=False)
-        assert ours == [one for *_, one in read]
+        assert log_of_json == [message for *_, message in read]
     assert not recording.repairs()
 
 
@@ -208,7 +215,10 @@ def test_a_topic_may_be_called_anything(topic, recorder):
 
 
 def attitudes(path):
-    """The stamps of attitude, ms, or None where the file is unreadable, and says so in one sentence."""
+    """Returns the stamps of the attitude, ms.
+
+    None if the file is unreadable, which the error must say in one sentence.
+    """
     try:
         log = read_log(path)
     except Unreadable as error:
@@ -242,17 +252,18 @@ def small(folder, compression, frames):
 @mark.slow
 @mark.parametrize("frames", [True, False])
 def test_a_cut_recording_is_read_up_to_the_cut(frames, tmp_path):
+    """The longer the rest of a recording, the more messages are read, and all of them are right."""
     content = small(tmp_path, CompressionType.ZSTD if frames else CompressionType.LZ4, frames)
     path = tmp_path / "cut.mcap"
-    whole = [round(time * 1e3) for time in TIMES[: 60 if frames else 30]]
+    all_stamps = [round(time * 1e3) for time in TIMES[: 60 if frames else 30]]
     fewest = 0
     for cut in [*range(0, 40, 5), *range(40, len(content), 211), len(content)]:
         path.write_bytes(content[:cut])
         read = attitudes(path) or []
-        assert read == whole[: len(read)]
+        assert read == all_stamps[: len(read)]
         assert len(read) >= fewest
         fewest = len(read)
-    assert fewest == len(whole)
+    assert fewest == len(all_stamps)
     path.write_bytes(content[: len(content) // 2])
     assert Repair.RECORDING_CUT in [fact.code for fact in read_mcap(path).vehicles[0].repairs]
 
@@ -265,6 +276,7 @@ def test_a_cut_recording_is_read_up_to_the_cut(frames, tmp_path):
 )
 @settings(max_examples=40)
 def test_damage_never_makes_an_error_or_a_false_message(tmp_path_factory, seed, compression, kind):
+    """Random bytes of recordings of all kinds are changed: only true messages may be read."""
     path = tmp_path_factory.mktemp("damaged") / "damaged.mcap"
     if kind in ("frames", "json"):
         path.write_bytes(small(path.parent, compression, kind == "frames"))
@@ -277,20 +289,21 @@ def test_damage_never_makes_an_error_or_a_false_message(tmp_path_factory, seed, 
     read = set(attitudes(path) or [])
     # MAVROS's seconds count from another first message where the first are lost.
     assert (
-        all(0 < one <= 61_000 for one in read)
+        all(0 < message <= 61_000 for message in read)
         if kind == "mavros"
-        else read <= {round(1e3 * at) for at in TIMES}
+        else read <= {round(1e3 * time) for time in TIMES}
     )
 
 
 @mark.parametrize("compression", COMPRESSIONS)
 def test_a_damaged_stretch_costs_its_own_messages(compression, tmp_path):
+    """The length of a chunk is damaged, so that the reader must search for the next one."""
     content = bytearray(small(tmp_path, compression, frames=True))
-    place = len(MAGIC)
-    while content[place] != mcap_records.Opcode.CHUNK:
-        place += 9 + int.from_bytes(content[place + 1 : place + 9], "little")
+    position = len(MAGIC)
+    while content[position] != mcap_records.Opcode.CHUNK:
+        position += 9 + int.from_bytes(content[position + 1 : position + 9], "little")
     # The length of the first chunk: the file can no longer be walked from record to record.
-    content[place + 1 : place + 9] = struct.pack("<Q", 2**62)
+    content[position + 1 : position + 9] = struct.pack("<Q", 2**62)
     path = tmp_path / "damaged.mcap"
     path.write_bytes(content)
     read = attitudes(path)
@@ -315,8 +328,8 @@ def test_json_of_a_damaged_chunk_is_not_used(tmp_path):
 
 def test_of_damaged_mavlink_alone_it_says_that_it_is_damaged(tmp_path):
     content = bytearray(small(tmp_path, CompressionType.ZSTD, frames=False))
-    for place in range(60, int.from_bytes(content[-28:-20], "little"), 40):  # up to the summary
-        content[place] ^= 0xFF
+    for position in range(60, int.from_bytes(content[-28:-20], "little"), 40):  # up to the summary
+        content[position] ^= 0xFF
     (tmp_path / "small.mcap").write_bytes(content)
     assert unreadable(read_mcap, tmp_path / "small.mcap").code is SourceFact.MCAP_DAMAGED
 
@@ -377,23 +390,24 @@ def chunk(packed):
 
 
 def test_what_chunks_unpack_to_is_bounded(tmp_path, monkeypatch):
+    """100 chunks of a few bytes would each unpack to 8 MB: the sum of what is unpacked has a limit."""
     bomb = chunk(zstandard.ZstdCompressor().compress(record(0x80, bytes(1 << 23))))
-    given = []
+    unpacked_sizes = []
     unpack = mcap_records._unpacked_records
 
     def watched(compression, packed, most):
         records = unpack(compression, packed, most)
         assert len(records) <= most
-        given.append(len(records))
+        unpacked_sizes.append(len(records))
         return records
 
     monkeypatch.setattr(mcap_records, "_unpacked_records", watched)
     path = tmp_path / "bomb.mcap"
     path.write_bytes(MAGIC + 100 * bomb)
     assert attitudes(path) is None
-    assert len(given) == 100
-    assert sum(given) <= (1 << 26) + 100 * path.stat().st_size
-    assert sum(given) < 50 << 23
+    assert len(unpacked_sizes) == 100
+    assert sum(unpacked_sizes) <= (1 << 26) + 100 * path.stat().st_size
+    assert sum(unpacked_sizes) < 50 << 23
 
 
 def test_texts_of_json_are_as_on_the_wire(recorder):

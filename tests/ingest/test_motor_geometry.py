@@ -36,6 +36,7 @@ ON_AUX = {f"PWM_AUX_FUNC{n}": 100.0 + n for n in range(1, 5)}
     ],
 )
 def test_a_motor_whose_output_never_changes_is_a_motor(vehicle, parameters, moving, channels):
+    """Outputs that move show where the motors are; between or beside them are motors that stand still."""
     autopilot, bank = ("PX4", 16) if parameters is ON_AUX else ("ARDUPILOTMEGA", 8)
     geometry = motor_geometry(vehicle, autopilot, parameters, moving, bank)
     assert geometry.channels == tuple(channels)
@@ -77,5 +78,5 @@ def test_px4s_drivers_get_the_banks_in_which_their_outputs_change():
 def test_four_motors_of_an_old_autopilot_are_arranged_as_frame_says(frame, source):
     """Its log does not name the kind of frame, but four motors are those of a quadrotor."""
     parameters = {} if frame is None else {"FRAME": frame}
-    found = motor_geometry("GENERIC_MULTIROTOR", "ARDUPILOTMEGA", parameters, [1, 2, 3, 4], 16)
-    assert found.position_source is source
+    geometry = motor_geometry("GENERIC_MULTIROTOR", "ARDUPILOTMEGA", parameters, [1, 2, 3, 4], 16)
+    assert geometry.position_source is source

@@ -57,6 +57,7 @@ def test_of_swapped_blocks_the_one_in_the_wrong_place_is_left_out(tmp_path):
 
 @mark.parametrize("start", [200, 3000])
 def test_a_block_that_is_repeated_later_is_left_out(start, tmp_path):
+    """300 messages of a DataFlash log are there twice, one block after the other."""
     flight = attitudes(20.0, 150.0)
     message_bytes = len(message("ATT"))
     block = flight[start * message_bytes : (start + 300) * message_bytes]
@@ -82,6 +83,7 @@ def test_a_log_that_is_there_twice_is_read_once(tmp_path):
 
 
 def test_a_block_near_the_beginning_that_is_repeated_is_no_boot(tmp_path):
+    """A block of 3321 bytes, which begins in the midst of a message, is there twice."""
     flight = attitudes(20.0, 90.0)
     message_bytes = len(message("ATT"))
     end = 125 * message_bytes
@@ -137,7 +139,10 @@ def test_a_second_boot_and_a_pause_fit_the_satellite_time(tmp_path):
 
 
 def stream_part(received, start, end):
-    """Frames of a MAVLink flight from one time of the boot clock to another, s, behind their receive stamps."""
+    """Returns frames of a flight from start to end on the boot clock, s.
+
+    Their stamps begin at the time of reception, s.
+    """
     frames = b""
     sequence = 0
     for row in range(round((end - start) / STEP)):
@@ -161,6 +166,7 @@ def boots_and_codes(vehicle):
 @mark.slow
 @mark.parametrize("other_start", [5.0, 250.0, 380.0])
 def test_another_sender_for_a_while_is_left_out_of_a_stream(other_start):
+    """For 15 s another vehicle with the same ids and another clock is received."""
     vehicle = stream_vehicle(
         stream_part(0.0, 400.0, 440.0),
         stream_part(40.0, other_start, other_start + 15.0),

@@ -133,6 +133,7 @@ def test_ardupilots_motors_stop_where_its_version_lets_them(parameters, highest)
 def test_a_motor_is_at_its_lower_limit_where_its_autopilot_idles_it_in_flight(
     outputs, parameters, drivers, lowest
 ):
+    """Parameters of ArduPilot and PX4 set the lowest output in flight, above the output of a disarmed motor."""
     scale = output_scale(np.array([outputs]), parameters, drivers)
     step = 0.02 * (scale.high - scale.low)
     _, at_lower = samples_at_limits(scale.fraction(lowest + np.array([-step, 0.0, step])), scale)

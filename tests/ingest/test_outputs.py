@@ -47,6 +47,10 @@ def steps(*names, event=None):
 
 @pytest.mark.parametrize(("message", "first"), [("RCOU", 1), ("RCO2", 15), ("RCO3", 19)])
 def test_motors_are_read_from_every_output_of_a_dataflash_log(tmp_path, message, first):
+    """ArduPilot logs outputs 1 to 14, 15 to 18 and 19 to 32 in separate messages.
+
+    The motors may be in any of them.
+    """
     other = [] if message == "RCOU" else ["RCOU"]
     idle = [made.message("RCOU", round(1e6 * stamp)) for stamp in STAMPS] if other else []
     vehicle = vehicle_of(tmp_path, *functions(first), *idle, *steps(message))
@@ -81,6 +85,7 @@ def test_an_ardupilot_port_has_16_outputs_though_only_the_second_port_is_used():
 
 
 def test_two_messages_that_share_an_id_are_told_apart_by_their_length():
+    """A second definition gives the id of RCO2 to another message, of another length."""
     name, characters, fields = b"LDET", b"QHI", b"TimeUS,Flags,Count"
     kind = made.MESSAGES["RCO2"][0]
     length = 3 + struct.calcsize("<QHI")

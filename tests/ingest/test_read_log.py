@@ -97,6 +97,7 @@ def test_parameters_are_what_the_autopilot_sent_or_a_ground_station_noted(
 
 
 def test_failures_are_distinguished(tmp_path):
+    """A frame with a wrong checksum may be damaged, or of a dialect with another definition of the message."""
     frames = [*HOVER]
     damaged = bytearray(frames[11])
     damaged[15] ^= 0xFF
@@ -117,6 +118,7 @@ def test_failures_are_distinguished(tmp_path):
 
 
 def test_what_is_overtaken_or_comes_twice_is_not_lost(tmp_path):
+    """Sequence numbers show that ten messages are missing, although others are swapped or there twice."""
     steps = np.array([0, 1, 2, 128, 129, -32, -33])
     assert missing_messages(7, 7 + steps).tolist() == [0, 0, 1, 127, 0, -33, 0]
     frames = [heartbeat(), *flight(TIMES, sequence=1)]
@@ -287,14 +289,14 @@ def test_what_is_no_path_is_named(path):
 def test_a_signalling_nan_is_no_number_and_no_warning(tmp_path):
     """Which a conversion to another width of number complains of."""
     signalling = bytes.fromhex("010080 7f")
-    odd = frame(22, signalling + bytes(4) + b"SYSID_THISMAV\0\0\0" + b"\x09")
+    nan_parameter = frame(22, signalling + bytes(4) + b"SYSID_THISMAV\0\0\0" + b"\x09")
     rolls = [
         frame(30, struct.pack("<I", 20_000 + row) + signalling + bytes(20)) for row in range(3)
     ]
-    vehicle = vehicle_of([heartbeat(), odd, *rolls, *flight(TIMES)], tmp_path)
+    vehicle = vehicle_of([heartbeat(), nan_parameter, *rolls, *flight(TIMES)], tmp_path)
     assert "SYSID_THISMAV" not in vehicle.parameters
-    seen = attitude_of_axis(vehicle, "roll")
-    assert seen.sent_count == len(TIMES) + 3 and len(seen.time) == len(TIMES)
+    attitude = attitude_of_axis(vehicle, "roll")
+    assert attitude.sent_count == len(TIMES) + 3 and len(attitude.time) == len(TIMES)
 
 
 def test_a_path_may_be_bytes_and_have_any_name(tmp_path):

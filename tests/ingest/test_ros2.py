@@ -54,6 +54,7 @@ def message(vehicle, name, *fields):
 
 
 def test_what_mavros_turned_is_turned_back(recorder):
+    """MAVROS converts attitude and rates from aerospace axes (NED, FRD) to ROS axes (ENU, FLU)."""
     angles = np.radians((170, -80, 30))
     rates = (0.3, -0.2, 0.1)
     recorder.mavros("state", "mavros_msgs/msg/State", UNIX, armed=True)
@@ -63,12 +64,13 @@ def test_what_mavros_turned_is_turned_back(recorder):
     w, x, y, z = message(vehicle, "ATTITUDE_QUATERNION", "q1", "q2", "q3", "q4")[0]
     expected = Rotation.from_euler("ZYX", angles[::-1])
     assert (Rotation.from_quat([x, y, z, w]) * expected.inv()).magnitude() < 1e-9
-    ours = message(vehicle, "ATTITUDE_QUATERNION", "rollspeed", "pitchspeed", "yawspeed")
-    assert np.allclose(ours, [rates] * 5, rtol=0, atol=1e-12)
+    body_rates = message(vehicle, "ATTITUDE_QUATERNION", "rollspeed", "pitchspeed", "yawspeed")
+    assert np.allclose(body_rates, [rates] * 5, rtol=0, atol=1e-12)
 
 
 @mark.slow
 def test_what_else_mavros_tells(recorder):
+    """Velocity, arming, flight and demands are read from the topics of MAVROS."""
     mavros_flight(recorder)
     for at in (UNIX + TIMES).tolist():
         velocity = {"linear": {"x": 1.0, "y": 2.0, "z": 3.0}}
@@ -136,6 +138,7 @@ def test_the_system_id_is_the_most_frequent_one(recorder):
 
 @mark.slow
 def test_versions_and_directions_of_topics(recorder):
+    """Topics with a version in their name are read, and those to the vehicle (in) as well as from it (out)."""
     for at in TIMES.tolist():
         recorder.px4("vehicle_status", at, "/fmu/out/", arming_state=2, system_type=2)
         for later in (0, 1):
@@ -162,6 +165,7 @@ def test_versions_and_directions_of_topics(recorder):
 
 @mark.slow
 def test_several_vehicles_are_listed_and_chosen(tmp_path):
+    """Five vehicles are recorded under different names. Those without a system id of their own get a free one."""
     times = 20 + 0.01 * np.arange(1500)
 
     def write(recorder):
@@ -192,6 +196,7 @@ def test_several_vehicles_are_listed_and_chosen(tmp_path):
 
 
 def test_stamps_that_are_missing_or_astray_are_left_out(recorder):
+    """One message of each topic has the stamp 0, or one hours or years later."""
     for row, at in enumerate(TIMES.tolist()):
         recorder.px4("vehicle_angular_velocity", 0.0 if row == 9 else at, xyz=[0.0, 0.0, 0.0])
         recorder.px4("vehicle_attitude", 7000.0 if row == 50 else at, q=[1.0, 0.0, 0.0, 0.0])
@@ -205,6 +210,7 @@ def test_stamps_that_are_missing_or_astray_are_left_out(recorder):
 
 @mark.slow
 def test_the_wrap_of_servo_output_raw_that_mavros_hands_on_is_undone(recorder):
+    """MAVROS passes on the 32-bit microseconds of SERVO_OUTPUT_RAW, which wrap after 71 minutes."""
     wrap = 2**32 / 1e6
     recorder.mavros("state", "mavros_msgs/msg/State", UNIX, armed=True)
     for at in (wrap - 1.5 + TIMES - TIMES[0]).tolist():
@@ -259,6 +265,7 @@ ODD = {
 @mark.slow
 @mark.parametrize("name", [*HOSTILE, *ODD])
 def test_hostile_definitions_are_harmless(name, tmp_path, capfd, monkeypatch):
+    """Message definitions in a recording may be nonsense, endless, or contain code."""
     monkeypatch.setattr("os.system", lambda _: fail("the file was executed"))
     path = tmp_path / "hostile.mcap"
     write_raw(
@@ -266,9 +273,9 @@ def test_hostile_definitions_are_harmless(name, tmp_path, capfd, monkeypatch):
         {**HOSTILE, **ODD}[name].replace("===", "=" * 80),
         [b"\1" + bytes(199)] * 100 + [b"\xff" * 200] * 100,
     )
-    begun = time.thread_time()
+    begin_time = time.thread_time()
     log = read_log(path)
-    assert time.thread_time() - begun < 2.0
+    assert time.thread_time() - begin_time < 2.0
     (vehicle,) = log.vehicles
     assert len(vehicle.messages["HIL_ACTUATOR_CONTROLS"]["time"]) == 300
     if name in HOSTILE:
@@ -304,7 +311,7 @@ def write_raw(path, definition, bodies):
 
 @mark.parametrize(
     "beginning, language",
-    [(begun, "ros2msg") for begun in (b"\0\2\0\0", b"\xff\xff\xff\xff", b"", b"\0")]
+    [(begin_time, "ros2msg") for begin_time in (b"\0\2\0\0", b"\xff\xff\xff\xff", b"", b"\0")]
     + [(b"\0\1\0\0", "ros2idl")],
 )
 def test_other_encapsulations_and_languages_of_definition_are_not_read(
@@ -319,6 +326,8 @@ def test_other_encapsulations_and_languages_of_definition_are_not_read(
 
 @mark.slow
 def test_the_battery_of_either_bridge(tmp_path):
+    """The voltage falls from 16 V to 12 V, in the topics of PX4 and of MAVROS."""
+
     def write(recorder):
         px4_flight(recorder)
         mavros_flight(recorder, node="/uav/mavros")
@@ -343,17 +352,18 @@ def test_the_battery_of_either_bridge(tmp_path):
 
 @mark.slow
 def test_setpoints_of_mavros_are_turned_back(recorder):
+    """The setpoint of the attitude is in ROS axes; its mask says that the roll rate is not set."""
     rpy = (0.3, -0.2, 1.0)
     pqr = np.array([0.5, -0.6, 0.7])
     mavros_flight(recorder)
     at = float(UNIX + TIMES[50])
-    turned = {"x": pqr[0], "y": -pqr[1], "z": -pqr[2]}
+    rates_in_ros_axes = {"x": pqr[0], "y": -pqr[1], "z": -pqr[2]}
     recorder.mavros(
         "setpoint_raw/target_attitude",
         "mavros_msgs/msg/AttitudeTarget",
         at,
         orientation=xyzw(to_ros(rpy)),
-        body_rate=turned,
+        body_rate=rates_in_ros_axes,
         type_mask=1,
     )
     vehicle = recorder.vehicle()
@@ -369,10 +379,13 @@ def test_setpoints_of_mavros_are_turned_back(recorder):
 def test_what_holds_no_flight_of_a_vehicle_is_refused(tmp_path):
     """Setpoints alone, another sensor's IMU; and where a stream of MAVLink is asked for, topics."""
     for code, write in (
-        (SourceFact.ROS2_DAMAGED, lambda one: one.px4("vehicle_rates_setpoint", 20.0, roll=1.0)),
+        (
+            SourceFact.ROS2_DAMAGED,
+            lambda vehicle: vehicle.px4("vehicle_rates_setpoint", 20.0, roll=1.0),
+        ),
         (
             SourceFact.MCAP_WITHOUT_FLIGHT,
-            lambda one: one.imu(20.0, (0.1, 0, 0), (0, 0, 0), node="/camera"),
+            lambda vehicle: vehicle.imu(20.0, (0.1, 0, 0), (0, 0, 0), node="/camera"),
         ),
     ):
         assert unreadable(read_log, written(tmp_path, write)).code is code
@@ -399,6 +412,7 @@ def test_the_flight_is_the_motion_that_it_was_made_of(write, begin, tmp_path):
 @mark.slow
 @mark.parametrize("other", ["MAVLink", "MAVROS"])
 def test_mavlink_is_read_before_ros_2_and_px4s_own_topics_before_mavros(other, tmp_path):
+    """One recording has the same flight in two forms: only one of them is read, and the other is reported."""
     path = tmp_path / "both.mcap"
     if other == "MAVLink":
         with Recorder(path) as recorder:

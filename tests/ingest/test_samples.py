@@ -11,7 +11,7 @@ IDS = {"INS_GYR_ID": 1.0, "INS_GYR2_ID": 2.0, "INS_ACC_ID": 3.0}
 
 
 def batches(instance, first=0):
-    """Two batches of 64 samples of a gyro at 1 kHz, whose blocks come out of order, and half of another."""
+    """Returns two complete batches of 64 gyro samples at 1 kHz, in blocks out of order, and half of a third batch."""
     number = first + np.array([0, 1, 2])
     header = {
         "TimeUS": 1e6 * number + 2e5,
@@ -31,20 +31,21 @@ def batches(instance, first=0):
 
 
 def test_whole_batches_are_samples_before_the_filters_and_behind_them():
+    """The parameter INS_LOG_BAT_OPT says whether ArduPilot logged raw or filtered samples, or both by turns."""
     (header, data), (more, other) = batches(0), batches(2, first=10)
     tables = {
         "ISBH": {name: np.append(header[name], more[name]) for name in header},
         "ISBD": {name: np.concatenate([data[name], other[name]]) for name in data},
     }
-    found = raw_samples(tables, {**IDS, "INS_LOG_BAT_OPT": 4.0})
-    assert {name: one[0] for name, one in found.items()} == {
+    samples_by_message = raw_samples(tables, {**IDS, "INS_LOG_BAT_OPT": 4.0})
+    assert {name: sample_columns[0] for name, sample_columns in samples_by_message.items()} == {
         "GYRO_BEFORE": "ISBH",
         "GYRO_AFTER": "ISBH",
     }
-    columns = found["GYRO_BEFORE"][1]
+    columns = samples_by_message["GYRO_BEFORE"][1]
     assert_allclose(columns["x"], np.arange(128) / 100)
     assert_allclose(columns["time"][[0, 1, 64]], [0.0, 0.001, 1.0])
-    assert found["GYRO_AFTER"][1]["time"][0] == 10.0
+    assert samples_by_message["GYRO_AFTER"][1]["time"][0] == 10.0
     assert [*raw_samples(tables, {**IDS, "INS_LOG_BAT_OPT": 2.0})] == ["GYRO_AFTER"]
 
 
@@ -53,12 +54,13 @@ def test_samples_without_gaps_have_their_own_stamps_and_imu_is_behind_the_filter
     axes = dict.fromkeys(("GyrX", "GyrY", "GyrZ"), time)
     stamps = {"time": time, "boot": np.zeros(10, int), "I": np.zeros(10)}
     raw = {**stamps, **axes, "TimeUS": 1e6 * time, "SampleUS": 1e6 * time - 2000}
-    found = raw_samples({"GYR": raw, "IMU": {**stamps, **axes}}, IDS)
-    assert [found[name][0] for name in ("GYRO_BEFORE", "GYRO_AFTER")] == ["GYR", "IMU"]
-    assert_allclose(found["GYRO_BEFORE"][1]["time"], time - 0.002)
+    samples_by_message = raw_samples({"GYR": raw, "IMU": {**stamps, **axes}}, IDS)
+    assert [samples_by_message[name][0] for name in ("GYRO_BEFORE", "GYRO_AFTER")] == ["GYR", "IMU"]
+    assert_allclose(samples_by_message["GYRO_BEFORE"][1]["time"], time - 0.002)
 
 
 def test_px4s_fifo_holds_several_samples_and_escs_report_speeds():
+    """Each message of the gyro's FIFO has several samples, the last of which has its time stamp."""
     time = np.array([1.0, 1.004])
     fifo = {
         "time": time,
@@ -72,15 +74,19 @@ def test_px4s_fifo_holds_several_samples_and_escs_report_speeds():
     speeds = {"time": time, **{f"esc[{n}].esc_rpm": np.full(2, 6000 + n) for n in range(4)}}
     level = ("q[0]", "q[1]", "q[2]", "q[3]", "rollspeed", "pitchspeed", "yawspeed")
     attitude = {"vehicle_attitude": {0: {"time": time, **dict.fromkeys(level, np.ones(2))}}}
-    _, made, named = messages_of_topics(
+    _, messages, source_names = messages_of_topics(
         {"sensor_gyro_fifo": {0: fifo}, "esc_status": {0: speeds}, **attitude}, {}
     )
-    samples = made["GYRO_BEFORE"]
-    assert named["GYRO_BEFORE"] == "sensor_gyro_fifo"
+    samples = messages["GYRO_BEFORE"]
+    assert source_names["GYRO_BEFORE"] == "sensor_gyro_fifo"
     assert_allclose(samples["x"], [0.0, 0.001, 0.002, 0.003, 0.1, 0.101])
     assert_allclose(samples["time"][:4], 0.9995 - 125e-6 * np.array([3, 2, 1, 0]))
-    assert made["ESC"]["RPM"][:4].tolist() == [6000, 6001, 6002, 6003]
+    assert messages["ESC"]["RPM"][:4].tolist() == [6000, 6001, 6002, 6003]
     gyro = ("gyro_rad[0]", "gyro_rad[1]", "gyro_rad[2]")
     combined = {"time": time, **dict.fromkeys(gyro, np.full(2, 0.1))}
-    _, made, named = messages_of_topics({"sensor_combined": {0: combined}, **attitude}, {})
-    assert named["GYRO_BEFORE"] == "sensor_combined" and made["GYRO_BEFORE"]["y"] == approx(0.1)
+    _, messages, source_names = messages_of_topics(
+        {"sensor_combined": {0: combined}, **attitude}, {}
+    )
+    assert source_names["GYRO_BEFORE"] == "sensor_combined" and messages["GYRO_BEFORE"][
+        "y"
+    ] == approx(0.1)

@@ -54,6 +54,7 @@ def component_and_vehicle(frames):
 @mark.slow
 @mark.parametrize("delay", [0.0, 0.5, 2.0, 3.0, 60.0])
 def test_a_second_link_changes_nothing(delay):
+    """The same frames are received over two links, one of which is later by up to 60 s."""
     once = sent()
     component, vehicle = component_and_vehicle(merged(once, late(once, delay)))
     usual_component, usual_vehicle = component_and_vehicle(merged(once))
@@ -69,6 +70,7 @@ def test_a_second_link_changes_nothing(delay):
 
 
 def test_what_one_link_lost_comes_over_the_other():
+    """Each of two links loses a tenth of the frames, not the same ones."""
     once = sent()
     first = without(once, 0.1, seed=1)
     second = without(once, 0.1, seed=2)
@@ -88,6 +90,7 @@ def jittered(frames, seed):
 
 @mark.parametrize("share", [0.0, 0.3])
 def test_frames_that_overtake_each_other_on_two_links_are_counted_once(share):
+    """Frames arrive out of order on both links, with or without losses."""
     once = sent()
     first = jittered(without(once, share, seed=1), seed=3)
     second = jittered(without(once, share, seed=2), seed=4)
@@ -123,6 +126,7 @@ def test_equal_heartbeats_after_a_turn_of_the_numbers_are_no_copies():
     ],
 )
 def test_two_vehicles_under_one_id_are_refused(other, share):
+    """The second vehicle has another clock, position or heading."""
     frames = merged(without(sent(), share, seed=1), without(sent(**other), share, seed=2))
     with raises(Unreadable) as refusal:
         read(tlog(frames))

@@ -10,7 +10,10 @@ from tests.ingest.mavlink_streams import frames_in, message
 
 
 def vehicle_frames(random, count, start, heading, first_sequence):
-    """Frames of one vehicle whose heading turns and whose position is known now and then."""
+    """Returns frames of a vehicle whose heading turns and whose position is sent now and then.
+
+    One in twenty is lost.
+    """
     frames = []
     for row in range(count):
         clock = round(1e3 * start) + 20 * row
@@ -38,7 +41,7 @@ def with_copies(random, frames, share, delay):
 
 
 def streams(seed):
-    """Streams of one link, of two, of two vehicles, of a restart, and of a recording that is repeated."""
+    """Yields the frames of one link, two links, two vehicles, a restart, and a recording that is repeated."""
     random = np.random.default_rng(seed)
     single = vehicle_frames(random, 1500, 10.0, 0.3, 0)
     other = vehicle_frames(random, 1500, 10.0, 1.5, 90)
@@ -53,6 +56,7 @@ def streams(seed):
 @mark.parametrize("seed", range(2))
 @mark.parametrize("kind", range(5))
 def test_runs_of_frames_give_what_single_frames_give(seed, kind):
+    """The reader of files processes many frames at once, the live reader one by one: both must agree."""
     content = b"".join(list(streams(seed))[kind])
     frames = frames_in(content)
     data = np.frombuffer(content, dtype=np.uint8)

@@ -41,30 +41,31 @@ from mavdem.ingest.ulog_topics import parse_records
 from mavdem.ingest.vocabulary import Injection, euler_angles
 
 
-def same(ours, theirs):
-    return len(ours) == len(theirs) and bool(
-        (np.asarray(ours, np.float64) == np.asarray(theirs, np.float64)).all()
+def same(attitude_columns, pyulog_name):
+    return len(attitude_columns) == len(pyulog_name) and bool(
+        (np.asarray(attitude_columns, np.float64) == np.asarray(pyulog_name, np.float64)).all()
     )
 
 
 @mark.slow
 @mark.parametrize("name", REAL)
 def test_values_are_those_pyulog_reads(name):
+    """The values of real logs are those that the library pyulog reads."""
     path = shared(name)
     (vehicle,) = read_log(path).vehicles
-    plain = ULog(str(path))
-    attitude = plain.get_dataset("vehicle_attitude").data
-    ours = vehicle.messages["ATTITUDE_QUATERNION"]
-    for field, theirs in (("q1", "q[0]"), ("q4", "q[3]"), ("yawspeed", "yawspeed")):
-        assert same(ours[field], attitude[theirs])
-    assert same(np.rint(ours["time"] * 1e6), attitude["timestamp"])
+    pyulog_log = ULog(str(path))
+    attitude = pyulog_log.get_dataset("vehicle_attitude").data
+    attitude_columns = vehicle.messages["ATTITUDE_QUATERNION"]
+    for field, pyulog_name in (("q1", "q[0]"), ("q4", "q[3]"), ("yawspeed", "yawspeed")):
+        assert same(attitude_columns[field], attitude[pyulog_name])
+    assert same(np.rint(attitude_columns["time"] * 1e6), attitude["timestamp"])
     outputs = vehicle.messages["SERVO_OUTPUT_RAW"]
-    for topic in (topic for topic in plain.data_list if topic.name == "actuator_outputs"):
-        here = outputs["port"] == topic.multi_id
-        assert same(np.rint(outputs["time"][here] * 1e6), topic.data["timestamp"])
-        assert same(outputs["servo16_raw"][here], topic.data["output[15]"])
-    expected = {name: float(value) for name, value in plain.initial_parameters.items()}
-    expected |= {name: float(value) for _, name, value in plain.changed_parameters}
+    for topic in (topic for topic in pyulog_log.data_list if topic.name == "actuator_outputs"):
+        is_of_topic = outputs["port"] == topic.multi_id
+        assert same(np.rint(outputs["time"][is_of_topic] * 1e6), topic.data["timestamp"])
+        assert same(outputs["servo16_raw"][is_of_topic], topic.data["output[15]"])
+    expected = {name: float(value) for name, value in pyulog_log.initial_parameters.items()}
+    expected |= {name: float(value) for _, name, value in pyulog_log.changed_parameters}
     assert vehicle.parameters == expected
     assert (vehicle.vehicle, vehicle.autopilot, vehicle.system) == ("QUADROTOR", "PX4", 1)
 
@@ -75,7 +76,7 @@ def test_what_is_no_data_is_what_pyulog_reads():
     def keyed(kind, key, value, flags=b""):
         return message(kind, flags + bytes([len(key)]) + key.encode() + value)
 
-    first = message("B", b"\x01" + bytes(39))
+    first_records = message("B", b"\x01" + bytes(39))
     before = [
         parameter("MAV_TYPE", 2),
         parameter("MC_ROLL_P", float("nan"), "float"),
@@ -101,18 +102,27 @@ def test_what_is_no_data_is_what_pyulog_reads():
         message("C", b"4" + struct.pack("<HQ", 7, 23_500_000) + b"tagged"),
         message("O", struct.pack("<H", 120)),
     ]
-    content = log(*later, first=first, parameters=b"".join(before))
-    ours = parse_records(sound_records(content)).other
-    theirs = ULog(io.BytesIO(content))
-    numbers = {name: value for name, value in theirs.initial_parameters.items() if name != "LETTER"}
-    assert ours.initial_settings == numbers and ours.start_stamp == theirs.start_timestamp
-    assert ours.changed_settings == theirs.changed_parameters
-    assert ours.firmware_defaults == theirs.get_default_parameters(0)
-    assert ours.airframe_defaults == theirs.get_default_parameters(1)
-    assert ours.information == theirs.msg_info_dict
-    texts = [(text.log_level, text.timestamp, text.message) for text in theirs.logged_messages]
-    assert ours.texts == texts == [(ord("4"), 23_500_000, "Tr ")]
-    assert ours.dropout_durations == [dropout.duration for dropout in theirs.dropouts] == [120]
+    content = log(*later, first=first_records, parameters=b"".join(before))
+    attitude_columns = parse_records(sound_records(content)).other
+    pyulog_name = ULog(io.BytesIO(content))
+    numbers = {
+        name: value for name, value in pyulog_name.initial_parameters.items() if name != "LETTER"
+    }
+    assert (
+        attitude_columns.initial_settings == numbers
+        and attitude_columns.start_stamp == pyulog_name.start_timestamp
+    )
+    assert attitude_columns.changed_settings == pyulog_name.changed_parameters
+    assert attitude_columns.firmware_defaults == pyulog_name.get_default_parameters(0)
+    assert attitude_columns.airframe_defaults == pyulog_name.get_default_parameters(1)
+    assert attitude_columns.information == pyulog_name.msg_info_dict
+    texts = [(text.log_level, text.timestamp, text.message) for text in pyulog_name.logged_messages]
+    assert attitude_columns.texts == texts == [(ord("4"), 23_500_000, "Tr ")]
+    assert (
+        attitude_columns.dropout_durations
+        == [dropout.duration for dropout in pyulog_name.dropouts]
+        == [120]
+    )
 
 
 def test_attitude_is_moved_to_the_stamps_of_the_rates(tmp_path):
@@ -150,10 +160,14 @@ def test_rotations_are_interpolated_as_by_scipy():
     quaternions = generator.normal(size=(50, 4))
     query_time = np.append(generator.uniform(time[0], time[-1], 300), time)
     next_rows = np.clip(np.searchsorted(time, query_time), 1, 49)
-    ours = interpolated_rotations(query_time, time, quaternions, next_rows)
+    attitude_columns = interpolated_rotations(query_time, time, quaternions, next_rows)
     slerp = Slerp(time, Rotation.from_quat(quaternions, scalar_first=True))
-    theirs = slerp(query_time).as_quat(scalar_first=True)
-    assert_allclose(ours, theirs * np.sign(np.sum(ours * theirs, axis=1))[:, None], atol=1e-12)
+    pyulog_name = slerp(query_time).as_quat(scalar_first=True)
+    assert_allclose(
+        attitude_columns,
+        pyulog_name * np.sign(np.sum(attitude_columns * pyulog_name, axis=1))[:, None],
+        atol=1e-12,
+    )
 
 
 def test_stamps_that_repeat_have_no_rate():
@@ -161,6 +175,7 @@ def test_stamps_that_repeat_have_no_rate():
 
 
 def test_motors_are_put_on_their_channels(tmp_path):
+    """Parameters assign motors 3, 1, 4 and 2 to outputs 1, 2, 5 and 6."""
     swapped = b"".join(
         parameter(f"PWM_MAIN_FUNC{n}", motor)
         for n, motor in {1: 103, 2: 101, 5: 104, 6: 102}.items()
@@ -175,6 +190,8 @@ def test_motors_are_put_on_their_channels(tmp_path):
 
 
 def test_instances_of_outputs_are_ports(tmp_path):
+    """Two output drivers publish the same topic as instances 0 and 1."""
+
     def outputs(row, instance):
         values = [1000 * (instance + 1) + row + 0.5, *[7.0] * 15]
         return data("actuator_outputs", 20 + 0.01 * row, 1, *values, instance=instance)
@@ -183,25 +200,30 @@ def test_instances_of_outputs_are_ports(tmp_path):
         subscription("actuator_outputs", 1),
         *(outputs(row, port) for row in range(10) for port in (0, 1)),
     ]
-    sent = vehicle_in(tmp_path, *pieces).messages["SERVO_OUTPUT_RAW"]
+    servo_outputs = vehicle_in(tmp_path, *pieces).messages["SERVO_OUTPUT_RAW"]
     for port in (0, 1):
         assert np.array_equal(
-            sent["servo1_raw"][sent["port"] == port], 1000 * (port + 1) + np.arange(10) + 0.5
+            servo_outputs["servo1_raw"][servo_outputs["port"] == port],
+            1000 * (port + 1) + np.arange(10) + 0.5,
         )
-    assert not sent["servo2_raw"].any()  # beyond the outputs in use
+    assert not servo_outputs["servo2_raw"].any()  # beyond the outputs in use
 
 
 def test_a_topic_subscribed_to_twice_is_one(tmp_path):
-    again = subscription("actuator_controls_0", number=900)
-    first = [data("actuator_controls_0", 20 + row, *[row] * 8) for row in range(5)]
-    then = [data("actuator_controls_0", 25 + row, *[5 + row] * 8, number=900) for row in range(5)]
-    controls = vehicle_in(tmp_path, *first, again, *then).messages["ACTUATOR_CONTROL_TARGET"][
-        "controls"
+    """The log subscribes to a topic again, under another number, in the midst of a flight."""
+    second_subscription = subscription("actuator_controls_0", number=900)
+    first_records = [data("actuator_controls_0", 20 + row, *[row] * 8) for row in range(5)]
+    later_records = [
+        data("actuator_controls_0", 25 + row, *[5 + row] * 8, number=900) for row in range(5)
     ]
+    controls = vehicle_in(tmp_path, *first_records, second_subscription, *later_records).messages[
+        "ACTUATOR_CONTROL_TARGET"
+    ]["controls"]
     assert controls[:, 0].tolist() == list(range(10))
 
 
 def test_setpoints_are_in_order_and_without_attitudes_that_are_not_valid(tmp_path):
+    """Setpoints of attitude and rate are published alternately; the third attitude is marked as invalid."""
     pieces = flight(TIMES)
     for row in range(4):
         at = 20 + row / 2
@@ -222,6 +244,7 @@ def test_an_attitude_setpoint_of_euler_angles_is_read_where_there_is_no_quaterni
 
 
 def test_what_the_autotune_adds_to_the_rates_is_injected(tmp_path):
+    """PX4's autotune adds a known signal to the rate setpoint of roll."""
     pieces = flight(TIMES)
     pieces += [
         data("autotune_attitude_control_status", 20 + row / 2, row, 0, 0) for row in range(4)
@@ -252,6 +275,11 @@ def test_drivers_that_publish_in_turn_are_told_apart_by_their_number_of_outputs(
 
 
 def test_landed_states(tmp_path):
+    """PX4's flags become MAVLink's landed state.
+
+    That is 1 on the ground, 2 in the air, 3 at take-off and 4 at landing.
+    """
+
     def target(seconds, kind, valid=True):
         return data("position_setpoint_triplet", seconds, 0, 0.0, False, 0, 0, 47.0, valid, kind)
 
@@ -268,8 +296,8 @@ def test_landed_states(tmp_path):
         data("vehicle_land_detected", 40, True),
     ]
     states = vehicle_in(tmp_path, *pieces).messages["EXTENDED_SYS_STATE"]
-    told = dict(zip(states["time"].tolist(), states["landed_state"].tolist(), strict=True))
-    assert told == {10: 1, 10.5: 1, 11: 1, 12: 3, 20: 2, 30: 4, 31: 2, 32: 4, 33: 2, 40: 1}
+    landed_states = dict(zip(states["time"].tolist(), states["landed_state"].tolist(), strict=True))
+    assert landed_states == {10: 1, 10.5: 1, 11: 1, 12: 3, 20: 2, 30: 4, 31: 2, 32: 4, 33: 2, 40: 1}
     # A vertical speed that is not valid is left out.
     pieces = [
         data("vehicle_local_position", 20 + row, 0, 0, 0, 0, 0, row, row % 2 == 0)
@@ -290,6 +318,10 @@ def test_landed_states(tmp_path):
     ],
 )
 def test_what_the_vehicle_is(tmp_path, status, parameters, expected):
+    """The kind of vehicle follows from PX4's status and parameters.
+
+    The status has the arming state, the type of the system, and the type of the vehicle.
+    """
     pieces = [data("vehicle_status", 20 + row, *status) for row in range(4)]
     vehicle = vehicle_in(tmp_path, *pieces, parameters=parameters)
     assert vehicle.vehicle == expected
@@ -299,6 +331,7 @@ def test_what_the_vehicle_is(tmp_path, status, parameters, expected):
 
 
 def test_parameters_are_the_last_that_were_set(tmp_path):
+    """Parameters are set before and in flight. Values that are not finite are left out."""
     initial = (
         parameter("MAV_SYS_ID", 7)
         + parameter("GAIN", 0.5, "float")
@@ -311,6 +344,8 @@ def test_parameters_are_the_last_that_were_set(tmp_path):
 
 
 def test_defaults_are_those_of_the_airframe_where_the_log_has_any(tmp_path):
+    """A log may have the defaults of the firmware, of the airframe, or both."""
+
     def default(kinds, name, value):
         """ULog's message Q: a bit for the firmware, another for the airframe, and the default as a parameter."""
         text = parameter(name, value, "float")[3:]
@@ -357,6 +392,7 @@ INTACT = [round(time * 1e6) for time in TIMES.tolist()]
 
 @mark.slow
 def test_a_log_cut_off_anywhere_gives_what_came_before(tmp_path):
+    """The log is cut at many places: messages before the cut are read, in the header it is refused."""
     content = log(*flight(TIMES[:30]))
     begin = len(log())
     for end in [*range(0, begin, 37), *range(begin, len(content), 23)]:
@@ -366,13 +402,14 @@ def test_a_log_cut_off_anywhere_gives_what_came_before(tmp_path):
             assert end < begin + 200 and str(error).endswith(".")
             continue
         if WANTED in vehicle.messages:
-            found = stamps_of(vehicle)
-            assert found == INTACT[: len(found)] and content[:end].count(b"D\x02\x00") == approx(
-                len(found), abs=1
+            stamps = stamps_of(vehicle)
+            assert stamps == INTACT[: len(stamps)] and content[:end].count(b"D\x02\x00") == approx(
+                len(stamps), abs=1
             )
 
 
 def test_stamps_that_cannot_be_are_left_out(tmp_path):
+    """Three messages have stamps years later, before the log, or an hour after it."""
     pieces = flight(TIMES)
     for row, wrong in ((500, 1e12), (900, 3.0), (len(pieces) - 1, 5000.0)):
         row = max(row for row in range(row + 1) if pieces[row][2:4] == b"D\x02")
@@ -394,6 +431,7 @@ def test_a_part_whose_clock_is_years_ahead_is_left_out(tmp_path):
 
 
 def test_what_held_when_logging_started_has_that_time(tmp_path):
+    """A state was published 18 s before the log begins: it is known from the beginning of the log on."""
     state = [data("vehicle_land_detected", 2.2, True), data("vehicle_land_detected", 21.0, False)]
     begun = HEADER.replace(struct.pack("<Q", 1_000_000), struct.pack("<Q", 20_000_000))
     content = log(state[0], *flight(TIMES[:100]), state[1], *flight(TIMES[100:]))
@@ -422,6 +460,7 @@ def test_a_dropout_is_reported(tmp_path):
     ],
 )
 def test_an_archive_that_cannot_be_unpacked_is_refused(tmp_path, monkeypatch, spoil, code):
+    """An xz archive is cut off, damaged, or too large when unpacked."""
     monkeypatch.setattr(files, "MAX_LOG_BYTES", 1 << 20)
     path = tmp_path / "flight.ulg.xz"
     path.write_bytes(spoil(lzma.compress(log(*flight(TIMES)))))

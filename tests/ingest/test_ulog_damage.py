@@ -60,6 +60,7 @@ def test_all_records_of_a_sound_file_are_kept():
 
 @mark.parametrize("bit", range(16))
 def test_a_flipped_bit_in_a_length_loses_that_record_alone(bit):
+    """One bit of the size or type of a record is wrong."""
     row = ATTITUDES[100]
     damaged = bytearray(UNMARKED[row])
     damaged[bit // 8] ^= 1 << bit % 8
@@ -87,6 +88,7 @@ def test_a_flipped_bit_in_a_length_loses_that_record_alone(bit):
     ],
 )
 def test_a_record_that_is_too_short_loses_nothing_else(short):
+    """A record of each type is too short for its fields."""
     records = sound_records(log(*UNMARKED[:700], short, *UNMARKED[700:]))
     assert kept_bytes(records) == records_of(*UNMARKED)
     assert records.loss.lost_bytes == len(short)
@@ -94,6 +96,7 @@ def test_a_record_that_is_too_short_loses_nothing_else(short):
 
 @mark.slow
 def test_a_topic_without_time_stamp_does_not_end_the_log(tmp_path):
+    """Two topics have no time stamp, or one of 32 bits, which ULog does not allow."""
     bare = definitions("bare:uint8_t state;", "odd:uint32_t timestamp;")
     topics = [subscription("bare", number=300), subscription("odd", number=301)]
     records = [message("D", struct.pack("<HB", 300, 5)), message("D", struct.pack("<HI", 301, 5))]
@@ -105,6 +108,7 @@ def test_a_topic_without_time_stamp_does_not_end_the_log(tmp_path):
 
 
 def test_values_that_look_like_the_header_of_a_record_are_values(tmp_path):
+    """The values of a message contain the bytes with which another message begins."""
     header = UNMARKED[ATTITUDES[0]][:5]
     row = ATTITUDES[50]
     record = UNMARKED[row]
@@ -115,6 +119,7 @@ def test_values_that_look_like_the_header_of_a_record_are_values(tmp_path):
 
 
 def test_data_with_padding_is_searched_for_no_more_often_than_other_data(monkeypatch):
+    """PX4 pads some messages beyond their definition: the reader must not search all records again for each."""
     search = RecordDefinitions.possible_data_records
     searches = []
 
@@ -140,6 +145,7 @@ def is_within_record(start):
 @mark.slow
 @mark.parametrize("kind", ["removed", "zeros", "random"])
 def test_a_hole_without_marks_of_synchronisation_costs_few_records(kind):
+    """64 bytes are removed or overwritten, in a log without the marks by which a reader finds the next record."""
     content = log(*UNMARKED)
     generator = random.Random(68)
     first_data = len(log())
@@ -157,6 +163,7 @@ def test_a_hole_without_marks_of_synchronisation_costs_few_records(kind):
 
 @mark.parametrize("damage", [random.Random(1).randbytes(5000), bytes(999), b"\x42\xffD"])
 def test_bytes_between_records_lose_one_record_at_most(damage, tmp_path, capfd):
+    """Foreign bytes are inserted between two records."""
     vehicle = vehicle_of(log(*UNMARKED[:700], damage, *UNMARKED[700:]), tmp_path)
     assert len(set(STAMPS) - set(attitude_stamps(vehicle))) <= 1
     (damaged,) = [fact for fact in vehicle.repairs if fact.code is Repair.ULOG_DAMAGED]
@@ -182,6 +189,7 @@ def test_an_end_where_nothing_more_was_written_is_no_damage(tail):
 
 
 def test_a_definition_that_is_lost_costs_its_topic_only(tmp_path):
+    """The definition of the motors is overwritten, so that their messages cannot be read."""
     content = log(*UNMARKED)
     start = content.index(b"actuator_motors:")
     vehicle = vehicle_of(content[:start] + b"\x01" * 20 + content[start + 20 :], tmp_path)
@@ -223,6 +231,7 @@ def test_types_of_records_of_later_versions_are_passed_over():
     ],
 )
 def test_a_topic_that_would_take_all_memory_is_left_out(definition, tmp_path):
+    """A message definition is too large, contains itself, or names another that is missing."""
     pieces = [*UNMARKED[:700], subscription("big", number=300), *UNMARKED[700:]]
     vehicle = vehicle_of(log(*pieces, first=definitions(*definition.split("|"))), tmp_path)
     assert attitude_stamps(vehicle) == STAMPS

@@ -78,7 +78,10 @@ def subscription(name, instance=0, number=None):
 
 
 def data(name, seconds, *values, instance=0, number=None):
-    """One data message; topics with a ``timestamp_sample`` have it 1 ms before their time stamp."""
+    """Returns a data message of a topic at a time, s.
+
+    Topics with a ``timestamp_sample`` have it 1 ms before their stamp.
+    """
     number = NUMBERS[name] + 100 * instance if number is None else number
     stamp = round(seconds * 1e6)
     sample = (stamp - 1000,) if "timestamp_sample" in FORMATS[name] else ()
@@ -107,7 +110,10 @@ def roll(time):
 
 
 def flight(times):
-    """A quadrotor's hover: attitude, rates, motors and the torque behind them at each of the times, s, and a status."""
+    """Returns the messages of a hover.
+
+    Attitude, rates, motors and torque at each time, s, and sometimes the status.
+    """
     pieces = []
     for row, (time, angle, rate) in enumerate(np.column_stack([times, *roll(times)]).tolist()):
         motors = [0.5 - angle, 0.5 + angle, 0.5 + angle, 0.5 - angle, *OFF]

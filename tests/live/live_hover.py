@@ -34,9 +34,10 @@ class Flight:
 
     def frames(self, start=3.0, end=39.0):
         """What is sent from ``start`` to ``end`` of the hover's time, in its order."""
-        return list(_sent(self, start, end))
+        return list(_timed_frames(self, start, end))
 
     def _attitude(self, start, end):
+        """Yields the attitude messages from start to end: their time, s, name and fields."""
         for time in ticks(start, end, self.attitude):
             stamp = {"time_boot_ms": round((time + self.clock) * 1e3)}
             roll = float(self.hover.roll(time))
@@ -52,6 +53,7 @@ class Flight:
                 )
 
     def _motors(self, start, end):
+        """Yields the motor outputs from start to end: the time, s, name and fields of each message."""
         times = ticks(start, end, self.motors)
         for time, outputs in zip(
             times, np.rint(self.hover.motors(np.array(times))).astype(int).tolist(), strict=True
@@ -62,12 +64,14 @@ class Flight:
             yield time + 0.0002, "SERVO_OUTPUT_RAW", {"time_usec": stamp} | fields
 
     def _heartbeats(self, start, end):
+        """Yields heartbeats from start to end, which say that the vehicle is armed from 5 s to its landing."""
         identity = {"type": MAV_TYPES[self.kind], "autopilot": MAV_AUTOPILOTS[self.autopilot]}
         for time in ticks(start, end, 1.0):
             armed = ARMED * (5.0 <= time < self.hover.landed + 1.0)
             yield time + 0.0003, "HEARTBEAT", identity | {"base_mode": armed}
 
     def _climb(self, start, end):
+        """Yields messages with the vertical speed from start to end: their time, s, name and fields."""
         for time in ticks(start, end, 10.0):
             stamp = {"time_boot_ms": round((time + self.clock) * 1e3)}
             yield (
@@ -78,7 +82,8 @@ class Flight:
 
 
 @cache
-def _sent(flight, start, end):
+def _timed_frames(flight, start, end):
+    """Returns all frames of a flight from start to end, each with its time, s, in the order of time."""
     streams = (flight._attitude, flight._motors, flight._heartbeats, flight._climb)
     timed = by_time(*(stream(start, end) for stream in streams))
     return [
@@ -102,6 +107,7 @@ def by_time(*streams):
 
 
 def ticks(start, end, rate):
+    """Returns the times from start to end, s, at which something is sent at a rate, Hz."""
     return (np.arange(round(start * rate), round(end * rate)) / rate).tolist()
 
 
@@ -128,13 +134,14 @@ class Replay:
         return [fact.code for fact in self.facts]
 
     def segments(self):
-        found = {}
+        """The rows by the number of their segment."""
+        rows_by_segment = {}
         for row in self.rows:
-            found.setdefault(row.segment, []).append(row)
-        return found
+            rows_by_segment.setdefault(row.segment, []).append(row)
+        return rows_by_segment
 
     def table(self):
-        """Everything about the rows but when they were received, (T, 9)."""
+        """The rows as an array (T, 9): time, motor inputs, outputs, segment, and whether flight was settled."""
         return np.array(
             [
                 [row.time, *row.inputs, *row.outputs, row.segment, row.is_settled]
@@ -144,19 +151,19 @@ class Replay:
 
 
 def replay(pieces, stream=None, **options):
-    """Feeds pieces, each at its time."""
-    made = Replay(stream or LiveStream(**options))
+    """Feeds pieces of a link's bytes to a live stream, each at its time, and returns what the stream made of them."""
+    replayed = Replay(stream or LiveStream(**options))
     for time, piece in pieces:
-        rows = made.stream.feed(NOW + time, piece)
+        rows = replayed.stream.feed(NOW + time, piece)
         if rows:
-            made.rows += rows
-            made.came += [time] * len(rows)
-            made.setups[rows[-1].segment] = made.stream.row_format
-        made.events += made.stream.drain_events()
-        since = made.stream.pop_withdrawal_time()
-        if since is not None and made.rows:
-            made.taken_back.append((made.rows[-1].segment, since))
-    return made
+            replayed.rows += rows
+            replayed.came += [time] * len(rows)
+            replayed.setups[rows[-1].segment] = replayed.stream.row_format
+        replayed.events += replayed.stream.drain_events()
+        since = replayed.stream.pop_withdrawal_time()
+        if since is not None and replayed.rows:
+            replayed.taken_back.append((replayed.rows[-1].segment, since))
+    return replayed
 
 
 def offline(frames, system=1):
@@ -165,32 +172,39 @@ def offline(frames, system=1):
     return next(vehicle for vehicle in log.vehicles if vehicle.system == system)
 
 
-def differences(made, segment, telemetry, axis="roll"):
-    """How far times, outputs and inputs of a live segment are from those of ``align``, at most.
+def differences(replayed, segment, telemetry, axis="roll"):
+    """Compares rows of a live segment with the samples that ``aligned_flight`` makes of the same log.
 
-    The offline segment is the one whose grid begins with the live one's; at its end one may know a message more.
+    Returns the largest differences of times, outputs and inputs. The offline segment is the one whose grid begins with
+    the live one's; at its end one may know a message more.
     """
-    rows = made.segments()[segment]
-    setup = made.setups[segment]
+    rows = replayed.segments()[segment]
+    row_format = replayed.setups[segment]
     stamps = attitude_of_axis(telemetry, axis)
-    here = stamps.time[stamps.boot == setup.boot]
-    margin = FILTER_EDGE_STEPS * setup.dt if max(setup.rates) * setup.dt >= LOW_PASS_RATIO else 0.0
-    start = here[np.searchsorted(here, setup.grid_start - margin + STAMP_RESOLUTION) - 1]
+    stamps_of_boot = stamps.time[stamps.boot == row_format.boot]
+    margin = (
+        FILTER_EDGE_STEPS * row_format.dt
+        if max(row_format.rates) * row_format.dt >= LOW_PASS_RATIO
+        else 0.0
+    )
+    start = stamps_of_boot[
+        np.searchsorted(stamps_of_boot, row_format.grid_start - margin + STAMP_RESOLUTION) - 1
+    ]
     flight = aligned_flight(
         Signals(telemetry, axis),
-        Segment(setup.boot, float(start), rows[-1].time + margin + 0.9 * setup.dt),
+        Segment(row_format.boot, float(start), rows[-1].time + margin + 0.9 * row_format.dt),
     )
-    assert flight.dt == setup.dt
-    flight = flight[round((rows[0].time - setup.grid_start) / setup.dt) :]
-    ours = np.array([[row.time, *row.outputs, *row.inputs] for row in rows])
-    theirs = np.column_stack([flight.time, flight.outputs, flight.inputs])
-    count = min(len(ours), len(theirs))
-    assert abs(len(ours) - len(theirs)) <= 1
-    times, *far = abs(ours[:count] - theirs[:count]).max(axis=0).tolist()
-    return times, max(far[:2]), max(far[2:])
+    assert flight.dt == row_format.dt
+    flight = flight[round((rows[0].time - row_format.grid_start) / row_format.dt) :]
+    live_rows = np.array([[row.time, *row.outputs, *row.inputs] for row in rows])
+    aligned_rows = np.column_stack([flight.time, flight.outputs, flight.inputs])
+    count = min(len(live_rows), len(aligned_rows))
+    assert abs(len(live_rows) - len(aligned_rows)) <= 1
+    times, *value_differences = abs(live_rows[:count] - aligned_rows[:count]).max(axis=0).tolist()
+    return times, max(value_differences[:2]), max(value_differences[2:])
 
 
-def settled_uniform(made):
+def settled_uniform(replayed):
     """Within a segment rows are one step apart, whatever happened."""
-    for number, rows in made.segments().items():
-        assert_allclose(np.diff([row.time for row in rows]), made.setups[number].dt, atol=1e-9)
+    for number, rows in replayed.segments().items():
+        assert_allclose(np.diff([row.time for row in rows]), replayed.setups[number].dt, atol=1e-9)

@@ -6,6 +6,7 @@ from mavdem.live.intake import FrameBatch
 
 
 def test_learning_is_suspended_until_the_analysis_has_caught_up(monkeypatch):
+    """Frames that wait for more than ``SUSPENSION_DELAY`` suspend learning, until they wait for less than one step."""
     now = [100.0]
     monkeypatch.setattr("mavdem.live.clock.monotonic", lambda: now[0])
     backlog = Backlog()
@@ -26,6 +27,7 @@ def test_learning_is_suspended_until_the_analysis_has_caught_up(monkeypatch):
 
 
 def test_a_session_that_begins_late_is_too_slow_only_where_it_does_not_catch_up(monkeypatch):
+    """One session catches up after a late start. Another stays 1.2 s late, which is reported after 10 s."""
     now = [100.0]
     monkeypatch.setattr("mavdem.live.clock.monotonic", lambda: now[0])
     reported = []
@@ -41,6 +43,10 @@ def test_a_session_that_begins_late_is_too_slow_only_where_it_does_not_catch_up(
 
 
 def test_a_delay_that_doubles_is_reported_again(monkeypatch):
+    """The computer falls behind by 1 s each second.
+
+    A delay of 1 s is reported, and then each time that it has doubled.
+    """
     now = [100.0]
     monkeypatch.setattr("mavdem.live.clock.monotonic", lambda: now[0])
     backlog = Backlog()

@@ -18,7 +18,10 @@ def clock(start, end, reception):
 
 
 def live_facts(*parts):
-    """What a live session says about a clock, and the number of its boots."""
+    """Returns what a live session reports about the boot clock, and the number of boots that it finds.
+
+    A part is a list of pairs: the stamp of a message, s since boot, and the time when it was received, s.
+    """
     facts = []
     boot_clock = BootClock(facts.append)
     for stamp, reception in [entry for part in parts for entry in part]:
@@ -36,6 +39,7 @@ def boots_in_log(*parts):
 @mark.parametrize("first_duration", [2.5, 5.0, 9.0, 15.0])
 @mark.parametrize("restart", [0.5, 1.0])
 def test_a_reboot_soon_after_the_start_is_announced(first_duration, restart):
+    """The clock of an autopilot runs for some seconds, and begins again at 0.5 or 1 s."""
     parts = [clock(1.0, 1.0 + first_duration, 0.0), clock(restart, 30.0, first_duration + 1.0)]
     facts, boots = live_facts(*parts)
     assert [fact.code for fact in facts] == [VehicleFact.VEHICLE_REBOOTED]
@@ -45,6 +49,10 @@ def test_a_reboot_soon_after_the_start_is_announced(first_duration, restart):
 
 @mark.parametrize("share", [0.05, 0.2])
 def test_messages_that_only_a_late_link_brought_are_no_reboot(share):
+    """A second link brings the messages that the first one lost, 3 s late.
+
+    Their stamps are before those of newer ones.
+    """
     first = clock(1.0, 9.0, 0.0)
     is_lost = np.random.default_rng(5).random(len(first)) < share
     late = [(stamp, reception + 3.0) for stamp, reception in np.array(first)[is_lost].tolist()]

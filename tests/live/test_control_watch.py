@@ -67,8 +67,8 @@ class HighFlight(Flight):
             yield time, name, fields | {"z": -float(height)}
 
 
-def flown(hover, *messages, setpoint=True):
-    """The stream of a flight, whose setpoint is level, and other messages: each its time, name and fields."""
+def replayed_with_messages(hover, *messages, setpoint=True):
+    """Replays a flight with level setpoints of the attitude, and further messages: time, name and fields of each."""
     level = {"q": [1.0, 0.0, 0.0, 0.0], "type_mask": 7}
     targets = [
         (time, message("ATTITUDE_TARGET", time_boot_ms=round(1e3 * time), **level))
@@ -79,13 +79,14 @@ def flown(hover, *messages, setpoint=True):
     return replay(by_time(HighFlight(hover, 50.0, 50.0).frames(end=27.0), targets, others))
 
 
-def alarms(made):
-    return [fact for fact in made.facts if fact.code is SessionFact.ALARM]
+def alarms(replayed):
+    """Returns the alarms that were reported, in the order of time."""
+    return [fact for fact in replayed.facts if fact.code is SessionFact.ALARM]
 
 
 @fixture(scope="module")
 def lost():
-    return flown(Leaving())
+    return replayed_with_messages(Leaving())
 
 
 def test_a_loss_of_control_is_alarmed_within_a_second_and_before_a_motor_at_its_limit(lost):
@@ -119,7 +120,7 @@ class TurningOver(Leaving):
 
 
 def test_a_loss_of_control_ends_settled_flight_some_seconds_before_its_onset_as_in_a_log():
-    tumbling = flown(TurningOver())
+    tumbling = replayed_with_messages(TurningOver())
     alarm = alarms(tumbling)[0]
     _, withdrawal_time = tumbling.taken_back[0]
     onset = alarm.figures["reason"].time
@@ -149,8 +150,8 @@ class LimitedBefore(Leaving):
 
 @mark.slow
 def test_a_motor_that_left_its_limit_long_before_a_loss_is_not_its_cause():
-    made = flown(LimitedBefore())
-    limited, loss = [alarm.figures["reason"] for alarm in alarms(made)]
+    replayed = replayed_with_messages(LimitedBefore())
+    limited, loss = [alarm.figures["reason"] for alarm in alarms(replayed)]
     assert limited.code is MotorsLight.MOTOR_LIMITED and limited.subject
     assert loss.code is Ending.CONTROL_LOST
     assert not loss.subject and loss.figures["cause"] is None
@@ -163,10 +164,10 @@ def test_a_loss_after_vibration_that_is_over_is_alarmed():
         (time, "VIBRATION", {"vibration_x": 5.0, "clipping_0": 0 if time < 9.0 else 5000})
         for time in ticks(4.0, 27.0, 2.0)
     ]
-    made = flown(Leaving(hovering=12.0), *clips)
-    shaken, loss = [alarm.figures["reason"].code for alarm in alarms(made)]
+    replayed = replayed_with_messages(Leaving(hovering=12.0), *clips)
+    shaken, loss = [alarm.figures["reason"].code for alarm in alarms(replayed)]
     assert shaken is VibrationLight.VIBRATION_MEASURED and loss is Ending.CONTROL_LOST
-    assert made.stream.status().active_alarms == (made.stream.status().loss,)
+    assert replayed.stream.status().active_alarms == (replayed.stream.status().loss,)
 
 
 @mark.slow
@@ -176,17 +177,17 @@ def test_a_loss_after_vibration_that_is_over_is_alarmed():
     ids=["back at once", "within 30 degrees"],
 )
 def test_what_a_log_does_not_call_lost_raises_no_alarm(harmless):
-    made = flown(replace(Leaving(), **harmless))
-    assert Ending.CONTROL_LOST not in [alarm.figures["reason"].code for alarm in alarms(made)]
-    assert made.stream.status().loss is None
+    replayed = replayed_with_messages(replace(Leaving(), **harmless))
+    assert Ending.CONTROL_LOST not in [alarm.figures["reason"].code for alarm in alarms(replayed)]
+    assert replayed.stream.status().loss is None
 
 
 @mark.slow
 def test_a_lean_without_a_setpoint_is_lost_only_where_it_is_far():
     """A pilot may lean by 80 degrees on purpose; nobody flies on the back for seconds without saying so."""
-    leant = flown(Leaving(largest=1.4, back=2.0), setpoint=False)
+    leant = replayed_with_messages(Leaving(largest=1.4, back=2.0), setpoint=False)
     assert leant.stream.status().loss is None
-    overturned = flown(Leaving(), setpoint=False)
+    overturned = replayed_with_messages(Leaving(), setpoint=False)
     assert overturned.stream.status().loss.code is Ending.CONTROL_LOST
 
 
@@ -210,6 +211,7 @@ class StoppedFlight(Flight):
     ground: float = 0.0
 
     def _climb(self, start, end):
+        """Yields the height of a vehicle that climbs 10 m and falls freely once its motors have stopped."""
         drop = 10.0 - self.ground
         for time, name, fields in super()._climb(start, end):
             falling = np.clip(time - self.hover.landed, 0.0, None)
@@ -221,37 +223,40 @@ class StoppedFlight(Flight):
 
 
 def test_a_vehicle_disarmed_in_the_air_has_not_landed():
-    made = replay(StoppedFlight(Tumbling(), 25.0, 25.0).frames(end=37.0))
-    idle, falling, alarm = alarms(made)
+    replayed = replay(StoppedFlight(Tumbling(), 25.0, 25.0).frames(end=37.0))
+    idle, falling, alarm = alarms(replayed)
     assert idle.figures["reason"].code is WatchFact.FALLS_AT_IDLE
     assert falling.figures["reason"].code is WatchFact.STOPPED_IN_AIR
     assert falling.figures["reason"].time == idle.figures["reason"].time
     assert falling.time < alarm.figures["reason"].time
     assert alarm.figures["reason"].code is Ending.CRASHED
-    assert ReportedEvent.ON_GROUND not in made.codes
-    status = made.stream.status()
+    assert ReportedEvent.ON_GROUND not in replayed.codes
+    status = replayed.stream.status()
     assert not status.is_flying and not status.has_landed
     assert status.loss is alarm.figures["reason"]
 
 
 def test_a_throttle_that_the_pilot_closed_is_the_cause_of_a_fall():
+    """The pilot closes the throttle 0.3 s before the vehicle falls."""
     hover = Tumbling()
     sticks = [
         (time, message("RC_CHANNELS", time_boot_ms=round(1e3 * time), chan3_raw=pulse))
         for time in ticks(3.0, 37.0, 5.0)
         for pulse in [1500 if time < hover.landed - 0.3 else 1000]
     ]
-    made = replay(by_time(StoppedFlight(hover, 25.0, 25.0).frames(end=37.0), sticks))
-    loss = made.stream.status().loss
+    replayed = replay(by_time(StoppedFlight(hover, 25.0, 25.0).frames(end=37.0), sticks))
+    loss = replayed.stream.status().loss
     assert loss.code is Ending.CRASHED
     assert loss.figures["cause"].code is FailedFirst.THROTTLE_CLOSED_FIRST
 
 
 def test_a_landing_above_the_take_off_is_one():
-    made = replay(StoppedFlight(Tumbling(tumbles=False), 25.0, 25.0, ground=9.9).frames(end=37.0))
-    assert not alarms(made)
-    assert ReportedEvent.ON_GROUND in made.codes
-    assert made.stream.status().has_landed
+    replayed = replay(
+        StoppedFlight(Tumbling(tumbles=False), 25.0, 25.0, ground=9.9).frames(end=37.0)
+    )
+    assert not alarms(replayed)
+    assert ReportedEvent.ON_GROUND in replayed.codes
+    assert replayed.stream.status().has_landed
 
 
 CRASH_TEXT = {"severity": 0, "text": b"Crash: Disarming: AngErr=46>30"}
@@ -265,11 +270,11 @@ class Spun(Hover):
 
 
 def test_a_crash_that_the_motion_does_not_show_loses_no_flight():
-    made = flown(Hover(hovering=3.0), (20.0, "STATUSTEXT", CRASH_TEXT))
-    [alarm] = alarms(made)
+    replayed = replayed_with_messages(Hover(hovering=3.0), (20.0, "STATUSTEXT", CRASH_TEXT))
+    [alarm] = alarms(replayed)
     assert alarm.figures["reason"].code is ReportedEvent.CRASH_DETECTED
     assert alarm.level is Level.WATCH and "Stop the motors" not in alarm.remedy
-    assert made.stream.status().loss is None
+    assert replayed.stream.status().loss is None
 
 
 @mark.parametrize(
@@ -278,17 +283,18 @@ def test_a_crash_that_the_motion_does_not_show_loses_no_flight():
 def test_a_crash_that_the_autopilot_reports_is_no_landing_until_the_next_take_off(
     boot_time, take_off
 ):
+    """The autopilot reports a crash at 20 s; at the time of take-off it reports that it is in the air again."""
     beat = {"type": MAV_TYPES["QUADROTOR"], "autopilot": MAV_AUTOPILOTS["ARDUPILOTMEGA"]}
-    made = flown(Spun(hovering=3.0), (20.0, "STATUSTEXT", CRASH_TEXT))
-    status = made.stream.status()
-    assert [alarm.figures["reason"].code for alarm in alarms(made)] == [
+    replayed = replayed_with_messages(Spun(hovering=3.0), (20.0, "STATUSTEXT", CRASH_TEXT))
+    status = replayed.stream.status()
+    assert [alarm.figures["reason"].code for alarm in alarms(replayed)] == [
         ReportedEvent.CRASH_DETECTED
     ]
     assert status.loss.code is Ending.LOSS_REPORTED
     assert status.overall_judgement.lights[Light.TRACKING].level is Level.BAD
     in_flight = replace(status, is_flying=True, is_over=False)
     assert in_flight.overall_judgement.next_step.sentence.startswith("Stop the motors.")
-    again = [
+    attitudes = [
         (time, message("ATTITUDE", time_boot_ms=round(1e3 * (time - boot_time)), pitch=0.01))
         for time in ticks(40.0, 50.0, 50.0)
     ]
@@ -297,9 +303,9 @@ def test_a_crash_that_the_autopilot_reports_is_no_landing_until_the_next_take_of
         for time in ticks(40.0, 50.0, 2.0)
     ]
     beats = [(time, message("HEARTBEAT", base_mode=129, **beat)) for time in ticks(40.0, 50.0, 1.0)]
-    replay(by_time(again, states, beats), made.stream)
-    assert made.stream.is_flying
-    assert made.stream.status().loss is None
+    replay(by_time(attitudes, states, beats), replayed.stream)
+    assert replayed.stream.is_flying
+    assert replayed.stream.status().loss is None
 
 
 @dataclass(frozen=True)
@@ -319,6 +325,7 @@ class FallingFlight(Flight):
     """A flight at 20 m that falls while its motors idle, and goes on where it was caught."""
 
     def _climb(self, start, end):
+        """Yields the height of a vehicle that climbs 20 m and falls freely from 18 s until it is given thrust."""
         for time, name, fields in super()._climb(start, end):
             seconds = min(max(time - 18.0, 0.0), self.hover.opened - 18.0)
             is_falling = 18.0 <= time < self.hover.opened
@@ -328,16 +335,17 @@ class FallingFlight(Flight):
 
 
 def test_a_fall_with_idle_motors_is_alarmed_before_it_ends_and_is_no_loss_where_it_is_caught():
+    """The motors idle from 18.0 s to 18.8 s, when the pilot gives thrust again."""
     flight = FallingFlight(Throttled(opened=18.8), attitude=50.0, motors=50.0)
-    made = replay(flight.frames(end=24.0))
-    [alarm] = alarms(made)
+    replayed = replay(flight.frames(end=24.0))
+    [alarm] = alarms(replayed)
     fall = alarm.figures["reason"]
     assert fall.code is WatchFact.FALLS_AT_IDLE and fall.is_bad
     assert 18.0 <= fall.time <= 18.1 and alarm.time <= 18.8
     assert alarm.remedy.startswith("Give thrust, or release the parachute.")
-    [over] = [fact for fact in made.facts if fact.code is WatchFact.ALARM_OVER]
+    [over] = [fact for fact in replayed.facts if fact.code is WatchFact.ALARM_OVER]
     assert 18.8 <= over.time <= 20.0 and over.figures["reason"].code is WatchFact.FALLS_AT_IDLE
-    status = made.stream.status()
+    status = replayed.stream.status()
     assert status.loss is None and not status.active_alarms
     assert not status.overall_judgement.lights[Light.TRACKING].is_bad
 
@@ -378,8 +386,8 @@ def test_a_vehicle_that_topples_over_after_its_landing_is_an_alarm(hover):
         (time, message("ATTITUDE_TARGET", q=[1.0, 0.0, 0.0, 0.0], type_mask=7))
         for time in ticks(3.0, end, 20.0)
     ]
-    made = replay(by_time(LandingFlight(hover, 25.0, 25.0).frames(end=end), level))
-    losses = [alarm.figures["reason"] for alarm in alarms(made)]
+    replayed = replay(by_time(LandingFlight(hover, 25.0, 25.0).frames(end=end), level))
+    losses = [alarm.figures["reason"] for alarm in alarms(replayed)]
     is_toppling = isinstance(hover, Toppling)
     assert [loss.code for loss in losses] == [Ending.TOPPLED_AT_LANDING] * is_toppling
 
@@ -427,13 +435,17 @@ class SinkingFlight(Flight):
 def test_a_descent_that_the_pilot_commands_is_alarmed_only_without_any_reserve(
     pulse, limited, sinks
 ):
+    """A vehicle sinks with one or all four motors at their limit.
+
+    With a low throttle stick (1200 µs) the pilot wants to sink, so that one motor at its limit is no reason for it.
+    """
     flight = SinkingFlight(Limited(limited=limited), attitude=25.0, motors=25.0)
     sticks = [
         (time, message("RC_CHANNELS", time_boot_ms=round(1e3 * time), chan3_raw=pulse))
         for time in ticks(3.0, 26.0, 5.0)
     ]
-    made = replay(by_time(flight.frames(end=26.0), sticks))
-    codes = [alarm.figures["reason"].code for alarm in alarms(made)]
+    replayed = replay(by_time(flight.frames(end=26.0), sticks))
+    codes = [alarm.figures["reason"].code for alarm in alarms(replayed)]
     assert (WatchFact.SINKS_AT_LIMIT in codes) is sinks
     # That a motor is at its limit is said in any case.
     assert sinks or MotorsLight.MOTOR_LIMITED in codes

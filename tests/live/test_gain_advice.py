@@ -56,6 +56,10 @@ def adviser_of(tmp_path):
 @mark.slow
 @mark.usefixtures("coarse_physics", "without_pages")
 def test_the_files_beside_a_recording_are_new_and_those_that_tune_writes(tmp_path, capsys):
+    """A session advises gains after a flight that is tuned badly: its files are those of ``mavdem tune``.
+
+    They get another name than files of an earlier flight, which stay.
+    """
     scenario = tmp_path / "tuned_badly.toml"
     scenario.write_text(TUNED_BADLY)
     recording = tmp_path / "flight.tlog"
@@ -72,12 +76,12 @@ def test_the_files_beside_a_recording_are_new_and_those_that_tune_writes(tmp_pat
     (refused,) = predicted_errors(assess(read_log(recording)).evidence, {"ATC_ANG_RLL_P": -1.0})
     assert refused.code is TwinFact.CANNOT_FLY
     assert run("tune", recording, "--axis", "all", "--json", "--out", tmp_path) == 0
-    told = strict_json(capsys.readouterr().out)
-    sentence = told["axes"]["roll"]["sentence"]
+    document = strict_json(capsys.readouterr().out)
+    sentence = document["axes"]["roll"]["sentence"]
     assert sentence.split(" Load them")[0] in roll.sentence
     assert "flight.gains-1.stage2.params and .stage2.param;" in written.sentence
     assert advice.judgement.next_step.code is NextStep.LOAD_GAINS
-    assert written.figures["reason"].code == told["next_step_fact"]["code"] == "load_gains"
+    assert written.figures["reason"].code == document["next_step_fact"]["code"] == "load_gains"
     for ending in ("stage2.params", "stage2.param"):
         path = tmp_path / f"flight.gains-1.{ending}"
         assert path.read_text() == (tmp_path / f"gains.{ending}").read_text()
@@ -146,14 +150,15 @@ def test_only_the_last_boot_that_flew_is_judged():
     """The clock of another boot says other seconds, and two vehicles may have had the ids one after the other."""
     flown = Hover(hovering=8.0).telemetry(attitude_time=20.0, motor_time=20.0)
     boots = []
-    for boot, until in enumerate((40.0, 40.0, 4.0)):
-        part = {}
+    for boot, end_time in enumerate((40.0, 40.0, 4.0)):
+        messages_of_boot = {}
         for name, table in flown.messages.items():
-            rows = np.flatnonzero(table["time"] < until)
-            part[name] = selected_rows(table, rows) | {"boot": np.full(len(rows), boot)}
-        boots.append(part)
+            rows = np.flatnonzero(table["time"] < end_time)
+            messages_of_boot[name] = selected_rows(table, rows) | {"boot": np.full(len(rows), boot)}
+        boots.append(messages_of_boot)
     messages = {
-        name: concatenated_columns([part[name] for part in boots]) for name in flown.messages
+        name: concatenated_columns([messages_of_boot[name] for messages_of_boot in boots])
+        for name in flown.messages
     }
     log = log_of_vehicles((replace(flown, messages=messages),), 0, 0)
     [last] = last_flown_boot(log).vehicles

@@ -108,6 +108,10 @@ def test_the_wind_before_a_loss_stays_known(replayed):
 
 
 def test_a_loss_is_said_before_its_impact_and_no_lost_vehicle_is_in_flight(replayed):
+    """The alarm of a lost control comes before the impact.
+
+    From the impact on the status says that the vehicle is down.
+    """
     losses = replayed.losses
     down_texts = replayed.down_texts
     assert down_texts

@@ -23,21 +23,29 @@ DT = 0.02
 @mark.slow
 @mark.parametrize("changed", [False, True])
 def test_a_gust_is_reported_once_and_a_motor_step_never(changed):
+    """The wind torque rises to 20 rad/s² for 0.5 s.
+
+    If it is unknown afterwards, as after the alarm of a motor, the rise may have been a step and is not reported.
+    """
     torque = default_rng(1).uniform(-1.0, 1.0, size=2500)
     torque[600:625] = 20.0
     torque[625:690] = np.where(changed, np.nan, torque[625:690])  # as after a motor's alarm
-    live = GustDetector(DT)
-    found = []
-    for i, one in enumerate(torque):
-        now = partial_record(
-            Estimate, wind_time=50.0 + DT * i, wind_torque=one, wind_torque_band=0.5, physical=None
+    detector = GustDetector(DT)
+    reported_gusts = []
+    for i, torque_sample in enumerate(torque):
+        estimate = partial_record(
+            Estimate,
+            wind_time=50.0 + DT * i,
+            wind_torque=torque_sample,
+            wind_torque_band=0.5,
+            physical=None,
         )
-        found += [(gust, DT * (i + 1)) for gust in live.add(now)]
+        reported_gusts += [(gust, DT * (i + 1)) for gust in detector.add(estimate)]
     if changed:
-        assert found == []
+        assert reported_gusts == []
         return
-    [(gust, known)] = found
-    assert known == approx(20.0, abs=DT), "as soon as there is a level beside it"
+    [(gust, report_time)] = reported_gusts
+    assert report_time == approx(20.0, abs=DT), "as soon as there is a level beside it"
     assert gust.code is SessionFact.GUST_FELT and gust.figures["clock"] == approx(62.0, abs=0.05)
     # The torque is that beyond the torque so far.
     assert gust.figures["torque"] == approx(20.0, rel=0.05)
@@ -45,6 +53,7 @@ def test_a_gust_is_reported_once_and_a_motor_step_never(changed):
 
 
 def test_a_torque_that_is_not_larger_than_its_error_is_withheld():
+    """A wind torque of 8 rad/s² is shown with a half width of 3, and not with one of 40 rad/s²."""
     physical = partial_record(
         Physical,
         status={"effect": Status.REPORTED},
@@ -61,9 +70,9 @@ def test_a_torque_that_is_not_larger_than_its_error_is_withheld():
 
 
 def test_an_unknown_torque_is_no_gust():
-    live = GustDetector(DT)
+    detector = GustDetector(DT)
     unknown = partial_record(Estimate, wind_torque=np.nan)
-    assert not list(live.add(unknown))
+    assert not list(detector.add(unknown))
 
 
 @mark.slow

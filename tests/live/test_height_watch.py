@@ -65,11 +65,12 @@ class FallingEstimate(Flight):
 @mark.slow
 @mark.parametrize("drift", [8.0, 0.0])
 def test_a_barometer_that_drifted_is_reported_after_the_landing(drift):
+    """The barometer's height is wrong by 8 m at the end of the flight, while satellites show the true height."""
     flight = Flight(Still(), attitude=25.0, motors=25.0).frames(start=0.5, end=66.0)
-    made = replay(by_time(flight, pressure_messages(66.0, drift), position_messages(66.0)))
-    drifts = [fact for fact in made.facts if fact.code is MotionEvent.BAROMETER_DRIFTED]
+    replayed = replay(by_time(flight, pressure_messages(66.0, drift), position_messages(66.0)))
+    drifts = [fact for fact in replayed.facts if fact.code is MotionEvent.BAROMETER_DRIFTED]
     assert len(drifts) == (1 if drift else 0)
-    estimator = made.stream.status().overall_judgement.lights[Light.ESTIMATOR]
+    estimator = replayed.stream.status().overall_judgement.lights[Light.ESTIMATOR]
     if drift:
         assert drifts[0].figures["change"] == approx(drift, abs=0.6)
         # As in a log, satellites show in flight when it began.
@@ -80,12 +81,14 @@ def test_a_barometer_that_drifted_is_reported_after_the_landing(drift):
 @mark.slow
 def test_a_barometer_that_drifts_is_reported_in_flight_by_satellites():
     flight = Flight(Still(), attitude=25.0, motors=25.0).frames(start=0.5, end=40.0)
-    made = replay(by_time(flight, pressure_messages(40.0, -10.0), position_messages(40.0)))
-    [event] = [event for event in made.events if event.fact.code is MotionEvent.HEIGHTS_DISAGREE]
+    replayed = replay(by_time(flight, pressure_messages(40.0, -10.0), position_messages(40.0)))
+    [event] = [
+        event for event in replayed.events if event.fact.code is MotionEvent.HEIGHTS_DISAGREE
+    ]
     # The drift is 7.5 m at 30 s, and must last for 5 s. It began at 15 s, more than the watch's memory before.
     assert 35.0 < event.seconds - NOW < 38.0
     assert event.fact.time == approx(15.0, abs=2.0)
-    light = made.stream.status().overall_judgement.lights[Light.ESTIMATOR]
+    light = replayed.stream.status().overall_judgement.lights[Light.ESTIMATOR]
     assert light.code is MotionEvent.HEIGHTS_DISAGREE
     assert light.time == event.fact.time
     assert light.figures["height"] == approx(-10.0, abs=0.6)
@@ -93,11 +96,11 @@ def test_a_barometer_that_drifts_is_reported_in_flight_by_satellites():
 
 def test_an_estimated_height_that_falls_while_the_barometer_rises_is_reported_within_four_seconds():
     flight = FallingEstimate(Still(), attitude=25.0, motors=25.0).frames(end=27.0)
-    made = replay(by_time(flight, pressure_messages(27.0, rise=4.0)))
+    replayed = replay(by_time(flight, pressure_messages(27.0, rise=4.0)))
     # Nothing but the barometer shows it here, so that it is to be watched only.
-    [event] = [event for event in made.events if event.fact.code is MotionEvent.HEIGHT_DIVERGED]
+    [event] = [event for event in replayed.events if event.fact.code is MotionEvent.HEIGHT_DIVERGED]
     assert event.fact.time == approx(20.0, abs=0.5)
     assert 20.0 < event.seconds - NOW <= 24.0
     assert event.fact.figures["speed"] == approx(4.0, abs=1.0)
-    estimator = made.stream.status().overall_judgement.lights[Light.ESTIMATOR]
+    estimator = replayed.stream.status().overall_judgement.lights[Light.ESTIMATOR]
     assert estimator.code is MotionEvent.HEIGHT_DIVERGED

@@ -1,7 +1,7 @@
 """The history of a live flight: errors as they are by hand, lines with their gaps, and bounded memory."""
 
 import numpy as np
-from live_rows import DT, REPORTED_HORIZON, flown
+from live_rows import DT, REPORTED_HORIZON, add_flight
 from numpy.testing import assert_allclose
 from pytest import approx, mark
 
@@ -14,11 +14,11 @@ from mavdem.report.charts.timeline import live_timeline
 
 
 def test_errors_count_learned_samples_whose_time_has_come():
-    flown(history := LiveHistory(), 1.0, learnt=False)
+    add_flight(history := LiveHistory(), 1.0, learnt=False)
     assert history.errors() == [] and history.learned_intervals == []
     assert np.isfinite(history.table[:, 2]).sum() == 100
     history = LiveHistory()
-    _, motion = flown(history, 5.0)
+    _, motion = add_flight(history, 5.0)
     short, long = history.errors()
     assert (short.seconds, long.seconds) == REPORTED_HORIZON
     assert (short.samples, long.samples) == (499, 475)
@@ -28,21 +28,25 @@ def test_errors_count_learned_samples_whose_time_has_come():
 
 
 def test_nothing_is_compared_across_a_gap_and_lines_break_there():
+    """Predictions from before a gap of 1 s are not compared with samples after it.
+
+    The predictions of the made-up flight are all 0.1 too large.
+    """
     history = LiveHistory()
-    flown(history, 1.0)
-    flown(history, 2.0, segment=1, start=103.0)
-    assert [one.samples for one in history.errors()] == [298, 250]
+    add_flight(history, 1.0)
+    add_flight(history, 2.0, segment=1, start=103.0)
+    assert [error.samples for error in history.errors()] == [298, 250]
     _, _, measured, predicted, *_ = history.table.T
-    shown = np.isfinite(predicted)
-    assert_allclose(predicted[shown], measured[shown] + 0.1)
+    has_prediction = np.isfinite(predicted)
+    assert_allclose(predicted[has_prediction], measured[has_prediction] + 0.1)
     assert history.learned_intervals == [approx((100.0, 100.99)), approx((103.0, 104.99))]
 
 
 def test_what_is_withdrawn_from_the_model_leaves_no_errors_of_predictions():
     sound = LiveHistory()
-    flown(sound, 5.0)
+    add_flight(sound, 5.0)
     lost = LiveHistory()
-    flown(lost, 5.0)
+    add_flight(lost, 5.0)
     for time in np.arange(105.0, 107.0, DT):
         lost.add_row(0, time, np.array([3.0, 9.0]), None)
     assert lost.errors()[1].mse[0] > sound.errors()[1].mse[0]
@@ -55,7 +59,7 @@ def test_what_is_withdrawn_from_the_model_leaves_no_errors_of_predictions():
 def test_slow_samples_after_rows_are_drawn():
     """While a vehicle lands there are no rows, only samples that are ten times as far apart."""
     history = LiveHistory()
-    flown(history, 5.0)
+    add_flight(history, 5.0)
     for time in np.arange(105.0, 108.0, live_history.SAMPLE_PERIOD):
         history.add_row(0, time, np.array([0.5, 0.0]), None)
     chart = live_timeline(history, "roll").flight_charts[0]
@@ -65,9 +69,9 @@ def test_slow_samples_after_rows_are_drawn():
 
 def test_rows_of_a_time_that_samples_have_shown_are_not_drawn_again():
     history = LiveHistory()
-    flown(history, 2.0, learnt=False)
+    add_flight(history, 2.0, learnt=False)
     # The first rows come together, a second later than the samples that stood for them.
-    flown(history, 3.0, segment=1, start=101.0)
+    add_flight(history, 3.0, segment=1, start=101.0)
     times = history.table[:, TIME_COLUMN]
     assert np.all(np.diff(times) >= 0)
     assert times[-1] == approx(104.0, abs=2 * DT)
@@ -77,10 +81,10 @@ def test_rows_of_a_time_that_samples_have_shown_are_not_drawn_again():
 
 def test_the_timeline_goes_on_after_a_reboot():
     history = LiveHistory()
-    flown(history, 3.0)
-    flown(history, 3.0, segment=1, start=5.0, boot=1)
+    add_flight(history, 3.0)
+    add_flight(history, 3.0, segment=1, start=5.0, boot=1)
     assert history.learned_intervals == [approx((100.0, 102.99)), approx((103.99, 106.98))]
-    assert [one.samples for one in history.errors()] == [598, 550]
+    assert [error.samples for error in history.errors()] == [598, 550]
     assert history.now == approx(106.98) and history.timeline_offset == approx(98.99)
     # What was withdrawn from the model is no longer shaded as learned from.
     history.forget_learned_since(6.0)
@@ -89,14 +93,15 @@ def test_the_timeline_goes_on_after_a_reboot():
 
 @mark.slow
 def test_a_long_flight_keeps_its_shape_in_bounded_memory(monkeypatch):
+    """A flight of 1000 rows is thinned out to 100. Its ends and the gaps between its segments stay."""
     monkeypatch.setattr(live_history, "MAX_ROWS", 100)
     history = LiveHistory()
-    flown(history, 10.0)
+    add_flight(history, 10.0)
     time = history.table[:, 1]
     assert len(time) <= 100
     assert time[0] == approx(100.0, abs=0.2) and time[-1] == approx(110.0, abs=0.2)
     for segment in (1, 2, 3):
-        flown(history, 2.0, segment, 110.0 + 5 * segment)
+        add_flight(history, 2.0, segment, 110.0 + 5 * segment)
     measured = live_timeline(history, "roll").flight_charts[0].lines[0]
     assert np.isnan(measured.y).sum() == 3
     # No line is drawn across a gap.
@@ -105,7 +110,7 @@ def test_a_long_flight_keeps_its_shape_in_bounded_memory(monkeypatch):
 
 def test_the_torque_of_a_motor_is_no_wind():
     history = LiveHistory()
-    flown(history, 1.0)
+    add_flight(history, 1.0)
     history.clear_wind_torque(100.5)
     torque = history.table[:, 5]
     assert np.isnan(torque[history.table[:, 1] >= 100.5]).all() and (torque[:50] == 1.0).all()

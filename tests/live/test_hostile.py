@@ -22,55 +22,65 @@ FLIGHT = Flight(hover=Hover(hovering=30.0))
 
 @mark.slow
 def test_frames_of_random_content_from_the_vehicle_itself_raise_nothing():
-    chance = random.Random(0)
+    """Among the frames of a flight are 4000 with valid checksums and random payloads, some of NaN or huge numbers."""
+    random_generator = random.Random(0)
     ids = [
         definition.message_id
         for definition in definitions_by_id().values()
         if definition.name in MESSAGE_FIELDS
     ]
-    forged = []
+    forged_frames = []
     for _ in range(4000):
-        payload = chance.choice(
-            (chance.randbytes(70), b"\xff" * 70, b"\0\0\xc0\x7f" * 17, b"\x99\x76\x96\x7e" * 17)
-        )
-        forged.append(
+        payload = random_generator.choice(
             (
-                chance.uniform(0.0, 20.0),
-                frame(chance.choice(ids), payload, sequence=chance.randrange(256)),
+                random_generator.randbytes(70),
+                b"\xff" * 70,
+                b"\0\0\xc0\x7f" * 17,
+                b"\x99\x76\x96\x7e" * 17,
             )
         )
-    made = replay(by_time(FLIGHT.frames(end=20.0), forged), vehicle="1:1")
+        forged_frames.append(
+            (
+                random_generator.uniform(0.0, 20.0),
+                frame(
+                    random_generator.choice(ids), payload, sequence=random_generator.randrange(256)
+                ),
+            )
+        )
+    replayed = replay(by_time(FLIGHT.frames(end=20.0), forged_frames), vehicle="1:1")
     # A forged heartbeat may give the vehicle another number of motors, and so another segment.
-    assert made.rows
-    for row in made.rows:
+    assert replayed.rows
+    for row in replayed.rows:
         assert np.isfinite([row.time, *row.inputs, *row.outputs]).all()
-    assert made.stream.status().vehicle == "1:1"
-    made.stream.parameters  # noqa: B018
-    settled_uniform(made)
+    assert replayed.stream.status().vehicle == "1:1"
+    replayed.stream.parameters  # noqa: B018
+    settled_uniform(replayed)
 
 
 @mark.slow
 def test_impossible_values_stray_stamps_and_too_many_ports_change_nothing():
-    odd = []
+    """Impossible roll angles, stamps of other times and motor outputs on 250 ports do not change the rows."""
+    odd_frames = []
     values = [float("nan"), 1e38, float("inf"), -700.0] * 5
     stamps = [1, 2**32 - 1, 900_000, 123_456_789] * 5
     for time, value, stamp in zip(np.arange(8.0, 18.0, 0.5), values, stamps, strict=True):
-        odd.append(
+        odd_frames.append(
             (time + 0.0001, message("ATTITUDE", time_boot_ms=round(time * 1e3) + 5, roll=value))
         )
-        odd.append((time, message("ATTITUDE", time_boot_ms=stamp, roll=0.5)))
-        odd.append((time + 0.1, message("SERVO_OUTPUT_RAW", time_usec=2**31)))
+        odd_frames.append((time, message("ATTITUDE", time_boot_ms=stamp, roll=0.5)))
+        odd_frames.append((time + 0.1, message("SERVO_OUTPUT_RAW", time_usec=2**31)))
     for port, time in enumerate(np.linspace(1.0, 19.0, 250), 1):
         sent = {"time_usec": round(time * 1e6), "port": port, "servo1_raw": 1500}
-        odd.append((time, message("SERVO_OUTPUT_RAW", **sent)))
+        odd_frames.append((time, message("SERVO_OUTPUT_RAW", **sent)))
     frames = FLIGHT.frames(0.0, 20.0)
-    made = replay(by_time(frames, odd))
-    assert_array_equal(made.table(), replay(frames).table())
-    assert VehicleFact.VEHICLE_REBOOTED not in made.codes
+    replayed = replay(by_time(frames, odd_frames))
+    assert_array_equal(replayed.table(), replay(frames).table())
+    assert VehicleFact.VEHICLE_REBOOTED not in replayed.codes
 
 
 @mark.slow
 def test_parameters_and_events_are_bounded():
+    """A vehicle that sends 2500 parameters, and whose clock jumps hundreds of times, does not use up the memory."""
     stream = LiveStream(vehicle="1:1")
     sent = [
         message("PARAM_VALUE", param_id=b"P%d" % number, param_value=1.0, param_type=9)

@@ -17,52 +17,59 @@ pytestmark = [mark.slow, mark.usefixtures("without_alarms")]
 FLIGHT = Flight(hover=Hover(hovering=30.0))
 
 
-def same_as_offline(made, frames):
+def same_as_offline(replayed, frames):
     telemetry = offline([data for _, data in frames])
-    for number in made.segments():
-        assert max(differences(made, number, telemetry)) < 1e-9
+    for number in replayed.segments():
+        assert max(differences(replayed, number, telemetry)) < 1e-9
 
 
 @mark.parametrize("silence", [0.15, 300.0])
 def test_a_gap_begins_a_new_segment_with_the_same_step(silence):
+    """No message arrives for 0.15 s, or for 300 s, while the vehicle flies on."""
     frames = FLIGHT.frames(end=18.0)
     # The vehicle flew on meanwhile.
-    rest = Flight(hover=Hover(hovering=30.0 + silence)).frames(
+    later_frames = Flight(hover=Hover(hovering=30.0 + silence)).frames(
         start=18.0 + silence, end=22.0 + silence
     )
-    made = replay(frames + rest)
-    assert made.segments().keys() == {0, 1}
-    assert made.setups[0].dt == made.setups[1].dt == 0.01
+    replayed = replay(frames + later_frames)
+    assert replayed.segments().keys() == {0, 1}
+    assert replayed.setups[0].dt == replayed.setups[1].dt == 0.01
     # A review, which goes on with the messages, decides anew what rows are made of.
-    assert made.segments()[1][0].time == approx(18.0 + silence, abs=0.4)
-    assert all(row.is_settled for row in made.segments()[1])
-    assert (VehicleFact.CLOCK_JUMPED if silence > 5 else RowsFact.MESSAGE_GAP) in made.codes
+    assert replayed.segments()[1][0].time == approx(18.0 + silence, abs=0.4)
+    assert all(row.is_settled for row in replayed.segments()[1])
+    assert (VehicleFact.CLOCK_JUMPED if silence > 5 else RowsFact.MESSAGE_GAP) in replayed.codes
     if silence >= 1.0:
-        assert made.stream.status().gap_seconds == approx(silence, abs=0.1)
-    settled_uniform(made)
-    same_as_offline(made, frames + rest)
+        assert replayed.stream.status().gap_seconds == approx(silence, abs=0.1)
+    settled_uniform(replayed)
+    same_as_offline(replayed, frames + later_frames)
 
 
 def test_a_message_that_is_lost_is_bridged():
+    """One message is lost, then a fifth of all messages at random: the rows go on in one segment."""
     frames = FLIGHT.frames(end=16.0)
     del frames[2 * 1200 + 7]
-    made = replay(frames)
-    assert made.segments().keys() == {0} and made.stream.status().lost_messages == 1
-    settled_uniform(made)
-    chance = random.Random(3)
-    made = replay([entry for entry in FLIGHT.frames(end=18.0) if chance.random() > 0.2])
-    assert made.segments().keys() == {0}, "nor does a fifth that is lost begin another segment"
-    settled_uniform(made)
+    replayed = replay(frames)
+    assert replayed.segments().keys() == {0} and replayed.stream.status().lost_messages == 1
+    settled_uniform(replayed)
+    random_generator = random.Random(3)
+    replayed = replay(
+        [entry for entry in FLIGHT.frames(end=18.0) if random_generator.random() > 0.2]
+    )
+    assert replayed.segments().keys() == {0}, "nor does a fifth that is lost begin another segment"
+    settled_uniform(replayed)
 
 
 def test_another_rate_in_flight_decides_the_step_anew():
+    """Messages come at 50 Hz, and at 100 Hz from 18 s on, so that a segment with half the step begins."""
     slow = Flight(hover=FLIGHT.hover, attitude=50.0, motors=50.0).frames(end=18.0)
-    made = replay(slow + FLIGHT.frames(start=18.0, end=26.0))
-    assert [setup.dt for setup in made.setups.values()] == [0.02, 0.01]
-    changed = [fact for fact in made.facts if fact.code is RowsFact.RATE_CHANGED]
+    replayed = replay(slow + FLIGHT.frames(start=18.0, end=26.0))
+    assert [setup.dt for setup in replayed.setups.values()] == [0.02, 0.01]
+    changed = [fact for fact in replayed.facts if fact.code is RowsFact.RATE_CHANGED]
     assert changed and changed[0].figures["former_rate"] == approx(50.0)
-    assert made.segments()[1][0].time < 21.0 and all(row.is_settled for row in made.segments()[1])
-    settled_uniform(made)
+    assert replayed.segments()[1][0].time < 21.0 and all(
+        row.is_settled for row in replayed.segments()[1]
+    )
+    settled_uniform(replayed)
 
 
 def test_jitter_of_a_scheduler_changes_the_grid_neither_live_nor_offline():
@@ -71,28 +78,36 @@ def test_jitter_of_a_scheduler_changes_the_grid_neither_live_nor_offline():
     fast = Flight(hover=FLIGHT.hover, attitude=250.0, motors=250.0).frames(end=18.0)
     sent = set(np.cumsum(steps).tolist())
     frames = [
-        (at, data) for at, data in fast if data[7] not in (30, 36) or int(250 * at + 0.01) in sent
+        (time, data)
+        for time, data in fast
+        if data[7] not in (30, 36) or int(250 * time + 0.01) in sent
     ]
-    made = replay(frames)
-    assert [setup.dt for setup in made.setups.values()] == [0.008]
-    same_as_offline(made, frames)
+    replayed = replay(frames)
+    assert [setup.dt for setup in replayed.setups.values()] == [0.008]
+    same_as_offline(replayed, frames)
 
 
 def test_a_slow_stream_is_reported_with_its_remedy_and_gives_no_rows():
+    """Motor outputs at 4 Hz are too slow, until they come at 100 Hz.
+
+    The remedy is to request a higher rate, unless the session does that already.
+    """
     slow = Flight(hover=FLIGHT.hover, motors=4.0).frames(end=18.0)
-    made = replay(slow)
-    assert not made.rows
-    (fact,) = (fact for fact in made.facts if fact.code is RowsFact.LIVE_RATES_TOO_LOW)
+    replayed = replay(slow)
+    assert not replayed.rows
+    (fact,) = (fact for fact in replayed.facts if fact.code is RowsFact.LIVE_RATES_TOO_LOW)
     assert fact.figures["can_ask"] and "SERVO_OUTPUT_RAW" in str(fact)
-    assert made.stream.status().rates["SERVO_OUTPUT_RAW"] == approx(4.0, abs=0.1)
-    cured = replay(FLIGHT.frames(start=18.0, end=24.0), made.stream)
+    assert replayed.stream.status().rates["SERVO_OUTPUT_RAW"] == approx(4.0, abs=0.1)
+    cured = replay(FLIGHT.frames(start=18.0, end=24.0), replayed.stream)
     assert RowsFact.LIVE_RATES_ENOUGH in cured.codes
     assert cured.rows[0].time < 20.6 and all(row.is_settled for row in cured.rows)
     obstacle = replay(slow[: len(slow) // 2], rates_requested=True).stream.status().no_model_reason
     assert obstacle.code is RowsFact.LIVE_RATES_TOO_LOW and not obstacle.figures["can_ask"]
     assert not obstacle.remedy, "who asks for rates is not advised to"
-    bare = [(time, data) for time, data in FLIGHT.frames(end=10.0) if data[7] != 36]
-    assert RowsFact.NO_LIVE_MOTORS in replay(bare).codes
+    frames_without_motors = [
+        (time, data) for time, data in FLIGHT.frames(end=10.0) if data[7] != 36
+    ]
+    assert RowsFact.NO_LIVE_MOTORS in replay(frames_without_motors).codes
 
 
 def test_copies_change_nothing():
@@ -102,21 +117,22 @@ def test_copies_change_nothing():
 
 
 def test_messages_out_of_order_are_put_in_order_or_counted():
+    """Every 40th message is swapped with the next one or the one after it."""
     frames = FLIGHT.frames(end=15.0)
     swapped = list(frames)
     for row in range(0, len(swapped) - 3, 40):
-        other = row + 1 + row // 40 % 2
-        swapped[row], swapped[other] = swapped[other], swapped[row]
-    made = replay(swapped)
-    usual = replay(frames)
-    settled_uniform(made)
-    assert made.segments().keys() == {0}
-    status = made.stream.status()
+        next_row = row + 1 + row // 40 % 2
+        swapped[row], swapped[next_row] = swapped[next_row], swapped[row]
+    replayed = replay(swapped)
+    replayed_in_order = replay(frames)
+    settled_uniform(replayed)
+    assert replayed.segments().keys() == {0}
+    status = replayed.stream.status()
     assert status.late_samples < 100 and status.lost_messages == 0, (
         "one that is overtaken is not lost"
     )
-    count = min(len(made.rows), len(usual.rows))
-    assert_allclose(made.table()[-count:, 5], usual.table()[-count:, 5], atol=0.01)
+    count = min(len(replayed.rows), len(replayed_in_order.rows))
+    assert_allclose(replayed.table()[-count:, 5], replayed_in_order.table()[-count:, 5], atol=0.01)
 
 
 def octo():
@@ -134,11 +150,12 @@ def octo():
 
 
 def test_motors_on_two_ports_are_reported_together():
+    """An octorotor sends the outputs of motors 1 to 4 and of 5 to 8 in separate messages."""
     frames = octo()
-    made = replay(frames)
+    replayed = replay(frames)
     # ArduPilot fills sixteen fields, so the second port begins with output 17.
-    assert made.setups[0].geometry.channels == (1, 2, 3, 4, 17, 18, 19, 20)
-    times, outputs, inputs = differences(made, 0, offline([data for _, data in frames]))
+    assert replayed.setups[0].geometry.channels == (1, 2, 3, 4, 17, 18, 19, 20)
+    times, outputs, inputs = differences(replayed, 0, offline([data for _, data in frames]))
     assert times < 1e-6
     assert outputs == 0.0
     # Offline the second port is read off the line at the first one's stamps, live at the grid: 0.2 ms of their motion.
@@ -147,18 +164,21 @@ def test_motors_on_two_ports_are_reported_together():
 
 def test_pitch_is_read_from_pitch():
     frames = Flight().frames(end=15.0)
-    made = replay(frames, axis="pitch")
-    times, outputs, inputs = differences(made, 0, offline([data for _, data in frames]), "pitch")
+    replayed = replay(frames, axis="pitch")
+    times, outputs, inputs = differences(
+        replayed, 0, offline([data for _, data in frames]), "pitch"
+    )
     assert max(times, outputs, inputs) == 0.0
-    assert_allclose(made.rows[-1].outputs, [0.01, 0.1], rtol=1e-6)
+    assert_allclose(replayed.rows[-1].outputs, [0.01, 0.1], rtol=1e-6)
 
 
 def test_a_second_link_that_is_late_changes_nothing():
+    """A second link brings the same messages 2 s later."""
     frames = FLIGHT.frames(end=14.0)
     late = [(time + 2.0, data) for time, data in frames]
-    made = replay(sorted(frames + late, key=lambda entry: entry[0]))
-    usual = replay(frames)
-    assert_array_equal(made.table(), usual.table())
-    status = made.stream.status()
+    replayed = replay(sorted(frames + late, key=lambda entry: entry[0]))
+    replayed_in_order = replay(frames)
+    assert_array_equal(replayed.table(), replayed_in_order.table())
+    status = replayed.stream.status()
     assert status.lost_messages == 0 and status.late_samples == 0
-    assert VehicleFact.VEHICLE_REBOOTED not in made.codes
+    assert VehicleFact.VEHICLE_REBOOTED not in replayed.codes

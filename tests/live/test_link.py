@@ -25,18 +25,18 @@ HEARTBEAT = message("HEARTBEAT", system=1, component=1, type=2, autopilot=3)
 
 
 def udp():
-    one = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    one.bind(("127.0.0.1", 0))
-    one.settimeout(0.2)
-    return one
+    vehicle_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    vehicle_socket.bind(("127.0.0.1", 0))
+    vehicle_socket.settimeout(0.2)
+    return vehicle_socket
 
 
 def server():
     return socket.create_server(("127.0.0.1", 0))
 
 
-def port_of(one):
-    return one.getsockname()[1]
+def port_of(vehicle_socket):
+    return vehicle_socket.getsockname()[1]
 
 
 @contextmanager
@@ -57,11 +57,11 @@ def cause_of_loss(link):
     return refused(link.receive, 60.0, kind=LinkLost).figures["cause"]
 
 
-def assert_silent(one):
-    one.setblocking(False)
+def assert_silent(vehicle_socket):
+    vehicle_socket.setblocking(False)
     with raises(BlockingIOError):
-        one.recv(100)
-    one.settimeout(0.2)
+        vehicle_socket.recv(100)
+    vehicle_socket.settimeout(0.2)
 
 
 @fixture
@@ -74,17 +74,21 @@ def clock(monkeypatch):
 
 @mark.slow
 def test_datagrams_come_whole_in_order_and_stamped():
-    sent = [bytes([number % 256]) * 10 for number in range(MAX_PIECES + 5)]
+    """A UDP link receives more datagrams than it returns at a time, with the time of arrival of each.
+
+    Datagrams that overflow its buffer are counted as dropped.
+    """
+    sent_datagrams = [bytes([number % 256]) * 10 for number in range(MAX_PIECES + 5)]
     with listening() as (link, address), udp() as vehicle:
         began = time.time()
-        for datagram in sent:
+        for datagram in sent_datagrams:
             vehicle.sendto(datagram, address)
         pieces = []
-        while len(pieces) < len(sent):  # a busy kernel delivers some ms later
+        while len(pieces) < len(sent_datagrams):  # a busy kernel delivers some ms later
             pieces += (batch := link.receive(60.0))
             assert 0 < len(batch) <= MAX_PIECES
         stamps, received = zip(*pieces, strict=True)
-        assert list(received) == sent and link.receive(0.0) == []
+        assert list(received) == sent_datagrams and link.receive(0.0) == []
         assert began <= min(stamps) <= max(stamps) <= time.time()
         assert len({*stamps[:MAX_PIECES]}) > 1, (
             "when they arrived, not when they are read: those of one call would be equal"
@@ -92,11 +96,11 @@ def test_datagrams_come_whole_in_order_and_stamped():
         link._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 14)
         for _ in range(400):
             vehicle.sendto(HEARTBEAT, address)
-        found = 0
+        received_count = 0
         while batch := link.receive(0.5):
-            found += len(batch)
+            received_count += len(batch)
         vehicle.sendto(HEARTBEAT, address)
-        assert len(link.receive(60.0)) == 1 and link.dropped_datagrams == 400 - found > 0
+        assert len(link.receive(60.0)) == 1 and link.dropped_datagrams == 400 - received_count > 0
 
 
 def test_what_waits_at_the_end_is_received_and_what_was_dropped_before_is_counted():
@@ -114,6 +118,7 @@ def test_what_waits_at_the_end_is_received_and_what_was_dropped_before_is_counte
 
 
 def test_of_two_autopilots_with_the_same_ids_only_the_first_is_received(clock):
+    """Two sockets send heartbeats of system 1: the second is received once the first has been silent for 4 s."""
     others = message("HEARTBEAT", system=255, component=190, type=6, autopilot=8)
     with listening() as (link, address), udp() as first, udp() as second:
 
@@ -127,7 +132,7 @@ def test_of_two_autopilots_with_the_same_ids_only_the_first_is_received(clock):
         (fact,) = link.drain_events()
         assert fact.code is LinkFact.TWO_ADDRESSES and fact.subject == "1:1"
         assert fact.figures["names"] == tuple(
-            f"127.0.0.1:{port_of(one)}" for one in (first, second)
+            f"127.0.0.1:{port_of(vehicle_socket)}" for vehicle_socket in (first, second)
         )
         link.send(HEARTBEAT)
         assert first.recv(100) == HEARTBEAT
@@ -172,6 +177,7 @@ def test_nothing_is_sent_by_opening_and_receiving():
 
 
 def test_a_server_that_goes_away_is_reported_and_comes_back(clock):
+    """A TCP server closes the connection; after a pause the link connects to it again."""
     with server() as listener, closing(Link(f"tcp:127.0.0.1:{port_of(listener)}")) as link:
         peer, _ = listener.accept()
         peer.sendall(b"last words")
@@ -182,8 +188,8 @@ def test_a_server_that_goes_away_is_reported_and_comes_back(clock):
         assert not link.reopen(), "a pause comes first"
         clock[0] += RETRY_SECONDS
         assert link.reopen()
-        with listener.accept()[0] as again:
-            again.sendall(b"hello again")
+        with listener.accept()[0] as new_connection:
+            new_connection.sendall(b"hello again")
             assert everything(link) == b"hello again"
 
 
@@ -242,7 +248,7 @@ def test_a_serial_port_is_read_raw_silent_and_its_loss_is_reported():
     }.items(),
 )
 def test_why_a_link_cannot_be_opened_is_said(name, code):
-    with udp() as one:
-        fact = unreadable(Link, name.format(port_of(one)))
+    with udp() as vehicle_socket:
+        fact = unreadable(Link, name.format(port_of(vehicle_socket)))
     assert code in (fact.code, fact.figures.get("cause"))
     assert "\n" not in fact.sentence_and_remedy

@@ -231,6 +231,10 @@ def test_the_first_line_says_mode_arming_battery_and_the_age_of_the_last_message
 
 
 def test_what_a_judged_recording_leaves_unknown_is_not_called_good():
+    """The recording is judged with more evidence than the flight.
+
+    What it leaves unknown replaces a good light, but no warning.
+    """
     unknown = Fact(TrimFact.TRIM_UNKNOWN, Level.UNKNOWN)
     judged = unjudged(unknown)
     lights = {**judged.lights, Light.MOTORS: unknown}
@@ -257,6 +261,7 @@ def test_gains_are_advised_by_a_command_that_names_the_recording():
 
 
 def test_the_table_has_every_light_with_its_figure(slow):
+    """Each light has a row with its level and its most important figure, such as the voltage of the battery."""
     state = VehicleState("Loiter", is_armed=True, voltage=15.84, charge=76.0)
     vibration = Fact(
         VibrationLight.VIBRATION_MEASURED, Level.GOOD, subject="IMU 1", vibration=7.42, clips=0
@@ -307,6 +312,7 @@ def test_the_time_in_flight_is_in_the_first_line(slow):
 
 
 def test_the_light_of_the_tracking_says_which_message_and_rate_it_lacks(slow):
+    """Without setpoints the attitude error is unknown, and with them it is judged after 20 s of settled flight."""
     missing = Fact(WatchFact.MESSAGE_MISSING, name="ATTITUDE_TARGET", rate=None, needed_rate=8.0)
     status = replace(
         slow, watch_facts=(*slow.watch_facts, watch(WatchedQuantity.TRACKING, missing))

@@ -132,13 +132,13 @@ def frames_of(*contents):
 
 def update(review, stream, start, end):
     """Calls the review once a second, and returns at which of these times it began to judge, s."""
-    begun = []
+    begin_times = []
     for now in range(start, end):
         count = len(review._executor.jobs)
         review.update(float(now), stream, is_busy=False)
         if len(review._executor.jobs) > count:
-            begun.append(now)
-    return begun
+            begin_times.append(now)
+    return begin_times
 
 
 def fly_live(path):
@@ -222,8 +222,8 @@ def test_long_reviews_are_rarer(review, stream):
     update(review, stream, 0, FIRST)
     seconds = 6.0
     review._executor.futures[0].set_result(ReviewedMargins(BAD, seconds))
-    begun = FIRST_REVIEW_SECONDS + seconds / MAX_PROCESSOR_SHARE
-    assert update(review, stream, FIRST, 200) == [begun]
+    begin_times = FIRST_REVIEW_SECONDS + seconds / MAX_PROCESSOR_SHARE
+    assert update(review, stream, FIRST, 200) == [begin_times]
 
 
 def test_without_rate_setpoints_or_time_nothing_is_reviewed(review, stream):
@@ -261,13 +261,16 @@ def test_another_flight_begins_without_margins(review, stream):
 
 
 def test_messages_of_the_vehicle_are_kept_that_show_its_loops():
+    """Only messages of the vehicle that is followed are stored; before one is followed, those of all vehicles are."""
     messages = FlightMessages()
-    own = [heartbeat(1), *flight([1.0, 1.01], system=1)]
-    messages.add(1.7e9, frames_of(*own, heartbeat(2), *flight([1.0], system=2)), VEHICLE)
+    frames_of_vehicle = [heartbeat(1), *flight([1.0, 1.01], system=1)]
+    messages.add(
+        1.7e9, frames_of(*frames_of_vehicle, heartbeat(2), *flight([1.0], system=2)), VEHICLE
+    )
     (telemetry,) = tlog_from_bytes("live", messages.records).vehicles
     assert (telemetry.system, len(telemetry.messages["ATTITUDE"]["time"])) == (1, 2)
     before = FlightMessages()
-    before.add(1.7e9, frames_of(*own, heartbeat(2), *flight([1.0], system=2)), None)
+    before.add(1.7e9, frames_of(*frames_of_vehicle, heartbeat(2), *flight([1.0], system=2)), None)
     assert len(tlog_from_bytes("live", before.records).vehicles) == 2, "nobody is followed yet"
 
 
@@ -308,6 +311,7 @@ def test_what_cannot_be_judged_has_no_margins_and_a_reason():
 
 
 def test_the_status_shows_margins_of_the_flight_until_the_recording_is_judged():
+    """Margins that were computed in flight set the light of the margins, until the whole recording was judged."""
     flying = SessionStatus(vehicle="1:1", is_flying=True, margins=BAD)
     judgement = flying.overall_judgement
     assert judgement.lights[Light.MARGINS] is BAD and judgement.headline is BAD

@@ -40,6 +40,7 @@ def learning_with(model=None, physical=None):
 
 
 def test_the_first_model_is_reported_once_with_the_time_since_take_off():
+    """The vehicle takes off at 8 s, and the first model is there at 12.5 s."""
     facts = []
     milestones = Milestones("roll", facts.append)
     milestones.note_first_model(learning_with(), 10.0, 8.0)
@@ -49,6 +50,7 @@ def test_the_first_model_is_reported_once_with_the_time_since_take_off():
 
 
 def test_a_landing_reports_what_the_flight_has_shown():
+    """After the landing one sentence states parameters, margins, wind and latency of the flight."""
     facts = []
     milestones = Milestones("roll", facts.append)
     learning = learning_with("model", PHYSICAL)
@@ -66,11 +68,12 @@ def test_a_landing_reports_what_the_flight_has_shown():
     assert "margins not known. Mean wind not known. Estimates at most 20 ms late." in sentence
     margins = {"phase_margin": 66.0, "phase_margin_interval": (60.0, 72.0)}
     margins |= {"gain_margin": 14.9, "gain_margin_interval": (13.0, 17.0)}
-    known = str(facts[1].replace(**margins))
-    assert "margins 66° (60 to 72) and 14.9 dB (13.0 to 17.0). Mean wind" in known
+    sentence_with_margins = str(facts[1].replace(**margins))
+    assert "margins 66° (60 to 72) and 14.9 dB (13.0 to 17.0). Mean wind" in sentence_with_margins
 
 
 def test_a_landing_says_why_nothing_is_known():
+    """A flight without a model reports after the landing why its parameters and the wind are unknown."""
     facts = []
     milestones = Milestones("roll", facts.append)
     learning = learning_with()
@@ -99,6 +102,7 @@ def test_a_restart_in_flight_is_no_landing_and_the_landing_after_it_is():
 
 
 def test_a_flight_that_ends_in_the_air_is_no_landing():
+    """The last reports of a crashed vehicle are of a flight: that it was lost is reported once the loss is known."""
     facts = []
     milestones = Milestones("roll", facts.append)
     learning = learning_with()
@@ -107,8 +111,8 @@ def test_a_flight_that_ends_in_the_air_is_no_landing():
     assert not facts
     lost = SessionStatus(has_landed=False, loss=Fact(Ending.CRASHED))
     milestones.update(learning, lost, 42.0)
-    [shown] = facts
-    assert shown.figures["is_lost"] and shown.figures["clock"] == 40.0
+    [lost_flight_fact] = facts
+    assert lost_flight_fact.figures["is_lost"] and lost_flight_fact.figures["clock"] == 40.0
 
 
 @mark.parametrize(

@@ -47,15 +47,15 @@ from sitl_scenarios.simulation import fly
 pytestmark = [mark.slow, mark.usefixtures("coarse_physics", "without_watchdog")]
 
 
-def streamed(path):
-    """A live stream that was fed a log's bytes, and what it reported."""
+def stream_and_facts(path):
+    """Returns a live stream that was fed the bytes of a log, and the facts that it reported."""
     stream = LiveStream()
     data = bytes(read_stream(path).data)
-    said = []
+    reported_facts = []
     for begin in range(0, len(data), 4096):
         stream.feed(1.7e9, data[begin : begin + 4096])
-        said += [event.fact for event in stream.drain_events()]
-    return stream, said
+        reported_facts += [event.fact for event in stream.drain_events()]
+    return stream, reported_facts
 
 
 @fixture(scope="module", params=["px4", "ardupilot"])
@@ -74,16 +74,17 @@ def flown(request, tmp_path_factory, coarse_physics):
 
 
 def test_a_motor_that_weakens_is_named_in_flight_and_by_its_log(flown):
-    stream, said = streamed(flown)
+    """Motor 3 of a simulated flight loses thrust 25 s after arming."""
+    stream, reported_facts = stream_and_facts(flown)
     [alarm] = stream.status().motor_alarms
     logged = motor_alarms(Signals(read_log(flown).vehicles[0]))
     # Two seconds on the ground before the first arming.
     assert (alarm.motor, alarm.name) == (3, "motor 3 (front left)")
     # It leans by 10° and more, where a shifted load changes yaw too: that takes some seconds to exclude.
     assert 27.0 < alarm.time < 34.0 and alarm.onset_time == approx(27.0, abs=1.5)
-    assert [fact.figures["reason"] for fact in said if fact.code is SessionFact.ALARM] == [
-        alarm.fact
-    ]
+    assert [
+        fact.figures["reason"] for fact in reported_facts if fact.code is SessionFact.ALARM
+    ] == [alarm.fact]
     assert [alarm[:4]] == [one[:4] for one in logged]
     assert_allclose([alarm[4:6]], [one[4:6] for one in logged], atol=0.01)
     status = stream.status()
@@ -91,7 +92,7 @@ def test_a_motor_that_weakens_is_named_in_flight_and_by_its_log(flown):
     # The headline states it, and what stands beside the headline does not state it again.
     headline = status.overall_judgement.headline
     assert (headline.code, headline.subject) == (alarm.fact.code, fact.subject)
-    texts = [said.text for said in render_section("live_status", status=status)]
+    texts = [block.text for block in render_section("live_status", status=status)]
     assert texts[0].startswith("ALARM;") and str(fact) not in texts
     blocks = live_report(LiveHistory(), status, dict.fromkeys(TimeUse, 0.0), "roll")
     assert any("motor 3 (front left)" in str(block).lower() for block in blocks)
@@ -121,6 +122,10 @@ def hovering(clock=0.0, rate=20.0, start=3.0, **trims):
 
 
 def test_an_output_range_that_becomes_known_in_flight_is_no_motor_alarm():
+    """Parameters with the range of the motor outputs arrive at 30 s.
+
+    So all outputs have other fractions from then on.
+    """
     frames = hovering(trim=200.0)
     limits = {b"MOT_PWM_MIN": 1150.0, b"MOT_PWM_MAX": 1940.0}
     sent = [
@@ -169,49 +174,53 @@ def test_the_status_beside_an_alarm_states_that_alarm(monkeypatch):
 
 
 def test_the_alarm_of_the_headline_is_stated_once_after_the_landing(monkeypatch):
-    shown = StringIO()
-    monkeypatch.setattr("mavdem.cli.live_status.STDERR", Console(file=shown, width=100))
+    """The terminal states the loss of thrust in its headline, and not again among the alarms."""
+    terminal_output = StringIO()
+    monkeypatch.setattr("mavdem.cli.live_status.STDERR", Console(file=terminal_output, width=100))
     screen = Mock()
     status = replay(hovering(rise=150.0)).stream.status()
     reason = Fact(LinkFact.CONNECTION_LOST, cause=None, reopening=False)
     silent = replace(status, no_model_reason=reason)
     StatusLines(screen).show_new_alarms(silent)
-    Console(file=shown, width=100).print(screen.update.call_args.args[0])
-    text = " ".join(shown.getvalue().split())
+    Console(file=terminal_output, width=100).print(screen.update.call_args.args[0])
+    text = " ".join(terminal_output.getvalue().split())
     assert not status.is_flying and text.count("of its thrust") == 1
     other = Fact(MotorWatchFact.MOTOR_LOST_THRUST, Level.BAD, subject="motor 2")
     assert replace(status, active_alarms=(*status.active_alarms, other)).further_alarms == (other,)
 
 
 def test_an_alarm_is_of_its_flight_and_of_its_boot():
+    """Neither the next flight nor a flight after a reboot has the alarm of an earlier one."""
     weak = hovering(rise=150.0)
-    made = replay(weak)
-    (change,) = made.stream.motor_alarms.latest
-    assert made.stream.motor_alarms.weak_since == change.onset_time
-    alarm = made.stream.status().active_alarms
+    replayed = replay(weak)
+    (change,) = replayed.stream.motor_alarms.latest
+    assert replayed.stream.motor_alarms.weak_since == change.onset_time
+    alarm = replayed.stream.status().active_alarms
     assert [fact.subject for fact in alarm] == ["motor 1 (front right)"]
     # Of the flight before, from the next one on.
-    made = replay(hovering(clock=80.0), made.stream)
-    assert made.stream.status().active_alarms == ()
+    replayed = replay(hovering(clock=80.0), replayed.stream)
+    assert replayed.stream.status().active_alarms == ()
     # The clock begins again; frames with the bytes of former ones would count as their copies.
     rebooted = hovering(rise=150.0, start=2.9)
-    replay(rebooted[:200], made.stream)
-    assert made.stream.status().active_alarms == ()
+    replay(rebooted[:200], replayed.stream)
+    assert replayed.stream.status().active_alarms == ()
     # The reference of the former boot, which has another clock, is none of this one.
-    assert made.stream.motor_alarms.reason_not_watched(5.0, is_flying=True) is not None
-    status = replay(rebooted[200:], made.stream).stream.status()
+    assert replayed.stream.motor_alarms.reason_not_watched(5.0, is_flying=True) is not None
+    status = replay(rebooted[200:], replayed.stream).stream.status()
     assert [one.boot for one in status.motor_alarms] == [0, 1] and status.active_alarms != alarm
     assert status.active_alarms[0].figures["reason"].figures["boot"] == 1
 
 
 def test_a_weak_motor_of_an_earlier_flight_is_no_fault_of_the_next():
-    made = replay(hovering(rise=150.0))
-    assert made.stream.status().overall_judgement.headline.code is MotorWatchFact.MOTOR_LOST_THRUST
+    replayed = replay(hovering(rise=150.0))
+    assert (
+        replayed.stream.status().overall_judgement.headline.code is MotorWatchFact.MOTOR_LOST_THRUST
+    )
     next_flight = hovering(clock=80.0)
     ends = [tenth * len(next_flight) // 40 for tenth in range(29)]
     flight_seconds = []
     for start, end in pairwise(ends):
-        status = replay(next_flight[start:end], made.stream).stream.status()
+        status = replay(next_flight[start:end], replayed.stream).stream.status()
         if status.is_flying:
             # From the take-off on, before the first sample of settled flight too.
             flight_seconds.append(status.flight_seconds)
@@ -223,25 +232,25 @@ def test_a_weak_motor_of_an_earlier_flight_is_no_fault_of_the_next():
     assert judgement.next_step.code is not NextStep.LAND_NOW
     assert judgement.lights[Light.MOTORS].code is not MotorWatchFact.MOTOR_LOST_THRUST
     # Once the vehicle has landed, all flights of the session count.
-    made = replay(next_flight[7 * len(next_flight) // 10 :], made.stream)
-    light = made.stream.status().overall_judgement.lights[Light.MOTORS]
+    replayed = replay(next_flight[7 * len(next_flight) // 10 :], replayed.stream)
+    light = replayed.stream.status().overall_judgement.lights[Light.MOTORS]
     assert light.code is MotorWatchFact.MOTOR_LOST_THRUST
 
 
 @mark.parametrize("mask", [0, 128])
 def test_a_vehicle_that_does_not_do_what_is_asked_names_no_motor(mask):
     """From 20 s on half a radian of roll is asked for, or, with the attitude masked, nothing."""
-    asked = {"type_mask": mask, "q": [np.cos(0.25), np.sin(0.25), 0.0, 0.0]}
+    setpoint = {"type_mask": mask, "q": [np.cos(0.25), np.sin(0.25), 0.0, 0.0]}
     targets = [
-        (time, message("ATTITUDE_TARGET", time_boot_ms=round(1e3 * time), **asked))
+        (time, message("ATTITUDE_TARGET", time_boot_ms=round(1e3 * time), **setpoint))
         for time in np.arange(20.0, 50.0).tolist()
     ]
     frames = by_time(hovering(rise=150.0), targets)
-    made = replay(frames)
+    replayed = replay(frames)
     if mask:
-        assert len(made.stream.status().motor_alarms) == 1
+        assert len(replayed.stream.status().motor_alarms) == 1
     else:
-        assert len(made.stream.status().motor_alarms) == 0
+        assert len(replayed.stream.status().motor_alarms) == 0
     if mask:
         assert len(motor_alarms(Signals(offline([frame for _, frame in frames])))) == 1
     else:
@@ -351,6 +360,10 @@ def test_a_slow_loss_of_which_a_part_was_found_as_sudden_has_its_whole_size():
 
 
 def test_a_log_has_the_whole_size_of_such_a_loss_too():
+    """The command of motor 1 rises by 20 % from 20 s to 40 s.
+
+    The detector of sudden losses finds part of that, the detector of slow losses all of it.
+    """
     time = np.arange(700) / 10
     rises = np.outer(0.2 * np.clip((time - 20.0) / 20.0, 0.0, 1.0), [1.0, 0.0, 0.0, 0.0])
     commands = np.array(noisy_commands(rises))

@@ -34,6 +34,10 @@ class Vehicle:
         self.fly(3.0, collective=0.0)
 
     def fly(self, seconds, collective=IN_FLIGHT, climb=None, landed=None, armed=True):
+        """Flies on for some seconds, reviews the phase ten times a second, and returns whether flight is settled.
+
+        The collective is the mean motor output; climb, m/s, and landed (MAV_LANDED_STATE) are sent unless None.
+        """
         for _ in range(round(100 * seconds)):
             if round(100 * self.time) % 100 == 0:
                 self.recent.add("HEARTBEAT", self.time, (2, 3, ARMED * armed, 0, 4))
@@ -94,46 +98,51 @@ def test_the_moments_in_which_a_tumbling_vehicle_is_upright_are_not_settled():
 
 @mark.slow
 def test_a_long_climb_is_free_flight_before_it_is_settled():
-    one = Vehicle()
-    assert not one.fly(2.0, climb=1.0) and not one.phase.is_free(one.time)
-    one.fly(2.5, climb=1.0)
-    assert one.phase.is_free(one.time) and not one.phase.is_settled(one.time)
-    one.fly(2.5, climb=-1.0)
-    assert not one.phase.is_free(one.time)
-    still = Vehicle()
-    still.fly(4.0, climb=0.0)
-    assert not still.phase.is_free(still.time)
-    lands = Vehicle()
-    lands.fly(5.0, climb=1.0, landed=IN_AIR)
-    lands.fly(20.0, climb=0.05, landed=IN_AIR)
-    lands.fly(1.5, climb=0.05, landed=LANDING)
-    assert not lands.phase.is_free(lands.time) and not lands.phase.may_have_free_rows
+    """A climb at 1 m/s is free flight after some seconds; near the ground a slow descent is not."""
+    vehicle = Vehicle()
+    assert not vehicle.fly(2.0, climb=1.0) and not vehicle.phase.is_free(vehicle.time)
+    vehicle.fly(2.5, climb=1.0)
+    assert vehicle.phase.is_free(vehicle.time) and not vehicle.phase.is_settled(vehicle.time)
+    vehicle.fly(2.5, climb=-1.0)
+    assert not vehicle.phase.is_free(vehicle.time)
+    hovering_vehicle = Vehicle()
+    hovering_vehicle.fly(4.0, climb=0.0)
+    assert not hovering_vehicle.phase.is_free(hovering_vehicle.time)
+    landing_vehicle = Vehicle()
+    landing_vehicle.fly(5.0, climb=1.0, landed=IN_AIR)
+    landing_vehicle.fly(20.0, climb=0.05, landed=IN_AIR)
+    landing_vehicle.fly(1.5, climb=0.05, landed=LANDING)
+    assert (
+        not landing_vehicle.phase.is_free(landing_vehicle.time)
+        and not landing_vehicle.phase.may_have_free_rows
+    )
 
 
 @mark.slow
 def test_a_descent_is_not_settled_unless_reported_as_flight():
     for landed in (None, IN_AIR):
-        one = Vehicle()
-        assert one.fly(25.0, climb=0.0, landed=landed)
+        vehicle = Vehicle()
+        assert vehicle.fly(25.0, climb=0.0, landed=landed)
         if landed:
-            assert one.fly(5.0, climb=-0.6, landed=landed)
+            assert vehicle.fly(5.0, climb=-0.6, landed=landed)
         else:
-            assert not one.fly(5.0, climb=-0.6, landed=landed)
+            assert not vehicle.fly(5.0, climb=-0.6, landed=landed)
 
 
 @mark.slow
 def test_a_landing_is_dated_by_the_last_report_in_flight():
-    one = Vehicle()
-    assert one.fly(20.0)
-    one.fly(2.0, armed=False)
-    assert one.phase.pop_withdrawal_time() == approx(19.0 - TRANSIENT_SECONDS)
-    one = Vehicle()
-    one.fly(20.0, landed=IN_AIR)
-    first = one.time
-    one.fly(2.0, landed=ON_GROUND)
-    one.fly(20.0, landed=IN_AIR)
-    one.fly(2.0, landed=ON_GROUND)
-    assert one.phase.pop_withdrawal_time() == approx(first - 1.0 - TRANSIENT_SECONDS), (
+    """Samples since the landing are withdrawn: they were taken for settled flight before the landing was reported."""
+    vehicle = Vehicle()
+    assert vehicle.fly(20.0)
+    vehicle.fly(2.0, armed=False)
+    assert vehicle.phase.pop_withdrawal_time() == approx(19.0 - TRANSIENT_SECONDS)
+    vehicle = Vehicle()
+    vehicle.fly(20.0, landed=IN_AIR)
+    first = vehicle.time
+    vehicle.fly(2.0, landed=ON_GROUND)
+    vehicle.fly(20.0, landed=IN_AIR)
+    vehicle.fly(2.0, landed=ON_GROUND)
+    assert vehicle.phase.pop_withdrawal_time() == approx(first - 1.0 - TRANSIENT_SECONDS), (
         "the last report in the air, as offline"
     )
 

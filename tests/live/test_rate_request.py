@@ -30,15 +30,17 @@ US = (255, 190)
 NO_VIBRATION = Fact(RateFact.MESSAGE_ABSENT, subject="VIBRATION")
 
 
-def told(name, first, second, to=US):
+def reply(name, first, second, to=US):
+    """Returns a reply of the vehicle with two fields, addressed to this ground station."""
     return Message(name, 0.0, 0.0, (first, second, *(to if name == "COMMAND_ACK" else ())))
 
 
 def request_of(rate, *messages):
+    """Returns a request for a rate, Hz, of messages with some ids; ATTITUDE and SERVO_OUTPUT_RAW by default."""
     return RateRequest(VEHICLE, rate, messages or (30, 36), secondary_messages=())
 
 
-def said(frames):
+def commands_in(frames):
     """Command and first two parameters of each, to the vehicle."""
     parser = dialect.MAVLink(None)
     messages = [message for frame in frames for message in parser.parse_buffer(frame)]
@@ -55,15 +57,19 @@ def test_a_greeting_is_the_heartbeat_of_a_ground_station_that_nobody_misses():
 
 
 def test_a_refused_rate_is_reported_and_not_requested_again():
-    refused = request_of(50.0, 375)
-    refused.frames_due(0.0, None)
-    refused.add_reply(told("MESSAGE_INTERVAL", 375, STOPPED))
-    refused.frames_due(0.1, {})
-    refused.add_reply(told("COMMAND_ACK", SET_INTERVAL, 4))
-    assert [refused.frames_due(float(second), {}) for second in range(1, 60)] == [[]] * 59
-    assert refused.restoring_frames() == []
+    """One vehicle refuses the rate of a message, another sends 50 Hz where 400 Hz were requested.
+
+    Each is reported once.
+    """
+    request = request_of(50.0, 375)
+    request.frames_due(0.0, None)
+    request.add_reply(reply("MESSAGE_INTERVAL", 375, STOPPED))
+    request.frames_due(0.1, {})
+    request.add_reply(reply("COMMAND_ACK", SET_INTERVAL, 4))
+    assert [request.frames_due(float(second), {}) for second in range(1, 60)] == [[]] * 59
+    assert request.restoring_frames() == []
     refusal = Fact(RateFact.RATE_REFUSED, subject="ACTUATOR_OUTPUT_STATUS", result=4)
-    assert refused.events == [refusal]
+    assert request.events == [refusal]
     slow = request_of(400.0, 30)
     sent = [slow.frames_due(float(second), {30: 50.0}) for second in range(60)]
     assert len([frames for frames in sent if frames]) == 6, "three queries, three settings"
@@ -74,11 +80,14 @@ def test_a_refused_rate_is_reported_and_not_requested_again():
 
 @mark.parametrize("is_refused", [True, False])
 def test_a_message_of_lesser_use_that_never_comes_is_reported_once(is_refused):
+    """VIBRATION (message 241) is requested in vain. If the vehicle did not refuse it, it may still come later."""
     request = RateRequest(VEHICLE, 50.0, (), secondary_messages=(241,))
     for second in range(60):
         frames = request.frames_due(float(second), {})
-        if is_refused and [one for one in said(frames) if one[0] == SET_INTERVAL]:
-            request.add_reply(told("COMMAND_ACK", SET_INTERVAL, 4))
+        if is_refused and [
+            message for message in commands_in(frames) if message[0] == SET_INTERVAL
+        ]:
+            request.add_reply(reply("COMMAND_ACK", SET_INTERVAL, 4))
     assert request.drain_events() == [NO_VIBRATION]
     assert request.absent_messages == {"VIBRATION"}
     request.frames_due(61.0, {241: 4.0})
@@ -90,8 +99,8 @@ def test_an_interval_that_cannot_be_is_never_restored(interval):
     request = request_of(50.0)
     for second in range(8):
         request.frames_due(float(second), {30: 4.0})
-        request.add_reply(told("MESSAGE_INTERVAL", 30, interval))
-    assert said(request.restoring_frames()) == [
+        request.add_reply(reply("MESSAGE_INTERVAL", 30, interval))
+    assert commands_in(request.restoring_frames()) == [
         (SET_INTERVAL, 30, 250_000),
         (SET_INTERVAL, 36, STOPPED),
     ], "as measured"
@@ -104,9 +113,9 @@ def test_answers_to_others_and_to_other_commands_are_not_ours():
     assert request.restoring_frames()
     others = (SET_INTERVAL, (254, 190)), (SET_INTERVAL, (255, 1)), (400, US), (GET_INTERVAL, US)
     for command, to in others:
-        request.add_reply(told("COMMAND_ACK", command, 0, to))
+        request.add_reply(reply("COMMAND_ACK", command, 0, to))
         assert request.restoring_frames(), "it is still awaited"
-    request.add_reply(told("COMMAND_ACK", SET_INTERVAL, 0, (0, 0)))  # older vehicles name nobody
+    request.add_reply(reply("COMMAND_ACK", SET_INTERVAL, 0, (0, 0)))  # older vehicles name nobody
     assert request.restoring_frames() == []
 
 
@@ -139,7 +148,9 @@ class Vehicle:
             elapsed = self.measured_speed.elapsed_seconds(self.now)
             rates = self.arrivals.update(self.now, counts, elapsed)
             if not self.silent:
-                for command, kind, interval in said(self.request.frames_due(self.now, rates)):
+                for command, kind, interval in commands_in(
+                    self.request.frames_due(self.now, rates)
+                ):
                     self.sent.append((round(self.now, 1), command, kind))
                     self.answer(command, kind, interval)
 
@@ -164,15 +175,15 @@ class Vehicle:
         if command == GET_INTERVAL:
             rate = self.rates.get(kind, 0.0)
             self.request.add_reply(
-                told("MESSAGE_INTERVAL", kind, round(1e6 / rate) if rate else STOPPED)
+                reply("MESSAGE_INTERVAL", kind, round(1e6 / rate) if rate else STOPPED)
             )
             return
         if kind in self.knows:
             self.rates[kind] = 1e6 / interval if interval > 0 else 0.0
-        self.request.add_reply(told("COMMAND_ACK", SET_INTERVAL, 0 if kind in self.knows else 4))
+        self.request.add_reply(reply("COMMAND_ACK", SET_INTERVAL, 0 if kind in self.knows else 4))
 
     def give_back(self):
-        for command, kind, interval in said(self.request.restoring_frames()):
+        for command, kind, interval in commands_in(self.request.restoring_frames()):
             self.answer(command, kind, interval)
 
 
@@ -189,12 +200,16 @@ def test_after_a_reboot_that_forgets_rates_they_are_asked_for_again(silence):
 
 
 def test_landing_messages_are_requested_only_where_they_do_not_come():
+    """LOCAL_POSITION_NED or VFR_HUD shows the climb.
+
+    The vehicle sends VFR_HUD (74), so that only the others are requested.
+    """
     vehicle = Vehicle(RateRequest(VEHICLE, 100.0), knows=(30, 36, 74), _30=4.0, _36=2.0, _74=10.0)
     vehicle.run(30.0)
     assert vehicle.rates == {30: 100.0, 36: 100.0, 74: 10.0}, "what is faster stays as it is"
-    asked = {kind for _, command, kind in vehicle.sent if command == SET_INTERVAL}
+    requested = {kind for _, command, kind in vehicle.sent if command == SET_INTERVAL}
     vibration = 241
-    assert asked == {30, 36, 83, 245, 32, vibration}
+    assert requested == {30, 36, 83, 245, 32, vibration}
     absent = {fact.subject for fact in vehicle.request.events}
     assert absent == {"ATTITUDE_TARGET", "EXTENDED_SYS_STATE", "LOCAL_POSITION_NED", "VIBRATION"}
     vehicle.give_back()
@@ -202,10 +217,14 @@ def test_landing_messages_are_requested_only_where_they_do_not_come():
 
 
 def test_rates_that_another_ground_station_sets_back_are_requested_again():
+    """Another ground station sets the rates back every 15 s.
+
+    They are requested again, but not more often than every ``REPEAT_SECONDS``.
+    """
     vehicle = Vehicle(RateRequest(VEHICLE, 100.0), _30=4.0, _36=4.0, _74=4.0, _245=4.0, _32=4.0)
     vehicle.run(300.0, back_every=15.0)
-    asked = [at for at, command, kind in vehicle.sent if (command, kind) == (SET_INTERVAL, 30)]
-    assert 19 <= len(asked) <= 21 and min(np.diff(asked)) >= REPEAT_SECONDS
+    requested = [at for at, command, kind in vehicle.sent if (command, kind) == (SET_INTERVAL, 30)]
+    assert 19 <= len(requested) <= 21 and min(np.diff(requested)) >= REPEAT_SECONDS
     assert len(vehicle.request.events) < 10, "nobody hears of each time"
     assert vehicle.request.events.count(Fact(RateFact.RATES_CONTESTED)) == 1
     vehicle.rates = {}
@@ -240,6 +259,7 @@ def test_rates_that_are_not_measured_yet_are_not_requested_again():
 
 
 def test_a_rate_that_was_never_reached_is_not_reported_as_lost():
+    """100 Hz were requested and 60 Hz reached; a later fall to 30 Hz is reported as one from 60 Hz."""
     request = request_of(100.0, 30)
     for second in range(60):
         request.frames_due(float(second), {30: 60.0 if second < 40 else 30.0})
@@ -250,39 +270,45 @@ def test_a_rate_that_was_never_reached_is_not_reported_as_lost():
 
 @mark.parametrize("autopilot, gains", [("ARDUPILOTMEGA", ARDUPILOT), ("PX4", PX4)])
 def test_a_recording_has_the_parameters_that_the_loops_need(autopilot, gains):
-    asked = {*motor_parameters(autopilot), *control_parameters(autopilot)}
-    assert gains.keys() - {"CA_AIRFRAME"} <= asked
+    requested = {*motor_parameters(autopilot), *control_parameters(autopilot)}
+    assert gains.keys() - {"CA_AIRFRAME"} <= requested
     assert len(control_parameters(autopilot)) <= 31
     assert all(CONTROL_PARAMETERS.match(name) for name in control_parameters(autopilot))
 
 
 def test_parameters_of_the_motors_are_asked_for_one_by_one_until_they_come():
+    """Each parameter arrives after the third request only."""
     names = motor_parameters("PX4")
     request = RateRequest(VEHICLE, 100.0, (30,), (), names)
     request._intervals.clear()
-    known = {}
-    tries = Counter()
+    known_parameters = {}
+    request_counts = Counter()
     for number in range(150):
-        frames = request.frames_due(0.25 * number, None, known)
-        assert len(frames) <= 1 and not request.frames_due(0.25 * number + 0.1, None, known)
-        for one in dialect.MAVLink(None).parse_buffer(b"".join(frames)) or []:
-            assert (one.target_system, one.target_component) == VEHICLE
-            name = one.param_id.encode()
-            tries[name] += 1
-            if tries[name] == 3:  # the requests before, or their replies, are lost
-                known[name] = Message("PARAM_VALUE", 0.0, 0.0, (name, 1.0, 9))
-    assert set(tries.values()) == {3} and tries.keys() == {name.encode() for name in names}
-    assert request.frames_due(99.0, None, known) == []
+        frames = request.frames_due(0.25 * number, None, known_parameters)
+        assert len(frames) <= 1 and not request.frames_due(
+            0.25 * number + 0.1, None, known_parameters
+        )
+        for message in dialect.MAVLink(None).parse_buffer(b"".join(frames)) or []:
+            assert (message.target_system, message.target_component) == VEHICLE
+            name = message.param_id.encode()
+            request_counts[name] += 1
+            if request_counts[name] == 3:  # the requests before, or their replies, are lost
+                known_parameters[name] = Message("PARAM_VALUE", 0.0, 0.0, (name, 1.0, 9))
+    assert set(request_counts.values()) == {3} and request_counts.keys() == {
+        name.encode() for name in names
+    }
+    assert request.frames_due(99.0, None, known_parameters) == []
 
 
 def test_contested_rates_are_reported_once_although_a_second_message_is_contested_later():
+    """Another ground station sets ATTITUDE back every 30 s, and from 300 s on SERVO_OUTPUT_RAW too."""
     request = request_of(50.0)
     for second in range(600):
         is_set_back = second % 30 < 10
         first_rate = 4.0 if is_set_back else 50.0
         second_rate = 4.0 if is_set_back and not 10 <= second < 300 else 50.0
         request.frames_due(float(second), {30: first_rate, 36: second_rate})
-        request.add_reply(told("COMMAND_ACK", SET_INTERVAL, 0))
+        request.add_reply(reply("COMMAND_ACK", SET_INTERVAL, 0))
     fallen = {fact.subject for fact in request.events if fact.code is RateFact.RATE_FELL}
     assert fallen == {"ATTITUDE", "SERVO_OUTPUT_RAW"}
     assert request.events.count(Fact(RateFact.RATES_CONTESTED)) == 1

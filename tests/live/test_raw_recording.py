@@ -19,14 +19,15 @@ OTHERS = [frame(64_000, b"abc", seed=3), frame(33, bytes(range(28)), seed=1)]
 NOW = 1.7e9
 
 
-def taken(recording, pieces, step, start=0.0):
-    """Takes what pieces of a stream complete, ``step`` s apart, from ``start`` s on."""
+def record(recording, pieces, step, start=0.0):
+    """Records pieces of a stream that are received at a fixed step, s, from a start time, s."""
     reader = FrameReader()
     for row, piece in enumerate(pieces):
         recording.add(NOW + start + step * row, reader.feed(piece))
 
 
 def recorded(path):
+    """Returns the stamps and frames of a recording."""
     return list(read_stream(path).stamped_frames())
 
 
@@ -34,7 +35,7 @@ def recorded(path):
 def test_datagrams_are_kept_with_their_stamps(tmp_path, form):
     frames = [*FRAMES[:200], *OTHERS, *FRAMES[200:]]
     recording = RawRecording(tmp_path / f"flight{form}")
-    taken(recording, frames, 0.005)
+    record(recording, frames, 0.005)
     recording.close()
     assert (recording.frame_count, recording.first_stamp) == (len(frames), NOW)
     # What is not good comes with the good one that shows its end.
@@ -49,7 +50,7 @@ def test_datagrams_are_kept_with_their_stamps(tmp_path, form):
 def test_what_was_received_is_there_before_the_end(tmp_path, form):
     path = tmp_path / f"flight{form}"
     recording = RawRecording(path)
-    taken(recording, FRAMES, 0.01)
+    record(recording, FRAMES, 0.01)
     shutil.copy(path, tmp_path / f"copy{form}")  # as a process that is killed leaves it
     (vehicle,) = read_log(tmp_path / f"copy{form}").vehicles
     kept = sum(len(columns["time"]) for columns in vehicle.messages.values())
@@ -63,7 +64,7 @@ def test_what_was_received_is_there_before_the_end(tmp_path, form):
 def test_a_recording_tells_whether_its_user_ended_the_record(tmp_path, form, silence, is_ended):
     path = tmp_path / f"flight{form}"
     recording = RawRecording(path)
-    taken(recording, FRAMES, 0.01)
+    record(recording, FRAMES, 0.01)
     unmarked = tmp_path / f"copy{form}"
     recording._file.flush()
     shutil.copy(path, unmarked)
@@ -87,10 +88,14 @@ def test_it_replaces_nothing(tmp_path):
 
 
 def test_what_others_sent_after_the_last_frame_of_a_vehicle_is_moved_for_its_successor(tmp_path):
+    """Vehicle 1 is silent and vehicle 4 is followed.
+
+    Frames since the last one of vehicle 1 go to the next recording.
+    """
     path = tmp_path / "flight.tlog"
     recording = RawRecording(path)
     other = [heartbeat(4), *flight([1.0, 1.01, 1.02], system=4)]
-    taken(recording, [*FRAMES, *other], 0.005)
+    record(recording, [*FRAMES, *other], 0.005)
     recording.close()
     begin = len(FRAMES)
     full = RawRecording(tmp_path / "full.tlog")
@@ -109,7 +114,7 @@ def test_what_others_sent_after_the_last_frame_of_a_vehicle_is_moved_for_its_suc
     # They are in the other file before it is closed.
     assert [frame for _, frame in recorded(tmp_path / "flight-2.tlog")] == other
     assert (successor.frame_count, successor.first_stamp) == (len(other), pieces[0].arrival_time)
-    taken(successor, FRAMES, 0.005)
+    record(successor, FRAMES, 0.005)
     successor.close()
     third = RawRecording(tmp_path / "flight-3.tlog")
     assert [piece.data for piece in successor.move_after(4, 1, third)] == FRAMES
@@ -118,23 +123,31 @@ def test_what_others_sent_after_the_last_frame_of_a_vehicle_is_moved_for_its_suc
 def test_what_a_vehicle_sent_since_its_restart_is_moved_to_its_next_flight(tmp_path):
     """Whatever others sent meanwhile."""
     recording = RawRecording(tmp_path / "flight.tlog")
-    former, restarted, other = flight([100.0, 100.1]), flight([0.1, 0.2]), [heartbeat(9)]
-    taken(recording, former, 0.005)
-    taken(recording, other, 0.005, start=1.0)
-    taken(recording, [*restarted, *other], 0.005, start=3.0)
+    frames_before_restart, frames_after_restart, other = (
+        flight([100.0, 100.1]),
+        flight([0.1, 0.2]),
+        [heartbeat(9)],
+    )
+    record(recording, frames_before_restart, 0.005)
+    record(recording, other, 0.005, start=1.0)
+    record(recording, [*frames_after_restart, *other], 0.005, start=3.0)
     recording.close()
     next_recording = RawRecording(tmp_path / "flight-2.tlog")
     pieces = recording.move_since_restart((NOW, NOW + 3.1), 1, 1, next_recording)
-    assert [piece.data for piece in pieces] == [*restarted, *other]
-    assert [frame for _, frame in recorded(tmp_path / "flight.tlog")] == [*former, *other]
-    assert recording.frame_count == len(former) + 1
+    assert [piece.data for piece in pieces] == [*frames_after_restart, *other]
+    assert [frame for _, frame in recorded(tmp_path / "flight.tlog")] == [
+        *frames_before_restart,
+        *other,
+    ]
+    assert recording.frame_count == len(frames_before_restart) + 1
 
 
 def test_hours_before_a_restart_are_not_read_to_find_it(tmp_path, monkeypatch):
+    """Of a recording with 40 s before the restart, less than a tenth of the bytes are read."""
     recording = RawRecording(tmp_path / "flight.tlog")
-    former, restarted = flight(np.arange(400) / 10.0), flight([0.1, 0.2])
-    taken(recording, former, 40.0 / len(former))
-    taken(recording, restarted, 0.1, start=50.0)
+    frames_before_restart, frames_after_restart = flight(np.arange(400) / 10.0), flight([0.1, 0.2])
+    record(recording, frames_before_restart, 40.0 / len(frames_before_restart))
+    record(recording, frames_after_restart, 0.1, start=50.0)
     recording.close()
     read_bytes = []
 
@@ -145,5 +158,5 @@ def test_hours_before_a_restart_are_not_read_to_find_it(tmp_path, monkeypatch):
     monkeypatch.setattr("mavdem.live.raw_recording._stamped_records", counted)
     next_recording = RawRecording(tmp_path / "flight-2.tlog")
     pieces = recording.move_since_restart((NOW + 39.0, NOW + 51.0), 1, 1, next_recording)
-    assert [piece.data for piece in pieces] == restarted
+    assert [piece.data for piece in pieces] == frames_after_restart
     assert read_bytes[0] < recording._size / 10

@@ -35,6 +35,10 @@ def flown(tmp_path_factory, coarse_physics):
 
 @mark.slow
 def test_height_distance_and_battery_outlast_a_reboot(flown):
+    """The autopilot restarts in flight and its estimates begin anew.
+
+    Height and distance then come from satellites and the barometer.
+    """
     stream = LiveStream()
     heights = []
     for stamp, frame in read_stream(flown).stamped_frames():
@@ -52,6 +56,10 @@ def test_height_distance_and_battery_outlast_a_reboot(flown):
 
 
 def test_the_place_of_the_take_off_is_kept_only_in_the_flight_that_began_there():
+    """After a restart in flight, the distance is measured from the take-off before it.
+
+    After a restart on the ground it is unknown.
+    """
     place = TakeoffPlace()
     place.add_fix((3, 1.0, 12, 470000000, 80000000, 0))
     place.add_pressure(1000.0)

@@ -75,24 +75,28 @@ EXACT = 1e-12, 1e-9
     ],
 )
 def test_rows_are_those_of_align(flight, far):
+    """The rows of a live stream equal the samples that are made of the same messages offline."""
     frames = flight.frames(end=14.0)
-    made = replay(frames)
-    assert made.segments().keys() == {0}
+    replayed = replay(frames)
+    assert replayed.segments().keys() == {0}
     times, outputs, inputs = differences(
-        made, 0, offline([data for _, data in frames], flight.system)
+        replayed, 0, offline([data for _, data in frames], flight.system)
     )
     assert times < 1e-6 and outputs < far[0] and inputs < far[1]
 
 
 def test_rows_do_not_depend_on_how_bytes_are_cut():
+    """The stream receives the same bytes frame by frame, 11 bytes at a time, and all at once."""
     frames = Flight().frames(end=14.0)
-    whole = replay(frames)
+    replayed_in_frames = replay(frames)
     content = b"".join(data for _, data in frames)
-    pieces = replay([(0.0, content[place : place + 11]) for place in range(0, len(content), 11)])
-    assert_array_equal(pieces.table(), whole.table())
-    assert pieces.facts == whole.facts
-    assert pieces.stream.status() == whole.stream.status()
-    assert_array_equal(replay([(0.0, content)]).table(), whole.table())
+    pieces = replay(
+        [(0.0, content[position : position + 11]) for position in range(0, len(content), 11)]
+    )
+    assert_array_equal(pieces.table(), replayed_in_frames.table())
+    assert pieces.facts == replayed_in_frames.facts
+    assert pieces.stream.status() == replayed_in_frames.stream.status()
+    assert_array_equal(replay([(0.0, content)]).table(), replayed_in_frames.table())
 
 
 def test_a_row_is_reported_with_the_message_that_completes_it():
@@ -102,9 +106,9 @@ def test_a_row_is_reported_with_the_message_that_completes_it():
         (Flight(attitude=120.0, motors=110.0), 1 / 110),
         (Flight(attitude=400.0), 5 * 0.01 + 1 / 400),
     ):
-        made = replay(flight.frames(end=14.0))
-        came = zip(made.came, made.rows, strict=True)
-        assert max(at - row.time for at, row in came if row.time > 10.0) < most + 0.001
+        replayed = replay(flight.frames(end=14.0))
+        arrivals = zip(replayed.came, replayed.rows, strict=True)
+        assert max(at - row.time for at, row in arrivals if row.time > 10.0) < most + 0.001
 
 
 def recorded(path):
@@ -119,37 +123,43 @@ def group_by_vehicle(path):
 def first_seconds(path, folder, seconds):
     """The frames that were received in the first seconds."""
     frames = read_stream(path).stamped_frames()
-    (begun, first) = next(frames)
-    kept = folder / path.name
-    rest = ((stamp, frame) for stamp, frame in frames if stamp < begun + 1e6 * seconds)
-    kept.write_bytes(
-        b"".join(struct.pack(">Q", stamp) + frame for stamp, frame in ((begun, first), *rest))
+    (first_stamp, first) = next(frames)
+    shortened_log = folder / path.name
+    later_frames = (
+        (stamp, frame) for stamp, frame in frames if stamp < first_stamp + 1e6 * seconds
     )
-    return kept
+    shortened_log.write_bytes(
+        b"".join(
+            struct.pack(">Q", stamp) + frame
+            for stamp, frame in ((first_stamp, first), *later_frames)
+        )
+    )
+    return shortened_log
 
 
 def hold_against_offline(path):
+    """Compares the rows of a replayed log with its samples offline: values, and which of them are settled flight."""
     telemetry = choose_vehicle(group_by_vehicle(path), None)
-    made = replay(recorded(path))
-    found = settled_segments(Signals(telemetry))
-    fast = [segment for segment in found if segment.duration > 10]
-    if not made.rows:
-        if found:
-            assert RowsFact.LIVE_RATES_TOO_LOW in made.codes
+    replayed = replay(recorded(path))
+    settled = settled_segments(Signals(telemetry))
+    fast = [segment for segment in settled if segment.duration > 10]
+    if not replayed.rows:
+        if settled:
+            assert RowsFact.LIVE_RATES_TOO_LOW in replayed.codes
         return
     assert fast
     covered = 0.0
-    for number, rows in made.segments().items():
-        next_setup = made.setups.get(number + 1, made.setups[number])
-        if next_setup.dt < made.setups[number].dt and rows[-1].time - rows[0].time < 5.0:
+    for number, rows in replayed.segments().items():
+        next_setup = replayed.setups.get(number + 1, replayed.setups[number])
+        if next_setup.dt < replayed.setups[number].dt and rows[-1].time - rows[0].time < 5.0:
             # Its last samples come at the higher rate, which counts in the mean rate of so short a segment.
             continue
-        times, outputs, inputs = differences(made, number, telemetry)
+        times, outputs, inputs = differences(replayed, number, telemetry)
         assert times < 1e-6
         assert outputs < 1e-9
         # Where a message was lost the offline path reads all of the segment off the line: up to a stamp's resolution.
         assert inputs < 0.01
-        boot = made.setups[number].boot
+        boot = replayed.setups[number].boot
         for row in rows:
             inside = any(
                 one.boot == boot and one.start - 1e-3 <= row.time <= one.end + 1e-3 for one in fast
@@ -159,7 +169,7 @@ def hold_against_offline(path):
             landing = any(one.end <= row.time <= one.end + KNOWN_LATER for one in fast)
             landing |= row.time >= rows[-1].time - TRANSIENT_SECONDS - KNOWN_LATER
             landing |= any(
-                segment == number and row.time >= since for segment, since in made.taken_back
+                segment == number and row.time >= since for segment, since in replayed.taken_back
             )
             may_be_settled = inside or landing
             must_be_settled = inside and not settling
@@ -167,9 +177,9 @@ def hold_against_offline(path):
                 assert may_be_settled
             else:
                 assert not must_be_settled
-            covered += row.is_settled * made.setups[number].dt
+            covered += row.is_settled * replayed.setups[number].dt
     assert covered > 0.9 * sum(segment.duration for segment in fast) - KNOWN_LATER - 2.0
-    assert 1 / made.setups[0].dt >= MIN_STREAM_RATE
+    assert 1 / replayed.setups[0].dt >= MIN_STREAM_RATE
 
 
 @mark.parametrize(
@@ -182,6 +192,7 @@ def hold_against_offline(path):
     ids=lambda path: path.stem,
 )
 def test_a_recorded_flight_gives_what_it_gives_offline(path, tmp_path):
+    """The first seconds of real logs are replayed, since they have more irregularities than made-up flights."""
     if path.stem != TO_THE_GROUND:
         path = first_seconds(path, tmp_path, SECONDS.get(path.stem, 45.0))
     if "SUBMARINE" in {vehicle.vehicle for vehicle in group_by_vehicle(path)}:

@@ -28,6 +28,7 @@ def report(code, severity="critical", **figures):
     ],
 )
 def test_the_severity_decides_what_is_an_alarm(fact, level):
+    """A report of the autopilot becomes a bad alarm, one to watch, or none, by its kind and severity."""
     event = ReportAlarms().add_report(fact, 20.0)
     if level is None:
         assert event is fact
@@ -47,6 +48,7 @@ def test_a_critical_report_that_the_vehicle_can_fly_with_is_no_reason_to_land_at
 
 
 def test_a_bad_report_lasts_until_the_flight_ends_and_another_while_it_is_repeated():
+    """A failed motor stays an alarm; a GPS jump is over ``REPEAT_SECONDS`` after its last report at 30 s."""
     alarms = ReportAlarms()
     failed = report(ReportedEvent.MOTOR_FAILED)
     jumped = report(ReportedEvent.GPS_JUMPED)

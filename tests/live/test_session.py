@@ -109,30 +109,34 @@ class Screen:
 def batches(seconds, start=0.0):
     """The recorded frames of so many seconds, those of each twentieth of a second together; all before them first."""
     here = [
-        each
-        for each in FRAMES
-        if start <= each[0] - FIRST < start + seconds or (not start and each[0] < FIRST)
+        entry
+        for entry in FRAMES
+        if start <= entry[0] - FIRST < start + seconds or (not start and entry[0] < FIRST)
     ]
     return [
         list(batch)
-        for _, batch in groupby(here, key=lambda each: max((each[0] - FIRST) // 0.05, -1.0))
+        for _, batch in groupby(here, key=lambda entry: max((entry[0] - FIRST) // 0.05, -1.0))
     ]
 
 
 def session_of(script, **options):
+    """Returns a session on a link that delivers prepared batches of frames.
+
+    With it come its screen and the list of facts that it will report.
+    """
     screen = Screen()
-    said = []
+    reported_facts = []
     link = ScriptedLink(script)
     shown = screen.open, screen.statuses.append
-    made = LiveSession(
+    session = LiveSession(
         link,
         LiveStream(),
         COMPLETE,
         *shown,
-        lambda event: said.append(event.fact),
+        lambda event: reported_facts.append(event.fact),
         **options,
     )
-    return made, screen, said
+    return session, screen, reported_facts
 
 
 @fixture(autouse=True)
@@ -143,10 +147,11 @@ def now(monkeypatch):
     return clock
 
 
-def run(one):
-    while one.link.script:
-        one.step(0.0)
-    one.end()
+def run(session):
+    """Lets a session process all that its link delivers, and ends it."""
+    while session.link.script:
+        session.step(0.0)
+    session.end()
 
 
 def test_motion_motors_and_battery_are_plotted_though_messages_are_too_slow_for_rows():
@@ -184,28 +189,32 @@ def test_motion_motors_and_battery_are_plotted_though_messages_are_too_slow_for_
 
 @mark.parametrize("keeps_vehicle", [False, True])
 def test_a_silent_vehicle_is_succeeded_by_the_one_that_sends(now, keeps_vehicle):
-    gone = Flight(attitude=10.0, motors=10.0).frames(end=9.0)
+    """Vehicle 1 is silent from 9 s, and vehicle 4 sends from 13 s on.
+
+    It is followed unless the user has chosen vehicle 1.
+    """
+    first_vehicle_frames = Flight(attitude=10.0, motors=10.0).frames(end=9.0)
     here = Flight(attitude=10.0, motors=10.0, system=4).frames(start=13.0, end=30.0)
-    one, _, said = session_of([], keeps_vehicle=keeps_vehicle)
+    session, _, reported_facts = session_of([], keeps_vehicle=keeps_vehicle)
     start = now[0]
-    for time, frame in [*gone, *here]:
+    for time, frame in [*first_vehicle_frames, *here]:
         now[0] = start + time
-        one.link.script = [[(time, frame)]]
-        one.step(0.0)
+        session.link.script = [[(time, frame)]]
+        session.step(0.0)
         if time == 15.0:
-            silent = one.status
+            silent = session.status
     assert silent.vehicle == "1:1" and silent.message_age == approx(6.0, abs=0.3)
     assert silent.no_model_reason.sentence == (
         "Nothing was received from 1:1 for 3 s and more, only from others."
     )
-    codes = [fact.code for fact in said]
+    codes = [fact.code for fact in reported_facts]
     assert RowsFact.MESSAGES_RESUMED not in codes
     if keeps_vehicle:
-        assert one.successor is None and one.status.message_age == approx(21.0, abs=0.3)
+        assert session.successor is None and session.status.message_age == approx(21.0, abs=0.3)
         return
-    assert one.successor.name == "4:1" and codes.count(VehicleFact.VEHICLE_SUCCEEDED) == 1
+    assert session.successor.name == "4:1" and codes.count(VehicleFact.VEHICLE_SUCCEEDED) == 1
     # By then the first vehicle's lost link is an alarm, too.
-    (succession,) = (fact for fact in said if fact.code is VehicleFact.VEHICLE_SUCCEEDED)
+    (succession,) = (fact for fact in reported_facts if fact.code is VehicleFact.VEHICLE_SUCCEEDED)
     assert succession.sentence == (
         "Nothing came from 1:1 for 10 s: its session ends, and vehicle 4:1 (QUADROTOR, "
         "ARDUPILOTMEGA) is followed."
@@ -213,40 +222,42 @@ def test_a_silent_vehicle_is_succeeded_by_the_one_that_sends(now, keeps_vehicle)
 
 
 def test_a_successor_that_appears_late_is_not_said_to_be_found_beside_the_silent_vehicle(now):
-    gone = Flight(attitude=10.0, motors=10.0).frames(end=7.0)
+    """Vehicle 1 is silent from 7 s, and vehicle 4 appears at 18 s, when the session already waits for a successor."""
+    first_vehicle_frames = Flight(attitude=10.0, motors=10.0).frames(end=7.0)
     here = Flight(attitude=10.0, motors=10.0, system=4).frames(start=18.0, end=23.0)
-    one, _, said = session_of([])
+    session, _, reported_facts = session_of([])
     start = now[0]
-    for time, frame in [*gone, *here]:
+    for time, frame in [*first_vehicle_frames, *here]:
         now[0] = start + time
-        one.link.script = [[(time, frame)]]
-        one.step(0.0)
-    codes = [fact.code for fact in said]
+        session.link.script = [[(time, frame)]]
+        session.step(0.0)
+    codes = [fact.code for fact in reported_facts]
     assert VehicleFact.VEHICLE_SUCCEEDED in codes and VehicleFact.OTHER_VEHICLE not in codes
 
 
 @mark.slow
 def test_what_is_learnt_from_is_the_flight_that_offline_reads():
-    one, screen, _ = session_of(batches(12.0))
-    run(one)
+    """The samples that the live learner stores are those of the same log read offline, with the same parameters."""
+    session, screen, _ = session_of(batches(12.0))
+    run(session)
     flight = mavdem.read_flight(FLIGHT)
-    learnt = one._learning.learner._memory.record()
-    (row,) = np.flatnonzero(np.all(flight.outputs == learnt.outputs[0], axis=1))
-    same = slice(row, row + len(learnt.outputs))
-    assert_array_equal(learnt.outputs, flight.outputs[same])
-    assert_allclose(learnt.inputs, flight.inputs[same], atol=0.01)
-    assert len(learnt.outputs) > 700
-    live = one._learning.learner.learn_now()
-    assert one.status.learned_rows == len(
+    learned_record = session._learning.learner._memory.record()
+    (row,) = np.flatnonzero(np.all(flight.outputs == learned_record.outputs[0], axis=1))
+    rows_of_record = slice(row, row + len(learned_record.outputs))
+    assert_array_equal(learned_record.outputs, flight.outputs[rows_of_record])
+    assert_allclose(learned_record.inputs, flight.inputs[rows_of_record], atol=0.01)
+    assert len(learned_record.outputs) > 700
+    live = session._learning.learner.learn_now()
+    assert session.status.learned_rows == len(
         [1 for *_, estimate in screen.rows if estimate is not None]
     )
     assert (
         screen.setups[0].geometry.names == flight.input_names
         and screen.rows[-1][2].model is not None
     )
-    assert one.link.sent == b"", "nothing is sent unless asked for"
-    known = one._learning.named_model(live, one.stream.parameters).record.parameters
-    assert known["ATC_RAT_RLL_P"] == approx(0.2) and "SIM_WIND_SPD" not in known
+    assert session.link.sent == b"", "nothing is sent unless asked for"
+    physical = session._learning.named_model(live, session.stream.parameters).record.parameters
+    assert physical["ATC_RAT_RLL_P"] == approx(0.2) and "SIM_WIND_SPD" not in physical
 
 
 @mark.parametrize(
@@ -258,33 +269,39 @@ def test_what_is_learnt_from_is_the_flight_that_offline_reads():
     ],
 )
 def test_why_there_is_no_model_at_the_end_is_a_fact(error, code):
-    one, _, _ = session_of([])
-    assert one.status.no_model_reason == Fact(VehicleFact.NO_VEHICLE_YET)
-    assert refused(one.final_model) == Fact(SessionFact.NO_LIVE_FLIGHT, climb_only=False)
-    one._learning.learner = Mock(**{"learn_now.side_effect": error})
-    assert refused(one.final_model).code is code
+    """A final model that cannot be learned is refused with the reason, whatever the error was."""
+    session, _, _ = session_of([])
+    assert session.status.no_model_reason == Fact(VehicleFact.NO_VEHICLE_YET)
+    assert refused(session.final_model) == Fact(SessionFact.NO_LIVE_FLIGHT, climb_only=False)
+    session._learning.learner = Mock(**{"learn_now.side_effect": error})
+    assert refused(session.final_model).code is code
 
 
 def test_a_model_of_the_climb_alone_is_not_called_no_settled_flight():
-    one, _, _ = session_of([])
-    one._learning.learner = Mock(learned="model", follows_torque=False)
-    one._learning.learn_row(Mock(is_settled=False, time=1.0), None)
-    one._learning.learned_rows = 300
-    reason = refused(one.final_model)
+    session, _, _ = session_of([])
+    session._learning.learner = Mock(learned="model", follows_torque=False)
+    session._learning.learn_row(Mock(is_settled=False, time=1.0), None)
+    session._learning.learned_rows = 300
+    reason = refused(session.final_model)
     assert reason == Fact(SessionFact.NO_LIVE_FLIGHT, climb_only=True)
     assert "The first model was of the climb alone" in reason.sentence
 
 
 def test_why_too_little_was_learned_of_a_flight_is_the_true_reason():
-    one, _, _ = session_of([])
-    assert one.status.shortfall is None
-    one._no_rows_reason = Fact(RowsFact.NO_LIVE_MOTORS)
-    assert one.status.shortfall == one._no_rows_reason
-    one._learning.learner = Mock(no_model_reason=None)
-    one._learning._row_format = Mock(dt=0.01)
+    """The flight was too short, ended during the fit, or the computer skipped samples."""
+    session, _, _ = session_of([])
+    assert session.status.shortfall is None
+    session._no_rows_reason = Fact(RowsFact.NO_LIVE_MOTORS)
+    assert session.status.shortfall == session._no_rows_reason
+    session._learning.learner = Mock(no_model_reason=None)
+    session._learning._row_format = Mock(dt=0.01)
     reasons = []
-    for one._learning.learned_rows, one._postponed_rows in ((500, 0), (2000, 0), (500, 900)):
-        reasons.append(one._reason_without_parameters().code)
+    for session._learning.learned_rows, session._postponed_rows in (
+        (500, 0),
+        (2000, 0),
+        (500, 900),
+    ):
+        reasons.append(session._reason_without_parameters().code)
     assert reasons == [
         SessionFact.SETTLED_TOO_SHORT,
         SessionFact.FIT_UNFINISHED,
@@ -293,67 +310,69 @@ def test_why_too_little_was_learned_of_a_flight_is_the_true_reason():
 
 
 def test_an_obstacle_with_another_reason_is_news_and_why_there_is_no_model_at_the_end(monkeypatch):
-    one, _, told = session_of([])
+    session, _, told = session_of([])
     reasons = [Fact(RowsFact.NO_LIVE_MOTORS), Fact(RowsFact.NO_LIVE_ATTITUDE, can_ask=False)]
     slow = [Fact(RowsFact.LIVE_RATES_TOO_LOW, can_ask=False, reason=reason) for reason in reasons]
     counts = []
     for obstacle in (slow[0], slow[0], slow[1]):
         status = SessionStatus(vehicle="1:1", no_model_reason=obstacle, is_flying=True)
         monkeypatch.setattr(LiveSession, "status", status)
-        monkeypatch.setattr(one._presentation, "log", told.append)
-        one._update_status(0.0)
+        monkeypatch.setattr(session._presentation, "log", told.append)
+        session._update_status(0.0)
         counts.append(len(told))
     assert counts == [1, 1, 2]
-    assert refused(one.final_model) == slow[1]
+    assert refused(session.final_model) == slow[1]
 
 
 @mark.slow
 def test_a_prior_of_other_inputs_is_not_used_and_says_so():
+    """The prior is a model with other inputs than those of the vehicle."""
     other = mavdem.learn(simulated(samples=300, wind=1.0))
-    one, _, said = session_of(batches(5.0), prior=other)
-    run(one)
-    assert [fact.code for fact in said].count(SessionFact.PRIOR_NOT_USED) == 1
-    assert one._learning.learner is not None
+    session, _, reported_facts = session_of(batches(5.0), prior=other)
+    run(session)
+    assert [fact.code for fact in reported_facts].count(SessionFact.PRIOR_NOT_USED) == 1
+    assert session._learning.learner is not None
 
 
 @mark.slow
 def test_rates_are_asked_for_and_given_back(now, monkeypatch):
+    """The session requests 200 Hz of two messages, and restores their former interval of 250 ms at its end."""
     monkeypatch.setattr(ScriptedLink, "awaits_greeting", True)
     script = batches(8.0)
-    one, _, _ = session_of(script, requested_rate=200.0)
+    session, _, _ = session_of(script, requested_rate=200.0)
     now[0] += 1.0
-    one.link.receive = lambda timeout: []
-    one.step(0.0)
-    del one.link.receive
+    session.link.receive = lambda timeout: []
+    session.step(0.0)
+    del session.link.receive
     answers = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
     for number in range(len(script)):
         now[0] += 0.05
         if number == 100:
-            for each in (30, 36):
-                interval = answers.message_interval_encode(each, 250_000).pack(answers)
-                one.link.script[0].append((one.link.script[0][-1][0], interval))
-        one.step(0.0)
-    one.link.receive = lambda timeout: now.__setitem__(0, now[0] + timeout) or []
-    one.end()
-    sent = dialect.MAVLink(None).parse_buffer(bytearray(one.link.sent))
+            for entry in (30, 36):
+                interval = answers.message_interval_encode(entry, 250_000).pack(answers)
+                session.link.script[0].append((session.link.script[0][-1][0], interval))
+        session.step(0.0)
+    session.link.receive = lambda timeout: now.__setitem__(0, now[0] + timeout) or []
+    session.end()
+    sent = dialect.MAVLink(None).parse_buffer(bytearray(session.link.sent))
     assert sent[0].get_type() == "HEARTBEAT", "a vehicle that waits to hear of someone hears of us"
-    commands = [each for each in sent if each.get_type() == "COMMAND_LONG"]
-    asked = [(each.command, int(each.param1), each.param2) for each in commands]
+    commands = [entry for entry in sent if entry.get_type() == "COMMAND_LONG"]
+    asked = [(entry.command, int(entry.param1), entry.param2) for entry in commands]
     assert asked[:2] == [(510, 30, 0), (510, 36, 0)] and (511, 30, 5_000) in asked
     # Nobody confirms it: it is sent again, and said.
     assert asked.count((511, 30, 250_000)) == 3
-    assert one.history.events[-1].fact.code is RateFact.RATES_NOT_RESTORED
+    assert session.history.events[-1].fact.code is RateFact.RATES_NOT_RESTORED
 
 
 def test_the_judgement_of_a_recording_waits_for_the_ground_and_for_the_end():
     by_recording = unjudged(TOO_FEW_SAMPLES)
     adviser = Mock(judgement=by_recording, **{"update.return_value": ()})
-    one, _, _ = session_of([], gain_adviser=adviser)
-    one.stream = Mock(is_flying=True)
-    one.report_gain_advice()
-    assert one.judging.judgement is None and not adviser.update.called, "while it still lands"
-    one.report_gain_advice(is_at_end=True)
-    assert one.judging.judgement is by_recording
+    session, _, _ = session_of([], gain_adviser=adviser)
+    session.stream = Mock(is_flying=True)
+    session.report_gain_advice()
+    assert session.judging.judgement is None and not adviser.update.called, "while it still lands"
+    session.report_gain_advice(is_at_end=True)
+    assert session.judging.judgement is by_recording
 
 
 @mark.slow
@@ -363,9 +382,9 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     adviser = Mock(
         is_due=False, facts=(written,), judgement=by_recording, **{"update.return_value": ()}
     )
-    one, _, said = session_of(batches(9.0), gain_adviser=adviser)
-    run(one)
-    record = one._learning.learner._memory.record()
+    session, _, reported_facts = session_of(batches(9.0), gain_adviser=adviser)
+    run(session)
+    record = session._learning.learner._memory.record()
     early, late, next_flight, climbing = (
         mavdem.learn(record, replace(COMPLETE, seed=seed)) for seed in range(4)
     )
@@ -373,112 +392,125 @@ def test_a_landing_never_replaces_the_last_model_before_it():
         training_end_time=50.0,
         **{"update.return_value": None, "learn_now.side_effect": NotLearnable(TOO_FEW_SAMPLES)},
     )
-    one._learning.learner = learner
+    session._learning.learner = learner
     row = AlignedRow(50.0, np.zeros(4), np.zeros(2), 0, True, True)
     learner.learned = climbing
     for settled in (False, True):
-        one._process_row(row._replace(time=49.0, is_settled=settled), 0.0)
-    assert all(model is not climbing for _, model in one._learning._models)
+        session._process_row(row._replace(time=49.0, is_settled=settled), 0.0)
+    assert all(model is not climbing for _, model in session._learning._models)
     for at, learner.learned in ((50.0, early), (57.0, late), (57.5, late)):
-        one._process_row(row._replace(time=at), 0.0)
+        session._process_row(row._replace(time=at), 0.0)
     assert (
-        one._learning.named_model(late, one.stream.parameters).model
-        is one._learning._models[-1][1].model
+        session._learning.named_model(late, session.stream.parameters).model
+        is session._learning._models[-1][1].model
     )
-    learner_of_flight, one._learning.learner = one._learning.learner, None
-    one.stream.pop_withdrawal_time = lambda: 54.0
-    one._withdraw_landing_or_loss()
+    learner_of_flight, session._learning.learner = session._learning.learner, None
+    session.stream.pop_withdrawal_time = lambda: 54.0
+    session._withdraw_landing_or_loss()
     assert adviser.is_due, "the recording of a flight without a model is judged, too"
     adviser.is_due = False
-    one._learning.learner = learner_of_flight
-    one.stream.pop_withdrawal_time = lambda: 55.0
-    one.backlog.add([FrameBatch(0.0, 0.0, [])])
-    one._analyse()
+    session._learning.learner = learner_of_flight
+    session.stream.pop_withdrawal_time = lambda: 55.0
+    session.backlog.add([FrameBatch(0.0, 0.0, [])])
+    session._analyse()
     learner.forget_since.assert_called_with(55.0)
     assert adviser.is_due, "gains are advised after a landing"
     adviser.is_due = False
 
     def kept():
-        return one.final_model().settings.seed
+        return session.final_model().settings.seed
 
-    one.report_gain_advice(is_at_end=True)
-    assert not adviser.is_due and one.judging.judgement.next_step == TOO_FEW_SAMPLES, (
+    session.report_gain_advice(is_at_end=True)
+    assert not adviser.is_due and session.judging.judgement.next_step == TOO_FEW_SAMPLES, (
         "once, as what to do next"
     )
     assert kept() == 0
-    one._process_row(row._replace(time=70.0), 0.0)
+    session._process_row(row._replace(time=70.0), 0.0)
     assert kept() == 0, "what was learned of the landing does not come back"
     learner.learned = next_flight
-    one._process_row(row._replace(time=80.0), 0.0)
-    one.report_gain_advice(is_at_end=True)
+    session._process_row(row._replace(time=80.0), 0.0)
+    session.report_gain_advice(is_at_end=True)
     assert adviser.is_due
-    assert kept() == 2 and said[-1].code is SessionFact.FORMER_MODEL_KEPT
-    assert said[-1].figures["reason"] == TOO_FEW_SAMPLES
+    assert kept() == 2 and reported_facts[-1].code is SessionFact.FORMER_MODEL_KEPT
+    assert reported_facts[-1].figures["reason"] == TOO_FEW_SAMPLES
     learner.learn_now.side_effect = TimeoutError
     assert kept() == 2
-    assert said[-1].figures["reason"] == TOO_FEW_SAMPLES, "it is reported once"
+    assert reported_facts[-1].figures["reason"] == TOO_FEW_SAMPLES, "it is reported once"
     alarms = [
         Fact(MotorWatchFact.MOTOR_RECOVERED, level, time=at, subject="motor 1")
         for level, at in 2 * [(Level.BAD, 118.0), (Level.GOOD, 142.0)]  # a fault comes and goes
     ]
     for alarm in alarms:
-        one._presentation.log(alarm)
-    assert said[-4:] == alarms and len(said) == len(one.history.events)
+        session._presentation.log(alarm)
+    assert reported_facts[-4:] == alarms and len(reported_facts) == len(session.history.events)
 
 
 @mark.slow
 def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
-    one, *_ = session_of(batches(8.0), recording_name="my flight.tlog")
-    run(one)
+    """The model at the end of a session keeps the physical parameters of the flight.
+
+    It is judged again, without a recording.
+    """
+    session, *_ = session_of(batches(8.0), recording_name="my flight.tlog")
+    run(session)
     late = mavdem.read_flight(FLIGHT)[2000:4000]
     learned = mavdem.learn(late, COMPLETE)
-    known = learned.physical
+    physical = learned.physical
     # As fitted in flight, to more than the model's own samples.
-    one._learning.estimate = one._learning.estimate._replace(physical=known)
-    model = one.final_model()
-    update = partial(one.judging.update, 1e9, one._learning, one.stream, is_busy=False)
-    with ThreadPoolExecutor(1) as one.judging._executor:
+    session._learning.estimate = session._learning.estimate._replace(physical=physical)
+    model = session.final_model()
+    update = partial(session.judging.update, 1e9, session._learning, session.stream, is_busy=False)
+    with ThreadPoolExecutor(1) as session.judging._executor:
         update(has_rate_setpoint=False)
     update(has_rate_setpoint=False)
-    in_flight = one.status.findings
-    model = one.judge_final_model(model)
-    assert model.physical is known and in_flight.purposes[:2] == one.judging.findings.purposes[:2]
-    lights = one.status.overall_judgement.lights
-    assert one.status.findings == one.judging.findings
+    in_flight = session.status.findings
+    model = session.judge_final_model(model)
+    assert (
+        model.physical is physical
+        and in_flight.purposes[:2] == session.judging.findings.purposes[:2]
+    )
+    lights = session.status.overall_judgement.lights
+    assert session.status.findings == session.judging.findings
     assert lights["log"].level is Level.GOOD and lights["margins"].code is MarginsLight.LOOP_MARGINS
     # Less than nine of ten models of the vehicle lack margin, so that the flight is no basis for new gains.
     assert lights["margins"].remedy.startswith("Keep the gains, and fly ten small, quick doublets")
     # With a setpoint of the rate a log identifies the loop by that, so that the recording has to decide.
-    one.judging.judge_final_model(model, one._learning.row_format, (), has_rate_setpoint=True)
-    awaited = one.judging.judgement.lights["margins"]
+    session.judging.judge_final_model(
+        model, session._learning.row_format, (), has_rate_setpoint=True
+    )
+    awaited = session.judging.judgement.lights["margins"]
     assert awaited.code is Unjudged.JUDGED_LATER and "`mavdem 'my flight.tlog'`" in awaited.remedy
-    assert not one.judging.judgement.headline.warns
+    assert not session.judging.judgement.headline.warns
     # In flight it is identified by another review.
-    with ThreadPoolExecutor(1) as one.judging._executor:
-        one.judging._next_time = 0.0
+    with ThreadPoolExecutor(1) as session.judging._executor:
+        session.judging._next_time = 0.0
         update(has_rate_setpoint=True)
     update(has_rate_setpoint=True)
-    in_flight = one.judging.judgement.lights["margins"]
+    in_flight = session.judging.judgement.lights["margins"]
     assert str(in_flight).startswith("No oscillation so far; margins are known after 25 s")
-    one.judge_final_model(model)
+    session.judge_final_model(model)
     page = html.unescape(
-        live_page("udp", "roll", one.history, one.status, one.time_account(), model)
+        live_page("udp", "roll", session.history, session.status, session.time_account(), model)
     ).replace("\u00a0", " ")
-    assert plus_minus(*np.degrees([known.effect[0], known.interval().effect[0]])) in page
-    assert all(str(purpose.reason) in page for purpose in one.judging.findings.purposes)
+    assert plus_minus(*np.degrees([physical.effect[0], physical.interval().effect[0]])) in page
+    assert all(str(purpose.reason) in page for purpose in session.judging.findings.purposes)
     assert "`mavdem 'my flight.tlog'`" in lights["motors"].remedy, "no hover shows the trim"
     assert "Not judged in flight." in page and "not logged" not in page
     swing = np.sin(10 * np.pi * learned.dt * np.arange(len(late)))[:, None]
     shaken = replace(
         learned.record, inputs=late.inputs + swing * TURNING, outputs=late.outputs + swing
     )
-    one.judge_final_model(replace(learned, record=shaken))
-    assert one.judging.judgement.lights["margins"].code is MarginsLight.OSCILLATES
+    session.judge_final_model(replace(learned, record=shaken))
+    assert session.judging.judgement.lights["margins"].code is MarginsLight.OSCILLATES
 
 
 def test_margins_that_a_decision_states_are_reported_once():
-    one, _, said = session_of([])
-    one._learning.has_settled = True
+    """The decision on the loops of an axis contains the fact about its margins.
+
+    So that fact is not reported by itself.
+    """
+    session, _, reported_facts = session_of([])
+    session._learning.has_settled = True
     margins = Fact(
         MarginsLight.LOOP_MARGINS,
         Level.WATCH,
@@ -493,39 +525,43 @@ def test_margins_that_a_decision_states_are_reported_once():
     decision = Fact(LoopAction.LOOPS_JUDGED, axis="pitch", reason=margins, action=None)
     judged = unjudged(TOO_FEW_SAMPLES)
     judgement = replace(judged, lights={**judged.lights, Light.MARGINS: margins})
-    one._log_advice((decision,), judgement)
-    assert said == [decision]
-    one._log_advice(
+    session._log_advice((decision,), judgement)
+    assert reported_facts == [decision]
+    session._log_advice(
         (decision.replace(axis="roll", reason=margins.replace(axis="roll")),), judgement
     )
-    assert said == [decision, margins]
+    assert reported_facts == [decision, margins]
     # Gains that are written already need no command.
     action = Fact(LoopAction.LOAD_ADVISED_GAINS, arguments=("flight.tlog",))
     advised = margins.replace(axis="roll", action=action)
     written = Fact(GainFact.GAINS_WRITTEN, path="flight.gains", reason=TOO_FEW_SAMPLES)
     lights = {**judged.lights, Light.MARGINS: advised}
-    one._presentation._report_times.clear()
-    one._log_advice((written,), replace(judged, lights=lights))
-    assert [fact.remedy for fact in said[2:]] == ["", written.remedy]
-    del said[2:]
+    session._presentation._report_times.clear()
+    session._log_advice((written,), replace(judged, lights=lights))
+    assert [fact.remedy for fact in reported_facts[2:]] == ["", written.remedy]
+    del reported_facts[2:]
     # A flight that never settled has no gains to speak of, but its recording is judged.
-    one._learning.has_settled = False
-    one._log_advice((Fact(GainFact.GAINS_LEFT, reason=TOO_FEW_SAMPLES),), judgement)
-    assert said == [decision, margins]
+    session._learning.has_settled = False
+    session._log_advice((Fact(GainFact.GAINS_LEFT, reason=TOO_FEW_SAMPLES),), judgement)
+    assert reported_facts == [decision, margins]
 
 
 @mark.parametrize("vehicle, is_sending", [(None, True), (None, False), ("1:1", True)])
 def test_motion_is_missed_of_a_followed_vehicle_or_if_none_sends(now, vehicle, is_sending):
+    """Of two vehicles none is followed yet.
+
+    Only if neither sends its attitude the session says that motion is missing.
+    """
     two_vehicles = Fact(VehicleFact.TWO_VEHICLES_LIVE, subject="1:1")
-    one, *_ = session_of([])
-    silence = one._report.silence
+    session, *_ = session_of([])
+    silence = session._report.silence
     silence.note_messages(now[0], now[0])
     silence.note_samples(1)
     now[0] += 10.0
     silence.note_messages(now[0], now[0])
     silence.note_attitudes(int(is_sending))
     status = SessionStatus(vehicle=vehicle, no_model_reason=two_vehicles)
-    report = replace(one._report, stream=Mock(now=1.0, status=lambda: status))
+    report = replace(session._report, stream=Mock(now=1.0, status=lambda: status))
     no_motion = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MOTION, duration=3.0)
     is_named = vehicle is None and is_sending
     assert report.status.no_model_reason == (two_vehicles if is_named else no_motion)
@@ -534,17 +570,21 @@ def test_motion_is_missed_of_a_followed_vehicle_or_if_none_sends(now, vehicle, i
 
 @mark.slow
 def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
-    one, screen, said = session_of([*batches(9.0)])
-    run(one)
-    assert one.status.rates["ATTITUDE"] == approx(100, rel=0.1) and not one.status.no_model_reason
+    """After 9 s of flight nothing arrives for 10 min, then heartbeats, then the flight goes on."""
+    session, screen, reported_facts = session_of([*batches(9.0)])
+    run(session)
+    assert (
+        session.status.rates["ATTITUDE"] == approx(100, rel=0.1)
+        and not session.status.no_model_reason
+    )
     for seconds in (*[1.0] * 20, *[10.0] * 58):
         now[0] += seconds
-        one.step(0.0)
+        session.step(0.0)
     last = screen.statuses[-1]
     assert set(last.rates.values()) == {0.0}
     silent = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0)
-    lost = [fact for fact in said if fact.code is LinkFact.LOST_IN_FLIGHT]
-    assert last.no_model_reason == silent and silent not in said
+    lost = [fact for fact in reported_facts if fact.code is LinkFact.LOST_IN_FLIGHT]
+    assert last.no_model_reason == silent and silent not in reported_facts
     # Once it is bad, it is reported again.
     assert [fact.level for fact in lost] == [Level.WATCH, Level.BAD]
     assert {fact.code for fact in last.watch_facts} == {WatchFact.NOT_WATCHED}
@@ -552,25 +592,27 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
     # A vehicle that sends nothing else says only that it is there.
     heartbeat = next(frame for _, frame in FRAMES if frame[7:10] == bytes(3))
     for batch in [batches(0.05, start=9.0)[0], *40 * [[(FIRST + 10.0, heartbeat)]]]:
-        one.link.script = [batch]
+        session.link.script = [batch]
         now[0] += 0.25
-        one.step(0.0)
+        session.step(0.0)
     assert (
-        set(one.status.rates.values()) == {0.0}
-        and one.status.no_model_reason.subject == MissingMessages.MOTION
+        set(session.status.rates.values()) == {0.0}
+        and session.status.no_model_reason.subject == MissingMessages.MOTION
     )
     (resumed,) = (
         fact
-        for fact in said
+        for fact in reported_facts
         if fact.code is RowsFact.MESSAGES_RESUMED and fact.subject == MissingMessages.MESSAGES
     )
     assert resumed.figures["duration"] == approx(600.0, abs=1.0)
     # Its absence was an alarm, which the headline of the flight still names.
-    one.link.script = batches(2.0, start=11.0)
-    run(one)
-    assert one.status.is_flying and one.status.link_outage == approx(600.0, abs=1.0)
-    assert "now, after the link was lost for 600 s" in str(one.status.overall_judgement.headline)
-    assert one.status.rates["ATTITUDE"] > 50 and not one.status.no_model_reason
+    session.link.script = batches(2.0, start=11.0)
+    run(session)
+    assert session.status.is_flying and session.status.link_outage == approx(600.0, abs=1.0)
+    assert "now, after the link was lost for 600 s" in str(
+        session.status.overall_judgement.headline
+    )
+    assert session.status.rates["ATTITUDE"] > 50 and not session.status.no_model_reason
 
 
 @mark.slow
@@ -578,22 +620,23 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
 def test_the_end_of_a_silence_says_for_how_long_motion_was_missing_if_that_was_longer(
     now, missing_before
 ):
-    one, _, said = session_of([*batches(9.0)])
-    run(one)
+    """Nothing arrives for 60 s; in one case only heartbeats came in the 30 s before."""
+    session, _, reported_facts = session_of([*batches(9.0)])
+    run(session)
     heartbeat = next(frame for _, frame in FRAMES if frame[7:10] == bytes(3))
     for _ in range(missing_before):
-        one.link.script = [[(FIRST + 9.0, heartbeat)]]
+        session.link.script = [[(FIRST + 9.0, heartbeat)]]
         now[0] += 1.0
-        one.step(0.0)
+        session.step(0.0)
     now[0] += 60.0
     # What is received now may have come at any time since the step before.
-    one.step(0.0)
+    session.step(0.0)
     # A heartbeat comes before the first attitude.
-    one.link.script = [[(FIRST + 9.9, heartbeat)], *batches(2.0, start=10.0)]
-    run(one)
+    session.link.script = [[(FIRST + 9.9, heartbeat)], *batches(2.0, start=10.0)]
+    run(session)
     durations = {
         fact.subject: fact.figures["duration"]
-        for fact in said
+        for fact in reported_facts
         if fact.code is RowsFact.MESSAGES_RESUMED
     }
     expected = {MissingMessages.MESSAGES: approx(60.0, abs=1.0)}
@@ -610,91 +653,96 @@ def test_a_slow_computer_reports_it_and_puts_off_fits_then_plots_but_no_row(now,
         (stamp - FIRST + 100.0, frame) for stamp, frame in FRAMES if 0.0 <= stamp - FIRST < 30.0
     ]
     ahead = np.zeros((1, 2))
-    one, screen, said = session_of([], requested_rate=100.0)
+    session, screen, reported_facts = session_of([], requested_rate=100.0)
     held = Mock()
     screen.pause = held
     delays = []
 
     def made(_, t, y, u, *_weak):
-        delays.append(now[0] - one.backlog.analysed_until)
+        delays.append(now[0] - session.backlog.analysed_until)
         return Estimate(t, y, y, np.array([t + 0.25]), ahead, ahead, ahead)
 
     monkeypatch.setattr(mavdem.OnlineLearner, "update", made)
-    take = one._process_row
+    take = session._process_row
     shed = []
 
     def slow(row, arrival_time):
         now[0] += 0.03 * (107.0 < now[0] < 122.0)  # three times what it spans
         take(row, arrival_time)
 
-    one._process_row = slow
-    while arriving or one.backlog:
+    session._process_row = slow
+    while arriving or session.backlog:
         here = [piece for piece in arriving[:4000] if piece[0] <= now[0]]
-        one.link.script, sent, behind = (
+        session.link.script, sent, behind = (
             [here],
-            len(one.link.sent),
-            one.backlog.analysed_until < now[0] - 0.6,
+            len(session.link.sent),
+            session.backlog.analysed_until < now[0] - 0.6,
         )
         del arriving[: len(here)]
-        one.step(0.0)
+        session.step(0.0)
         if behind:
-            assert len(one.link.sent) == sent, "no rates are asked for meanwhile"
-        if one._learning.learner is not None and held.called:
-            shed.append((not one._learning.learner.fits_physical, held.call_args[0][0]))
+            assert len(session.link.sent) == sent, "no rates are asked for meanwhile"
+        if session._learning.learner is not None and held.called:
+            shed.append((not session._learning.learner.fits_physical, held.call_args[0][0]))
         now[0] += 0.01
     assert shed.index((True, False)) < shed.index((True, True)), "fits wait first, then pictures"
     assert (False, True) not in shed
-    assert one.backlog.longest_delay - 1 > max(delays) > 3, (
+    assert session.backlog.longest_delay - 1 > max(delays) > 3, (
         "estimates wait after pictures, and rows do not"
     )
     first, *_ = (status.delay_fact for status in screen.statuses if status.delay_fact)
     assert first.code is SessionFact.ESTIMATES_LATE and first.figures["delay"] == approx(
         1.5, abs=0.6
     )
-    begin, end = (fact for fact in said if "delay" in fact.figures)
+    begin, end = (fact for fact in reported_facts if "delay" in fact.figures)
     assert (begin.code, end.code) == (SessionFact.COMPUTER_BEHIND, SessionFact.COMPUTER_KEEPS_UP)
     assert begin.figures["delay"] == approx(1.0, abs=0.05)
-    assert end.figures["delay"] == one.backlog.longest_delay > 5.0 and not one.status.delay_fact
+    assert (
+        end.figures["delay"] == session.backlog.longest_delay > 5.0
+        and not session.status.delay_fact
+    )
     gaps = (
         RowsFact.MESSAGES_RESUMED,
         RowsFact.NOTHING_RECEIVED,
         RowsFact.MESSAGE_GAP,
         VehicleFact.CLOCK_JUMPED,
     )
-    assert not [fact for fact in said if fact.code in gaps]
+    assert not [fact for fact in reported_facts if fact.code in gaps]
     rows = [row for row in screen.rows if row[1] >= 0]
-    assert len(rows) == one.status.learned_rows + one.status.unlearned_rows > 2500
-    account = one.time_account()
+    assert len(rows) == session.status.learned_rows + session.status.unlearned_rows > 2500
+    account = session.time_account()
     assert sum(account.values()) == approx(now[0] - 100.0)
-    assert account["learned"] == approx(one.status.learned_rows / 100, abs=0.3)
+    assert account["learned"] == approx(session.status.learned_rows / 100, abs=0.3)
     assert not account["left_out"] and not account["silent"]
 
 
 @mark.slow
 def test_every_frame_is_recorded_whatever_happens_to_the_rest(tmp_path, monkeypatch):
+    """The recording is complete although the viewer fails, learning overflows and the link breaks."""
     recording = RawRecording(tmp_path / "flight.tlog")
-    one, _, said = session_of(
+    session, _, reported_facts = session_of(
         [*batches(7.0), LinkLost("x", LinkError.FAILED), [], []], recording=recording
     )
-    one._presentation._open_display = Mock(side_effect=RuntimeError("a mistake of the view's"))
+    session._presentation._open_display = Mock(side_effect=RuntimeError("a mistake of the view's"))
     monkeypatch.setattr(
         mavdem.OnlineLearner, "update", Mock(side_effect=ValueError("It overflows."))
     )
-    run(one)
+    run(session)
     kept = [frame for _, frame in read_stream(tmp_path / "flight.tlog").stamped_frames()]
     assert kept == [frame for stamp, frame in FRAMES if stamp - FIRST < 7.0]
-    codes = [fact.code for fact in said]
+    codes = [fact.code for fact in reported_facts]
     assert codes.count(SessionFact.SAMPLE_SKIPPED) == codes.count(SessionFact.DISPLAY_FAILED) == 1
     assert codes[-2:] == [LinkFact.CONNECTION_LOST, LinkFact.LINK_OPEN_AGAIN]
-    assert said[-2].figures["reopening"]
+    assert reported_facts[-2].figures["reopening"]
 
 
 @mark.slow
 def test_a_recording_that_fails_ends_alone():
+    """The disk is full: that is reported, and the session goes on learning."""
     full = Mock(**{"add.side_effect": OSError(28, "No space left on device")})
-    one, screen, said = session_of(batches(9.0), recording=full)
-    run(one)
-    (ended,) = (fact for fact in said if fact.code is LinkFact.STREAM_RECORDING_ENDED)
+    session, screen, reported_facts = session_of(batches(9.0), recording=full)
+    run(session)
+    (ended,) = (fact for fact in reported_facts if fact.code is LinkFact.STREAM_RECORDING_ENDED)
     assert ended.figures["error"] == "No space left on device" and not ended.figures["finishing"]
     assert screen.rows[-1][2].model is not None
 
@@ -714,13 +762,17 @@ FAULTS = {
 def test_a_session_with_all_faults_ends_with_a_good_model(
     monkeypatch,
 ):
+    """A simulated flight has gaps, a reboot, clock jumps and lost messages.
+
+    Its model must forecast nearly as well as one of an undisturbed log.
+    """
     monkeypatch.setattr("live_faults.RATE", 50.0)
     long = load("ardupilot_faults").model_dump(mode="json")
     slower = {"SCHED_LOOP_RATE": 200.0}
     weak = {**long["vehicle"], "weak_from": 37.0, "parameters": slower}  # all of the second flight
     scenario = scenario_from_table({**long, **SHORT, "faults": FAULTS, "vehicle": weak})
     session, account = run_session(scenario)
-    said = {event.fact.code for event in session.history.events}
+    reported_facts = {event.fact.code for event in session.history.events}
     happened = {
         VehicleFact.VEHICLE_REBOOTED,
         VehicleFact.CLOCK_JUMPED,
@@ -728,8 +780,8 @@ def test_a_session_with_all_faults_ends_with_a_good_model(
         SessionFact.NOT_FLYING,
         RateFact.RATES_CONTESTED,
     }
-    assert happened <= said
-    assert RowsFact.MOTOR_ORDER_ASSUMED not in said, (
+    assert happened <= reported_facts
+    assert RowsFact.MOTOR_ORDER_ASSUMED not in reported_facts, (
         "parameters say where the motors are, and come when they are asked for"
     )
     assert sum(account.values()) == approx(74.0, abs=0.5)
@@ -754,30 +806,31 @@ def test_a_session_with_all_faults_ends_with_a_good_model(
 def test_what_is_wrong_in_a_climb_is_shown_before_there_are_rows(now):
     """From take-off on, although the model's rows begin after the climb."""
     first = next(i for i, (stamp, _) in enumerate(FRAMES) if stamp >= FIRST)
-    one, screen, said = session_of([])
+    session, screen, reported_facts = session_of([])
     ground = {"landed_state": dialect.MAV_LANDED_STATE_TAKEOFF}
     takes_off = message("EXTENDED_SYS_STATE", **ground)
     for stamp, frame in FRAMES[first : first + 1500]:
-        one.link.script.append([(stamp, frame + takes_off)])
+        session.link.script.append([(stamp, frame + takes_off)])
         now[0] += 0.01
-        one.step(0.0)
-    assert one._learning.row_format is None and screen.setups and len(screen.rows) >= 2
-    one.end()
+        session.step(0.0)
+    assert session._learning.row_format is None and screen.setups and len(screen.rows) >= 2
+    session.end()
 
 
 @mark.slow
 def test_unexpected_motion_is_one_event_while_it_lasts(monkeypatch):
+    """The learner marks all samples from 88 s to 90 s as unusual."""
     real = mavdem.dem.OnlineLearner.update
 
     def update(self, time, *sample):
-        found = real(self, time, *sample)
-        return found and found._replace(unusual=88 < time < 90, window_center=time)
+        estimate = real(self, time, *sample)
+        return estimate and estimate._replace(unusual=88 < time < 90, window_center=time)
 
     monkeypatch.setattr("mavdem.dem.OnlineLearner.update", update)
-    one, _, said = session_of(batches(16.0))
-    run(one)
-    begins = [row for row in said if row.code is SessionFact.MOTION_UNEXPECTED]
-    assert len(begins) == 1 and begins[0].level is Level.WATCH
+    session, _, reported_facts = session_of(batches(16.0))
+    run(session)
+    reports = [row for row in reported_facts if row.code is SessionFact.MOTION_UNEXPECTED]
+    assert len(reports) == 1 and reports[0].level is Level.WATCH
 
 
 def test_bytes_without_a_message_are_noise_and_no_silence(now):
@@ -794,8 +847,8 @@ def test_bytes_without_a_message_are_noise_and_no_silence(now):
 
 
 def test_of_several_vehicles_one_is_to_be_chosen_still_at_the_end():
-    one, _, _ = session_of([])
+    session, _, _ = session_of([])
     choice = Fact(VehicleFact.CHOOSE_VEHICLE, name="1:1")
-    one.stream._vehicles.not_followed_reason = choice
-    assert refused(one.final_model) == choice
-    assert one.status.no_model_reason == choice
+    session.stream._vehicles.not_followed_reason = choice
+    assert refused(session.final_model) == choice
+    assert session.status.no_model_reason == choice

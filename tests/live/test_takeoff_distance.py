@@ -22,8 +22,9 @@ class Unplaced(Flight):
 
 
 def test_distance_and_height_from_the_take_off_are_shown_in_flight(monkeypatch):
-    judged = Mock(wraps=drift_sample)
-    monkeypatch.setattr("mavdem.live.stream.drift_sample", judged)
+    """Positions 20 m east of the take-off and 10 m above it are received."""
+    drift_samples = Mock(wraps=drift_sample)
+    monkeypatch.setattr("mavdem.live.stream.drift_sample", drift_samples)
     hover = Hover(hovering=8.0)
     positions = [
         (
@@ -45,8 +46,8 @@ def test_distance_and_height_from_the_take_off_are_shown_in_flight(monkeypatch):
     status = replay(by_time(flight, positions)).stream.status()
     assert status.is_flying and status.displacement_from_takeoff == (approx(20.0), approx(10.0))
     # The drift in wind is judged by the velocity north and east of the same messages.
-    assert {call.args[2] for call in judged.call_args_list} == {(1.5, -2.0)}
-    shown = vehicle_text(
+    assert {call.args[2] for call in drift_samples.call_args_list} == {(1.5, -2.0)}
+    text = vehicle_text(
         SessionStatus(
             "1:1",
             is_flying=True,
@@ -55,7 +56,7 @@ def test_distance_and_height_from_the_take_off_are_shown_in_flight(monkeypatch):
             takeoff_position=(3.0, 0.0, -1.7),
         )
     )
-    assert shown.startswith("1:1, in flight 20 m from the take-off and 10 m above it, battery")
+    assert text.startswith("1:1, in flight 20 m from the take-off and 10 m above it, battery")
 
 
 def test_no_distance_is_shown_where_the_take_off_was_not_seen():

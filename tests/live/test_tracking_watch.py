@@ -22,6 +22,7 @@ VEHICLE = Telemetry(1, component=1, vehicle="QUADROTOR", autopilot="ARDUPILOTMEG
     ],
 )
 def test_the_tracking_is_that_of_the_latest_minute(error, seconds, level):
+    """Roll deviates from its setpoint by a constant error, rad; after too few seconds it is not judged."""
     watch = TrackingWatch(RecentMessages())
     assert not watch.has_setpoints(0.0)
     for row in range(round(50 * seconds)):
@@ -45,6 +46,7 @@ def test_the_tracking_is_that_of_the_latest_minute(error, seconds, level):
 def test_a_rate_setpoint_shows_the_loop_if_it_changes_and_is_fast(
     message_rate, rate_of_setpoint, is_found
 ):
+    """The loop can be identified from a rate setpoint that changes and comes at 50 Hz, but not from one at 4 Hz."""
     watch = TrackingWatch(RecentMessages())
     assert not watch.has_rate_setpoint(VEHICLE, "roll")
     for row in range(10 * message_rate):

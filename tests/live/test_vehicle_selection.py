@@ -19,12 +19,12 @@ def only_heartbeats(system=1):
 
 
 def with_parameters(frames, values):
-    """Frames with PARAM_VALUEs at 12.5 s."""
-    sent = [
-        (12.5, message("PARAM_VALUE", param_id=name, param_value=at, param_type=9))
-        for name, at in values.items()
+    """Returns frames of a flight together with messages at 12.5 s that state parameters of the autopilot."""
+    parameter_messages = [
+        (12.5, message("PARAM_VALUE", param_id=name, param_value=value, param_type=9))
+        for name, value in values.items()
     ]
-    return by_time(frames, sent)
+    return by_time(frames, parameter_messages)
 
 
 def test_parameters_are_decoded_again_only_when_another_comes():
@@ -47,6 +47,7 @@ def test_a_multirotor_stays_one_whatever_a_later_heartbeat_says():
 
 @mark.slow
 def test_the_only_one_is_followed_beside_ground_station_gimbal_and_plane():
+    """Of all senders on the link only one is a multirotor that sends its attitude."""
     others = [
         (number / 50, message("ATTITUDE", 3, 1, sequence=number % 256)) for number in range(700)
     ]
@@ -56,12 +57,12 @@ def test_the_only_one_is_followed_beside_ground_station_gimbal_and_plane():
             (second + 0.4, heartbeat(1, 154, kind=26)),
             (second + 0.4, heartbeat(3, 1, kind=1)),
         ]
-    made = replay(by_time(Flight().frames(end=14.0), others))
-    assert made.facts[0].code is VehicleFact.FOLLOWING_VEHICLE and made.rows
-    assert made.facts[0].subject == "1:1 (QUADROTOR, ARDUPILOTMEGA)"
+    replayed = replay(by_time(Flight().frames(end=14.0), others))
+    assert replayed.facts[0].code is VehicleFact.FOLLOWING_VEHICLE and replayed.rows
+    assert replayed.facts[0].subject == "1:1 (QUADROTOR, ARDUPILOTMEGA)"
     flying = [
         (sender.system, sender.component)
-        for sender in made.stream._vehicles
+        for sender in replayed.stream._vehicles
         if sender.sends_attitude
     ]
     assert flying == [(1, 1)]
@@ -69,38 +70,42 @@ def test_the_only_one_is_followed_beside_ground_station_gimbal_and_plane():
 
 @mark.slow
 def test_of_several_none_is_guessed_and_all_are_listed():
+    """Two multirotors send: the user has to choose one."""
     mute = by_time(only_heartbeats(), only_heartbeats(system=4))
     missing = replay(only_heartbeats(), vehicle="7").stream.status().no_model_reason
     assert missing == Fact(VehicleFact.NO_VEHICLE_YET, subject="7")
-    made = replay(TWO)
-    assert not made.rows and made.stream.status().vehicle is None
-    (fact,) = made.facts
+    replayed = replay(TWO)
+    assert not replayed.rows and replayed.stream.status().vehicle is None
+    (fact,) = replayed.facts
     assert fact.code is VehicleFact.VEHICLES_FOUND and fact.figures["name"] == "1:1"
-    both = "1:1 (QUADROTOR, ARDUPILOTMEGA)", "4:1 (QUADROTOR, ARDUPILOTMEGA)"
-    assert fact.figures["names"] == both and not fact.figures["others"]
-    obstacle = made.stream.status().no_model_reason
+    names = "1:1 (QUADROTOR, ARDUPILOTMEGA)", "4:1 (QUADROTOR, ARDUPILOTMEGA)"
+    assert fact.figures["names"] == names and not fact.figures["others"]
+    obstacle = replayed.stream.status().no_model_reason
     assert obstacle.code is VehicleFact.CHOOSE_VEHICLE
     assert replay(mute).stream.status().no_model_reason == obstacle
 
 
 @mark.slow
 def test_the_one_that_is_named_is_followed():
-    made = replay(TWO, vehicle="4")
-    assert made.stream.status().vehicle == "4:1"
-    assert made.rows and {VehicleFact.OTHER_VEHICLE, RowsFact.ROWS_BEGIN} <= {*made.codes}
+    replayed = replay(TWO, vehicle="4")
+    assert replayed.stream.status().vehicle == "4:1"
+    assert replayed.rows and {VehicleFact.OTHER_VEHICLE, RowsFact.ROWS_BEGIN} <= {*replayed.codes}
 
 
 def test_a_vehicle_that_sends_only_heartbeats_is_followed():
+    """The vehicle is identified by its heartbeats, and the missing attitude is the reason for no rows."""
     others = [
         (time + 0.5, heartbeat(255, 190, kind=6, autopilot=8)) for time, _ in only_heartbeats()
     ]
-    made = replay(by_time(only_heartbeats(), others))
-    assert made.codes == [VehicleFact.FOLLOWING_VEHICLE]
-    assert made.stream.status().vehicle == "1:1"
+    replayed = replay(by_time(only_heartbeats(), others))
+    assert replayed.codes == [VehicleFact.FOLLOWING_VEHICLE]
+    assert replayed.stream.status().vehicle == "1:1"
     assert replay(only_heartbeats(), vehicle="1").stream.status().vehicle == "1:1"
-    assert made.stream.status().no_model_reason == Fact(RowsFact.NO_LIVE_ATTITUDE, can_ask=True)
-    asked = replay(only_heartbeats(), rates_requested=True).stream.status().no_model_reason
-    assert asked.code is RowsFact.ATTITUDE_ASKED
+    assert replayed.stream.status().no_model_reason == Fact(RowsFact.NO_LIVE_ATTITUDE, can_ask=True)
+    reason_after_request = (
+        replay(only_heartbeats(), rates_requested=True).stream.status().no_model_reason
+    )
+    assert reason_after_request.code is RowsFact.ATTITUDE_ASKED
 
 
 @mark.slow
@@ -109,50 +114,59 @@ def test_a_plane_that_is_named_is_reported_to_be_none():
         (time, heartbeat(kind=1) if data[7] == 0 else data)
         for time, data in Flight().frames(end=10.0)
     ]
-    made = replay(frames, vehicle="1:1")
+    replayed = replay(frames, vehicle="1:1")
     refusal = Fact(VehicleFact.NOT_A_MULTIROTOR, vehicle_type="FIXED_WING", axis="roll")
-    assert not made.rows and refusal in made.facts
+    assert not replayed.rows and refusal in replayed.facts
 
 
 @mark.slow
 def test_motors_are_placed_by_parameters_when_these_come_in_flight():
     values = {b"SERVO%d_FUNCTION" % n: 32 + n for n in range(1, 5)}
-    made = replay(with_parameters(Flight().frames(end=14.0), values))
-    assert RowsFact.MOTOR_ORDER_KNOWN not in made.codes, "their places are assumed"
+    replayed = replay(with_parameters(Flight().frames(end=14.0), values))
+    assert RowsFact.MOTOR_ORDER_KNOWN not in replayed.codes, "their places are assumed"
     values |= {b"FRAME_CLASS": 1, b"FRAME_TYPE": 0}
-    made = replay(with_parameters(Flight().frames(end=14.0), values))
-    assert made.segments().keys() == {0}
-    assert RowsFact.MOTOR_ORDER_ASSUMED in made.codes
-    assert made.facts[-1].code is RowsFact.MOTOR_ORDER_KNOWN
-    assert made.facts[-1].figures["basis"].figures["places_by"] is PositionSource.PARAMETERS
-    assert made.stream.row_format.geometry.names[0] == "motor 1 (right)"
+    replayed = replay(with_parameters(Flight().frames(end=14.0), values))
+    assert replayed.segments().keys() == {0}
+    assert RowsFact.MOTOR_ORDER_ASSUMED in replayed.codes
+    assert replayed.facts[-1].code is RowsFact.MOTOR_ORDER_KNOWN
+    assert replayed.facts[-1].figures["basis"].figures["places_by"] is PositionSource.PARAMETERS
+    assert replayed.stream.row_format.geometry.names[0] == "motor 1 (right)"
 
 
 @mark.slow
 def test_parameters_that_name_other_channels_begin_a_new_segment():
     values = {b"SERVO%d_FUNCTION" % n: 37 - n for n in range(1, 5)}
-    made = replay(with_parameters(Flight().frames(end=16.0), values))
-    assert made.segments().keys() == {0, 1} and made.setups[1].geometry.channels == (4, 3, 2, 1)
-    assert RowsFact.INPUTS_CHANGED in made.codes
-    before = made.segments()[0][-1]
-    after = made.segments()[1][-1]
+    replayed = replay(with_parameters(Flight().frames(end=16.0), values))
+    assert replayed.segments().keys() == {0, 1} and replayed.setups[1].geometry.channels == (
+        4,
+        3,
+        2,
+        1,
+    )
+    assert RowsFact.INPUTS_CHANGED in replayed.codes
+    before = replayed.segments()[0][-1]
+    after = replayed.segments()[1][-1]
     assert before.inputs[0] != before.inputs[1]
     assert after.inputs[0] == after.inputs[3] != after.inputs[1]
 
 
 @mark.slow
 def test_two_vehicles_under_one_id_are_refused_until_one_is_silent():
+    """From 8 s to 14 s a second vehicle with the same ids sends, whose clock is 500 s ahead.
+
+    There are no rows meanwhile.
+    """
     first = Flight(hover=Hover(hovering=40.0)).frames(end=30.0)
     second = Flight(hover=Hover(hovering=40.0), clock=500.0).frames(start=8.0, end=14.0)
-    made = replay(by_time(first, second))
+    replayed = replay(by_time(first, second))
     refusals = [
-        event.fact for event in made.events if event.fact.code is VehicleFact.TWO_VEHICLES_LIVE
+        event.fact for event in replayed.events if event.fact.code is VehicleFact.TWO_VEHICLES_LIVE
     ]
     assert [fact.subject for fact in refusals] == ["1:1"]
-    assert VehicleFact.VEHICLE_REBOOTED not in made.codes
-    assert not made.stream.motor_alarms.latest
-    assert made.stream.followed_vehicle.name == "1:1"
-    times = [row.time for row in made.rows]
+    assert VehicleFact.VEHICLE_REBOOTED not in replayed.codes
+    assert not replayed.stream.motor_alarms.latest
+    assert replayed.stream.followed_vehicle.name == "1:1"
+    times = [row.time for row in replayed.rows]
     assert not [time for time in times if 9.0 < time < 14.0 or time > 100.0]
     assert max(times) > 25.0
 

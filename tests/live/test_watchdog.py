@@ -70,52 +70,56 @@ class Hot(Hover):
         return np.sin(2 * np.pi * self.frequency * np.asarray(t))
 
 
-def said(made, code):
-    """Facts of a code, or about one."""
+def facts_about(replayed, code):
+    """Returns the reported facts with a code, or whose reason has that code."""
     return [
         fact
-        for fact in made.facts
+        for fact in replayed.facts
         if code in (fact.code, getattr(fact.figures.get("reason"), "code", None))
     ]
 
 
 @fixture(scope="module")
 def hot():
+    """A hover whose roll loop begins to oscillate in a limit cycle of 23 Hz."""
     return replay(Flight(Hot(hovering=30.0)).frames(end=38.0))
 
 
 @mark.slow
 def test_a_limit_cycle_is_reported_within_two_seconds_and_when_it_ends(hot):
-    off = next(fact.time for fact in hot.facts if fact.code is ReportedEvent.OFF_GROUND)
-    alarm, over, *_ = said(hot, MarginsLight.OSCILLATES)
+    """Roll oscillates at 23 Hz from the take-off on until 19 s or later."""
+    takeoff_time = next(fact.time for fact in hot.facts if fact.code is ReportedEvent.OFF_GROUND)
+    alarm, end_of_alarm, *_ = facts_about(hot, MarginsLight.OSCILLATES)
     assert (
-        alarm.code is SessionFact.ALARM and alarm.level is Level.BAD and off < alarm.time <= off + 2
+        alarm.code is SessionFact.ALARM
+        and alarm.level is Level.BAD
+        and takeoff_time < alarm.time <= takeoff_time + 2
     )
     cycle = alarm.figures["reason"]
     assert cycle.subject == "roll" and cycle.figures["frequency"] == approx(23.0, abs=1.1)
     assert cycle.figures["turn_rate"] < np.pi
     assert not hot.stream.status().worst_lights[Light.MOTORS].is_good
-    assert over.code is WatchFact.ALARM_OVER and 19.0 < over.time < 22.6
-    [shown] = [each for each in hot.events if each.fact is over]
-    assert shown.seconds - 1.7e9 == approx(over.time + CALM_SECONDS, abs=0.6)
+    assert end_of_alarm.code is WatchFact.ALARM_OVER and 19.0 < end_of_alarm.time < 22.6
+    [terminal_output] = [each for each in hot.events if each.fact is end_of_alarm]
+    assert terminal_output.seconds - 1.7e9 == approx(end_of_alarm.time + CALM_SECONDS, abs=0.6)
 
 
 @mark.slow
 def test_what_was_wrong_is_the_headline_of_the_session(hot):
-    judged = replace(hot.stream.status(), motor_alarms=()).overall_judgement
+    judgement = replace(hot.stream.status(), motor_alarms=()).overall_judgement
     # Both are over.
-    assert judged.headline.code is WatchFact.ALARM_OVER and judged.headline.is_bad
-    assert judged.headline.figures["reason"].code is MotorsLight.MOTOR_LIMITED
-    assert judged.lights["margins"].figures["reason"].code is MarginsLight.OSCILLATES
-    assert judged.next_step.figures["reason"] is judged.headline
-    assert str(judged.next_step).startswith("Land soon. Do not fly")
+    assert judgement.headline.code is WatchFact.ALARM_OVER and judgement.headline.is_bad
+    assert judgement.headline.figures["reason"].code is MotorsLight.MOTOR_LIMITED
+    assert judgement.lights["margins"].figures["reason"].code is MarginsLight.OSCILLATES
+    assert judgement.next_step.figures["reason"] is judgement.headline
+    assert str(judgement.next_step).startswith("Land soon. Do not fly")
     landed = replace(hot.stream.status(), motor_alarms=(), is_flying=False).overall_judgement
     assert landed.next_step.code is NextStep.DO_AS_ADVISED
 
 
 @mark.slow
 def test_a_motor_at_its_limit_is_named(hot):
-    [alarm, _] = said(hot, MotorsLight.MOTOR_LIMITED)
+    [alarm, _] = facts_about(hot, MotorsLight.MOTOR_LIMITED)
     assert alarm.subject == "motor 1 (front right)" and alarm.code is SessionFact.ALARM
     begun = 22.0 + ALARMING_SHARE * DECISION_SECONDS
     assert begun <= alarm.time <= begun + 0.6
@@ -124,8 +128,8 @@ def test_a_motor_at_its_limit_is_named(hot):
 @mark.slow
 @mark.parametrize("sound", [{"size": 0.0}, {"frequency": 1.0, "size": 450.0}])
 def test_what_is_sound_or_steered_is_no_limit_cycle(sound):
-    made = replay(Flight(Hot(hovering=10.0, **sound)).frames(end=16.0))
-    assert not said(made, MarginsLight.OSCILLATES)
+    replayed = replay(Flight(Hot(hovering=10.0, **sound)).frames(end=16.0))
+    assert not facts_about(replayed, MarginsLight.OSCILLATES)
 
 
 @mark.slow
@@ -139,15 +143,15 @@ def test_what_interrupts_a_link_raises_no_alarm():
     swapped[::2], swapped[1::2] = swapped[1::2], swapped[::2]
     after_a_gap = flight.frames(start=18.5, end=21.0)
     another_rate = Flight(flight.hover, motors=25.0).frames(start=21.0, end=24.0)
-    made = replay([*lossy, *twice, *swapped, *after_a_gap, *another_rate])
-    assert len(made.segments()) > 1, "the gap interrupts the rows"
-    assert SessionFact.ALARM not in made.codes
-    watched = {fact.subject: fact.code for fact in made.stream.status().watch_facts}
+    replayed = replay([*lossy, *twice, *swapped, *after_a_gap, *another_rate])
+    assert len(replayed.segments()) > 1, "the gap interrupts the rows"
+    assert SessionFact.ALARM not in replayed.codes
+    watched = {fact.subject: fact.code for fact in replayed.stream.status().watch_facts}
     assert watched["oscillation"] is not WatchFact.NOT_WATCHED
 
 
-def told(*messages, until=20.0):
-    """A hover with more messages, each its time, name and fields."""
+def replayed_with_messages(*messages, until=20.0):
+    """Replays a hover with further messages: time, name and fields of each."""
     sent = [(time, message(name, **fields)) for time, name, fields in messages]
     frames = Flight(Hover(hovering=20.0), attitude=20.0, motors=20.0).frames(end=until)
     return replay(by_time(frames, sent))
@@ -155,47 +159,52 @@ def told(*messages, until=20.0):
 
 @mark.slow
 def test_a_low_battery_vibration_and_warnings_are_said_as_they_come():
+    """The voltage falls at 8 s, vibration rises at 15 s, and a GPS glitch is reported at 10 s. Each has one alarm."""
     seconds = np.arange(4.0, 20.0, 0.5).tolist()
-    volts = {at: 12.4 if at < 8.0 else 8.0 for at in seconds}
-    shaken = {at: 5.0 if at < 15.0 else 70.0 for at in seconds}
-    made = told(
-        *((at, "SYS_STATUS", {"voltage_battery": round(1000 * volts[at])}) for at in seconds),
-        *((at, "VIBRATION", {"vibration_x": shaken[at]}) for at in seconds),
+    volts = {time: 12.4 if time < 8.0 else 8.0 for time in seconds}
+    shaken = {time: 5.0 if time < 15.0 else 70.0 for time in seconds}
+    replayed = replayed_with_messages(
+        *((time, "SYS_STATUS", {"voltage_battery": round(1000 * volts[time])}) for time in seconds),
+        *((time, "VIBRATION", {"vibration_x": shaken[time]}) for time in seconds),
         (10.0, "STATUSTEXT", {"severity": 4, "text": b"GPS Glitch"}),
         (11.0, "STATUSTEXT", {"severity": 4, "text": b"GPS Glitch"}),
     )
-    [low] = said(made, PowerLight.BATTERY_LOW)[-1:]
-    assert low.code is SessionFact.ALARM and low.time < 20.0
-    watched, shaking, *_ = said(made, VibrationLight.VIBRATION_MEASURED)
+    [battery_alarm] = facts_about(replayed, PowerLight.BATTERY_LOW)[-1:]
+    assert battery_alarm.code is SessionFact.ALARM and battery_alarm.time < 20.0
+    watched, shaking, *_ = facts_about(replayed, VibrationLight.VIBRATION_MEASURED)
     assert (
         watched.level is Level.WATCH and shaking.code is SessionFact.ALARM and shaking.time > 15.0
     )
-    [jumped] = said(made, ReportedEvent.GPS_JUMPED)
+    [jumped] = facts_about(replayed, ReportedEvent.GPS_JUMPED)
     assert jumped.time == approx(10.0, abs=0.1)
-    assert {fact.subject for fact in made.stream.status().watch_facts} == {*WatchedQuantity}
+    assert {fact.subject for fact in replayed.stream.status().watch_facts} == {*WatchedQuantity}
 
 
 @mark.slow
 @mark.parametrize("version, is_known", [(0x010C03FF, False), (0x010D00FF, True)])
 def test_a_version_that_came_once_says_what_the_vibration_of_px4_is(version, is_known):
+    """PX4 before 1.13 sends other quantities in VIBRATION, so that it can be judged only with the version."""
     flight = Flight(Hover(hovering=70.0), attitude=20.0, motors=20.0, autopilot="PX4")
-    levels = [(at, message("VIBRATION", vibration_z=0.1)) for at in ticks(4.0, 75.0, 2.0)]
+    levels = [(time, message("VIBRATION", vibration_z=0.1)) for time in ticks(4.0, 75.0, 2.0)]
     sent = [(3.5, message("AUTOPILOT_VERSION", flight_sw_version=version)), *levels]
-    made = replay(by_time(flight.frames(end=75.0), sent))
-    light = made.stream.status().worst_lights[Light.VIBRATION]
+    replayed = replay(by_time(flight.frames(end=75.0), sent))
+    light = replayed.stream.status().worst_lights[Light.VIBRATION]
     assert (light.code is VibrationLight.VIBRATION_MEASURED) is is_known
     assert light.is_good is is_known
 
 
 def test_the_estimator_is_judged_in_flight_as_in_a_log():
+    """From 12 s to 15 s the innovation test ratio of the position is 1.6, above its limit of 1."""
     reports = {
-        at: {"velocity_variance": 0.1, "pos_horiz_variance": 1.6 if 12.0 < at < 15.0 else 0.1}
-        for at in np.arange(4.0, 20.0, 0.5).tolist()
+        time: {"velocity_variance": 0.1, "pos_horiz_variance": 1.6 if 12.0 < time < 15.0 else 0.1}
+        for time in np.arange(4.0, 20.0, 0.5).tolist()
     }
-    made = told(*((at, "EKF_STATUS_REPORT", fields) for at, fields in reports.items()))
-    light = made.stream.status().worst_lights[Light.ESTIMATOR]
+    replayed = replayed_with_messages(
+        *((time, "EKF_STATUS_REPORT", fields) for time, fields in reports.items())
+    )
+    light = replayed.stream.status().worst_lights[Light.ESTIMATOR]
     assert light.code is EstimatorLight.FILTER_DOUBTED and light.level is Level.WATCH
-    assert len(said(made, EstimatorLight.FILTER_DOUBTED)) == 1
+    assert len(facts_about(replayed, EstimatorLight.FILTER_DOUBTED)) == 1
 
 
 @mark.parametrize("later, shown", [(0.1, 0.2), (0.3, 0.3)], ids=["a smaller one", "a larger one"])
@@ -214,11 +223,16 @@ def test_the_largest_innovation_of_a_flight_stays_when_the_last_minute_has_anoth
 def test_a_fault_of_the_estimator_is_over_when_its_innovation_was_last_beyond_its_limit():
     """Its duration is counted from its start, not from the time of the largest innovation, which its sentence has."""
     reports = {
-        at: {"velocity_variance": 0.1, "pos_horiz_variance": at / 10 if 12.0 < at < 18.0 else 0.1}
-        for at in np.arange(4.0, 34.0, 0.5).tolist()
+        time: {
+            "velocity_variance": 0.1,
+            "pos_horiz_variance": time / 10 if 12.0 < time < 18.0 else 0.1,
+        }
+        for time in np.arange(4.0, 34.0, 0.5).tolist()
     }
-    made = told(*((at, "EKF_STATUS_REPORT", fields) for at, fields in reports.items()), until=33.0)
-    facts = said(made, EstimatorLight.FILTER_DOUBTED)
+    replayed = replayed_with_messages(
+        *((time, "EKF_STATUS_REPORT", fields) for time, fields in reports.items()), until=33.0
+    )
+    facts = facts_about(replayed, EstimatorLight.FILTER_DOUBTED)
     [end] = [fact for fact in facts if fact.code is WatchFact.ALARM_OVER]
     assert end.figures["reason"].time == approx(17.5, abs=0.3)
     assert end.time == approx(17.5, abs=0.3)
@@ -227,18 +241,20 @@ def test_a_fault_of_the_estimator_is_over_when_its_innovation_was_last_beyond_it
 def test_a_receiver_without_a_fix_is_not_said_to_be_over_while_it_has_none():
     """The report is of the moment when the fix was lost, and the state lasts until the end, after the landing too."""
     fixes = [
-        (at, "GPS_RAW_INT", {"fix_type": 3 if at < 10.0 else 1, "satellites_visible": 12})
-        for at in np.arange(4.0, 38.0, 0.5).tolist()
+        (time, "GPS_RAW_INT", {"fix_type": 3 if time < 10.0 else 1, "satellites_visible": 12})
+        for time in np.arange(4.0, 38.0, 0.5).tolist()
     ]
     estimates = [
-        (at, "EKF_STATUS_REPORT", {"pos_horiz_variance": 0.1})
-        for at in np.arange(4.0, 38.0, 0.5).tolist()
+        (time, "EKF_STATUS_REPORT", {"pos_horiz_variance": 0.1})
+        for time in np.arange(4.0, 38.0, 0.5).tolist()
     ]
-    made = told(*fixes, *estimates, until=36.0)
-    [lost] = [fact for fact in said(made, ReportedEvent.GPS_LOST) if fact.warns]
+    replayed = replayed_with_messages(*fixes, *estimates, until=36.0)
+    [lost] = [fact for fact in facts_about(replayed, ReportedEvent.GPS_LOST) if fact.warns]
     assert lost.code is SessionFact.ALARM
     assert not [
-        fact for fact in said(made, ReportedEvent.GPS_LOST) if fact.code is WatchFact.ALARM_OVER
+        fact
+        for fact in facts_about(replayed, ReportedEvent.GPS_LOST)
+        if fact.code is WatchFact.ALARM_OVER
     ]
 
 
@@ -254,13 +270,13 @@ def test_motors_that_take_turns_at_their_limit_are_one_alarm():
                 outputs[(t > begin) & (t < begin + 2.0), motor] = 2000.0
             return outputs
 
-    made = replay(Flight(Turns(hovering=60.0), attitude=20.0, motors=20.0).frames(end=60.0))
-    begun, over, again, *rest = said(made, MotorsLight.MOTOR_LIMITED)
-    assert begun.code is again.code is SessionFact.ALARM
-    assert len(over.figures["reason"].figures["names"]) == 2
+    replayed = replay(Flight(Turns(hovering=60.0), attitude=20.0, motors=20.0).frames(end=60.0))
+    begun, end_of_alarm, second_alarm, *rest = facts_about(replayed, MotorsLight.MOTOR_LIMITED)
+    assert begun.code is second_alarm.code is SessionFact.ALARM
+    assert len(end_of_alarm.figures["reason"].figures["names"]) == 2
     # The alarm that has come again lasts for twice as long, so that the fourth turn is of the same one.
     assert not rest
-    active = made.stream.status().active_alarms[-1]
+    active = replayed.stream.status().active_alarms[-1]
     assert len(active.figures["names"]) == 2
 
 
@@ -280,35 +296,39 @@ def test_a_lasting_fault_of_the_tracking_is_one_alarm_until_it_is_judged_to_be_o
         if watchdog.is_thorough and watchdog.is_tracking_due:
             watchdog.review_tracking(0.0)
         reported += watchdog.finish_review(None)
-    alarm, over = reported
-    assert alarm.code is SessionFact.ALARM and over.code is WatchFact.ALARM_OVER
-    assert 60.0 - TRACKING_PERIOD - 2.0 < over.time < 60.0
+    alarm, end_of_alarm = reported
+    assert alarm.code is SessionFact.ALARM and end_of_alarm.code is WatchFact.ALARM_OVER
+    assert 60.0 - TRACKING_PERIOD - 2.0 < end_of_alarm.time < 60.0
 
 
 def test_a_single_output_shows_no_motor_that_stays_at_its_limit():
-    made = replay(Flight(Limited(hovering=20.0), attitude=20.0, motors=0.5).frames(end=24.0))
-    assert not said(made, MotorsLight.MOTOR_LIMITED)
-    watched = {fact.subject: fact for fact in made.stream.status().watch_facts}
+    replayed = replay(Flight(Limited(hovering=20.0), attitude=20.0, motors=0.5).frames(end=24.0))
+    assert not facts_about(replayed, MotorsLight.MOTOR_LIMITED)
+    watched = {fact.subject: fact for fact in replayed.stream.status().watch_facts}
     assert watched[WatchedQuantity.MOTOR_LIMITS].code is WatchFact.NOT_WATCHED
 
 
 @mark.slow
 def test_the_emptiest_of_two_batteries_is_alarmed_and_named():
+    """Battery 2 falls to 8 V at 8 s while battery 1, and the voltage of the whole system, stay at 12.5 V."""
     seconds = np.arange(4.0, 20.0, 0.5).tolist()
 
     def status(battery_id, volts, state):
         voltages = [round(1000 * volts), *[65535] * 9]
         return {"id": battery_id, "voltages": voltages, "charge_state": state}
 
-    empty = {at: 12.4 if at < 8.0 else 8.0 for at in seconds}
-    made = told(
-        *((at, "BATTERY_STATUS", status(0, 12.5 - 0.001 * at, 1)) for at in seconds),
-        *((at, "BATTERY_STATUS", status(1, empty[at], 1 if at < 10.0 else 3)) for at in seconds),
-        *((at, "SYS_STATUS", {"voltage_battery": 12500}) for at in seconds),
+    empty = {time: 12.4 if time < 8.0 else 8.0 for time in seconds}
+    replayed = replayed_with_messages(
+        *((time, "BATTERY_STATUS", status(0, 12.5 - 0.001 * time, 1)) for time in seconds),
+        *(
+            (time, "BATTERY_STATUS", status(1, empty[time], 1 if time < 10.0 else 3))
+            for time in seconds
+        ),
+        *((time, "SYS_STATUS", {"voltage_battery": 12500}) for time in seconds),
     )
-    [low] = said(made, PowerLight.BATTERY_LOW)[-1:]
-    assert low.figures["reason"].subject == "battery 2"
-    reports = said(made, ReportedEvent.BATTERY_ALARMED)
+    [battery_alarm] = facts_about(replayed, PowerLight.BATTERY_LOW)[-1:]
+    assert battery_alarm.figures["reason"].subject == "battery 2"
+    reports = facts_about(replayed, ReportedEvent.BATTERY_ALARMED)
     assert {report.subject or report.figures["reason"].subject for report in reports} == {
         "battery 2"
     }
@@ -316,21 +336,27 @@ def test_the_emptiest_of_two_batteries_is_alarmed_and_named():
 
 def test_a_battery_that_the_autopilot_reports_is_an_alarm_headline_and_light():
     """PX4 warns of a low battery (charge state 2), then of a critical one (3), while its voltage has no limit."""
-    states = {at: 1 if at < 10.0 else 2 if at < 14.0 else 3 for at in np.arange(4.0, 20.0, 0.5)}
+    states = {
+        time: 1 if time < 10.0 else 2 if time < 14.0 else 3 for time in np.arange(4.0, 20.0, 0.5)
+    }
     sent = [
-        (at, "BATTERY_STATUS", {"voltages": [9100, *[65535] * 9], "charge_state": state})
-        for at, state in states.items()
+        (time, "BATTERY_STATUS", {"voltages": [9100, *[65535] * 9], "charge_state": state})
+        for time, state in states.items()
     ]
-    low = told(*sent, until=13.0).stream.status().overall_judgement
-    assert low.headline.code is low.lights[Light.POWER].code is ReportedEvent.BATTERY_WARNED
-    assert str(low.next_step) == "Land soon."
-    made = told(*sent)
-    [alarm] = said(made, ReportedEvent.BATTERY_ALARMED)
+    battery_alarm = replayed_with_messages(*sent, until=13.0).stream.status().overall_judgement
+    assert (
+        battery_alarm.headline.code
+        is battery_alarm.lights[Light.POWER].code
+        is ReportedEvent.BATTERY_WARNED
+    )
+    assert str(battery_alarm.next_step) == "Land soon."
+    replayed = replayed_with_messages(*sent)
+    [alarm] = facts_about(replayed, ReportedEvent.BATTERY_ALARMED)
     assert alarm.code is SessionFact.ALARM and alarm.time == approx(14.0, abs=0.1)
     assert alarm.sentence_and_remedy.startswith(
         "Alarm: the autopilot reports a critical battery. Land now."
     )
-    status = made.stream.status()
+    status = replayed.stream.status()
     critical = status.overall_judgement
     assert (
         critical.headline.code is critical.lights[Light.POWER].code is alarm.figures["reason"].code
@@ -340,12 +366,13 @@ def test_a_battery_that_the_autopilot_reports_is_an_alarm_headline_and_light():
 
 
 def test_a_supply_that_falls_before_a_vehicle_vanishes_is_an_alarm_and_the_headline():
+    """The voltage of the flight controller's supply falls from 5.05 V to 4.22 V, and the link is lost."""
     volts = [5.05, 5.04, 5.05, 5.04, 5.05, 4.69, 4.58, 4.47, 4.33, 4.22]
     sent = [
         (10.0 + 0.5 * row, "POWER_STATUS", {"Vcc": round(1000 * value)})
         for row, value in enumerate(volts)
     ]
-    status = told(*sent, until=15.0).stream.status()
+    status = replayed_with_messages(*sent, until=15.0).stream.status()
     [alarm] = status.active_alarms
     assert alarm.is_bad and alarm.code in {ReportedEvent.BOARD_VOLTAGE_LOW, PowerLight.SUPPLY_LOW}
     silence = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0)
@@ -353,30 +380,33 @@ def test_a_supply_that_falls_before_a_vehicle_vanishes_is_an_alarm_and_the_headl
     assert vanished.headline.figures["cause"] == vanished.lights[Light.POWER]
     assert vanished.next_step.code is NextStep.LAND_NOW
     # So does a supply that is to be watched only.
-    low = Fact(PowerLight.SUPPLY_LOW, voltage=4.6, voltage_usual=5.0, voltage_limit=4.65)
+    battery_alarm = Fact(PowerLight.SUPPLY_LOW, voltage=4.6, voltage_usual=5.0, voltage_limit=4.65)
     watched = replace(
-        status, active_alarms=(), worst_lights={Light.POWER: low}, no_model_reason=silence
+        status, active_alarms=(), worst_lights={Light.POWER: battery_alarm}, no_model_reason=silence
     )
-    assert watched.overall_judgement.headline.figures["cause"] == low
+    assert watched.overall_judgement.headline.figures["cause"] == battery_alarm
     assert "radio" in str(watched.overall_judgement.next_step)
 
 
 @mark.slow
 def test_an_empty_battery_is_not_said_to_be_over_after_the_landing():
+    """The battery reports a critical charge at 12 s; its alarm ends with the flight, without a message."""
     hover = Hover(hovering=4.0)
     batteries = [
-        (at, message("BATTERY_STATUS", voltages=[9100, *[65535] * 9], charge_state=state))
-        for at, state in ((4.0, 1), (9.0, 1), (12.0, 3), (14.0, 3))
+        (time, message("BATTERY_STATUS", voltages=[9100, *[65535] * 9], charge_state=state))
+        for time, state in ((4.0, 1), (9.0, 1), (12.0, 3), (14.0, 3))
     ]
     flight = Flight(hover, attitude=20.0, motors=20.0).frames(end=hover.landed + 4.0)
-    made = replay(by_time(flight, batteries))
-    assert made.codes[-1] is ReportedEvent.ON_GROUND and not made.stream.is_flying
-    assert [fact.code for fact in said(made, ReportedEvent.BATTERY_ALARMED)] == [SessionFact.ALARM]
-    assert not made.stream.status().active_alarms
+    replayed = replay(by_time(flight, batteries))
+    assert replayed.codes[-1] is ReportedEvent.ON_GROUND and not replayed.stream.is_flying
+    assert [fact.code for fact in facts_about(replayed, ReportedEvent.BATTERY_ALARMED)] == [
+        SessionFact.ALARM
+    ]
+    assert not replayed.stream.status().active_alarms
 
 
 def rebooted(before, text):
-    """What is sent before a reboot, then a text, and a flight whose clock begins at 0."""
+    """Replays frames before a reboot, then a text message of the autopilot, and a flight whose clock begins at 0."""
     after = Flight(Hover(hovering=30.0), attitude=20.0, motors=20.0, clock=-12.0).frames(12.0, 18.0)
     return replay([*before, (12.0, message("STATUSTEXT", severity=2, text=text)), *after])
 
@@ -385,22 +415,28 @@ def rebooted(before, text):
     "text, light", [(b"WDG: T2 SL0", Light.TRACKING), (b"Frame: QUAD/X", Light.POWER)]
 )
 def test_a_restart_in_flight_is_an_alarm_with_its_cause(text, light):
+    """The autopilot restarts at 12 s.
+
+    A text about its watchdog says that the software failed; otherwise the power did.
+    """
     before = Flight(Hover(hovering=30.0), attitude=20.0, motors=20.0).frames(end=12.0)
-    made = rebooted(before, text)
-    [alarm] = said(made, ReportedEvent.RESTARTED_IN_FLIGHT)
+    replayed = rebooted(before, text)
+    [alarm] = facts_about(replayed, ReportedEvent.RESTARTED_IN_FLIGHT)
     assert alarm.code is SessionFact.ALARM
-    judged = made.stream.status().overall_judgement
-    assert judged.headline.code is judged.lights[light].code is ReportedEvent.RESTARTED_IN_FLIGHT
-    assert judged.headline.figures["watchdog"] == (light is Light.TRACKING)
-    assert judged.next_step.code is NextStep.LAND_NOW
-    assert judged.headline in made.stream.status().active_alarms
+    judgement = replayed.stream.status().overall_judgement
+    assert (
+        judgement.headline.code is judgement.lights[light].code is ReportedEvent.RESTARTED_IN_FLIGHT
+    )
+    assert judgement.headline.figures["watchdog"] == (light is Light.TRACKING)
+    assert judgement.next_step.code is NextStep.LAND_NOW
+    assert judgement.headline in replayed.stream.status().active_alarms
 
 
 def test_a_restart_on_the_ground_is_no_alarm():
     before = Flight(attitude=20.0, motors=20.0, clock=20.0).frames(-8.0, 4.0)
-    made = rebooted(before, b"Frame: QUAD/X")
-    assert VehicleFact.VEHICLE_REBOOTED in made.codes
-    assert not said(made, ReportedEvent.RESTARTED_IN_FLIGHT)
+    replayed = rebooted(before, b"Frame: QUAD/X")
+    assert VehicleFact.VEHICLE_REBOOTED in replayed.codes
+    assert not facts_about(replayed, ReportedEvent.RESTARTED_IN_FLIGHT)
 
 
 def test_thinning_out_keeps_every_battery():
@@ -415,24 +451,29 @@ def test_thinning_out_keeps_every_battery():
 
 @mark.slow
 def test_an_external_mode_of_px4_is_reported_by_its_announced_name():
+    """At 8 s the mode changes to one that a companion computer has announced as "Wall follower"."""
     beat = {"type": 2, "autopilot": 12, "base_mode": 209}
     seconds = np.arange(3.0, 20.0, 0.5).tolist()
-    modes = {at: 4 << 16 | (3 if at < 8.0 else 12) << 24 for at in seconds}
-    made = told(
+    modes = {time: 4 << 16 | (3 if time < 8.0 else 12) << 24 for time in seconds}
+    replayed = replayed_with_messages(
         (
             5.0,
             "AVAILABLE_MODES",
             {"custom_mode": 4 << 16 | 12 << 24, "mode_name": b"Wall follower"},
         ),
-        *((at, "HEARTBEAT", {**beat, "custom_mode": modes[at]}) for at in seconds),
+        *((time, "HEARTBEAT", {**beat, "custom_mode": modes[time]}) for time in seconds),
     )
-    [*_, changed] = said(made, ReportedEvent.MODE_CHANGED)
+    [*_, changed] = facts_about(replayed, ReportedEvent.MODE_CHANGED)
     assert changed.subject == "Wall follower"
     assert changed.time == approx(8.0, abs=0.6)
 
 
 @mark.slow
 def test_what_is_watched_is_always_shown():
+    """On the ground nothing is watched.
+
+    In flight each quantity is watched as soon as its messages and its reference are there.
+    """
     frames = Flight(Hover(hovering=20.0), attitude=50.0, motors=50.0).frames(0.0, 25.0)
     parts = [
         [(time, frame) for time, frame in frames if start <= time < end]
@@ -445,17 +486,20 @@ def test_what_is_watched_is_always_shown():
     reasons = {one.subject: one.figures["reason"] for one in early}
     assert reasons[WatchedQuantity.MOTORS].code is WatchFact.REFERENCE_SHORT
     status = replay(parts[2], stream).stream.status()
-    found = {fact.subject: fact for fact in status.watch_facts}
+    facts_by_quantity = {fact.subject: fact for fact in status.watch_facts}
     assert {
         WatchedQuantity.CONTROL,
         WatchedQuantity.MOTORS,
         WatchedQuantity.OSCILLATION,
         WatchedQuantity.WARNINGS,
         WatchedQuantity.DRIFT,
-    } == {what for what, fact in found.items() if fact.code is WatchFact.WATCHED} - {
+    } == {what for what, fact in facts_by_quantity.items() if fact.code is WatchFact.WATCHED} - {
         WatchedQuantity.MOTOR_LIMITS
     }
-    assert found[WatchedQuantity.BATTERY].figures["reason"].code is WatchFact.MESSAGE_MISSING
+    assert (
+        facts_by_quantity[WatchedQuantity.BATTERY].figures["reason"].code
+        is WatchFact.MESSAGE_MISSING
+    )
     assert "loss of thrust (" in watched_quantities_text(
         status.watch_facts
     ) and "battery" in watched_quantities_text(status.watch_facts)
@@ -464,14 +508,18 @@ def test_what_is_watched_is_always_shown():
 
 @mark.parametrize(
     "volts, code",
-    [(lambda at: 12.6 - 0.01 * at, WatchFact.WATCHED), (lambda at: 12.6, WatchFact.NOT_WATCHED)],
+    [
+        (lambda time: 12.6 - 0.01 * time, WatchFact.WATCHED),
+        (lambda time: 12.6, WatchFact.NOT_WATCHED),
+    ],
 )
 def test_a_battery_that_nothing_measures_is_not_called_watched(volts, code):
+    """A voltage that never changes is a constant without a sensor."""
     seconds = np.arange(4.0, 20.0, 0.5).tolist()
-    made = told(
-        *((at, "SYS_STATUS", {"voltage_battery": round(1000 * volts(at))}) for at in seconds)
+    replayed = replayed_with_messages(
+        *((time, "SYS_STATUS", {"voltage_battery": round(1000 * volts(time))}) for time in seconds)
     )
-    status = made.stream.status()
+    status = replayed.stream.status()
     [battery] = [fact for fact in status.watch_facts if fact.subject == WatchedQuantity.BATTERY]
     assert battery.code is code
     assert status.worst_lights[Light.POWER].is_good == (code is WatchFact.WATCHED)
@@ -538,26 +586,27 @@ def test_a_wind_that_may_come_from_anywhere_is_half_a_turn_uncertain():
 
 
 def test_the_status_stands_in_its_place_on_a_terminal():
-    shown = io.StringIO()
-    console = Console(file=shown, force_terminal=True, highlight=False, width=100)
+    """The terminal shows wind, two alarms and the learning in lines that are updated in place."""
+    terminal_output = io.StringIO()
+    console = Console(file=terminal_output, force_terminal=True, highlight=False, width=100)
     weak = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 1", share=0.9)
     other = weak.replace(subject="motor 2")
     wind = WindEstimate(60.0, np.array([-8.0, -11.0]), np.array([2.5, 2.5]))
-    known = {
+    status_fields = {
         "wind": wind,
         "is_flying": True,
         "rates": {"ATTITUDE": 99.6},
         "latency": Latency(0.01, 0.02),
     }
-    with Live(console=console, auto_refresh=False, transient=True) as place:
-        lines = StatusLines(place)
+    with Live(console=console, auto_refresh=False, transient=True) as terminal_text:
+        lines = StatusLines(terminal_text)
         lines.show(Mock(status=SessionStatus(vehicle="1:1")))
-        assert "Learning; 0 samples" in shown.getvalue()
+        assert "Learning; 0 samples" in terminal_output.getvalue()
         status = SessionStatus(
-            vehicle="1:1", learned_rows=123_456, active_alarms=(weak, other), **known
+            vehicle="1:1", learned_rows=123_456, active_alarms=(weak, other), **status_fields
         )
         lines.show(Mock(status=status))
-    last = shown.getvalue().split("1:1, nothing received yet.")[-1]
+    last = terminal_output.getvalue().split("1:1, nothing received yet.")[-1]
     # The alarm is red and a word, and each light has its level as a word.
     assert "\x1b[1;31m" in last and "ALARM; 123,456 samples" in last and "unknown" in last
     # A sentence that is longer than a line wraps, so that none is cut.
@@ -569,16 +618,17 @@ def test_the_status_stands_in_its_place_on_a_terminal():
 
 def shown_status(status, monkeypatch, width=80):
     """Returns the lines of a session's status as a terminal of ``width`` columns shows them."""
-    shown = io.StringIO()
-    console = Console(file=shown, width=width, highlight=False)
+    terminal_output = io.StringIO()
+    console = Console(file=terminal_output, width=width, highlight=False)
     monkeypatch.setattr("mavdem.cli.live_status.STDERR", console)
-    place = Mock()
-    StatusLines(place).show(Mock(status=status))
-    console.print(place.update.call_args.args[0])
-    return shown.getvalue()
+    terminal_text = Mock()
+    StatusLines(terminal_text).show(Mock(status=status))
+    console.print(terminal_text.update.call_args.args[0])
+    return terminal_output.getvalue()
 
 
 def test_a_long_headline_leaves_room_for_the_table(monkeypatch):
+    """The headline names the first of four batteries, although all are nearly empty."""
     further = tuple(
         Fact(PowerLight.CELLS_UNKNOWN, subject=f"battery {number}", voltage=9.4)
         for number in (2, 3, 4)
@@ -593,13 +643,14 @@ def test_a_long_headline_leaves_room_for_the_table(monkeypatch):
     )
     status = SessionStatus("1:1", is_flying=True, active_alarms=(spent,))
     assert len(str(spent)) > 200
-    shown = shown_status(status, monkeypatch)
-    text = " ".join(shown.split())
+    terminal_output = shown_status(status, monkeypatch)
+    text = " ".join(terminal_output.split())
     assert "Charge of battery 1 down to 2.0 % by the autopilot's estimate: below 7 %" in text
     assert "Land now." in text and "battery 4" not in text
 
 
 def test_after_a_landing_nobody_is_asked_to_take_off_again(monkeypatch):
+    """After the landing, the status shows the lights of the flight without the advice to take off."""
     landed = SessionStatus(
         "1:1",
         no_model_reason=Fact(SessionFact.NOT_FLYING),
@@ -613,8 +664,8 @@ def test_after_a_landing_nobody_is_asked_to_take_off_again(monkeypatch):
             )
         },
     )
-    shown = shown_status(landed, monkeypatch)
-    text = " ".join(shown.split())
+    terminal_output = shown_status(landed, monkeypatch)
+    text = " ".join(terminal_output.split())
     assert text.count("Waiting; 0 samples") == 1 and "Take off" not in text
     assert "motors watch motor 4: 7 % left" in text
 
@@ -633,18 +684,19 @@ def test_changes_of_what_is_watched_are_printed_once_they_settled():
 
 @mark.parametrize("width", [60, 80, 120, 200])
 def test_the_status_fits_the_terminal(width, monkeypatch):
+    """The status has at most 13 lines on 60 columns, and fewer on wider terminals."""
     wind = WindEstimate(60.0, np.array([-8.0, -11.0]), np.array([2.5, 2.5]))
     missing = Fact(WatchFact.MESSAGE_MISSING, name="SCALED_PRESSURE", rate=None)
     unwatched = Fact(
         WatchFact.NOT_WATCHED, time=3.0, subject=WatchedQuantity.HEIGHT, reason=missing
     )
     status = SessionStatus("1:1", is_flying=True, wind=wind, watch_facts=(unwatched,))
-    shown = shown_status(status, monkeypatch, width)
-    lines = shown.splitlines()
+    terminal_output = shown_status(status, monkeypatch, width)
+    lines = terminal_output.splitlines()
     # The vehicle, headline and next step, seven lights, and a line on the model and what is not watched.
     assert len(lines) <= {60: 13, 80: 9, 120: 7, 200: 7}[width]
     assert max(map(len, lines)) <= min(width, 120)
-    text = " ".join(shown.split())
+    text = " ".join(terminal_output.split())
     assert "wind unknown now 11–16 m/s, 54°" in text and "Not watched: height." in text
 
 
@@ -663,9 +715,9 @@ def test_the_headline_counts_lights_that_need_no_model():
     lights = {str(light): unknown for light in Light}
     lights["margins"] = Fact(LogLight.RECORDED_FAST, Level.GOOD)
     headline = headline_by_lights(lights)
-    judged = Judgement(headline, choose_next_step(headline, lights, None), lights)
+    judgement = Judgement(headline, choose_next_step(headline, lights, None), lights)
     motors = {Light.MOTORS: Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)}
-    status = SessionStatus(model_judgement=judged, worst_lights=motors)
+    status = SessionStatus(model_judgement=judgement, worst_lights=motors)
     headline = status.overall_judgement.headline
     assert headline.figures["names"] == ("motors", "margins")
     waiting = replace(status, model_judgement=None, no_model_reason=Fact(SessionFact.NOT_SETTLED))
@@ -701,6 +753,7 @@ def test_a_lost_link_heads_the_status_with_a_light_that_is_bad(obstacle):
 
 
 def test_on_a_terminal_the_place_of_a_lost_vehicle_stands_in_the_headline_alone():
+    """The line about the vehicle states height and distance, until the headline of a lost link does."""
     silent = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0)
     state = VehicleState("Guided", is_armed=True, voltage=12.2)
     status = SessionStatus(
@@ -711,14 +764,15 @@ def test_on_a_terminal_the_place_of_a_lost_vehicle_stands_in_the_headline_alone(
         message_age=4.0,
         displacement=Displacement(distance=3.0, height=10.0),
     )
-    place = "10 m above the take-off, 3 m from it"
-    assert place in vehicle_text(status, has_table=True)
+    terminal_text = "10 m above the take-off, 3 m from it"
+    assert terminal_text in vehicle_text(status, has_table=True)
     lost = replace(status, no_model_reason=silent)
-    assert place in str(lost.overall_judgement.headline)
+    assert terminal_text in str(lost.overall_judgement.headline)
     assert vehicle_text(lost, has_table=True) == "1:1, Guided, in flight for 0:06 min."
 
 
 def test_a_line_of_a_log_says_what_is_new(capsys):
+    """Without a terminal a line is printed for each change, and none for a status that was printed before."""
     waiting = Fact(SessionFact.NOT_FLYING)
     ground = Fact(WatchFact.NOT_WATCHED, time=3.0, subject=WatchedQuantity.MOTORS, reason=waiting)
     watched = Fact(WatchFact.WATCHED, time=9.0, subject=WatchedQuantity.MOTORS, reason=None)
@@ -733,32 +787,35 @@ def test_a_line_of_a_log_says_what_is_new(capsys):
         ({"watch_facts": (watched,)}, 0),
         ({"watch_facts": (watched,), "active_alarms": (bad,)}, 1),
     )
-    for known, count in news:
-        lines.show(Mock(status=SessionStatus(vehicle="1:1", **known)))
+    for status_fields, count in news:
+        lines.show(Mock(status=SessionStatus(vehicle="1:1", **status_fields)))
         assert len(capsys.readouterr().out.splitlines()) == count
 
 
 @mark.slow
 def test_slow_messages_show_no_limit_cycle_and_that_is_said():
-    made = replay(Flight(Hot(hovering=10.0), attitude=10.0, motors=10.0).frames(end=14.0))
-    found = {fact.subject: fact for fact in made.stream.status().watch_facts}
-    reason = found[WatchedQuantity.OSCILLATION].figures["reason"]
+    replayed = replay(Flight(Hot(hovering=10.0), attitude=10.0, motors=10.0).frames(end=14.0))
+    facts_by_quantity = {fact.subject: fact for fact in replayed.stream.status().watch_facts}
+    reason = facts_by_quantity[WatchedQuantity.OSCILLATION].figures["reason"]
     assert reason.code is WatchFact.MESSAGE_MISSING and reason.figures["rate"] < 20
 
 
 @mark.slow
 def test_every_vehicle_on_a_link_is_watched():
+    """Two vehicles oscillate. The one that the user follows is reported as itself, others as other vehicles."""
     flights = (Flight(Hot(hovering=12.0), system=system) for system in (1, 2))
     frames = by_time(*(flight.frames(end=13.0) for flight in flights))
-    made = replay(frames)
-    found = said(made, WatchFact.OTHER_VEHICLE_ALARM)
-    assert {fact.subject for fact in found} == {"1:1", "2:1"}
-    assert {fact.figures["reason"].code for fact in found} >= {SessionFact.ALARM}
-    assert "vehicle 2:1 watched: " in watched_quantities_text(made.stream.status().watch_facts)
+    replayed = replay(frames)
+    facts_by_quantity = facts_about(replayed, WatchFact.OTHER_VEHICLE_ALARM)
+    assert {fact.subject for fact in facts_by_quantity} == {"1:1", "2:1"}
+    assert {fact.figures["reason"].code for fact in facts_by_quantity} >= {SessionFact.ALARM}
+    assert "vehicle 2:1 watched: " in watched_quantities_text(replayed.stream.status().watch_facts)
     # One that was chosen is reported as itself.
-    made = replay(frames, vehicle="1:1")
-    found = said(made, WatchFact.OTHER_VEHICLE_ALARM)
-    assert {fact.subject for fact in found} == {"2:1"} and said(made, MarginsLight.OSCILLATES)
+    replayed = replay(frames, vehicle="1:1")
+    facts_by_quantity = facts_about(replayed, WatchFact.OTHER_VEHICLE_ALARM)
+    assert {fact.subject for fact in facts_by_quantity} == {"2:1"} and facts_about(
+        replayed, MarginsLight.OSCILLATES
+    )
 
 
 def test_what_is_kept_is_bounded():
@@ -792,47 +849,49 @@ class Limited(Hover):
 
 @mark.slow
 def test_the_first_seconds_of_a_flight_name_no_motor():
-    made = replay(Flight(Limited(hovering=8.0)).frames(end=14.0))
-    off = next(fact.time for fact in made.facts if fact.code is ReportedEvent.OFF_GROUND)
-    alarm, *_ = said(made, MotorsLight.MOTOR_LIMITED)
-    assert off + DECISION_SECONDS <= alarm.time <= off + DECISION_SECONDS + 1.0
+    replayed = replay(Flight(Limited(hovering=8.0)).frames(end=14.0))
+    takeoff_time = next(
+        fact.time for fact in replayed.facts if fact.code is ReportedEvent.OFF_GROUND
+    )
+    alarm, *_ = facts_about(replayed, MotorsLight.MOTOR_LIMITED)
+    assert takeoff_time + DECISION_SECONDS <= alarm.time <= takeoff_time + DECISION_SECONDS + 1.0
 
 
 @mark.slow
 @mark.parametrize("top", [1800.0, 2000.0])
 def test_a_climb_at_one_throttle_is_no_stop_of_the_motors(top):
-    made = replay(Flight(Topped(hovering=12.0, top=top)).frames(end=16.0))
-    assert {setup.scale.upper_limit for setup in made.setups.values()} == {1.0}
-    assert not said(made, MotorsLight.MOTOR_LIMITED)
+    replayed = replay(Flight(Topped(hovering=12.0, top=top)).frames(end=16.0))
+    assert {setup.scale.upper_limit for setup in replayed.setups.values()} == {1.0}
+    assert not facts_about(replayed, MotorsLight.MOTOR_LIMITED)
 
 
 @mark.slow
 def test_no_message_waits_for_more_than_a_part_of_a_review(monkeypatch):
     """Choice of inputs in two parts, phase and limit cycle: a row would come as late as all of them take."""
-    worked = []
+    work_times = []
     for name in (
         "motor_inputs.InputSelector.candidate_messages",
         "motor_inputs.InputSelector.select",
         "flight_phase.FlightPhase.review",
         "watchdog.detect_starting_limit_cycle",
     ):
-        whole = resolve_name(f"mavdem.live.{name}")
+        original = resolve_name(f"mavdem.live.{name}")
 
-        def part(*given, whole=whole):
-            worked.append(time)
-            return whole(*given)
+        def part(*given, original=original):
+            work_times.append(time)
+            return original(*given)
 
         monkeypatch.setattr(f"mavdem.live.{name}", part)
     stream = LiveStream()
     for time, frame in Flight(Hot(hovering=20.0)).frames(end=14.0):
         rows = stream.process_frames(time, stream.frame_reader.feed(frame))
-        before = len(worked)
+        before = len(work_times)
         for _ in rows:
-            assert len(worked) == before
+            assert len(work_times) == before
     # With the message by which the vehicle is followed, its earlier ones are processed.
-    first = worked[0]
-    worked = [time for time in worked if time > first]
-    assert len(worked) > 30 and len(set(worked)) == len(worked)
+    first = work_times[0]
+    work_times = [time for time in work_times if time > first]
+    assert len(work_times) > 30 and len(set(work_times)) == len(work_times)
 
 
 def test_messages_with_arrays_are_counted_where_a_value_of_the_array_changes():
@@ -846,8 +905,8 @@ def test_what_was_asked_for_in_vain_is_not_advised():
     lights = {str(light): Fact(LogLight.RECORDED_FAST, Level.GOOD) for light in Light}
     unknown = lights["vibration"] = Fact(VibrationLight.VIBRATION_UNKNOWN, recorder="")
     headline = Fact(Headline.NOTHING_WRONG, Level.GOOD)
-    judged = Judgement(headline, choose_next_step(headline, lights, None), lights)
-    status = SessionStatus(model_judgement=judged)
+    judgement = Judgement(headline, choose_next_step(headline, lights, None), lights)
+    status = SessionStatus(model_judgement=judgement)
     assert "Ask for VIBRATION" in str(status.overall_judgement.next_step)
     asked = replace(status, absent_messages=frozenset({"VIBRATION"})).overall_judgement
     assert asked.lights["vibration"] == unknown.replace(is_asked=True)
@@ -893,6 +952,7 @@ def test_the_message_that_is_missing_is_that_of_the_autopilot(autopilot, name):
 
 @mark.slow
 def test_a_battery_whose_voltage_comes_is_never_said_to_be_unmeasured():
+    """The voltage falls from the first message on, so that the battery is measured."""
     reasons = []
     stream = LiveStream()
     frames = Flight(Hover(hovering=8.0)).frames(end=14.0)
@@ -951,36 +1011,38 @@ def test_an_alarm_that_stays_after_the_landing_is_a_fault_that_was_found(monkeyp
 
 
 def test_the_terminal_rings_once_for_each_alarm_and_never_elsewhere(monkeypatch):
-    shown = io.StringIO()
-    console = Console(file=shown, width=80, force_terminal=True, color_system=None)
+    """A bell character is printed on a terminal only, and only for alarms."""
+    terminal_output = io.StringIO()
+    console = Console(file=terminal_output, width=80, force_terminal=True, color_system=None)
     monkeypatch.setattr("mavdem.cli.live_status.STDERR", console)
     limit = Fact(ReportedEvent.BATTERY_ALARMED, Level.BAD)
     alarm = Event(9.0, Fact(SessionFact.ALARM, reason=limit), reception=0.0)
     note = Event(9.0, Fact(SessionFact.FLIGHT_UNKNOWN), reception=0.0)
     lines = StatusLines(None)
     lines.print_event(alarm)
-    assert shown.getvalue().count("\a") == 0
+    assert terminal_output.getvalue().count("\a") == 0
     lines.terminal_text = Mock()
     for event in (note, alarm, note):
         lines.print_event(event)
-    assert shown.getvalue().count("\a") == 1
+    assert terminal_output.getvalue().count("\a") == 1
 
 
 def test_lines_above_a_status_are_about_the_vehicle_and_short(monkeypatch):
-    shown = io.StringIO()
-    console = Console(file=shown, width=80, force_terminal=True, color_system=None)
+    """Above a status in place only the landing is printed; without a terminal also that rows begin."""
+    terminal_output = io.StringIO()
+    console = Console(file=terminal_output, width=80, force_terminal=True, color_system=None)
     monkeypatch.setattr("mavdem.cli.live_status.STDERR", console)
     rows_begin = Fact(RowsFact.ROWS_BEGIN, names=("ATTITUDE",), step=0.01, inputs=4)
     landed = Fact(ReportedEvent.ON_GROUND, time=9.0, basis=("EXTENDED_SYS_STATE",))
     events = [Event(9.0, fact, reception=0.0) for fact in (rows_begin, landed)]
     for terminal_text, line_count in ((Mock(), 1), (None, 2)):
-        shown.seek(0)
-        shown.truncate()
+        terminal_output.seek(0)
+        terminal_output.truncate()
         lines = StatusLines(terminal_text, console)
         for event in events:
             lines.print_event(event)
-        assert len(shown.getvalue().splitlines()) == line_count
-        assert "On the ground" in shown.getvalue()
+        assert len(terminal_output.getvalue().splitlines()) == line_count
+        assert "On the ground" in terminal_output.getvalue()
 
 
 def test_a_terminal_that_was_closed_does_not_end_the_session():

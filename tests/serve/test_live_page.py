@@ -1,6 +1,6 @@
 """The page of a live session in Chromium: it takes over what is new, keeps its place, and says when nothing comes."""
 
-from live_rows import flown
+from live_rows import add_flight
 from pytest import fixture, mark
 from serving import serving
 
@@ -38,7 +38,7 @@ class Session:
 
     def fly(self, seconds):
         """Adds some seconds of flight, at whose end the vehicle reboots, and makes a page of it."""
-        flown(self.history, seconds, start=self.end)
+        add_flight(self.history, seconds, start=self.end)
         self.end += seconds
         reboot = Fact(VehicleFact.VEHICLE_REBOOTED, time=self.end, clock=self.end)
         self.history.add_event(Event(self.end, reboot, reception=0.0))
@@ -146,7 +146,7 @@ def test_a_page_that_stays_open_shows_the_next_flight_from_its_own_beginning(ses
 def test_a_page_that_stays_open_goes_on_after_a_reboot(session, tab):
     session.fly(4.0)
     tab.until(f"{FLIGHT}.whole[1] > 107")
-    flown(session.history, 3.0, segment=1, start=5.0, boot=1)
+    add_flight(session.history, 3.0, segment=1, start=5.0, boot=1)
     session.show(SessionStatus("1:1", is_flying=True, message_age=0.0))
     # The clock begins again at 5 s; the timeline goes on after the 108 s before.
     tab.until(f"{FLIGHT}.span[1] > 110.9 && {LAST_TIME} > 110.9")

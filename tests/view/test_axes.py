@@ -18,6 +18,7 @@ from mavdem.view.axes import MIN_TICK_DISTANCE, TAB_HEIGHT, range_with_ticks, ti
     ],
 )
 def test_a_range_has_two_multiples_of_a_power_of_ten(values, shown):
+    """The range of an axis is widened until it has two round numbers for ticks."""
     low, high = range_with_ticks(*values, intervals=4.0)
     assert (round(low, 6), round(high, 6)) == shown
 

@@ -134,6 +134,7 @@ def patience():
 
 @fixture(scope="module")
 def recording(tmp_path_factory):
+    """A recording of a live view: a short flight with estimates, between two events."""
     path = tmp_path_factory.mktemp("live") / "flight.rrd"
     rates = {"ATTITUDE": 99.4}
     file = RecordingFile(path)
@@ -148,11 +149,11 @@ def recording(tmp_path_factory):
                 no_model_reason=prose("No motion."),
             )
         )
-        for t, y, u, known in zip(TIME, OUTPUTS, INPUTS, ESTIMATES, strict=True):
+        for t, y, u, model_estimate in zip(TIME, OUTPUTS, INPUTS, ESTIMATES, strict=True):
             position = (t, 2.0, -5.0)
             pose = LatestPose(t, (y[0], 0.1, 0.2), (y[1], 0.3, 0.4), (0.5, np.nan), position)
             wind = replace(WIND, time=round(t, 1))
-            view.put(DisplayRow(t, 0.0, 0, y, u, known, None, wind, pose))
+            view.put(DisplayRow(t, 0.0, 0, y, u, model_estimate, None, wind, pose))
         view.log(Occurrence(TIME[-1], prose("link lost")))
     assert view.problems == [] and not file.is_broken
     assert b"FOOT" in path.read_bytes()[-12:]  # it has the table of its chunks
@@ -161,6 +162,7 @@ def recording(tmp_path_factory):
 
 @mark.slow
 def test_log_status_and_blueprint_show_what_is_there_in_batches_that_are_not_tiny(recording):
+    """Each view of the layout has entities with samples, which are sent in batches."""
     assert [text for text in texts(recording) if "unusual" not in text] == [
         "attached.",
         "link lost.",
@@ -168,8 +170,10 @@ def test_log_status_and_blueprint_show_what_is_there_in_batches_that_are_not_tin
     assert_allclose(drawn(recording)["axes/roll/0_asked"][1], np.degrees(0.5))
     document = texts(recording, "TextDocument:text")[-1]
     assert CHANNELS.title in document and "No motion." in document
-    moved = [batch for name, _, batch in chunks(recording) if name == "world/here/vehicle"]
-    assert sum(batch.num_rows for batch in moved) >= 9 * (TIME[-1] - TIME[0])
+    vehicle_batches = [
+        batch for name, _, batch in chunks(recording) if name == "world/here/vehicle"
+    ]
+    assert sum(batch.num_rows for batch in vehicle_batches) >= 9 * (TIME[-1] - TIME[0])
     entities = {name: batch.num_rows for name, _, batch in chunks(recording)}
     lines = (
         "axes/pitch/1_measured",
@@ -189,10 +193,11 @@ def test_log_status_and_blueprint_show_what_is_there_in_batches_that_are_not_tin
 def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(
     tmp_path,
 ):
+    """One alarm of each kind is shown: by its text, and by an upright line in every plot."""
     path = tmp_path / "flight.rrd"
     with showing(RecordingFile(path)) as view:
-        for t, y, u, known in zip(TIME, OUTPUTS, INPUTS, ESTIMATES, strict=True):
-            view.put(DisplayRow(t, 0.0, 0, y, u, known))
+        for t, y, u, model_estimate in zip(TIME, OUTPUTS, INPUTS, ESTIMATES, strict=True):
+            view.put(DisplayRow(t, 0.0, 0, y, u, model_estimate))
         alarm = prose("Alarm: motor 1 lost some thrust.").replace(Level.BAD)
         view.log(Occurrence(52.9, alarm, 51.25))
         lost = MotorChange(52.9, 52.0, 0, "motor 1", 0.2, 0.99, loss=(0.1, 0.3))
@@ -224,6 +229,7 @@ def test_a_wind_torque_smaller_than_its_error_is_not_identifiable():
 
 @mark.slow
 def test_parameters_and_surprises_are_drawn_and_axes_have_three_ticks(recording):
+    """The lines of the recording have the values of the estimates, in degrees."""
     lines = drawn(recording)
     effect, lag = (lines[f"parameters/{number}_line"][1] for number in (3, 5))
     # 0.1 rad/s² is 5.7 °/s², in units of ten; what is not identifiable is not drawn.
@@ -231,9 +237,13 @@ def test_parameters_and_surprises_are_drawn_and_axes_have_three_ticks(recording)
     assert "parameters/4_line" not in lines
     half_width = np.ptp(lines["parameters/0_band"][1][:2]) / 2
     assert half_width == approx(0.0573, rel=1e-3)
-    surprised = [known.window_center for known in ESTIMATES if known is not None and known.unusual]
+    surprise_times = [
+        model_estimate.window_center
+        for model_estimate in ESTIMATES
+        if model_estimate is not None and model_estimate.unusual
+    ]
     times, values = lines["axes/roll/8_surprises"]
-    assert_allclose(np.unique(times[np.isfinite(values[:, 0])]), surprised, atol=1e-8)
+    assert_allclose(np.unique(times[np.isfinite(values[:, 0])]), surprise_times, atol=1e-8)
     for plot in ("axes/roll", "motors", "parameters", "air", "wind"):
         low, high = lines[f"{plot}/90_axis"][1][-1]
         assert high - low >= 2 * 10.0 ** np.floor(np.log10((high - low) / 2))
@@ -241,6 +251,7 @@ def test_parameters_and_surprises_are_drawn_and_axes_have_three_ticks(recording)
 
 @mark.slow
 def test_other_channels_continue_the_lines_under_their_own_names(tmp_path):
+    """The inputs change from four motors to the demand and back: the other lines go on."""
     path = tmp_path / "flight.rrd"
     demand = CHANNELS._replace(
         dt=0.02, horizons=(1, 12, 50), input_names=("roll demand",), input_units=("",)
@@ -270,15 +281,18 @@ def test_other_channels_continue_the_lines_under_their_own_names(tmp_path):
 
 @mark.slow
 def test_a_gap_parts_every_line_and_time_goes_on_where_a_reboot_sets_the_clock_back(tmp_path):
+    """Three segments follow each other. The third is after a reboot, whose clock is 498 s behind."""
     path = tmp_path / "flight.rrd"
     with showing(RecordingFile(path)) as view:
         for segment, (start, shift) in enumerate(((498.9, 0.0), (500.0, 0.0), (3.0, 498.0))):
             for i in range(10):
-                at = start + DT * i
-                view.put(DisplayRow(at, shift, segment, OUTPUTS[i], INPUTS[i], estimate(20, at)))
+                time = start + DT * i
+                view.put(
+                    DisplayRow(time, shift, segment, OUTPUTS[i], INPUTS[i], estimate(20, time))
+                )
     lines = drawn(path)
     ten = DT * np.arange(10)
-    shown = np.concatenate([498.9 + ten, 500.0 + ten, 501.0 + ten])
+    timeline_times = np.concatenate([498.9 + ten, 500.0 + ten, 501.0 + ten])
     for name, width in (
         ("motors/0_outputs", 4),
         ("axes/roll/1_measured", 1),
@@ -290,8 +304,8 @@ def test_a_gap_parts_every_line_and_time_goes_on_where_a_reboot_sets_the_clock_b
             and np.isnan(values[[10, 21]]).all()
             and (np.diff(times) > 0).all()
         )
-    assert_allclose(np.delete(lines["motors/0_outputs"][0], [10, 21]), shown, atol=1e-8)
-    assert_allclose(lines["free_energy/0_samples"][0], shown - LATE, atol=1e-8)
+    assert_allclose(np.delete(lines["motors/0_outputs"][0], [10, 21]), timeline_times, atol=1e-8)
+    assert_allclose(lines["free_energy/0_samples"][0], timeline_times - LATE, atol=1e-8)
     assert "boot clock: 3.1 s" in texts(path, "TextDocument:text")[-1]
 
 
@@ -311,17 +325,18 @@ class Held(RecordingFile):
 
 @mark.slow
 def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path, monkeypatch):
+    """One of two files hangs: it loses 500 of 1500 rows, the other none."""
     monkeypatch.setattr("mavdem.view.live_view.MAX_SAMPLES", 1000)
     stalled = Held(tmp_path / "stalled.rrd")
     other = RecordingFile(tmp_path / "other.rrd")
-    known = estimate(20, 50.0)
+    model_estimate = estimate(20, 50.0)
     other.period = 0.01
     rows = 1500
     with showing(stalled, other) as view:
         waiting = view._threads[1]._rows
         # Comes to its end, although the first sink takes nothing.
         for i in range(rows):
-            view.put(ROW._replace(time=50.0 + DT * i, estimate=known))
+            view.put(ROW._replace(time=50.0 + DT * i, estimate=model_estimate))
             if i % 500 == 499:
                 until(lambda: not waiting)
         assert [thread.dropped_rows for thread in view._threads] == [500, 0]
@@ -335,6 +350,7 @@ def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path,
 
 
 def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight():
+    """The texts beside the plots, before the first model and with one."""
     row = ROW._replace(time=60.0)
     status = SessionStatus(no_model_reason=prose("The vehicle is on the ground."))
     first_figures = figure_texts(status, row, CHANNELS, None)
@@ -351,8 +367,10 @@ def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight()
         prediction_band=PredictionBand(0.25, np.radians(2.0)),
         useful_horizon=UsefulHorizon(0.5, 0.41),
     )
-    now = estimate(60, 60.0)
-    shown = "\n".join(figure_texts(status, row._replace(estimate=now), CHANNELS, 59.0))
+    latest_estimate = estimate(60, 60.0)
+    timeline_times = "\n".join(
+        figure_texts(status, row._replace(estimate=latest_estimate), CHANNELS, 59.0)
+    )
     for words in (
         "42 s learned",
         "± 2.0°\n0.25 s ahead",
@@ -360,7 +378,7 @@ def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight()
         "5.7 ± 0.6 °/s² per µs\nrate damping not identifiable",
         "### 5.0 m/s (4.5 to 5.5) ↖\nfrom SE (127°) ↖",
     ):
-        assert words in shown
+        assert words in timeline_times
     assert [fact.code for fact in WIND.facts] == [SessionFact.WIND_SPEED, SessionFact.WIND_FROM]
 
 
@@ -376,6 +394,7 @@ def test_the_first_figure_has_headline_next_step_and_what_is_bad():
 
 @mark.slow
 def test_a_row_that_cannot_be_drawn_and_a_file_that_cannot_be_written_end_nothing(tmp_path):
+    """One estimate has no predictions, and one file is in a folder that does not exist."""
     path = tmp_path / "flight.rrd"
     with showing(RecordingFile(tmp_path / "nowhere" / "flight.rrd"), RecordingFile(path)) as view:
         thread = view._threads[1]
@@ -429,8 +448,8 @@ def test_rows_wait_while_they_are_held_and_come_when_it_closes(tmp_path):
     path = tmp_path / "flight.rrd"
     sending = SinkThread(RecordingFile(path), uuid4())
     sending.is_paused = True
-    for at in TIME:
-        sending.put(CHANNELS, ROW._replace(time=at))
+    for time in TIME:
+        sending.put(CHANNELS, ROW._replace(time=time))
     sending.send_waiting()
     assert "motors/0_outputs" not in drawn(path)
     sending.closing.set()
@@ -439,9 +458,12 @@ def test_rows_wait_while_they_are_held_and_come_when_it_closes(tmp_path):
 
 
 def test_a_requested_view_is_shown_or_refused(monkeypatch, tmp_path):
+    """Options for a file or a viewer give a sink; a wrong address is refused with an example."""
     # With a screen too: a server keeps what the file has.
     for has_screen in (True, False):
-        monkeypatch.setattr("mavdem.view.sinks.has_screen", lambda shown=has_screen: shown)
+        monkeypatch.setattr(
+            "mavdem.view.sinks.has_screen", lambda timeline_times=has_screen: timeline_times
+        )
         assert [type(sink) for sink in requested_sinks(rrd=tmp_path / "flight.rrd")] == [
             RecordingFile
         ]
@@ -481,6 +503,7 @@ time.sleep(3600)
 def test_the_server_is_local_reports_to_nobody_and_ends_with_its_starter(
     tmp_path,
 ):
+    """The server of the viewer listens on this computer only, and writes no file for Rerun's analytics."""
     ports = free_port(), free_port()
     unset = ("CI", "XDG_CONFIG_HOME", "XDG_DATA_HOME")
     environment = {name: value for name, value in os.environ.items() if name not in unset}

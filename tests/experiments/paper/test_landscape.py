@@ -10,6 +10,7 @@ from mavdem.experiments.paper.scalar_system import TRUE_A, TRUE_B
 
 @mark.slow
 def test_priors_end_at_one_point_but_not_under_the_papers_settings(monkeypatch):
+    """20 priors on a circle converge to the maximum of the free energy, which has the numbers of the paper."""
     for grid in ("GRID_A", "GRID_B"):
         monkeypatch.setattr(landscape, grid, getattr(landscape, grid)[::14])
     monkeypatch.setattr(landscape, "PRIOR_COUNT", 20)

@@ -105,6 +105,7 @@ def test_checks_compare_dem_with_the_best_of_the_others():
 
 @mark.slow
 def test_the_report_has_the_best_estimator_in_white_noise_first(monkeypatch):
+    """A short run of the experiment with one fast estimator and one record."""
     monkeypatch.setattr(noise_covariance, "RANDOM_RECORDS", 1)
     quick = {"innovation correlation (ALS)": BATCH_ESTIMATORS["innovation correlation (ALS)"]}
     monkeypatch.setattr(noise_covariance, "BATCH_ESTIMATORS", quick)

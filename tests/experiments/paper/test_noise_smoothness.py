@@ -33,6 +33,7 @@ def known_record():
 
 
 def test_the_gradient_by_smoothness_is_the_difference_of_free_energies(known_record):
+    """The gradient by ln s is compared with a central difference of the free energy."""
     _, _, fit_at = known_record
     for smoothness in (0.3, 0.5):
         above = fit_at(smoothness * np.exp(1e-3)).free_energy

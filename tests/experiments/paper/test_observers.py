@@ -74,6 +74,7 @@ def started_from_zero(window):
 
 
 def test_filter_and_fixed_lag_smoother_equal_the_regression_on_the_joint_gaussian(window, model):
+    """The last state of the filter equals the estimate from all samples at once."""
     outputs, inputs = started_from_zero(window)
     certain = model._replace(R=np.array([[1e-6]]))
     T = 25
@@ -199,6 +200,7 @@ def test_windows_beyond_the_authors_limit_are_left_out_and_counted():
 
 @mark.slow
 def test_the_reports_have_the_least_error_first_and_all_flights(monkeypatch):
+    """Short runs of both experiments, with and without the recorded flights."""
     monkeypatch.setattr(state_estimation, "SIMULATED_WINDOWS", 1)
     monkeypatch.setattr(state_estimation, "SIMULATED_SMOOTHNESS", {"s = 0.006 s": 0.006})
     monkeypatch.setattr(input_estimation, "SIMULATED_SMOOTHNESS", {"s = 0.006 s": 0.006})

@@ -53,6 +53,7 @@ def test_failing_checks_come_first_in_the_sentence():
 
 @mark.slow
 def test_the_command_writes_the_page_and_the_numbers_that_it_prints(monkeypatch, tmp_path, capsys):
+    """A claim of the paper that holds is reproduced; page, numbers and text agree."""
     items = {CLAIMS[0]: lambda _: ExperimentResult(checks=(HELD,)), CLAIMS[1]: lambda _: fail()}
     monkeypatch.setattr("mavdem.experiments.paper.report.ITEMS", items)
     monkeypatch.setattr("mavdem.cli.reproduce.available_workers", lambda: 1)
@@ -148,6 +149,7 @@ WINDOW = Window("made up", 0, FLIGHT[:120], FLIGHT[120:])
 
 
 def test_a_model_that_holds_the_last_sample_fails_all_checks_of_prediction():
+    """A trivial model must not pass any check of the paper's predictions."""
     hold_model = partial_record(
         Learned,
         one_step=lambda self: np.vstack([WINDOW.train.outputs[:1], WINDOW.train.outputs[:-1]]),
@@ -169,6 +171,7 @@ def test_a_model_that_holds_the_last_sample_fails_all_checks_of_prediction():
 
 @mark.slow
 def test_all_items_make_one_report(tmp_path, monkeypatch, request):
+    """All claims of the paper are checked with few windows and iterations, and written as one page."""
     monkeypatch.setattr(model_order, "ORDERS", (1, 2))
     monkeypatch.setattr(model_order, "SYSTEMS", {1: ("φ̇",), 2: ("φ", "φ̇")})
     # A report needs no more iterations of EM and PEM.

@@ -9,7 +9,7 @@ from math import nan
 import numpy as np
 from browsing import HOSTILE
 from hover import Hover
-from live_rows import flown
+from live_rows import add_flight
 from made_up_analysis import assessment, physical
 from numpy.testing import assert_allclose
 from pytest import approx, fixture, mark
@@ -406,8 +406,8 @@ def test_a_page_is_laid_out_anew_for_light_paper_and_prints_all_of_its_chapters(
 
 def test_a_live_flight_has_what_was_trained_on_its_events_and_no_wind_below_0():
     history = LiveHistory()
-    flown(history, 2.0)
-    flown(history, 2.0, segment=1, start=105.0, learnt=False)
+    add_flight(history, 2.0)
+    add_flight(history, 2.0, segment=1, start=105.0, learnt=False)
     history.add_event(Event(12.25, Fact(VehicleFact.NO_VEHICLE_YET)))
     timeline = live_timeline(history, "roll")
     above, below = timeline.overview
@@ -441,7 +441,7 @@ def live_document():
         for time in range(12)
     ]
     history = LiveHistory()
-    flown(history, 2.0)
+    add_flight(history, 2.0)
     timeline = live_timeline(history, "roll")
     head = Head(Level.GOOD, {}, events, timeline, has_log=False, is_newest_first=True)
     return render_document("Live", "", [], head=head)
@@ -458,7 +458,7 @@ def test_a_session_that_goes_on_lists_each_event_once_and_offers_no_fields_of_a_
 def test_events_of_a_live_page_have_the_same_numbers_in_its_list_and_in_its_charts():
     history = LiveHistory()
     early = Event(nan, Fact(VehicleFact.NO_VEHICLE_YET), reception=0.0)
-    flown(history, 2.0)
+    add_flight(history, 2.0)
     loss = Fact(Ending.CRASHED, time=0.5, height=0.0, speed=5.0, cause=None, mode="", word=None)
     alarm = Fact(SessionFact.ALARM, time=0.6, reason=loss)
     learning = Fact(SessionFact.BEING_LEARNED, time=0.8)
@@ -622,7 +622,7 @@ return [texts, chart.over.clientHeight];
 @mark.slow
 def test_the_numbers_of_events_stand_above_a_plot_that_can_be_read(tmp_path, browser):
     history = LiveHistory()
-    flown(history, 10.0)
+    add_flight(history, 10.0)
     timeline = live_timeline(history, "roll")
     start, end = timeline.span
     # The second and the third are too near to have a number each.
