@@ -470,12 +470,7 @@ def _loop_figures(frequency: Array, loop: Complex) -> Mapping[str, Array]:
         Arrays (1,) by name: Hz, degrees, dB, or without unit.
     """
     # ``OpenLoop`` holds the responses of several plants, (plants, N): here there is one.
-    response = loop[None]
-    complementary_sensitivity = response / (1 + response)
-    # It needs two closed-loop responses, too, on which the margins do not depend.
-    return OpenLoop(
-        frequency, response, complementary_sensitivity, complementary_sensitivity
-    ).figures
+    return OpenLoop(frequency, loop[None]).open_loop_figures
 
 
 class HoverPhase(NamedTuple):

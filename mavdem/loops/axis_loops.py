@@ -23,10 +23,12 @@ from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.controllers import Controller
 from mavdem.loops.margins import (
     FINE_GRID,
+    AttitudeLoop,
     FrequencyGrid,
     Margins,
     OpenLoop,
     PlantResponse,
+    RateLoop,
     attitude_loop,
     plant_response,
     rate_loop,
@@ -118,12 +120,12 @@ class Loop(Margins):
         return plant_response(self.controller, self.effectiveness, self.dynamics, self.grid)
 
     @cached_property
-    def rate(self) -> OpenLoop:
+    def rate(self) -> RateLoop:
         """The rate loop."""
         return rate_loop(self.controller, self.plant_response)
 
     @cached_property
-    def attitude(self) -> OpenLoop:
+    def attitude(self) -> AttitudeLoop:
         """The attitude loop, with the rate loop closed."""
         return attitude_loop(self.controller, self.rate)
 
@@ -301,9 +303,11 @@ def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) 
     # The weaker loop is chosen by the estimated plant.
     rate_score = margin_scores(target, loop.rate)[ESTIMATE]
     attitude_score = margin_scores(target, loop.attitude)[ESTIMATE]
-    weaker_name, weaker_loop = "rate", loop.rate
+    weaker_name = "rate"
+    weaker_loop: OpenLoop = loop.rate
     if attitude_score < rate_score:
-        weaker_name, weaker_loop = "attitude", loop.attitude
+        weaker_name = "attitude"
+        weaker_loop = loop.attitude
     scores = margin_scores(target, loop.rate, loop.attitude)
     level = Level.BAD
     # If the 5 % quantile of the scores is at least 1, then so are the scores of 95 % of the plants. The method "lower"
@@ -367,10 +371,11 @@ def margin_ratios(target: MarginTarget, loop: OpenLoop) -> dict[str, Array]:
     Returns:
         Ratios (N,) by the name of the figure: "phase_margin", "gain_margin" and "ms".
     """
+    figures = loop.open_loop_figures
     return {
-        "phase_margin": loop.figures["phase_margin"] / target.phase_margin,
-        "gain_margin": loop.figures["gain_margin"] / target.gain_margin,
-        "ms": target.ms / loop.figures["ms"],
+        "phase_margin": figures["phase_margin"] / target.phase_margin,
+        "gain_margin": figures["gain_margin"] / target.gain_margin,
+        "ms": target.ms / figures["ms"],
     }
 
 

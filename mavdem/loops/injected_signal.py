@@ -16,7 +16,7 @@ import numpy as np
 
 from mavdem.dataset.segments import Segments
 from mavdem.dataset.signals import Signals
-from mavdem.loops.margins import OpenLoop, controller_response
+from mavdem.loops.margins import PlantResponse, RateLoop, controller_response
 from mavdem.loops.resonance import MIN_RESPONSE_FREQUENCY, controller_if_known
 from mavdem.loops.welch import MIN_COHERENCE, welch_spectra
 
@@ -24,7 +24,7 @@ MIN_FREQUENCIES = 2
 """Least number of frequencies at which the rate must be coherent with the signal: a crossover lies between two."""
 
 
-def injected_loop(signals: Signals, segments: Segments) -> OpenLoop | None:
+def injected_loop(signals: Signals, segments: Segments) -> RateLoop | None:
     """Measures the open rate loop of one axis by a signal that was injected in flight (system identification mode).
 
     The injected signal depends on neither wind nor noise. So the plant, from demand to rate, is the ratio of the
@@ -71,11 +71,8 @@ def injected_loop(signals: Signals, segments: Segments) -> OpenLoop | None:
     plant = (injection_to_rate / injection_to_demand)[is_measured]
     demand_from_setpoint, demand_from_rate = controller_response(controller, frequency)
     response = demand_from_rate * plant
-    closed_loop_response = demand_from_setpoint * plant / (1 + response)
-    loop = OpenLoop(
-        frequency,
-        response[None],
-        closed_loop_response[None],
-        disturbance=0 * closed_loop_response[None],
+    plants = PlantResponse(
+        frequency, rate_per_demand=plant[None], rate_per_torque=np.zeros_like(plant)[None]
     )
+    loop = RateLoop(frequency, response[None], plants, demand_from_setpoint)
     return loop if isfinite(loop.crossover) else None

@@ -10,7 +10,7 @@ Figures are defined as by K. J. Åström and R. M. Murray, Feedback Systems, 2nd
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -117,22 +117,35 @@ class Margins(ImmutableResult):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class OpenLoop(Margins):
-    """Frequency responses of a rate or attitude loop with N plants: the estimated one, then draws from its posterior.
+    """Frequency responses of a loop with N plants: the estimated one, then draws from its posterior.
 
     The loop is opened at its controller. The responses are at F frequencies; row ``ESTIMATE`` is of the estimated
-    plant.
+    plant. Only the open loop is kept: an array of all plants takes 3 MB, and a review has several loops on each of
+    three axes. :class:`RateLoop` and :class:`AttitudeLoop` know the other responses of their loops.
     """
 
     frequency: Array
     """Frequencies (F,), Hz, ascending."""
     response: Complex
     """Response L of the open loop (N, F), without the minus sign of the feedback."""
-    closed_loop_response: Complex
-    """Response of the closed loop (N, F), from the setpoint to the rate or the angle."""
-    disturbance: Complex
-    """Response (N, F) from the wind torque, rad/s², to the rate, rad/s, or the angle, rad, in the closed loop."""
-    is_inner_stable: Flags | None = None
+    is_inner_stable: Flags | None = field(default=None, kw_only=True)
     """Whether the loop inside this one is stable (N,); None for the rate loop, inside which there is none."""
+
+    @property
+    def closed_loop_response(self) -> Complex:
+        """Response of the closed loop (N, F), from the setpoint to the rate or the angle; computed at each access.
+
+        It is T = L / (1 + L) of a controller that acts on the error of the setpoint.
+        """
+        return self.response / (1 + self.response)
+
+    @property
+    def disturbance(self) -> Complex:
+        """Response (N, F) from the wind torque, rad/s², to the rate, rad/s, or the angle, rad, in the closed loop.
+
+        It is computed at each access. It is 0 where it is not known: the open loop alone does not show it.
+        """
+        return np.zeros_like(self.response)
 
     @cached_property
     def stable(self) -> Flags:
@@ -173,24 +186,36 @@ class OpenLoop(Margins):
     def figures(self) -> Mapping[str, Array]:
         """Values (N,) of each figure of :class:`Margins`, by its name.
 
-        They follow from crossings of the response: with the unit circle (crossover, phase and delay margin), with the
-        negative real axis (gain margin), and of the closed loop with −3 dB (bandwidth). Crossings are interpolated
-        linearly between frequencies, in the logarithms of gain and frequency. Without a crossing, margins are infinite,
-        and crossover and bandwidth are NaN. Around an unstable loop they are minus infinity: no crossing shows how far
-        from stable it is.
+        The bandwidth is the lowest frequency at which the closed loop crosses −3 dB, interpolated as the crossings of
+        the open loop are (``open_loop_figures``); without a crossing it is NaN.
+        """
+        half_power_crossings = _ZeroCrossings.of_rows(
+            np.abs(self.closed_loop_response) - HALF_POWER_GAIN
+        )
+        log_bandwidth = half_power_crossings.minimum_by_row(
+            half_power_crossings.interpolate(np.log(self.frequency))
+        )
+        figures = {
+            **self.open_loop_figures,
+            "bandwidth": np.exp(log_bandwidth),
+            "rejection": np.abs(self.disturbance).max(axis=1),
+        }
+        return freeze(figures)
+
+    @cached_property
+    def open_loop_figures(self) -> Mapping[str, Array]:
+        """Values (N,) of the ``figures`` that follow from the open loop alone: crossover, margins and Ms.
+
+        They follow from crossings of the response: with the unit circle (crossover, phase and delay margin) and with
+        the negative real axis (gain margin). Crossings are interpolated linearly between frequencies, in the logarithms
+        of gain and frequency. Without a crossing, margins are infinite, and the crossover is NaN. Around an unstable
+        loop margins are minus infinity: no crossing shows how far from stable it is.
         """
         log_frequency = np.log(self.frequency)
         gain_crossings = _ZeroCrossings.of_rows(np.log(np.abs(self.response)))
         crossover = np.exp(gain_crossings.interpolate(log_frequency))
         phase_margin = _phase_margins(self.response, gain_crossings)
         log_gain_margin = _log_gain_margins(self.response)
-        # The bandwidth is the lowest frequency at which the closed loop crosses −3 dB.
-        half_power_crossings = _ZeroCrossings.of_rows(
-            np.abs(self.closed_loop_response) - HALF_POWER_GAIN
-        )
-        log_bandwidth = half_power_crossings.minimum_by_row(
-            half_power_crossings.interpolate(log_frequency)
-        )
         delay_margin = phase_margin / (2 * np.pi * crossover)
         figures = {
             # The highest crossover, as the negative of the smallest negative one.
@@ -201,8 +226,6 @@ class OpenLoop(Margins):
             "gain_margin": DECIBELS_PER_NEPER * _infinite_if_nan(log_gain_margin),
             "delay_margin": _infinite_if_nan(gain_crossings.minimum_by_row(delay_margin)),
             "ms": self.max_sensitivity,
-            "bandwidth": np.exp(log_bandwidth),
-            "rejection": np.abs(self.disturbance).max(axis=1),
         }
         if self.is_inner_stable is not None:
             for name in SIGNED_MARGINS:
@@ -359,8 +382,44 @@ def plant_response(
     return freeze(PlantResponse(frequency, rate_per_demand, rate_per_torque))
 
 
-def rate_loop(controller: Controller, plant: PlantResponse) -> OpenLoop:
-    """Returns the open and closed loop of the body rate with N plants P at once: L = C P.
+@dataclass(frozen=True, eq=False, repr=False)
+class RateLoop(OpenLoop):
+    """Loops of the body rate with N plants P and one controller."""
+
+    plant: PlantResponse
+    """The plants."""
+    demand_from_setpoint: Complex
+    """Response (F,) of the controller, from the setpoint to the demand, s/rad."""
+
+    @property
+    def closed_loop_response(self) -> Complex:
+        """Response of the closed loops (N, F), from the setpoint of the rate to the rate."""
+        sensitivity = 1 / (1 + self.response)
+        return self.demand_from_setpoint * self.plant.rate_per_demand * sensitivity
+
+    @property
+    def disturbance(self) -> Complex:
+        """Response (N, F) from the wind torque, rad/s², to the rate, rad/s, in the closed loop."""
+        sensitivity = 1 / (1 + self.response)
+        return self.plant.rate_per_torque * sensitivity
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AttitudeLoop(OpenLoop):
+    """Loops of the attitude around N closed rate loops."""
+
+    rate: RateLoop
+    """The rate loops."""
+
+    @property
+    def disturbance(self) -> Complex:
+        """Response (N, F) from the wind torque, rad/s², to the angle, rad, with both loops closed."""
+        s = 2j * np.pi * self.frequency
+        return self.rate.disturbance / s / (1 + self.response)
+
+
+def rate_loop(controller: Controller, plant: PlantResponse) -> RateLoop:
+    """Returns the loop of the body rate with N plants P at once: L = C P.
 
     Args:
         controller: rate controller C of the axis, with its gains and filters.
@@ -371,13 +430,10 @@ def rate_loop(controller: Controller, plant: PlantResponse) -> OpenLoop:
     """
     demand_from_setpoint, demand_from_rate = controller_response(controller, plant.frequency)
     response = demand_from_rate * plant.rate_per_demand
-    sensitivity = 1 / (1 + response)
-    closed_loop_response = demand_from_setpoint * plant.rate_per_demand * sensitivity
-    disturbance = plant.rate_per_torque * sensitivity
-    return OpenLoop(plant.frequency, response, closed_loop_response, disturbance)
+    return RateLoop(plant.frequency, response, plant, demand_from_setpoint)
 
 
-def attitude_loop(controller: Controller, rate: OpenLoop) -> OpenLoop:
+def attitude_loop(controller: Controller, rate: RateLoop) -> AttitudeLoop:
     """Returns the loop of the attitude around the closed loop of the rate: L = angle gain / s · T_rate / filters.
 
     T_rate is the response of the filtered rate to its setpoint. As the angle is the integral of the unfiltered rate,
@@ -388,16 +444,12 @@ def attitude_loop(controller: Controller, rate: OpenLoop) -> OpenLoop:
         rate: the rate loop of N plants, at the frequencies of the result.
 
     Returns:
-        The loop, with the response of the angle to its setpoint, and to a wind torque, rad per rad/s².
+        The loops around all N rate loops.
     """
     s = 2j * np.pi * rate.frequency
     filters = gyro_response(controller, rate.frequency)
     response = controller.angle_gain / s * rate.closed_loop_response / filters
-    closed_loop_response = response / (1 + response)
-    disturbance = rate.disturbance / s / (1 + response)
-    return OpenLoop(
-        rate.frequency, response, closed_loop_response, disturbance, is_inner_stable=rate.stable
-    )
+    return AttitudeLoop(rate.frequency, response, rate, is_inner_stable=rate.stable)
 
 
 class ControllerResponse(NamedTuple):

@@ -44,7 +44,7 @@ def share_with_margins(loop, target):
     has_margins = np.ones(len(plants), dtype=bool)
     for factor in EFFECTIVENESS_FACTORS:
         response = factor * loop.effectiveness[1:, np.newaxis] * plants
-        figures = OpenLoop(frequency, response, response, response).figures
+        figures = OpenLoop(frequency, response).figures
         has_margins &= figures["phase_margin"] + 0.1 >= target.phase_margin
         has_margins &= figures["gain_margin"] + 0.02 >= target.gain_margin
         has_margins &= figures["ms"] * 0.999 <= target.ms
@@ -298,6 +298,7 @@ def test_the_next_step_is_as_careful_as_the_advice_is_sure():
         assert words in doubtful
 
 
+@mark.slow
 def test_a_flight_that_shows_neither_lack_nor_success_is_flown_again_before_gains_are_loaded():
     lacks = advise(made_up(4.5))
     assert (

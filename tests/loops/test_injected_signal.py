@@ -36,7 +36,7 @@ def test_an_integrator_with_dead_time_has_its_margins_and_the_light_of_these(gai
     frequency = np.geomspace(1, 40, 500)
     s = 2j * np.pi * frequency
     loop = (gain * np.exp(-delay * s) / s)[None]
-    found = OpenLoop(frequency, loop, loop, loop)
+    found = OpenLoop(frequency, loop)
     assert found.crossover == approx(gain / (2 * np.pi), rel=1e-3)
     assert found.phase_margin == approx(90 - np.degrees(gain * delay), abs=0.1)
     assert found.gain_margin == approx(20 * np.log10(np.pi / (2 * gain * delay)), abs=0.05)

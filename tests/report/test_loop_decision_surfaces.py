@@ -103,7 +103,7 @@ def injected_response(crossover):
     """Returns the open loop that an injected signal has measured: an integrator with 45 ms of delay."""
     frequency = np.geomspace(0.5, 60.0, 60)
     response = (crossover / (1j * frequency) * np.exp(-0.045j * frequency))[None]
-    return OpenLoop(frequency, response, response / (1 + response), 0 * response)
+    return OpenLoop(frequency, response)
 
 
 def tracking_fact(axis, code=TrackingLight.FOLLOWS_SETPOINT, level=Level.GOOD, **figures):

@@ -22,7 +22,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.loops import LoopFact
 from mavdem.loops.loop_construction import inputs_per_demand, logged_controller, record_axis
-from mavdem.loops.margins import OpenLoop, plant_response, rate_loop
+from mavdem.loops.margins import RateLoop, plant_response, rate_loop
 from mavdem.plant.closed_loop.evidence import LoopData, LoopPosterior, fit_closed_loop
 from mavdem.plant.closed_loop.free_energy import (
     MOTORS_CHANNEL,
@@ -211,7 +211,7 @@ class ClosedLoop(ForecasterBase):
         """Limits of the model: none are known."""
         return ()
 
-    def rate_loop(self, draws: int = MARGIN_DRAWS, seed: int = 0) -> OpenLoop:
+    def rate_loop(self, draws: int = MARGIN_DRAWS, seed: int = 0) -> RateLoop:
         """Returns the rate loop, cut open, of the learned plant and the autopilot's controller, for stability margins.
 
         Only the plant is taken from the posterior; the gains of the controller are taken from the autopilot's
