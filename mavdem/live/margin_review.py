@@ -245,18 +245,22 @@ class MarginReview:
         if self._executor is not None:
             self._messages.add(stamp, frames, vehicle)
 
-    def update(self, now: float, stream: LiveStream, *, is_busy: bool) -> None:
+    def update(
+        self, now: float, stream: LiveStream, *, is_busy: bool, is_recording_assessed: bool
+    ) -> None:
         """Takes the result of a finished review of the stability margins, or begins another one if that is due.
 
         Reviews are computed in another process, for which this method never waits.
 
         It is called once a second. Reviews begin ``FIRST_REVIEW_SECONDS`` after the take-off, and follow each other
-        while the vehicle flies. The last one is of the whole flight, after its landing.
+        while the vehicle flies. The last one is of the whole flight, after its landing, unless its recording is
+        assessed then, which shows the same margins.
 
         Args:
             now: present time, s of the monotonic clock.
             stream: stream of the vehicle.
             is_busy: whether this computer has no time for a review now.
+            is_recording_assessed: whether the recording of the flight is assessed after its landing.
         """
         has_taken_off = stream.is_flying and not self._was_flying
         has_just_landed = self._was_flying and not stream.is_flying
@@ -269,6 +273,8 @@ class MarginReview:
             self.has_rate_setpoint = True
         if self._pending is not None:
             self._take_result(self._pending)
+            return
+        if is_recording_assessed and not stream.is_flying:
             return
         vehicle = stream.followed_vehicle
         # Without setpoints of the body rate a review would show no more than the model does.

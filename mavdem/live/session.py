@@ -245,7 +245,13 @@ class LiveSession:
         self._learning.adopt_model_before_landing()
         # A computer that has no time for fits has no time to judge a model either.
         is_busy = DelayedWork.PHYSICAL_FITS in self.backlog.postponed
-        self._margin_review.update(now, self.stream, is_busy=is_busy)
+        self._margin_review.update(
+            now,
+            self.stream,
+            is_busy=is_busy,
+            # Advice on gains comes with the assessment of the recording.
+            is_recording_assessed=self.gain_adviser is not None,
+        )
         self.judging.update(
             now,
             self._learning,

@@ -122,7 +122,8 @@ def stream():
 def review():
     """A review whose executor keeps the jobs, of a vehicle on the ground."""
     made = MarginReview(LaterExecutor(), "flight.tlog")
-    made.update(0.0, Mock(is_flying=False, has_rate_setpoint=False), is_busy=False)
+    on_ground = Mock(is_flying=False, has_rate_setpoint=False)
+    made.update(0.0, on_ground, is_busy=False, is_recording_assessed=False)
     return made
 
 
@@ -130,12 +131,14 @@ def frames_of(*contents):
     return FrameReader().feed(b"".join(contents))
 
 
-def update(review, stream, start, end):
+def update(review, stream, start, end, *, is_recording_assessed=False):
     """Calls the review once a second, and returns at which of these times it began to judge, s."""
     begin_times = []
     for now in range(start, end):
         count = len(review._executor.jobs)
-        review.update(float(now), stream, is_busy=False)
+        review.update(
+            float(now), stream, is_busy=False, is_recording_assessed=is_recording_assessed
+        )
         if len(review._executor.jobs) > count:
             begin_times.append(now)
     return begin_times
@@ -155,12 +158,12 @@ def fly_live(path):
         review.add_messages(stamp / 1e6, frames, live.followed_vehicle)
         if (stamp - first_stamp) / 1e6 >= second:
             second += 1
-            review.update(float(second), live, is_busy=False)
+            review.update(float(second), live, is_busy=False, is_recording_assessed=False)
             if review.margins is not lights[-1]:
                 lights.append(review.margins)
     for _ in range(40):
         second += 1
-        review.update(float(second), live, is_busy=False)
+        review.update(float(second), live, is_busy=False, is_recording_assessed=False)
     return lights[1:], review.margins
 
 
@@ -217,6 +220,13 @@ def test_a_flight_is_reviewed_at_its_period_and_once_after_the_landing(review, s
     assert (source, vehicle, parameters) == ("flight.tlog", "1:1", {"A": 1.0})
 
 
+def test_a_landed_flight_is_not_reviewed_if_its_recording_is_assessed(review, stream):
+    assert update(review, stream, 10, 12) == []
+    stream.is_flying = False
+    assert update(review, stream, 12, 200, is_recording_assessed=True) == []
+    assert update(review, stream, 200, 202) == [200]
+
+
 def test_long_reviews_are_rarer(review, stream):
     review._executor.submit = Mock(side_effect=review._executor.submit)
     update(review, stream, 0, FIRST)
@@ -230,7 +240,7 @@ def test_without_rate_setpoints_or_time_nothing_is_reviewed(review, stream):
     stream.has_rate_setpoint = False
     assert update(review, stream, 0, 40) == [] and not review.has_rate_setpoint
     stream.has_rate_setpoint = True
-    review.update(40.0, stream, is_busy=True)
+    review.update(40.0, stream, is_busy=True, is_recording_assessed=False)
     assert not review._executor.jobs
     stream.has_rate_setpoint = False
     assert update(review, stream, 41, 42) == [41], "setpoints that came are kept"
