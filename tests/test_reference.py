@@ -32,6 +32,7 @@ def test_a_key_that_is_not_published_is_refused():
         model.model_validate({"error": {"reason": "", "remedy": ""}, "more": 1})
 
 
+@mark.slow
 def test_the_columns_of_a_fleet_are_as_published():
     published = reference.published()["flights"].schema["properties"]
     schema = row_schema()

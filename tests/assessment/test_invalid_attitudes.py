@@ -55,6 +55,7 @@ def test_a_log_and_a_live_flight_say_that_the_attitude_is_not_a_number():
     assert MotionEvent.LOG_ENDED_IN_AIR not in codes
 
 
+@mark.slow
 @mark.parametrize("end_time", [15.5, 18.0])
 def test_the_event_ends_with_the_next_number_and_needs_a_second(end_time):
     live = replay(frames_of_flight(end_time=end_time))

@@ -406,6 +406,7 @@ def test_flights_are_not_compared_by_a_voltage_that_nothing_measures(ends, volta
     assert mean_conditions([[row]]).voltage == voltage
 
 
+@mark.slow
 def test_a_detectable_change_is_found_in_nine_of_ten_comparisons():
     """Simulated estimates with the assumed spread between flights, and four motors of which one changed."""
     rng = default_rng(11)

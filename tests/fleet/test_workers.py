@@ -242,6 +242,7 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
         assert not any(client.run(lambda: len(cluster._idle_readers)).values())
 
 
+@mark.slow
 @mark.parametrize(
     "client, code",
     [

@@ -119,6 +119,7 @@ class TurningOver(Leaving):
         return np.angle(np.exp(1j * super().roll(t)))
 
 
+@mark.slow
 def test_a_loss_of_control_ends_settled_flight_some_seconds_before_its_onset_as_in_a_log():
     tumbling = replayed_with_messages(TurningOver())
     alarm = alarms(tumbling)[0]
@@ -222,6 +223,7 @@ class StoppedFlight(Flight):
             yield time, name, fields | {"z": fallen - float(height)} | motion
 
 
+@mark.slow
 def test_a_vehicle_disarmed_in_the_air_has_not_landed():
     replayed = replay(StoppedFlight(Tumbling(), 25.0, 25.0).frames(end=37.0))
     idle, falling, alarm = alarms(replayed)
@@ -236,6 +238,7 @@ def test_a_vehicle_disarmed_in_the_air_has_not_landed():
     assert status.loss is alarm.figures["reason"]
 
 
+@mark.slow
 def test_a_throttle_that_the_pilot_closed_is_the_cause_of_a_fall():
     """The pilot closes the throttle 0.3 s before the vehicle falls."""
     hover = Tumbling()
@@ -269,6 +272,7 @@ class Spun(Hover):
         return super().roll_rate(t) + 8.0 * ((np.asarray(t) > 19.0) & (np.asarray(t) < 19.2))
 
 
+@mark.slow
 def test_a_crash_that_the_motion_does_not_show_loses_no_flight():
     replayed = replayed_with_messages(Hover(hovering=3.0), (20.0, "STATUSTEXT", CRASH_TEXT))
     [alarm] = alarms(replayed)
@@ -277,6 +281,7 @@ def test_a_crash_that_the_motion_does_not_show_loses_no_flight():
     assert replayed.stream.status().loss is None
 
 
+@mark.slow
 @mark.parametrize(
     "boot_time, take_off", [(0.0, 47.0), (39.5, 43.0)], ids=["in this boot", "in the next"]
 )
@@ -334,6 +339,7 @@ class FallingFlight(Flight):
             yield time, name, fields | {"z": -float(height)} | speed
 
 
+@mark.slow
 def test_a_fall_with_idle_motors_is_alarmed_before_it_ends_and_is_no_loss_where_it_is_caught():
     """The motors idle from 18.0 s to 18.8 s, when the pilot gives thrust again."""
     flight = FallingFlight(Throttled(opened=18.8), attitude=50.0, motors=50.0)
@@ -350,6 +356,7 @@ def test_a_fall_with_idle_motors_is_alarmed_before_it_ends_and_is_no_loss_where_
     assert not status.overall_judgement.lights[Light.TRACKING].is_bad
 
 
+@mark.slow
 def test_motors_that_idle_for_a_moment_raise_no_alarm():
     flight = FallingFlight(Throttled(opened=18.2), attitude=50.0, motors=50.0)
     assert not alarms(replay(flight.frames(end=24.0)))

@@ -89,6 +89,7 @@ class Tumble(Hover):
         return np.where(is_tumbling, 1.5 * np.sin(12.0 * t), super().roll(t))
 
 
+@mark.slow
 def test_the_moments_in_which_a_tumbling_vehicle_is_upright_are_not_settled():
     made = replay(Flight(Tumble(hovering=13.0)).frames(end=23.0))
     settled_times = np.array([row.time for row in made.rows if row.is_settled])

@@ -154,6 +154,7 @@ def run(session):
     session.end()
 
 
+@mark.slow
 def test_motion_motors_and_battery_are_plotted_though_messages_are_too_slow_for_rows():
     slow = Flight(attitude=25.0, motors=25.0).frames(end=18.0)
     session, screen, _ = session_of([[frame] for frame in slow])
@@ -187,6 +188,7 @@ def test_motion_motors_and_battery_are_plotted_though_messages_are_too_slow_for_
     assert first.longest_bridged_gap == 10.0
 
 
+@mark.slow
 @mark.parametrize("keeps_vehicle", [False, True])
 def test_a_silent_vehicle_is_succeeded_by_the_one_that_sends(now, keeps_vehicle):
     """Vehicle 1 is silent from 9 s, and vehicle 4 sends from 13 s on.

@@ -6,7 +6,7 @@ import numpy as np
 from hover import Hover
 from live_hover import Flight, by_time, replay
 from mavlink_streams import message
-from pytest import approx
+from pytest import approx, mark
 
 from mavdem.assessment.wind_drifts import drift_sample
 from mavdem.live.session_status import SessionStatus
@@ -69,6 +69,7 @@ def test_no_distance_is_shown_where_the_take_off_was_not_seen():
     assert status.is_flying and status.displacement_from_takeoff is None
 
 
+@mark.slow
 def test_a_take_off_before_the_vehicle_is_followed_is_seen():
     """It is followed from its third HEARTBEAT on, at 6 s, when it takes off."""
     stream = replay(Flight().frames(start=4.5, end=20.0)).stream

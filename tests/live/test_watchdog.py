@@ -238,6 +238,7 @@ def test_a_fault_of_the_estimator_is_over_when_its_innovation_was_last_beyond_it
     assert end.time == approx(17.5, abs=0.3)
 
 
+@mark.slow
 def test_a_receiver_without_a_fix_is_not_said_to_be_over_while_it_has_none():
     """The report is of the moment when the fix was lost, and the state lasts until the end, after the landing too."""
     fixes = [
@@ -301,6 +302,7 @@ def test_a_lasting_fault_of_the_tracking_is_one_alarm_until_it_is_judged_to_be_o
     assert 60.0 - TRACKING_PERIOD - 2.0 < end_of_alarm.time < 60.0
 
 
+@mark.slow
 def test_a_single_output_shows_no_motor_that_stays_at_its_limit():
     replayed = replay(Flight(Limited(hovering=20.0), attitude=20.0, motors=0.5).frames(end=24.0))
     assert not facts_about(replayed, MotorsLight.MOTOR_LIMITED)
@@ -411,6 +413,7 @@ def rebooted(before, text):
     return replay([*before, (12.0, message("STATUSTEXT", severity=2, text=text)), *after])
 
 
+@mark.slow
 @mark.parametrize(
     "text, light", [(b"WDG: T2 SL0", Light.TRACKING), (b"Frame: QUAD/X", Light.POWER)]
 )
@@ -432,6 +435,7 @@ def test_a_restart_in_flight_is_an_alarm_with_its_cause(text, light):
     assert judgement.headline in replayed.stream.status().active_alarms
 
 
+@mark.slow
 def test_a_restart_on_the_ground_is_no_alarm():
     before = Flight(attitude=20.0, motors=20.0, clock=20.0).frames(-8.0, 4.0)
     replayed = rebooted(before, b"Frame: QUAD/X")
@@ -506,6 +510,7 @@ def test_what_is_watched_is_always_shown():
     assert not watched_quantities_text([])
 
 
+@mark.slow
 @mark.parametrize(
     "volts, code",
     [

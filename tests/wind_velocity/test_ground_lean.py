@@ -51,6 +51,7 @@ def test_a_vehicle_that_lies_on_its_side_before_or_after_the_flight_shows_no_lea
     assert lean(standing(before, after)) is None
 
 
+@mark.slow
 def test_a_misaligned_autopilot_in_still_air_shows_no_wind():
     """A lean of 5° would be a wind of about 2.5 m/s; with a level stand before and after it is one."""
     stamps = HOVER.stamps(5.0)

@@ -264,6 +264,7 @@ def test_calm_air_is_below_a_speed():
     assert table.rows[1][1] == "3.0 (1.5 to 6.0)"
 
 
+@mark.slow
 def test_a_wind_that_turned_is_told_with_its_speed_beside_that_of_its_mean():
     wind = mavdem.estimate_wind(*flight(wind=(0, -5), gusts=0.5, seconds=60)[:3])
     assert wind.direction_identifiable
@@ -322,6 +323,7 @@ def test_quick_tilts_between_slow_samples_do_not_make_a_flight_a_held_vehicle():
     )
 
 
+@mark.slow
 def test_the_drag_of_fast_laps_is_searched_until_it_is_found():
     # Hardly accelerating, it needs 5.5 m/s² at 14.5 m/s against the wind, and 4.2 m/s² at 19.6 m/s with it: 4.8 m/s.
     wind = mavdem.wind(shared("real/logs/px4_crash_hovers_at_12_percent.ulg"))
@@ -452,6 +454,7 @@ def test_a_missing_yaw_and_a_ground_spin_are_left_out_and_a_clock_jump_is_refuse
     assert refused(wind_of_signals, still).code is NoWind.NOT_MEASURED
 
 
+@mark.slow
 def test_the_mean_of_a_layer_is_formed_as_that_of_a_minute():
     """Of an uncertain drag the mean over the posterior is larger than the median, which is reported."""
     time, attitude, velocity, _ = flight(legs=0.0, turning=0.0, seed=5)
