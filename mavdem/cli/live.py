@@ -8,7 +8,6 @@ from pathlib import Path
 from time import monotonic
 
 import click
-from rich.live import Live
 
 from mavdem.cli.console import STDERR, STDOUT
 from mavdem.cli.exit_codes import EXIT_DONE, EXIT_ERROR, EXIT_UNSUPPORTED
@@ -631,26 +630,19 @@ def _run_and_show_status(
 
     Args:
         session: The live session: its link, the vehicle and the model that it learns.
-        status_lines: Shows the status; on a terminal it gets the text that is updated in place, for this time.
+        status_lines: Shows the status.
         is_end_requested: Function that returns whether the user has requested the end.
         duration: Seconds until the end; None for no limit.
         plain: Whether the status is printed as lines below each other even on a terminal.
     """
-    terminal_text = None
     period = PRINTED_STATUS_PERIOD
     if STDERR.is_terminal and not plain:
-        terminal_text = Live(console=STDERR, auto_refresh=False, transient=True)
-        terminal_text.start()
+        status_lines.start_in_place()
         period = STATUS_PERIOD
-    status_lines.terminal_text = terminal_text
     try:
         run_session(session, is_end_requested, duration, period, status_lines.show)
     finally:
-        status_lines.terminal_text = None
-        if terminal_text is not None:
-            # A terminal that was closed takes no text any more.
-            with suppress(OSError):
-                terminal_text.stop()
+        status_lines.stop_in_place()
 
 
 def _final_model(session: LiveSession, session_end: ExitStack) -> Learned | None:

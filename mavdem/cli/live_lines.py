@@ -76,23 +76,17 @@ def event_line(event: Event, *, has_remedy: bool = True, ends_alarm: bool = Fals
     return stamped_line(escape_unprintable(text), event.reception, event.clock)
 
 
-def print_event(
-    event: Event, console: Console, *, has_remedy: bool = True, ends_alarm: bool = False
-) -> None:
+def print_event(event: Event, console: Console) -> None:
     """Prints an event of a live session in the colour of its level, if it warns.
 
-    An event of ``LEARNING_STATES`` is not printed: the status shows these, and a pilot would have to look for an alarm
-    among such lines.
+    An event of ``LEARNING_STATES`` is not printed: a pilot would have to look for an alarm among such lines.
 
     Args:
         event: what was found, and when.
         console: standard output or standard error.
-        has_remedy: whether the line says what to do about it, too.
-        ends_alarm: whether it is the end of an alarm, although its fact does not say so.
     """
     if event.fact.code not in LEARNING_STATES:
-        line = event_line(event, has_remedy=has_remedy, ends_alarm=ends_alarm)
-        print_line(line, console, style_of_facts(event.fact))
+        print_line(event_line(event), console, style_of_facts(event.fact))
 
 
 def print_line(line: str, console: Console, style: str = "") -> None:

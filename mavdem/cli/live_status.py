@@ -1,8 +1,9 @@
 """Status of a live session, with facts (coded findings): updated in place on a terminal, or lines below each other."""
 
+from collections import deque
 from collections.abc import Hashable, Sequence
 from contextlib import suppress
-from math import inf
+from math import ceil, inf
 from time import monotonic
 from typing import NamedTuple
 
@@ -15,14 +16,14 @@ from mavdem.assessment.judgement import Judgement
 from mavdem.cli.console import STDERR, STDOUT
 from mavdem.cli.live_lines import (
     LEVEL_STYLES,
-    print_event,
+    event_line,
     print_line,
     stamped_line,
     style_of_facts,
 )
 from mavdem.cli.streams import MAX_COLUMNS, escape_unprintable
 from mavdem.facts import Fact, Facts, Level
-from mavdem.facts.event import SESSION_STATES, Event
+from mavdem.facts.event import LEARNING_STATES, SESSION_STATES, Event
 from mavdem.facts.session import LinkFact, RowsFact, SessionFact
 from mavdem.facts.watch import WatchFact
 from mavdem.live.session import LiveSession
@@ -80,6 +81,9 @@ SETTLING_SECONDS = 4.0
 It is longer than the silence after which a message counts as missing. The status that is updated in place shows the
 changes at once.
 """
+
+MAX_LATEST_LINES = 50
+"""Lines above the status that are kept, to draw them anew where the terminal is resized: more than it shows."""
 
 STATUS_LINE_WIDTH = 120
 """Longest line of the status in a file, characters: as wide as a screen of this program; a choice."""
@@ -184,6 +188,9 @@ class StatusLines:
         self._line_console = console
         # The alarms of the status on the terminal.
         self._shown_alarms: Facts = ()
+        # The latest lines above that status, with their styles, and the size of the terminal when they were printed.
+        self._latest_lines: deque[tuple[str, str]] = deque(maxlen=MAX_LATEST_LINES)
+        self._terminal_size = STDERR.size
         # The next step that was printed last, without its numbers; and what the latest event advised.
         self._printed_next_step: Hashable = None
         self._advised_text = ""
@@ -195,6 +202,21 @@ class StatusLines:
         # The fact printed last, without its numbers, for each watched quantity; keys are its vehicle and name.
         self._printed_watch_facts: dict[Hashable, Hashable] = {}
         self._watch_changes = ChangeDebouncer()
+
+    def start_in_place(self) -> None:
+        """Starts to update the status in its place on the terminal, on standard error."""
+        self._terminal_size = STDERR.size
+        self.terminal_text = Live(console=STDERR, auto_refresh=False, transient=True)
+        self.terminal_text.start()
+
+    def stop_in_place(self) -> None:
+        """Removes the status from the terminal, if it was updated there; the lines above it stay."""
+        if self.terminal_text is None:
+            return
+        # A terminal that was closed takes no text any more.
+        with suppress(OSError):
+            self.terminal_text.stop()
+        self.terminal_text = None
 
     def show(self, session: LiveSession) -> None:
         """Shows the present status of a session.
@@ -232,15 +254,52 @@ class StatusLines:
         Args:
             event: What was found, and when.
         """
+        fact = event.fact
+        ends_alarm = self._ends_link_alarm(event)
+        has_remedy = True
         if self.terminal_text is None:
-            self._advised_text = event.fact.remedy
-            print_event(event, self._line_console, ends_alarm=self._ends_link_alarm(event))
+            self._advised_text = fact.remedy
         elif event.is_alarm:
             with suppress(OSError):
                 STDERR.bell()
-            print_event(event, STDERR)
-        elif event.fact.code not in SESSION_STATES:
-            print_event(event, STDERR, has_remedy=event.fact.warns)
+        elif fact.code in SESSION_STATES:
+            return
+        else:
+            has_remedy = fact.warns
+        if fact.code not in LEARNING_STATES:
+            line = event_line(event, has_remedy=has_remedy, ends_alarm=ends_alarm)
+            self._print(line, style_of_facts(fact))
+
+    def _print(self, line: str, style: str = "") -> None:
+        """Prints a line: above the status that is updated in its place, or else below the line before.
+
+        Args:
+            line: The line.
+            style: Style of its text on a terminal.
+        """
+        if self.terminal_text is None:
+            print_line(line, self._line_console, style)
+        else:
+            self._latest_lines.append((line, style))
+            print_line(line, STDERR, style)
+
+    def _redraw_after_resizing(self) -> None:
+        """Draws the terminal anew if its size has changed, since lines that it has wrapped anew cannot be erased."""
+        if STDERR.size == self._terminal_size:
+            return
+        self.stop_in_place()
+        STDERR.clear()
+        self.start_in_place()
+        # The status, which follows, needs room below these lines.
+        available_rows = STDERR.height // 2
+        shown_lines: list[tuple[str, str]] = []
+        for line, style in reversed(self._latest_lines):
+            available_rows -= ceil(len(line) / STDERR.width)
+            if available_rows < 0:
+                break
+            shown_lines.append((line, style))
+        for line, style in reversed(shown_lines):
+            print_line(line, STDERR, style)
 
     def _ends_link_alarm(self, event: Event) -> bool:
         """Notes alarms about the link, and returns whether an event is the end of one: messages come again.
@@ -264,6 +323,9 @@ class StatusLines:
         """
         if self.terminal_text is None:
             return
+        # A terminal that was closed takes no text any more; the session ends by its signal, and in order.
+        with suppress(OSError):
+            self._redraw_after_resizing()
         self._shown_alarms = status.alarms
         texts = _status_texts(status)
         alarm_style = style_of_facts(*status.alarms)
@@ -279,7 +341,6 @@ class StatusLines:
         if unwatched_text:
             last_line.append(f" {unwatched_text}")
         parts.append(last_line)
-        # A terminal that was closed takes no text any more; the session ends by its signal, and in order.
         with suppress(OSError):
             self.terminal_text.update(Group(*parts), refresh=True)
 
@@ -316,9 +377,8 @@ class StatusLines:
         has_settled = self._watch_changes.update(changes, monotonic())
         if changed_facts and (has_settled or not is_updated_in_place):
             self._printed_watch_facts.update(changes)
-            console = STDERR if is_updated_in_place else self._line_console
             text = escape_unprintable(watched_quantities_text(changed_facts))
-            print_line(stamped_line(text, boot_clock=boot_clock), console)
+            self._print(stamped_line(text, boot_clock=boot_clock))
 
     def _print_new(self, status: SessionStatus) -> None:
         """Prints a line if the state has changed since the last line, or if that line was printed long ago.
@@ -345,7 +405,7 @@ class StatusLines:
         line = stamped_line(
             escape_unprintable(status_line_text(status)), boot_clock=status.boot_clock
         )
-        print_line(shortened(line, STATUS_LINE_WIDTH), self._line_console)
+        self._print(shortened(line, STATUS_LINE_WIDTH))
         if not is_new:
             self._print_next_step(status)
 
@@ -363,7 +423,7 @@ class StatusLines:
         text = escape_unprintable(next_step)
         if text and text not in escape_unprintable(self._advised_text):
             line = stamped_line(f"Next: {text}", boot_clock=status.boot_clock)
-            print_line(line, self._line_console)
+            self._print(line)
 
 
 def _unwatched_names(watch_facts: Facts) -> list[str]:

@@ -133,6 +133,7 @@ class SessionFact(Code):
     FIRST_MODEL = "first_model"
     PARAMETERS_KNOWN = "parameters_known"
     FLIGHT_LEARNED = "flight_learned"
+    TEXTS_LEFT_OUT = "texts_left_out"
     SAMPLE_SKIPPED = "sample_skipped"
     MOTION_UNEXPECTED = "motion_unexpected"
     GUST_FELT = "gust_felt"

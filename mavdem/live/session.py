@@ -260,6 +260,7 @@ class LiveSession:
             has_rate_setpoint=self._has_rate_setpoint,
         )
         self.report_gain_advice()
+        self._presentation.report_left_out_texts()
         status = self._update_status(now)
         # Advice on gains comes with the margins of the recording, so that margins by the model alone are not reported.
         self._milestone_reporter.margins_follow = self.gain_adviser is not None

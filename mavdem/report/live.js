@@ -84,7 +84,7 @@
   let sounds = remembered(), player = null;
   const showSound = () => {
     const isSilent = sounds && player?.state !== "running";
-    button.textContent = isSilent ? "Touch for alarm sound" : `Alarm sound: ${sounds ? "on" : "off"}`;
+    button.textContent = isSilent ? "Touch for alarm sound" : sounds ? "Alarm sound is on" : "Turn on alarm sound";
     button.setAttribute("aria-pressed", sounds);
     button.classList.toggle("silent", isSilent);
   };

@@ -321,6 +321,9 @@ class WebServer(Viewer):
         options += ["--port", str(port), "--web-viewer-port", str(page_port)]
         if recording:
             options.append(recording)
+        else:
+            # A browser that is opened late in a flight begins at its end, and then gets what was before.
+            options.append("--newest-first")
         self.process = start_rerun(*options, ends_with_process=True)
 
     def close(self) -> None:

@@ -8,6 +8,7 @@ from mavdem.assessment.autopilot_messages import REPEAT_SECONDS
 from mavdem.facts import Fact, Level
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.session import SessionFact
+from mavdem.live.quoted_texts import MAX_QUOTED_TEXTS, QuotedTexts
 from mavdem.live.report_alarms import ReportAlarms
 
 
@@ -63,3 +64,21 @@ def test_a_bad_report_lasts_until_the_flight_ends_and_another_while_it_is_repeat
     assert alarms.active == (failed,)
     alarms.end_flight()
     assert not alarms.active
+
+
+def test_a_flood_of_texts_is_counted_and_hides_no_known_fault():
+    texts = QuotedTexts()
+    quoted = []
+    for second in range(3 * MAX_QUOTED_TEXTS):
+        text = Fact(ReportedEvent.AUTOPILOT_SAID, time=20.0, text=f"fault {second}")
+        alarm = Fact(SessionFact.ALARM, reason=text)
+        quoted.append(texts.admits(alarm if second % 2 else text, 100.0 + 0.1 * second))
+    assert quoted.count(True) == quoted.index(False) == MAX_QUOTED_TEXTS
+    failed = Fact(SessionFact.ALARM, reason=report(ReportedEvent.MOTOR_FAILED))
+    assert texts.admits(failed, 103.0)
+    assert texts.pop_left_out(104.0) is None
+    left_out = texts.pop_left_out(102.0 + REPEAT_SECONDS)
+    assert left_out is not None and left_out.figures["count"] == quoted.count(False)
+    # A calm autopilot is quoted again, and nothing more was left out.
+    assert texts.admits(text, 104.0 + REPEAT_SECONDS)
+    assert texts.pop_left_out(200.0 + REPEAT_SECONDS) is None

@@ -35,6 +35,9 @@ from mavdem.report.why import evidence_text, new_evidence_text
 MAX_BRIEF_EVENTS = 4
 """Events that a page shows at first: a choice, so that the list takes less room than the charts."""
 
+MAX_NEWEST_EVENTS = 6
+"""Events that the page of a session that goes on shows at first: a choice, so that a telephone shows the plots soon."""
+
 _WORD = re.compile("[a-z0-9]+")
 """A word of a title in lower case."""
 
@@ -290,6 +293,16 @@ class Head(NamedTuple):
         for index, count in sorted(worst_events(facts)[:MAX_BRIEF_EVENTS]):
             brief_events.append(self.events[index]._replace(total=count))
         return brief_events
+
+    @property
+    def newest_events(self) -> Sequence[PageEvent]:
+        """The newest of the brief events of a session that goes on, which its page shows at first."""
+        return self.brief_events[:MAX_NEWEST_EVENTS]
+
+    @property
+    def earlier_events(self) -> Sequence[PageEvent]:
+        """The brief events of a session that goes on which are older than those, the newest first."""
+        return self.brief_events[MAX_NEWEST_EVENTS:]
 
     @property
     def newest_alarm(self) -> PageEvent | None:
