@@ -24,14 +24,19 @@ def test_no_lag_of_var_reaches_across_a_gap():
 
 
 def test_units_do_not_matter_to_it(model):
-    other = baselines.var(in_other_units(TRAIN))
-    moved = in_other_units(TEST)
+    """The same flight in other units gives the same forecasts in those units."""
+    model_in_other_units = baselines.var(in_other_units(TRAIN))
+    test_in_other_units = in_other_units(TEST)
     for smooth in (False, True):
-        found = back_from_other_units(other.forecast(moved.inputs, smooth=smooth))
-        assert_allclose(
-            found, model.forecast(TEST.inputs, smooth=smooth), atol=1e-6 * TRAIN.outputs.std()
+        forecast = back_from_other_units(
+            model_in_other_units.forecast(test_in_other_units.inputs, smooth=smooth)
         )
-    assert_allclose(back_from_other_units(other.predict(50)), model.predict(50), atol=1e-9)
+        assert_allclose(
+            forecast, model.forecast(TEST.inputs, smooth=smooth), atol=1e-6 * TRAIN.outputs.std()
+        )
+    assert_allclose(
+        back_from_other_units(model_in_other_units.predict(50)), model.predict(50), atol=1e-9
+    )
 
 
 @mark.parametrize(
@@ -61,6 +66,7 @@ SEGMENTS = [FLIGHT[:300], FLIGHT[400:650]]
     ],
 )
 def test_forecasts_are_the_trivial_ones(method, expected):
+    """The baselines hold the last sample, forecast the mean, or forecast zero."""
     forecaster = method(FLIGHT[:700])
     assert_allclose(
         forecaster.forecast(FLIGHT.inputs[700:]), np.tile(expected, (150, 1)), atol=1e-14
@@ -80,10 +86,11 @@ def test_one_step_begins_anew_in_each_segment():
 
 
 def test_models_that_need_the_inputs_say_so_and_what_to_use():
-    found = baselines.subspace(FLIGHT[:700], 2)
+    """A subspace model has no model of the inputs, so that it cannot forecast without them."""
+    forecast = baselines.subspace(FLIGHT[:700], 2)
     for answer in (
-        lambda: found.predict(3),
-        lambda: found.predict_every(3, FLIGHT.inputs[700:], FLIGHT.outputs[700:]),
+        lambda: forecast.predict(3),
+        lambda: forecast.predict_every(3, FLIGHT.inputs[700:], FLIGHT.outputs[700:]),
     ):
         with raises(
             ValueError,
@@ -91,5 +98,5 @@ def test_models_that_need_the_inputs_say_so_and_what_to_use():
         ):
             answer()
     ahead = FLIGHT.inputs[700:]
-    assert_array_equal(found.simulate(ahead), found.forecast(ahead))
-    assert_array_equal(found.forecast(ahead, smooth=True), found.forecast(ahead))
+    assert_array_equal(forecast.simulate(ahead), forecast.forecast(ahead))
+    assert_array_equal(forecast.forecast(ahead, smooth=True), forecast.forecast(ahead))

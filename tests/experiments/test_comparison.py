@@ -56,7 +56,7 @@ def row_of(rows, method):
     return next(row for row in rows if row["method"] == method)
 
 
-def whole(outcome, kind=KNOWN_INPUTS):
+def error_ratio(outcome, kind=KNOWN_INPUTS):
     """The error ratio of the whole test part."""
     return outcome.scores[kind].ratio[-1]
 
@@ -75,11 +75,15 @@ def whole(outcome, kind=KNOWN_INPUTS):
     ],
 )
 def test_a_method_without_an_answer_says_why_and_errs_infinitely(method, error, text):
-    found = evaluate_window(method._replace(predicts=True), WINDOWS[0])
-    assert found.failure == Fact(ForecastFact.FAILED, error=error, text=text)
-    assert (found.stable, found.forecasts) == (None, {})
-    assert all(np.isinf(scores.ratio).all() for scores in found.scores.values())
-    assert found.scores[UNKNOWN_INPUTS].steps == HORIZONS
+    """A method raises an error while it learns or forecasts.
+
+    Its outcome has the error as a fact, and infinite errors.
+    """
+    outcome = evaluate_window(method._replace(predicts=True), WINDOWS[0])
+    assert outcome.failure == Fact(ForecastFact.FAILED, error=error, text=text)
+    assert (outcome.stable, outcome.forecasts) == (None, {})
+    assert all(np.isinf(scores.ratio).all() for scores in outcome.scores.values())
+    assert outcome.scores[UNKNOWN_INPUTS].steps == HORIZONS
 
 
 def test_a_window_without_a_unit_of_error_fails_for_all_and_our_own_fault_is_raised():
@@ -94,12 +98,13 @@ def test_a_window_without_a_unit_of_error_fails_for_all_and_our_own_fault_is_rai
 
 @mark.slow
 def test_a_summary_is_the_median_of_its_windows(compared):
+    """The summary of three windows of a flight, by a good, a trivial, a failing and a diverging method."""
     rows = compared.summaries("a")
     hold, mean, refused, exploded = (
         row_of(rows, name) for name in ("hold", "constant mean", "refuses", "explodes")
     )
     column = [row[0] for row in compared.outcomes if row[0].flight == "a"]
-    ratios = [whole(one) for one in column]
+    ratios = [error_ratio(one) for one in column]
     assert hold["relative"] == np.median(ratios) == hold["horizons"][-1]["relative"]
     assert (hold["worst"], hold["worse_than_constant"]) == (max(ratios), sum(np.array(ratios) > 1))
     assert hold["mspe"] == np.mean([one.mspe() for one in column], axis=0).tolist()
@@ -122,14 +127,15 @@ def test_over_flights_each_counts_once(compared):
 
 @mark.slow
 def test_of_six_flights_each_is_a_pair():
+    """With at least six flights, the test compares the methods flight by flight."""
     parts = [
         window
         for name in "abcdef"
         for window in windows(name, FLIGHTS["a"][100 * ord(name) - 9700 :], 200, 50)
     ]
-    found = compare(parts, [HOLD, IS_OFF])
-    assert found.tests()["is_off"] == found.over_flights()[1]["reference"]
-    assert found.tests()["is_off"].tested == 6
+    outcome = compare(parts, [HOLD, IS_OFF])
+    assert outcome.tests()["is_off"] == outcome.over_flights()[1]["reference"]
+    assert outcome.tests()["is_off"].tested == 6
 
 
 def test_predictions_are_compared_of_the_methods_that_make_them(compared):
@@ -151,6 +157,8 @@ def test_most_samples_are_inside_the_band_of_90_percent(predicted):
 
 @mark.slow
 def test_a_band_that_failed_is_cautioned_against(predicted):
+    """A 90 % band that contains less than 75 % of the samples gives a caution."""
+
     def cautions(comparison):
         return [
             block.text
@@ -162,8 +170,8 @@ def test_a_band_that_failed_is_cautioned_against(predicted):
         def changed(one):
             held = {KNOWN_INPUTS: share, UNKNOWN_INPUTS: unknown, FROM_STATE_ZERO: np.nan}
             scores = {
-                kind: found._replace(inside=found.inside * 0 + held[kind])
-                for kind, found in one.scores.items()
+                kind: outcome._replace(inside=outcome.inside * 0 + held[kind])
+                for kind, outcome in one.scores.items()
             }
             return replace(one, scores=scores)
 

@@ -42,19 +42,31 @@ def test_every_sample_after_the_first_windows_is_held_out_once(held_out):
 
 
 def test_nothing_after_a_sample_is_used_to_forecast_it(held_out):
-    changed = FLIGHT.outputs.copy()
-    moved = FLIGHT.inputs.copy()
+    """Samples after the last window are changed: its forecasts stay the same."""
+    changed_outputs = FLIGHT.outputs.copy()
+    changed_inputs = FLIGHT.inputs.copy()
     last = np.searchsorted(FLIGHT.time, held_out.time[-1, 0])
     # Of the last part, which only its own model does not see.
-    changed[last:] += 0.1
-    moved[last:] += 30.0 * SIGNS
-    again = held_out_windows([replace(FLIGHT, outputs=changed)], QUICK, STEPS)
+    changed_outputs[last:] += 0.1
+    changed_inputs[last:] += 30.0 * SIGNS
+    forecasts_of_changed_outputs = held_out_windows(
+        [replace(FLIGHT, outputs=changed_outputs)], QUICK, STEPS
+    )
     for name in ("forecast", "prediction"):
-        assert_array_equal(again.forecasts[name][-1], held_out.forecasts[name][-1])
+        assert_array_equal(
+            forecasts_of_changed_outputs.forecasts[name][-1], held_out.forecasts[name][-1]
+        )
     # A prediction does not know the motors of its window either; a forecast does.
-    driven = held_out_windows([replace(FLIGHT, inputs=moved)], QUICK, STEPS)
-    assert_array_equal(driven.forecasts["prediction"][-1], held_out.forecasts["prediction"][-1])
-    assert not np.array_equal(driven.forecasts["forecast"][-1], held_out.forecasts["forecast"][-1])
+    forecasts_of_changed_inputs = held_out_windows(
+        [replace(FLIGHT, inputs=changed_inputs)], QUICK, STEPS
+    )
+    assert_array_equal(
+        forecasts_of_changed_inputs.forecasts["prediction"][-1],
+        held_out.forecasts["prediction"][-1],
+    )
+    assert not np.array_equal(
+        forecasts_of_changed_inputs.forecasts["forecast"][-1], held_out.forecasts["forecast"][-1]
+    )
 
 
 def test_the_test_after_training_is_one_window_of_the_models_own_forecast():
@@ -68,24 +80,31 @@ def test_the_test_after_training_is_one_window_of_the_models_own_forecast():
 
 
 def test_a_model_that_cannot_be_learnt_errs_infinitely_and_says_why(held_out, monkeypatch):
+    """Learning fails in all folds, and then in the first fold only."""
     refused = ValueError("the outputs must vary")
     learn = Mock(side_effect=refused)
-    once = Mock(wraps=module.learn_forecasts, side_effect=chain([refused], repeat(DEFAULT)))
+    learn_after_first_failure = Mock(
+        wraps=module.learn_forecasts, side_effect=chain([refused], repeat(DEFAULT))
+    )
     monkeypatch.setattr(module, "learn_forecasts", learn)
-    none = held_out_windows([FLIGHT], QUICK, STEPS)
-    assert [failure.figures["text"] for failure in none.failures] == ["the outputs must vary"]
-    assert none.error_ratio() == np.inf and none.coverage == 0.0
+    without_model = held_out_windows([FLIGHT], QUICK, STEPS)
+    assert [failure.figures["text"] for failure in without_model.failures] == [
+        "the outputs must vary"
+    ]
+    assert without_model.error_ratio() == np.inf and without_model.coverage == 0.0
     held_out_windows([FLIGHT, FLIGHT], QUICK, STEPS)
     trained = [sum(map(len, call.args[0])) for call in learn.call_args_list[-FOLDS:]]
     assert trained == [approx(2 * len(FLIGHT) * (1 - 1 / FOLDS), abs=1)] * FOLDS
     # The baselines need no model, and the band is judged by what was forecast.
     for name in (CONSTANT_MEAN, HOLD_LAST):
-        assert_allclose(none.forecasts[name], held_out.forecasts[name])
-    monkeypatch.setattr(module, "learn_forecasts", once)
-    some = held_out_windows([FLIGHT], QUICK, STEPS)
-    lost = int(np.isnan(some.band[:, 0, 0]).sum())
+        assert_allclose(without_model.forecasts[name], held_out.forecasts[name])
+    monkeypatch.setattr(module, "learn_forecasts", learn_after_first_failure)
+    with_most_models = held_out_windows([FLIGHT], QUICK, STEPS)
+    lost_windows = int(np.isnan(with_most_models.band[:, 0, 0]).sum())
     inside = abs(held_out.measured - held_out.forecasts["forecast"]) <= held_out.band
-    assert 0 < lost < len(some) and some.coverage == approx(inside[lost:].mean())
+    assert 0 < lost_windows < len(with_most_models) and with_most_models.coverage == approx(
+        inside[lost_windows:].mean()
+    )
 
 
 def test_a_flight_without_room_for_a_window_is_refused():

@@ -42,13 +42,13 @@ def test_subspace_identification_errs_at_most_three_times_an_efficient_estimate(
     """At 16 times the samples no less, which a biased one would miss by four times more."""
     system = random_system(order, order)
     for samples in (500, 8000):
-        model = baselines.subspace(flown(system, 1, samples), order).model
+        model = baselines.subspace(simulated_flight(system, 1, samples), order).model
         assert error_of(model, system, samples) < 3**2 * freedom(order)
 
 
 def test_segments_are_learnt_from_together_and_nothing_across_gaps():
     system = random_system(1, 2)
-    flight = flown(system, 1, 900, noise=0.0)
+    flight = simulated_flight(system, 1, 900, noise=0.0)
     segments = [flight[:200], flight[300:303], flight[420:600], flight[610:800]]
     subspace = baselines.subspace(segments, 2)
     # A segment too short for a window is predicted like the others.
@@ -62,10 +62,10 @@ def test_segments_are_learnt_from_together_and_nothing_across_gaps():
 def test_a_system_is_recovered_as_well_as_can_be(order, feedback):
     """Errors are χ², in open and in closed loop."""
     system = random_system(order, order)
-    how = {"push": 0.1 if feedback.any() else 1.0, "feedback": feedback}
-    model = baselines.pem(flown(system, 1, 2000, **how), order).model
+    options = {"push": 0.1 if feedback.any() else 1.0, "feedback": feedback}
+    model = baselines.pem(simulated_flight(system, 1, 2000, **options), order).model
     least, most = chi2.ppf([1e-5, 1 - 1e-5], freedom(order))
-    assert least < error_of(model, system, 2000, **how) < most
+    assert least < error_of(model, system, 2000, **options) < most
 
 
 def test_what_has_not_settled_is_said(monkeypatch):
@@ -103,13 +103,13 @@ def test_em_recovers_a_system_as_well_as_can_be(order, feedback):
         flown_with_noise(truth, order, 800, feedback),
         flown_with_noise(truth, order + 10, 400, feedback),
     ]
-    found = iterate_em(segments, order).log_likelihoods[-1]
+    predicted = iterate_em(segments, order).log_likelihoods[-1]
     of_truth = sum(
         smooth_states(truth, np.zeros(order), *segment).log_likelihood for segment in segments
     )
     # Input and noise answers, the noises' size, what is constant, and where two segments begin.
     freedom = order * (2 + 2 * 2) + 3 + 2 + 2 * order
-    assert 0 < 2 * (found - of_truth) < chi2.ppf(1 - 1e-5, freedom)
+    assert 0 < 2 * (predicted - of_truth) < chi2.ppf(1 - 1e-5, freedom)
 
 
 @mark.slow
@@ -132,17 +132,18 @@ def test_a_breakdown_is_an_error(monkeypatch):
     assert refused(baselines.em, TRAIN[:300], 2).code is ForecastFact.EM_BROKE_DOWN
 
 
-def error_of(model, system, samples, **how):
-    """What one-step predictions of another flight miss by not knowing the system, in variances of its innovations.
+def error_of(model, system, samples, **options):
+    """Returns the one-step error of a model beyond the system's own, in variances of its innovations.
 
-    For as many samples as the model was learned from: of an efficient estimate it is χ² in its ``freedom``.
+    It is for as many samples as the model was learned from: for an efficient estimate it is χ² distributed, with its
+    ``freedom``.
     """
-    flight = flown(system, 2, 4 * samples, **how)
-    found, true = (
+    flight = simulated_flight(system, 2, 4 * samples, **options)
+    predicted, true = (
         one.predicted_outputs(np.zeros(len(one.A)), flight.inputs, flight.outputs)[100:]
         for one in (model, system)
     )
-    return np.sum((found - true) ** 2) / 0.1**2 / 4
+    return np.sum((predicted - true) ** 2) / 0.1**2 / 4
 
 
 def freedom(order):
@@ -174,10 +175,10 @@ def test_units_do_not_matter(method):
 @mark.parametrize("more", NOTHING_NEW)
 def test_inputs_that_tell_nothing_new_change_nothing(method, more):
     wider = with_inputs(FLIGHT, NOTHING_NEW[more](FLIGHT.inputs))
-    plain, found = (
+    plain, predicted = (
         method(flight[:700]).forecast(flight.inputs[700:]) for flight in (FLIGHT, wider)
     )
-    assert_allclose(found, plain, rtol=1e-4, atol=1e-6)
+    assert_allclose(predicted, plain, rtol=1e-4, atol=1e-6)
 
 
 @mark.parametrize("method", ALL)
@@ -260,7 +261,7 @@ def run(system, pushes, of_states, of_outputs, feedback):
     return inputs, outputs
 
 
-def flown(system, seed, samples, noise=0.1, push=1.0, feedback=NO_FEEDBACK):
+def simulated_flight(system, seed, samples, noise=0.1, push=1.0, feedback=NO_FEEDBACK):
     """A flight of the system under white inputs of size ``push``.
 
     Inputs that answer outputs thus know the noise of the same sample (D = 0).

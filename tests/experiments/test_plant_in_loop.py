@@ -37,18 +37,20 @@ class ForecastCase:
     samples: Array
     covariance: Array
 
-    def conditional_mean(self, known: Array, wanted: int) -> Array:
+    def conditional_mean(self, known_samples: Array, wanted: int) -> Array:
         """Returns angle and rate (2,) of sample ``wanted``, given the entries ``known`` of the flattened samples."""
         centred = (self.samples - self.model.posterior.data.center).ravel()
         outputs = [3 * wanted, 3 * wanted + 1]
         gain = np.linalg.solve(
-            self.covariance[np.ix_(known, known)], self.covariance[np.ix_(known, outputs)]
+            self.covariance[np.ix_(known_samples, known_samples)],
+            self.covariance[np.ix_(known_samples, outputs)],
         ).T
-        return gain @ centred[known] + self.model.posterior.data.center[:2]
+        return gain @ centred[known_samples] + self.model.posterior.data.center[:2]
 
 
 @pytest.fixture(scope="module")
 def case() -> ForecastCase:
+    """A closed-loop model with samples after its training, and the covariance of all samples by the dense formula."""
     samples = simulated(TRAINING + HORIZON, seed=4)
     training = samples[:TRAINING]
     data = LoopData.from_samples([training], DT)
@@ -62,8 +64,10 @@ def case() -> ForecastCase:
     covariance = dense_covariance(loop, loop.stationary_covariance, count)
     covariance += np.diag(np.tile(loop.noise_variance, count))
     covariance += np.kron(np.ones((count, count)), data.trim_covariance)
-    later = samples[TRAINING:]
-    return ForecastCase(model, later[:, 2:], later[:, :2], samples, covariance)
+    held_out_samples = samples[TRAINING:]
+    return ForecastCase(
+        model, held_out_samples[:, 2:], held_out_samples[:, :2], samples, covariance
+    )
 
 
 def test_prediction_is_the_conditional_mean_without_motors(case: ForecastCase) -> None:
@@ -79,26 +83,27 @@ def test_forecast_is_the_conditional_mean_with_motors_up_to_the_sample(case: For
     forecast = case.model.forecast(case.motors)
     wanted = TRAINING + 8
     motors = 3 * np.arange(TRAINING, wanted + 1) + 2
-    known = np.append(np.arange(3 * TRAINING), motors)
-    np.testing.assert_allclose(forecast[8], case.conditional_mean(known, wanted), rtol=1e-4)
+    known_samples = np.append(np.arange(3 * TRAINING), motors)
+    np.testing.assert_allclose(forecast[8], case.conditional_mean(known_samples, wanted), rtol=1e-4)
 
 
 def test_smoothed_forecast_uses_all_motors(case: ForecastCase) -> None:
     forecast = case.model.forecast(case.motors, smooth=True)
     motors = 3 * np.arange(TRAINING, TRAINING + HORIZON) + 2
-    known = np.append(np.arange(3 * TRAINING), motors)
-    expected = case.conditional_mean(known, TRAINING + 4)
+    known_samples = np.append(np.arange(3 * TRAINING), motors)
+    expected = case.conditional_mean(known_samples, TRAINING + 4)
     np.testing.assert_allclose(forecast[4], expected, rtol=1e-4)
 
 
 def test_one_step_predictions_use_the_samples_before_and_the_motors(case: ForecastCase) -> None:
     own_motors = 3 * 20 + 2
-    known = np.append(np.arange(3 * 20), own_motors)
-    expected = case.conditional_mean(known, 20)
+    known_samples = np.append(np.arange(3 * 20), own_motors)
+    expected = case.conditional_mean(known_samples, 20)
     np.testing.assert_allclose(case.model.one_step()[20], expected, rtol=1e-4)
 
 
 def test_wind_torque_is_smoothed_by_all_samples(case: ForecastCase) -> None:
+    """The smoothed torque equals the regression on all samples, whose covariance is computed directly."""
     wind_torque = case.model.wind_torque()
     assert wind_torque.mean.shape == (TRAINING, 1)
     loop = sampled_loop(case.model.maximum.point, CONTROLLER, DT)
@@ -108,13 +113,13 @@ def test_wind_torque_is_smoothed_by_all_samples(case: ForecastCase) -> None:
     cross_covariance = []
     for other in range(TRAINING):
         power = np.linalg.matrix_power(loop.transition, abs(other - sample))
-        later = power @ loop.stationary_covariance
-        covariance = later if other >= sample else later.T
+        held_out_samples = power @ loop.stationary_covariance
+        covariance = held_out_samples if other >= sample else held_out_samples.T
         cross_covariance.append(loop.output @ covariance @ output)
     weights = np.concatenate(cross_covariance)
-    known = 3 * TRAINING
+    known_samples = 3 * TRAINING
     centred = (case.samples[:TRAINING] - case.model.posterior.data.center).ravel()
-    gain = np.linalg.solve(case.covariance[:known, :known], weights)
+    gain = np.linalg.solve(case.covariance[:known_samples, :known_samples], weights)
     prior_variance = output @ loop.stationary_covariance @ output
     np.testing.assert_allclose(wind_torque.mean[sample], gain @ centred, rtol=1e-4)
     expected_variance = prior_variance - gain @ weights

@@ -132,15 +132,16 @@ def uniform(samples, rate=100):
 
 
 def test_every_window_that_fits_is_cut():
-    cut = windows("a", uniform(1700))
-    assert [(one.flight, one.start, one.stop) for one in cut] == [
+    """By default a window has 700 samples of training and 150 of test, and begins 425 after the one before."""
+    flight_windows = windows("a", uniform(1700))
+    assert [(window.flight, window.start, window.stop) for window in flight_windows] == [
         ("a", 0, 850),
         ("a", 425, 1275),
         ("a", 850, 1700),
     ]
-    assert_array_equal(cut[1].train.outputs[:, 0], np.arange(425, 1125))
-    assert_array_equal(cut[1].test.outputs[:, 0], np.arange(1125, 1275))
-    stops = [one.stop for one in windows("a", uniform(30), train=10, test=5, hop=5)]
+    assert_array_equal(flight_windows[1].train.outputs[:, 0], np.arange(425, 1125))
+    assert_array_equal(flight_windows[1].test.outputs[:, 0], np.arange(1125, 1275))
+    stops = [window.stop for window in windows("a", uniform(30), train=10, test=5, hop=5)]
     assert stops == [15, 20, 25, 30]
     assert windows("a", uniform(849)) == () and len(windows("a", uniform(850))) == 1
     for samples in ({"train": 0}, {"test": 0}, {"hop": 0}):
@@ -150,5 +151,5 @@ def test_every_window_that_fits_is_cut():
 
 @mark.parametrize("rate, train, test", [(20, 140, 30), (120, 840, 180), (400, 2800, 600)])
 def test_windows_last_as_long_at_every_rate(rate, train, test):
-    (one, *_) = windows("a", uniform(6000, rate=rate))
-    assert (len(one.train), len(one.test)) == (train, test)
+    (window, *_) = windows("a", uniform(6000, rate=rate))
+    assert (len(window.train), len(window.test)) == (train, test)

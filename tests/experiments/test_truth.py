@@ -56,9 +56,12 @@ def flight(scenario, motion):
 @fixture(scope="module")
 def learned(flight):
     record = Record.from_flights(flight)
-    found = physical(record)
+    parameters_by_name = physical(record)
     return partial_record(
-        Learned, record=record, physical=found, wind_torque=estimate_wind_torque(found, record)
+        Learned,
+        record=record,
+        physical=parameters_by_name,
+        wind_torque=estimate_wind_torque(parameters_by_name, record),
     )
 
 
@@ -84,15 +87,24 @@ def test_in_segments_it_is_the_same(learned, flight, path):
 
 
 def test_an_interval_that_misses_and_one_that_is_not_there_are_told_apart(learned, flight, path):
+    """The damping is far from the truth, and the motor lag not identifiable."""
     read = learned.physical
-    off = read._replace(
+    physical_with_wrong_damping = read._replace(
         damping=9.0, status=read.status | {"lag": Status.NOT_IDENTIFIABLE, "damping": Status.BIASED}
     )
     changed = partial_record(
-        Learned, record=learned.record, physical=off, wind_torque=learned.wind_torque
+        Learned,
+        record=learned.record,
+        physical=physical_with_wrong_damping,
+        wind_torque=learned.wind_torque,
     )
-    found = {one.name: one for one in compared(changed, path, flight).parameters}
-    assert found["damping"].inside is False and found["lag of the motors"].inside is None
+    parameters_by_name = {
+        parameter.name: parameter for parameter in compared(changed, path, flight).parameters
+    }
+    assert (
+        parameters_by_name["damping"].inside is False
+        and parameters_by_name["lag of the motors"].inside is None
+    )
     table = truth_blocks(compared(changed, path, flight))[1]
     rows = {row[0]: row[1:] for row in table.rows}
     assert (
@@ -105,23 +117,31 @@ def test_a_demand_has_no_effect_of_motors(learned, flight, path):
     demand = replace(
         flight, inputs=flight.inputs[:, :1], input_names=("demand",), input_units=("",)
     )
-    found = compared(learned, path, demand)
-    assert [one.name for one in found.parameters] == ["damping", "lag of the motors", "delay"]
+    parameters_by_name = compared(learned, path, demand)
+    assert [parameter.name for parameter in parameters_by_name.parameters] == [
+        "damping",
+        "lag of the motors",
+        "delay",
+    ]
 
 
 def test_while_a_motor_is_weak_its_weaker_effect_is_the_truth(
     learned, flight, motion, path, tmp_path
 ):
+    """The simulator's file of the truth has other effects while a motor is weak, from 20 s on."""
     weak = dict(np.load(path)) | {
         "weak": motion.time > 20.0,
         "roll_effect_weak": np.array([1.0, 2.0, 3.0, 4.0]),
     }
     np.savez(tmp_path / "weak.npz", **weak)
     late = flight[round((20.5 - flight.time[0]) / flight.dt) :]
-    cut = partial_record(
+    model_of_late_flight = partial_record(
         Learned, record=Record.from_flights(late), physical=learned.physical, wind_torque=None
     )
-    effects = [one.truth for one in compared(cut, tmp_path / "weak.npz", late).parameters[:4]]
+    effects = [
+        parameter.truth
+        for parameter in compared(model_of_late_flight, tmp_path / "weak.npz", late).parameters[:4]
+    ]
     assert effects == [1.0, 2.0, 3.0, 4.0]
 
 
@@ -149,6 +169,7 @@ def test_the_truth_of_another_flight_is_refused(flight, motion, path, tmp_path):
     ids=["missing", "shorter", "single", "other", "pickle"],
 )
 def test_what_is_no_truth_file_is_refused_in_a_sentence(change, path, tmp_path):
+    """The file lacks a series, has series of other lengths, or contains pickled objects."""
     parts = dict(np.load(path))
     change(parts)
     np.savez(tmp_path / "odd.npz", **parts)

@@ -22,10 +22,11 @@ FLIGHT = replace(simulated(samples=600), provenance={"segment": {"boot": 0}})
     ],
 )
 def test_parts_that_are_too_long_are_refused_with_those_that_fit(start, train, options):
+    """A flight of 6 s is too short for the window; the error suggests shorter parts if they suffice."""
     fact = too_short(FLIGHT, start, train, 150, 100).fact
-    left = 600 - round(100 * start)
+    remaining_samples = 600 - round(100 * start)
     assert fact.code is ForecastFact.FLIGHT_TOO_SHORT
-    assert (fact.figures["left"], fact.figures["options"]) == (left, options)
+    assert (fact.figures["left"], fact.figures["options"]) == (remaining_samples, options)
 
 
 def test_a_window_that_fits_into_no_part_is_refused_with_one_that_does():

@@ -70,15 +70,15 @@ def flight(number, rng=None, share=0.0, effect=0.0, motor=2, **changed):
     The motor's share is larger by ``share``, and its effect by the factor 1 + ``effect``.
     """
     rng = rng or default_rng(number)
-    own = np.eye(4)[motor]
-    half = 0.01
+    is_weak_motor = np.eye(4)[motor]
+    half_width = 0.01
     shares = (
         SHARES
-        + share * own
-        + half / Z90 * rng.normal(size=4)
+        + share * is_weak_motor
+        + half_width / Z90 * rng.normal(size=4)
         + SD_BETWEEN_FLIGHTS[SHARE] * rng.normal(size=4)
     )
-    factors = (1 + effect * own) * np.exp(SD_BETWEEN_FLIGHTS[EFFECT] * rng.normal(size=4))
+    factors = (1 + effect * is_weak_motor) * np.exp(SD_BETWEEN_FLIGHTS[EFFECT] * rng.normal(size=4))
     rows = []
     for axis, scale in (("roll", 1.0), ("pitch", 0.8)):
         effects = (
@@ -93,7 +93,7 @@ def flight(number, rng=None, share=0.0, effect=0.0, motor=2, **changed):
                 number,
                 axis,
                 trim_share=tuple(shares / shares.mean()),
-                trim_share_interval=(half,) * 4,
+                trim_share_interval=(half_width,) * 4,
                 effect=tuple(effects),
                 effect_interval=tuple(Z90 * 0.03 * abs(effects)),
                 damping=0.6
@@ -165,19 +165,25 @@ def test_a_phase_margin_that_fell_far_is_a_change_in_spite_of_wide_intervals():
         for number, margin, half_width in ((0, 56.0, 22.0), (1, 13.0, 8.0))
     )
     changes = vehicle_difference(before, after).changes
-    (fallen,) = (
+    (follows_from_gains,) = (
         change for change in changes if change.quantity == Quantity(PHASE_MARGIN, axis="roll")
     )
-    assert fallen.p <= SIGNIFICANCE and fallen.outcome is not QuantityOutcome.SAME
-    assert np.degrees(fallen.difference) == approx(-43.0, abs=0.1)
+    assert (
+        follows_from_gains.p <= SIGNIFICANCE
+        and follows_from_gains.outcome is not QuantityOutcome.SAME
+    )
+    assert np.degrees(follows_from_gains.difference) == approx(-43.0, abs=0.1)
 
 
 @mark.slow
 def test_false_discoveries_are_as_rare_as_stated():
-    """Where some of many quantities changed, few of those that are called changed did not."""
+    """Of 20 quantities 5 changed by 4 standard deviations.
+
+    Over 400 trials, few of those that are called changed did not change.
+    """
     rng = default_rng(8)
     false_shares = []
-    found = 0
+    difference = 0
     for _ in range(400):
         sizes = np.where(np.arange(20) < 5, 4.0, 0.0)
         scores = sizes + rng.normal(size=20)
@@ -185,15 +191,17 @@ def test_false_discoveries_are_as_rare_as_stated():
             QuantityChange(Quantity(SHARE, motor), 0.0, 0.0, 1.0, 1.0, 2 * norm.sf(abs(score)), 0)
             for motor, score in enumerate(scores.tolist())
         ]
-        called = {
+        changed_motors = {
             change.quantity.motor
             for change in with_outcomes(changes)
             if change.outcome is QuantityOutcome.CHANGED
         }
-        false_shares.append(len([motor for motor in called if motor >= 5]) / max(len(called), 1))
-        found += len([motor for motor in called if motor < 5])
+        false_shares.append(
+            len([motor for motor in changed_motors if motor >= 5]) / max(len(changed_motors), 1)
+        )
+        difference += len([motor for motor in changed_motors if motor < 5])
     assert np.mean(false_shares) < SIGNIFICANCE
-    assert found / (400 * 5) > 0.9
+    assert difference / (400 * 5) > 0.9
 
 
 def test_many_loops_that_did_not_change_do_not_hide_one_motor():
@@ -209,15 +217,16 @@ def test_many_loops_that_did_not_change_do_not_hide_one_motor():
         for quantity, p in p_values.items()
     ]
     for axes, changed in (((), set()), (("roll",), {doubtful_loop})):
-        found = {
+        difference = {
             change.quantity
             for change in with_outcomes(changes, axes)
             if change.outcome is QuantityOutcome.CHANGED
         }
-        assert found == {Quantity(SHARE, 4)} | changed
+        assert difference == {Quantity(SHARE, 4)} | changed
 
 
 def test_limits_and_gains_of_the_attitude_change_no_rate_loop():
+    """The names of changed parameters decide which loops have other gains: the rate loops, or attitude loops only."""
     names = ["MC_ROLL_P", "ATC_ANG_PIT_P", "MC_PITCHRATE_D"]
     changes = [ParameterChange(name, 1.0, 2.0) for name in names]
     assert axes_with_other_gains(changes[:2]) == ()
@@ -226,13 +235,13 @@ def test_limits_and_gains_of_the_attitude_change_no_rate_loop():
     fell = {"attitude_gain_margin": 5.0, "attitude_gain_margin_interval": 0.5}
     pairs = [(changes[:1], {"roll"}), ((), set())]
     for parameters, axes in pairs:
-        found = vehicle_difference(flight(0), flight(1, **fell), parameters)
-        fallen = {
-            change.quantity.axis: found.follows_from_gains(change)
-            for change in found.changes_with(QuantityOutcome.CHANGED)
+        difference = vehicle_difference(flight(0), flight(1, **fell), parameters)
+        follows_from_gains = {
+            change.quantity.axis: difference.follows_from_gains(change)
+            for change in difference.changes_with(QuantityOutcome.CHANGED)
             if change.quantity.kind == ATTITUDE_GAIN_MARGIN
         }
-        assert fallen == {axis: axis in axes for axis in ("roll", "pitch")}
+        assert follows_from_gains == {axis: axis in axes for axis in ("roll", "pitch")}
     limits = [
         "MC_ROLLRATE_MAX",
         "MC_YAWRAUTO_MAX",
@@ -249,24 +258,26 @@ def test_limits_and_gains_of_the_attitude_change_no_rate_loop():
 
 
 def test_what_changes_all_motors_changes_their_mean_and_none_beside_the_others():
+    """All motors lose half of their effect: the mean effect changed, and no motor relative to the others."""
     before = state(range(8))
     after = state(range(8, 16), 1)
     weaker = [replace(row, effect=tuple(0.5 * value for value in row.effect)) for row in after]
     kinds = {
-        one.quantity.kind
-        for one in vehicle_difference(before, weaker).changes_with(QuantityOutcome.CHANGED)
+        change.quantity.kind
+        for change in vehicle_difference(before, weaker).changes_with(QuantityOutcome.CHANGED)
     }
     assert kinds == {MEAN_EFFECT}
 
 
 def test_a_difference_of_several_flights_and_its_chance_are_those_by_hand():
-    half = 0.1 * coverage_factor()
+    """The damping of two flights is compared with that of one, and the result with the formula."""
+    half_width = 0.1 * coverage_factor()
     before, after = (
         [
-            flight_row("quad", number, damping=damping, damping_interval=half)
-            for number, damping in known
+            flight_row("quad", number, damping=damping, damping_interval=half_width)
+            for number, damping in common_columns
         ]
-        for known in ([(0, 0.5), (1, 0.7)], [(2, 1.0)])
+        for common_columns in ([(0, 0.5), (1, 0.7)], [(2, 1.0)])
     )
     (change,) = (
         one for one in vehicle_difference(before, after).changes if one.quantity.kind == DAMPING
@@ -282,13 +293,14 @@ def test_a_difference_of_several_flights_and_its_chance_are_those_by_hand():
 
 
 def test_the_same_is_said_only_where_the_whole_interval_is_small():
+    """A quantity is "same" if its whole interval is below a limit, otherwise "uncertain"."""
     limits = {SHARE: 0.06, EFFECT: 0.2, MEAN_EFFECT: 0.3, DAMPING: 0.8, LAG: 0.02}
     for share, outcome in ((0.69, "same"), (0.71, "uncertain")):
-        judged = [
+        changes = [
             QuantityChange(Quantity(kind), 0.0, 0.0, -0.3 * limit, share * limit, 1.0, 0.0)
             for kind, limit in limits.items()
         ]
-        assert {one.outcome for one in with_outcomes(judged)} == {outcome}
+        assert {change.outcome for change in with_outcomes(changes)} == {outcome}
 
 
 def allowances_of_effect(ratio):
@@ -315,16 +327,22 @@ def allowances_of_effect(ratio):
     ],
 )
 def test_other_conditions_widen_what_they_can_change(changed, allowances):
-    known = {"lean_roll": 0.2, "lean_pitch": 0.0, "voltage_mean": 16.0, "collective": 0.4}
-    same = vehicle_difference(state([0], **known), state([1], 1, **known))
-    other = vehicle_difference(state([0], **known), state([1], 1, **(known | changed)))
-    for one, two in zip(same.changes, other.changes, strict=True):
-        assert one.quantity == two.quantity
-        allowance = allowances.get(one.quantity.kind, 0.0)
+    """Lean, voltage and collective differ between the flights.
+
+    Intervals of quantities that depend on them are wider.
+    """
+    common_columns = {"lean_roll": 0.2, "lean_pitch": 0.0, "voltage_mean": 16.0, "collective": 0.4}
+    same = vehicle_difference(state([0], **common_columns), state([1], 1, **common_columns))
+    other = vehicle_difference(
+        state([0], **common_columns), state([1], 1, **(common_columns | changed))
+    )
+    for change, two in zip(same.changes, other.changes, strict=True):
+        assert change.quantity == two.quantity
+        allowance = allowances.get(change.quantity.kind, 0.0)
         if allowance:
-            assert two.half_width > one.half_width
+            assert two.half_width > change.half_width
         else:
-            assert two.half_width <= one.half_width
+            assert two.half_width <= change.half_width
         assert two.allowance == approx(allowance)
     assert not other.changes_with(QuantityOutcome.CHANGED)
 
@@ -360,17 +378,25 @@ BY_DEMAND = {"inputs": "demand", "input_unit": "", "effect": (20.0,), "effect_in
 def test_what_is_not_known_in_both_is_not_compared_and_the_reason_is_said(
     changed, kinds, quantity, reason
 ):
-    known = {"frame": "QUADROTOR", "trim_unit": "µs", "inputs": "motors", "input_unit": "µs"}
-    before = [replace(row, **known) for row in flight(0)]
-    after = [replace(row, **(known | changed)) for row in flight(1)]
-    found = vehicle_difference(before, after)
-    assert {change.quantity.kind for change in found.changes} == kinds
-    why = {fact.figures.get("name", fact.code): reason for fact, reason in found.incomparable}
-    inner = why[quantity].figures.get("reasons", (why[quantity],))
+    """One state lacks a quantity, has other inputs or units, or is another vehicle."""
+    common_columns = {
+        "frame": "QUADROTOR",
+        "trim_unit": "µs",
+        "inputs": "motors",
+        "input_unit": "µs",
+    }
+    before = [replace(row, **common_columns) for row in flight(0)]
+    after = [replace(row, **(common_columns | changed)) for row in flight(1)]
+    difference = vehicle_difference(before, after)
+    assert {change.quantity.kind for change in difference.changes} == kinds
+    reason_by_quantity = {
+        fact.figures.get("name", fact.code): reason for fact, reason in difference.incomparable
+    }
+    inner = reason_by_quantity[quantity].figures.get("reasons", (reason_by_quantity[quantity],))
     assert [fact.code for fact in inner] == [reason]
-    known = {"a": "A", "b": "B", "parameters": [], "headlines": {"a": None, "b": None}}
-    known["motor_health"] = {"a": None, "b": None}
-    document = complete_document("diff", known | found._asdict())
+    common_columns = {"a": "A", "b": "B", "parameters": [], "headlines": {"a": None, "b": None}}
+    common_columns["motor_health"] = {"a": None, "b": None}
+    document = complete_document("diff", common_columns | difference._asdict())
     assert json.loads(json.dumps(document, allow_nan=False)) == document
 
 

@@ -14,7 +14,7 @@ from mavdem.report.vehicle_summary import summary_adapter, vehicle_summaries
 
 
 def index_of(folder, *steps):
-    """The index page of a fleet that grew in steps, each of which is its rows."""
+    """Returns the index page of a fleet that grew in steps, each of which is a list of rows."""
     for rows in steps:
         fleet_of(folder, rows)
         with open_store(folder) as store:

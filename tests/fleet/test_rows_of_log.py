@@ -35,6 +35,7 @@ SLOW = LOGS / "ardupilot_default_rates.tlog"
 
 
 def test_a_slow_log_gives_what_it_holds_says_why_no_more_and_has_one_page():
+    """The attitude of the log comes at 4 Hz: its rows have the balance of the motors, but no model."""
     hover = mavdem.hover(SLOW)
     rows, pages = rows_of_log(
         SLOW, "0123456789abcdef0123", lambda name, found: f"{name} {[*found.analyses]}{found.wind}"
@@ -79,6 +80,7 @@ def test_a_margin_is_in_radians_and_its_interval_a_half_width():
 
 
 def test_a_row_has_effect_and_wind_torque_only_if_they_are_identifiable():
+    """A biased effect is kept, one that is not identifiable is left out."""
     report = {
         "physical": {"effect": (0.3,), "status": {"effect": "biased"}},
         "wind": {"sd": 0.8, "mean": 0.1, "mean_band": 0.2},
@@ -104,9 +106,10 @@ def test_the_motor_that_a_crash_is_blamed_on_is_in_its_row(level, motor):
 
 
 def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(monkeypatch):
+    """The assessment of one of two vehicles raises an error, which becomes the status of its row."""
     log = mavdem.ingest.read_log(SLOW)
-    (sound,) = log.vehicles
-    other_vehicle = replace(sound, component=7)
+    (sound_vehicle,) = log.vehicles
+    other_vehicle = replace(sound_vehicle, component=7)
 
     def failing(log, signals, *arguments, **known):
         if signals.telemetry is other_vehicle:
@@ -114,7 +117,9 @@ def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(monkeypatch):
         return assess_signals(log, signals, *arguments, **known)
 
     monkeypatch.setattr(module, "assess_signals", failing)
-    monkeypatch.setattr(module, "read_log", lambda _: replace(log, vehicles=(other_vehicle, sound)))
+    monkeypatch.setattr(
+        module, "read_log", lambda _: replace(log, vehicles=(other_vehicle, sound_vehicle))
+    )
     failed, *rows = rows_of_log(SLOW)[0]
     assert "KeyError" in failed.status and failed.component == 7
     assert [row.axis for row in rows] == ["roll", "pitch"] and {row.status for row in rows} == {
@@ -131,6 +136,7 @@ def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(monkeypatch):
     ],
 )
 def test_documents_without_a_prior_for_the_next_flight_are_refused(tmp_path, read, text, code):
+    """The file is no result, or is of the flight itself."""
     path = tmp_path / "report.json"
     path.write_text(text)
     assert unreadable(read, path).code is code

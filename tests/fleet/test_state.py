@@ -37,9 +37,10 @@ def state(day, vehicle="001a", balance=(0.0, 0.0, 0.0), vehicles=None):
 
 
 def test_two_logs_have_the_health_that_a_fleet_of_both_has():
+    """Motor 1 is weak in the second of two flights: the comparison of two logs says the same as a fleet."""
     before, after = state(1), state(2, balance=WEAK_MOTOR_1)
-    judged = with_motors_judged(before, after)
-    rows = [row for vehicle_state in judged for row in vehicle_state.rows]
+    judged_states = with_motors_judged(before, after)
+    rows = [row for vehicle_state in judged_states for row in vehicle_state.rows]
     assert rows == assess_rows([*before.rows, *after.rows], [])
     assert [row.suspect_motor for row in rows] == [None, 1]
     assert rows[1].health == "drift" and "one flight before" in rows[1].health_reason

@@ -69,16 +69,17 @@ def test_stored_rows_are_read_back_unchanged(tmp_path):
 
 @mark.slow
 def test_the_examples_of_the_documentation_answer(here, capsys):
+    """Runs the Python examples of the documentation on a made-up fleet."""
     make_logs(here / "logs", 1, "damaged")
     track(here / "fleet", here / "logs")
     columns = {"vehicle": "7", "axis": "roll", "motors": ("1", "2"), "trim_share": (1.1, 0.9)}
     columns["health_reason"] = "Motor 1."
     days = ((1, "ok"), (2, "fault"))
-    flown = [
+    example_rows = [
         FlightRow(file=f"{day}.bin", date=f"2026-11-0{day}", health=health, **columns)
         for day, health in days
     ]
-    rows = [*flown, *read_rows(here / "fleet")]
+    rows = [*example_rows, *read_rows(here / "fleet")]
     stored_rows = [StoredRow(json.dumps(row.as_dict()), row.file) for row in rows]
     write_file(table_path(here / "fleet"), stored_rows, here / "fleet")
     names = {}
@@ -105,6 +106,7 @@ def test_what_is_no_fleet_and_what_is_damaged_is_refused(tmp_path):
 
 @mark.parametrize("row", ["[1]", "{"])
 def test_a_damaged_row_is_reported(fleet, row):
+    """The JSON of one row is damaged: the fleet is refused with that reason, and its other rows can be read."""
     out, folder, (log, _), _ = fleet
     with closing(sqlite3.connect(out / STORE, isolation_level=None)) as db:
         db.execute("update flights set row = ? where rowid = 1", [row])
@@ -156,13 +158,14 @@ def test_without_pyarrow_a_fleet_has_its_rows_but_no_table_that_is_older_than_th
 
 
 def test_a_second_run_waits_until_the_first_has_written(fleet, tmp_path, monkeypatch):
+    """Another process holds the lock of the store for longer than a run waits."""
     out, *_ = fleet
-    first = sqlite3.connect(out / STORE, isolation_level=None)
-    first.execute("begin immediate")
+    code_by_vehicle = sqlite3.connect(out / STORE, isolation_level=None)
+    code_by_vehicle.execute("begin immediate")
     monkeypatch.setattr(store, "BUSY_SECONDS", 0.1)
-    more = make_logs(tmp_path / "more", 1, "other")
-    assert refusal(lambda: track(out, *more)) is FleetFolderFact.FLEET_NOT_WRITTEN
-    first.execute("rollback")
+    more_rows = make_logs(tmp_path / "more", 1, "other")
+    assert refusal(lambda: track(out, *more_rows)) is FleetFolderFact.FLEET_NOT_WRITTEN
+    code_by_vehicle.execute("rollback")
     assert track(out, tmp_path / "more").read == 1 and len(read_rows(out)) == 6
 
 
@@ -197,13 +200,13 @@ def test_a_log_that_changed_is_read_anew(fleet):
 @mark.slow
 def test_a_table_that_could_not_be_written_is_written_by_the_next_run(fleet, monkeypatch):
     out, folder, *_ = fleet
-    more = make_logs(folder, 8)
+    more_rows = make_logs(folder, 8)
     with monkeypatch.context() as disk:
         disk.setattr(
             table_files, "write_file", Mock(side_effect=OSError(28, "No space left on device"))
         )
         assert refusal(lambda: track(out, folder)) is FleetFolderFact.FLEET_NOT_WRITTEN
-    assert track(out, folder).read == 0 and len(read_rows(out)) == 2 * len(more)
+    assert track(out, folder).read == 0 and len(read_rows(out)) == 2 * len(more_rows)
 
 
 def test_another_run_may_write_while_the_table_is_written(tmp_path, monkeypatch):
@@ -231,6 +234,7 @@ def test_no_run_judges_a_vehicle_while_another_updates_pages_by_its_rows(tmp_pat
 
 
 def test_a_run_that_waits_judges_by_the_baseline_that_was_set_meanwhile(tmp_path):
+    """The second run begins while the first holds the lock and sets a baseline."""
     fleet_of(tmp_path, [FULL])
     baselines = []
 
@@ -268,6 +272,7 @@ def test_a_changed_vehicle_takes_the_place_of_its_rows_in_the_table(tmp_path):
 
 @mark.slow
 def test_a_change_writes_only_the_file_with_the_rows_of_its_vehicle(tmp_path, monkeypatch):
+    """The table has files of four rows. New rows of vehicle v5 go to the second file, a new vehicle to the last."""
     monkeypatch.setattr(table_files, "ROWS_PER_FILE", 4)
     names = [f"v{number}" for number in range(10)]
     rows = [replace(FULL, file=f"{name}.bin", key=f"{name}-1", vehicle=name) for name in names]
@@ -275,9 +280,9 @@ def test_a_change_writes_only_the_file_with_the_rows_of_its_vehicle(tmp_path, mo
     paths = [table_path(tmp_path, number) for number in range(3)]
     assert [parquet.read_metadata(path).num_rows for path in paths] == [4, 4, 2]
     contents = [path.read_bytes() for path in paths]
-    more = replace(FULL, file="v5_more.bin", key="more-1", vehicle="v5")
+    more_rows = replace(FULL, file="v5_more.bin", key="more-1", vehicle="v5")
     new = replace(FULL, file="a.bin", key="a-1", vehicle="a new vehicle")
-    fleet_of(tmp_path, [more, new])
+    fleet_of(tmp_path, [more_rows, new])
     changed = [path.read_bytes() != content for path, content in zip(paths, contents, strict=True)]
     assert changed == [False, True, True]
     vehicles = parquet.read_table(tmp_path / "flights")["vehicle"].to_pylist()
@@ -306,17 +311,21 @@ def test_a_row_whose_date_is_damaged_is_a_damaged_store(tmp_path, date):
 
 @mark.slow
 def test_a_whole_table_that_was_not_finished_is_written_anew(tmp_path, monkeypatch):
+    """The disk is full after the first of several files."""
     monkeypatch.setattr(table_files, "ROWS_PER_FILE", 2)
     rows = [replace(FULL, file=f"{name}.bin", key=f"{name}-1", vehicle=name) for name in "bcd"]
     fleet_of(tmp_path, rows)
-    first = replace(FULL, file="a.bin", key="a-1", vehicle="a")
+    code_by_vehicle = replace(FULL, file="a.bin", key="a-1", vehicle="a")
     table_path(tmp_path).unlink()
     with monkeypatch.context() as disk:
         full_disk = Mock(side_effect=[None, OSError(28, "No space left on device")])
         disk.setattr(table_files, "write_file", full_disk)
-        assert refusal(lambda: fleet_of(tmp_path, [first])) is FleetFolderFact.FLEET_NOT_WRITTEN
+        assert (
+            refusal(lambda: fleet_of(tmp_path, [code_by_vehicle]))
+            is FleetFolderFact.FLEET_NOT_WRITTEN
+        )
     write_file(table_path(tmp_path), [], tmp_path)
-    fleet_of(tmp_path, [first])
+    fleet_of(tmp_path, [code_by_vehicle])
     vehicles = parquet.read_table(tmp_path / "flights")["vehicle"].to_pylist()
     assert sorted(vehicles) == ["a", "b", "c", "d"]
 
@@ -396,6 +405,10 @@ def test_a_log_that_cannot_be_reached_for_a_while_keeps_its_rows(tmp_path):
 
 @mark.slow
 def test_what_failed_is_tried_again_where_that_may_help(tmp_path, monkeypatch):
+    """A log that lacks a Python package is read again in each run, one that is damaged is not.
+
+    A fault of mavdem itself is tried again by another version.
+    """
     logs = tmp_path / "logs"
     make_logs(logs, 1, "bug")
     make_logs(logs, 1, "damaged")
@@ -455,13 +468,19 @@ def rows_naming_baseline(rows, baseline):
 
 @mark.slow
 def test_a_baseline_is_no_part_of_the_table_and_stays_until_another_is_given(tmp_path):
+    """Healthy flights are compared with, but not listed.
+
+    The next run uses the same baseline unless another is given.
+    """
     healthy = make_logs(tmp_path / "healthy", 3)
-    flown = make_logs(tmp_path / "flown", 5, "fly")
+    example_rows = make_logs(tmp_path / "flown", 5, "fly")
     out = tmp_path / "fleet"
 
     def reasons(baseline=()):
         track(out, tmp_path / "flown", baseline=baseline, assess=rows_naming_baseline)
-        assert {Path(row.file).name for row in read_rows(out)} == {path.name for path in flown}
+        assert {Path(row.file).name for row in read_rows(out)} == {
+            path.name for path in example_rows
+        }
         return {row.health_reason for row in read_rows(out)}
 
     assert reasons([tmp_path / "healthy"]) == reasons() != {""}
@@ -476,6 +495,7 @@ def test_a_baseline_is_no_part_of_the_table_and_stays_until_another_is_given(tmp
 
 @mark.slow
 def test_only_vehicles_of_which_anything_is_new_are_judged(tmp_path):
+    """The judgement of the first vehicle fails. The next run judges only vehicles that have new flights or failed."""
     make_logs(tmp_path / "logs", 7)
     judged_vehicles = []
 
@@ -486,18 +506,18 @@ def test_only_vehicles_of_which_anything_is_new_are_judged(tmp_path):
         return rows
 
     track(tmp_path / "fleet", tmp_path / "logs", assess=judge)
-    first = {row.vehicle: row.health_code for row in read_rows(tmp_path / "fleet")}
-    assert sorted(judged_vehicles) == sorted(first) and len(judged_vehicles) > 2
+    code_by_vehicle = {row.vehicle: row.health_code for row in read_rows(tmp_path / "fleet")}
+    assert sorted(judged_vehicles) == sorted(code_by_vehicle) and len(judged_vehicles) > 2
     # A fault on one vehicle's figures keeps back no other's.
-    assert [name for name, code in first.items() if code] == [judged_vehicles[0]]
-    assert first[judged_vehicles[0]] == HealthUnknown.HEALTH_FAILED
+    assert [name for name, code in code_by_vehicle.items() if code] == [judged_vehicles[0]]
+    assert code_by_vehicle[judged_vehicles[0]] == HealthUnknown.HEALTH_FAILED
     judged_vehicles[:] = ["not the first"]
     track(tmp_path / "fleet", tmp_path / "logs", assess=judge)
     assert judged_vehicles == ["not the first"]
 
 
 def flight(key, means, **columns):
-    """A flight whose model says that each µs of either motor turns it by 1 or -1 rad/s², damped by 2/s."""
+    """Returns a row with a model: each µs of motors 1 and 2 accelerates by 1 and -1 rad/s², with a damping of 2/s."""
     values = {
         "motors": ("1", "2"),
         "axis": "roll",
@@ -510,6 +530,7 @@ def flight(key, means, **columns):
 
 
 def test_the_residual_mean_is_what_healthy_models_leave_of_a_flight():
+    """The models of three healthy flights explain an acceleration that differs from the measured mean by 10 rad/s²."""
     healthy = [
         flight(str(number), (1500 + number, 1500 - number), inputs="motors")
         for number in (-1, 0, 1)
@@ -531,6 +552,10 @@ def test_the_residual_mean_is_what_healthy_models_leave_of_a_flight():
 
 
 def test_health_comes_from_the_vehicle_s_healthy_flights():
+    """Four flights of one vehicle.
+
+    The last one has another balance; flights with a motor at its limit or an oscillation do not count as healthy.
+    """
     balance_columns = {
         "balance": (0.0, 0.0, 0.0),
         "balance_error": (0.001,) * 3,
@@ -554,21 +579,21 @@ def test_health_comes_from_the_vehicle_s_healthy_flights():
         for day in range(1, 5)
     ]
     # Of nobody known they are not compared, and a log without a flight says nothing.
-    nobody, failed = (
+    unnamed_row, failed = (
         assess_rows([row], [])[0]
         for row in (
             replace(rows[0], vehicle_basis="system id", fault_probability=0.9),
             FlightRow(file="x", status="No."),
         )
     )
-    assert nobody.health_code == HealthUnknown.VEHICLE_UNNAMED
-    assert nobody.fault_probability is None and failed.health_reason is None
+    assert unnamed_row.health_code == HealthUnknown.VEHICLE_UNNAMED
+    assert unnamed_row.fault_probability is None and failed.health_reason is None
     # Nor is one taken for healthy in which a motor was at its limit, or which oscillated.
     for unsound in ({"saturated": (0.0, 0.0101, 0.0, 0.0)}, {"oscillation": 12.0}):
-        first = [replace(rows[0], **unsound), *rows[1:]]
-        first = assess_rows(first, [])[0]
-        assert first.health_code == MotorsBetween.MOTORS_UNCHANGED
-        assert first.residual_mean == approx(2)
-        assert "against 3 of the vehicle's first sound flights" in first.health_reason
+        code_by_vehicle = [replace(rows[0], **unsound), *rows[1:]]
+        code_by_vehicle = assess_rows(code_by_vehicle, [])[0]
+        assert code_by_vehicle.health_code == MotorsBetween.MOTORS_UNCHANGED
+        assert code_by_vehicle.residual_mean == approx(2)
+        assert "against 3 of the vehicle's first sound flights" in code_by_vehicle.health_reason
     rows[3] = replace(rows[3], balance=(0.08, 0.08, -0.08))
     assert [row.health == "ok" for row in assess_rows(rows, rows[:3])] == [True] * 3 + [False]

@@ -51,22 +51,23 @@ from mavdem.processes import lower_priority, peak_mebibytes
 
 
 def test_an_outcome_has_the_log_s_name_and_key_and_why_it_has_no_rows(tmp_path):
+    """A log is read, known by its content, of an unknown format, or too large for the memory."""
     (path,) = map(str, make_logs(tmp_path, 1))
-    memory = Unreadable(prose("It does not fit."))
-    memory.__context__ = MemoryError()
+    memory_error = Unreadable(prose("It does not fit."))
+    memory_error.__context__ = MemoryError()
 
     outcome = outcome_of(Job(path), lambda path, key, page: ([FlightRow(file="copy")], {}))
     (row,) = outcome.rows
     assert (row.file, row.key) == (path, outcome.key) and row.mavdem_version
     assert outcome_of(Job(path, (outcome.key,)), None).ended == "known"
-    cut = Unreadable(Fact(SourceFact.FORMAT_UNKNOWN, path=path, name="text"))
-    damaged = outcome_of(Job(path), Mock(side_effect=cut))
+    unknown_format = Unreadable(Fact(SourceFact.FORMAT_UNKNOWN, path=path, name="text"))
+    damaged = outcome_of(Job(path), Mock(side_effect=unknown_format))
     (row,) = damaged.rows
     assert damaged.ended == "read" and row.status_code == SourceFact.FORMAT_UNKNOWN
     assert path not in row.status
     assert (row.file, row.key) == (path, outcome.key)
     with raises(MemoryError):  # with a higher limit it may be read
-        outcome_of(Job(path), Mock(side_effect=memory))
+        outcome_of(Job(path), Mock(side_effect=memory_error))
 
 
 def test_pipes_and_devices_are_not_opened_as_logs(tmp_path):
@@ -85,6 +86,7 @@ def test_pipes_and_devices_are_not_opened_as_logs(tmp_path):
 
 @mark.slow
 def test_no_log_stops_a_run(tmp_path):
+    """Among eight logs one takes too long, one ends its process, and one needs too much memory."""
     logs = tmp_path / "logs"
     make_logs(logs, 3)
     for name in ("slow", "crash", "big", "where", "waits"):
@@ -92,10 +94,10 @@ def test_no_log_stops_a_run(tmp_path):
     # The file is sparse: its content alone takes longer to read than there is time.
     os.truncate(logs / "slow_0.bin", 1 << 40)
     healthy = make_logs(tmp_path / "healthy", 1)
-    done = track(
+    run_result = track(
         tmp_path / "fleet", logs, reader=WorkerPool(2, LIMITS, rows_of_log), baseline=healthy
     )
-    assert (done.logs, done.read, done.problems) == (8, 8, ())
+    assert (run_result.logs, run_result.read, run_result.problems) == (8, 8, ())
     rows_by_name = {Path(row.file).name: row for row in read_rows(tmp_path / "fleet")}
     # The process starts no others.
     assert rows_by_name["where_0.bin"].status == "1"
@@ -130,6 +132,7 @@ def test_a_run_that_can_start_no_process_ends_and_says_so(tmp_path):
 def test_a_process_is_renewed_after_so_many_logs_or_where_memory_does_not_last(
     name, logs, started, tmp_path
 ):
+    """A process reads two logs, or leaves memory allocated: then another process reads the next log."""
     (path,) = make_logs(tmp_path, 1, name)
     reader = LogReader()
     processes = set()
@@ -189,6 +192,7 @@ def hanging(tmp_path):
 @mark.slow
 @mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_an_ended_run_leaves_nothing_and_is_resumed_to_the_same_table(tmp_path, hanging, number):
+    """The run is interrupted or killed while two logs hang; the next run reads those that are missing."""
     run, names = hanging
     for _ in range(2):  # impatience changes nothing
         os.killpg(run.pid, number)
@@ -222,18 +226,19 @@ def two_workers():
 
 @mark.slow
 def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
+    """One of two workers is killed after its first log; the table is the same as without that."""
     make_logs(tmp_path / "logs", 6)
     track(tmp_path / "here", tmp_path / "logs")
     killed = []
 
-    def kill_one(done, of, outcome):
-        if done and not killed:
+    def kill_one(run_result, of, outcome):
+        if run_result and not killed:
             killed.append(two_workers.workers[0].pid)
             os.kill(killed[0], signal.SIGKILL)
 
     reader = Cluster(two_workers.scheduler_address, LIMITS, rows_of_log)
-    done = track(tmp_path / "there", tmp_path / "logs", reader=reader, progress=kill_one)
-    assert done.read == 6 and killed
+    run_result = track(tmp_path / "there", tmp_path / "logs", reader=reader, progress=kill_one)
+    assert run_result.read == 6 and killed
     assert (
         table_of(tmp_path / "there") == table_of(tmp_path / "here")
         and len(read_rows(tmp_path / "here")) == 12
@@ -367,6 +372,7 @@ def served(tmp_path):
 
 @mark.slow
 def test_logs_behind_urls_are_read_and_known(served, tmp_path):
+    """Logs on a web server are fetched. A log with the same content on the disk is recognised."""
     folder, url = served
     make_logs(folder, 3)
     (folder / "readme.txt").write_text("none")
@@ -376,9 +382,9 @@ def test_logs_behind_urls_are_read_and_known(served, tmp_path):
     assert problem.code is FleetFolderFact.URL_UNREADABLE and not problem.figures["fetched"]
     assert [row.file for row in read_rows(out)] == [f"{url}/log_0.bin"] * 2
     # Where it is fetched to is nobody's business.
-    read = Mock(return_value=([], {}))
-    outcome_of(Job(f"{url}/log_0.bin"), read)
-    assert read.call_args.args[0] == Path("log_0.bin")
+    read_function = Mock(return_value=([], {}))
+    outcome_of(Job(f"{url}/log_0.bin"), read_function)
+    assert read_function.call_args.args[0] == Path("log_0.bin")
     # The same content from a disk is known.
     assert track(out, folder / "log_0.bin").read == 1 and len(read_rows(out)) == 2
 

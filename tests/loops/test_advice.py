@@ -125,14 +125,18 @@ def test_more_ends_with_the_angles_gain_at_its_bound():
 
 @mark.slow
 def test_a_step_says_what_bounds_it_and_why_the_integral_falls():
+    """The loop has ten times the usual integral gain.
+
+    The notes say that I falls, and that margins or noise bound P.
+    """
     # I is far above what the autopilot's default ratio makes of P.
     loop = made_up(0.5)
     high_integral = 10 * loop.controller.parameters["MC_ROLLRATE_I"]
     loop = loop.with_parameters({"MC_ROLLRATE_I": high_integral})
     search = GainSearch(loop, MARGIN_TARGETS["default"])
-    bound, falls = search.step(Stage.RATE).notes[:2]
+    bound, integral_note = search.step(Stage.RATE).notes[:2]
     assert bound.figures["bound"] is GainBound.MARGINS
-    assert falls == Fact(GainFact.INTEGRAL_FALLS, name="MC_ROLLRATE_I")
+    assert integral_note == Fact(GainFact.INTEGRAL_FALLS, name="MC_ROLLRATE_I")
     # Little noise is allowed: it is what bounds P then.
     object.__setattr__(search, "max_demand_noise", search.max_demand_noise / 1.2)
     bound, *_ = search.step(Stage.RATE).notes
@@ -273,20 +277,23 @@ def test_a_gain_of_0_stays_0():
 
 @mark.slow
 def test_refusals_say_why():
-    record = (sound := made_up()).record
+    """No gains are advised: there is a doubt, motors were at their limit, the loop is unstable, or gains changed."""
+    record = (sound_loop := made_up()).record
     inputs = np.where(np.arange(2000)[:, None] % 5 == 0, 2000.0, record.inputs)
-    stuck = advise(replace(sound, record=replace(record, inputs=inputs)))
-    retuned = advise(replace(sound, record=replace(record, earlier={"MC_ROLL_P": 5.0})))
+    advice_at_limit = advise(replace(sound_loop, record=replace(record, inputs=inputs)))
+    advice_after_retuning = advise(
+        replace(sound_loop, record=replace(record, earlier={"MC_ROLL_P": 5.0}))
+    )
     doubt = Fact(LoopFact.MIXER_REVERSED)
     cases = {
-        doubt: advise(sound, doubts=[doubt]),
-        Fact(GainFact.MOTOR_AT_LIMIT, share=0.2): stuck,
+        doubt: advise(sound_loop, doubts=[doubt]),
+        Fact(GainFact.MOTOR_AT_LIMIT, share=0.2): advice_at_limit,
         Fact(GainFact.LOOP_UNSTABLE): advise(made_up(6.0)),
-        Fact(GainFact.GAINS_CHANGED, names=["MC_ROLL_P"]): retuned,
+        Fact(GainFact.GAINS_CHANGED, names=["MC_ROLL_P"]): advice_after_retuning,
     }
-    for refusal, found in cases.items():
-        assert found.refusals == (refusal,) and not found.gains
-        assert found.conclusion == Fact(GainFact.NO_GAINS_ADVISED, reasons=[refusal])
+    for refusal, advice in cases.items():
+        assert advice.refusals == (refusal,) and not advice.gains
+        assert advice.conclusion == Fact(GainFact.NO_GAINS_ADVISED, reasons=[refusal])
 
 
 def test_the_next_step_is_as_careful_as_the_advice_is_sure():

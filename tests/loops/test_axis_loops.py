@@ -100,36 +100,56 @@ def test_gains_have_their_names_and_units_before_arducopter_34():
 
 
 def test_the_mixer_and_the_slope_of_the_thrust_curve_are_the_autopilots():
-    ours = controller_from_parameters(ARDUPILOT, "roll", X_ROLL)
-    assert ours.mixer == (-0.5, 0.5, 0.5, -0.5)
+    """ArduPilot scales roll and pitch by the longest arm; PX4 by the root of the sum of squares.
+
+    Both model the curve of thrust by the command.
+    """
+    ardupilot_controller = controller_from_parameters(ARDUPILOT, "roll", X_ROLL)
+    assert ardupilot_controller.mixer == (-0.5, 0.5, 0.5, -0.5)
 
     # Thrust is 0.35 of the command and 0.65 of its square, from 15 to 95 % of the range.
     thrusts = np.polyval([0.65, 0.35, 0], (np.array([0.4995, 0.5005]) - 0.15) / 0.8)
-    slope = 0.001 / np.diff(thrusts)
-    assert ours.outputs_per_demand([0.5] * 4) == approx(np.multiply(ours.mixer, slope), rel=1e-5)
-    theirs = controller_from_parameters(PX4)
-    assert (theirs.p, theirs.d) == (0.3, 0.006) and theirs.with_parameters(
+    derivative_gain = 0.001 / np.diff(thrusts)
+    assert ardupilot_controller.outputs_per_demand([0.5] * 4) == approx(
+        np.multiply(ardupilot_controller.mixer, derivative_gain), rel=1e-5
+    )
+    px4_controller = controller_from_parameters(PX4)
+    assert (px4_controller.p, px4_controller.d) == (0.3, 0.006) and px4_controller.with_parameters(
         {"MC_ROLLRATE_D": 0.0}
     ).d == 0
     # Roll and pitch are scaled alike, so that the shorter arm has the larger factor.
-    assert theirs.mixer == approx(np.multiply(X_ROLL, 0.5**1.5)) and theirs.thrust_expo == 0.3
+    assert (
+        px4_controller.mixer == approx(np.multiply(X_ROLL, 0.5**1.5))
+        and px4_controller.thrust_expo == 0.3
+    )
 
 
 def test_a_slam_turns_by_rotors_whose_speeds_lag():
-    """Thrusts of lagging speeds are those of the acting demand behind a lag; at slow samples nothing is known of it."""
-    ours = controller_from_parameters(PX4)
+    """Large steps of the demand accelerate the rotors.
+
+    The thrust of lagging speeds, squares of speeds, is that of a corrected demand. With slow samples there is no
+    correction.
+    """
+    ardupilot_controller = controller_from_parameters(PX4)
     step = 1e-4
     slam = np.sin(np.arange(5000) * step * 100) > 0.7
     shares = 0.4 + np.outer(slam, [-0.4, 0.6, 0.6, -0.4])
-    keeps = np.exp(-step / TYPICAL_ROTOR_LAG)
-    lag = [0.0, 1 - keeps], [1.0, -keeps]
-    asked = np.sqrt((1 - ours.thrust_expo + ours.thrust_expo * shares) * shares)
-    speeds, _ = lfilter(*lag, asked, axis=0, zi=asked[:1])
-    torque = speeds**2 @ ours.mixer / np.square(ours.mixer).sum()
-    linear, acting = ours.demand_from_outputs(shares), ours.demand_from_outputs(shares, step)
-    whole = linear + (acting - linear) / ROTOR_LAG_CORRECTION
-    assert lfilter(*lag, whole) == approx(torque, abs=0.02 * np.ptp(torque))
-    assert_array_equal(ours.demand_from_outputs(shares, 2 * TYPICAL_ROTOR_LAG), linear)
+    decay = np.exp(-step / TYPICAL_ROTOR_LAG)
+    lag = [0.0, 1 - decay], [1.0, -decay]
+    commanded_shares = np.sqrt(
+        (1 - ardupilot_controller.thrust_expo + ardupilot_controller.thrust_expo * shares) * shares
+    )
+    speeds, _ = lfilter(*lag, commanded_shares, axis=0, zi=commanded_shares[:1])
+    torque = speeds**2 @ ardupilot_controller.mixer / np.square(ardupilot_controller.mixer).sum()
+    linear, acting = (
+        ardupilot_controller.demand_from_outputs(shares),
+        ardupilot_controller.demand_from_outputs(shares, step),
+    )
+    full_correction = linear + (acting - linear) / ROTOR_LAG_CORRECTION
+    assert lfilter(*lag, full_correction) == approx(torque, abs=0.02 * np.ptp(torque))
+    assert_array_equal(
+        ardupilot_controller.demand_from_outputs(shares, 2 * TYPICAL_ROTOR_LAG), linear
+    )
 
 
 def test_the_frame_of_older_firmware_is_its_class():
@@ -186,6 +206,7 @@ def test_a_controller_that_is_not_known_says_why(parameters, weights, code, figu
 
 
 def test_parameters_that_the_controller_model_leaves_out_are_reported():
+    """Each parameter in use that the model of the controller ignores gives a caution."""
     names = ["ATC_RAT_RLL_SMAX", "ATC_RAT_RLL_PDMX", "FSTRATE_ENABLE", "MOT_BAT_VOLT_MAX"]
     unmodelled = ARDUPILOT | dict.fromkeys([*names, "ATC_RAT_PIT_SMAX"], 1.0)
     cautions = controller_from_parameters(unmodelled, "roll", X_ROLL).cautions
@@ -194,14 +215,15 @@ def test_parameters_that_the_controller_model_leaves_out_are_reported():
         ControllerFact.DEMAND_BY_VOLTAGE,
         ControllerFact.NOTCHES_UNMODELLED,
     }
-    theirs = controller_from_parameters(
+    px4_controller = controller_from_parameters(
         PX4 | {"MC_BAT_SCALE_EN": 1.0, "IMU_GYRO_DNF_EN": 1.0}
     ).cautions
-    assert [one.code for one in theirs] == list(UNMODELLED_PARAMETERS.values())[-2:]
-    assert {one.level for one in theirs} == {"watch"}
+    assert [one.code for one in px4_controller] == list(UNMODELLED_PARAMETERS.values())[-2:]
+    assert {one.level for one in px4_controller} == {"watch"}
 
 
 def test_gains_that_change_in_flight_come_with_it(monkeypatch):
+    """A gain changes at 40 s; the flight has its earlier value, unless it begins after the change."""
     read = Mock(wraps=decoded_parameters)
     monkeypatch.setattr("mavdem.dataset.alignment.decoded_parameters", read)
     telemetry = HOVER.telemetry(parameters={"ATC_RAT_RLL_P": 0.25, "ATC_RAT_RLL_D": 0.125})
@@ -210,8 +232,8 @@ def test_gains_that_change_in_flight_come_with_it(monkeypatch):
     signals = Signals(changed(telemetry, "PARAM_VALUE", **sent))
     (segment,) = settled_segments(signals)
     for start, earlier in ((segment.start, {"ATC_RAT_RLL_P": 0.5}), (41.0, {})):
-        found = aligned_flight(signals, replace(segment, start=start))
-        assert found.provenance["earlier"] == earlier
+        result = aligned_flight(signals, replace(segment, start=start))
+        assert result.provenance["earlier"] == earlier
     assert read.call_count == 1  # of a log with many boots each segment would read all
 
 
@@ -219,7 +241,7 @@ def ac_pid(controller, frequency):
     """Responses of ArduPilot's AC_PID, without its setpoint's filter, and of a difference over a cycle."""
     dt = controller.loop_period
     late = np.exp(-2j * np.pi * frequency * dt)
-    slope = (1 - late) / dt
+    derivative_gain = (1 - late) / dt
 
     def low_pass(cutoff):
         turn = 2 * np.pi * dt * cutoff
@@ -233,28 +255,31 @@ def ac_pid(controller, frequency):
         middle = 1 - 2 * np.cos(turn) * late + late**2
         filtered = filtered * (middle + kept) / (middle + width)
     of_slope = controller.d * low_pass(controller.derivative_filter)
-    return filtered * (controller.p + controller.i / slope + of_slope * slope), slope
+    return filtered * (
+        controller.p + controller.i / derivative_gain + of_slope * derivative_gain
+    ), derivative_gain
 
 
 def test_the_controllers_response_is_that_of_its_program():
+    """The frequency response equals that of ArduPilot's program AC_PID. It has filters and feed-forward."""
     filters = {"FLTE": 40.0, "FLTD": 20.0, "NEF": 2.0, "NTF": 2.0, "FF": 0.5, "D_FF": 0.25}
     notch = {"TYPE": 1.0, "NOTCH_FREQ": 60.0, "NOTCH_Q": 2.0, "NOTCH_ATT": 40.0}
-    known = ARDUPILOT | {f"ATC_RAT_RLL_{end}": value for end, value in filters.items()}
-    refused(controller_from_parameters, known, "roll", X_ROLL)
-    known |= {f"FILT2_{end}": value for end, value in notch.items()}
-    controller = controller_from_parameters(known, "roll", X_ROLL)
+    parameters = ARDUPILOT | {f"ATC_RAT_RLL_{end}": value for end, value in filters.items()}
+    refused(controller_from_parameters, parameters, "roll", X_ROLL)
+    parameters |= {f"FILT2_{end}": value for end, value in notch.items()}
+    controller = controller_from_parameters(parameters, "roll", X_ROLL)
     frequency = np.array([0.5, 4.0, 30.0, 150.0])
     forward, back = controller_response(controller, frequency)
-    run, slope = ac_pid(controller, frequency)
-    assert_allclose(back, run)
-    off = controller_from_parameters(known | {"FILT2_TYPE": 0.0}, "roll", X_ROLL)
+    simulated_gain, derivative_gain = ac_pid(controller, frequency)
+    assert_allclose(back, simulated_gain)
+    off = controller_from_parameters(parameters | {"FILT2_TYPE": 0.0}, "roll", X_ROLL)
     assert off.error_notches == off.target_notches == ()
     notched = back / controller_response(off, frequency)[1]
-    assert_allclose(forward, notched * (back + 0.5 + 0.25 * slope), rtol=1e-12)
+    assert_allclose(forward, notched * (back + 0.5 + 0.25 * derivative_gain), rtol=1e-12)
 
 
 def tuned_by(loops, decisions=None, headline=None, **options):
-    """Of a vehicle with nothing else to say but these decisions on its loops, with a notch."""
+    """Returns the tuning of a vehicle with these loops and decisions, and with a notch filter advised."""
     evidence = partial_record(
         Evidence,
         loops=loops,
@@ -354,14 +379,17 @@ def test_a_loop_is_rated_by_its_weaker_margins(factor, level, lacking):
 
 
 def test_gains_after_px4s_autotune_are_rated_like_those_before():
+    """The autotune injects a signal from 21 s to 29 s and multiplies the gains by 6."""
     time = np.arange(20.0, 30.0)
     injected = columns(time, axis=Injection.RATE_SETPOINT, target=time - 20)
     telemetry = changed(HOVER.telemetry(autopilot="PX4"), "SIDD", **injected)
     sent = columns([1.0, 35.0], param_id=b"MC_ROLLRATE_K", param_value=[1.0, 6.0], param_type=9)
-    tuned = autotune_fact(Signals(changed(telemetry, "PARAM_VALUE", **sent)), made_up())
-    assert (tuned.level, tuned.time, tuned.end_time) == ("watch", 21.0, 29.0)
-    assert [one.level for one in tuned.figures["ratings"]] == ["good", "bad"]
-    assert tuned.figures["is_saved"] and "parameters are those from before" not in tuned.sentence
+    autotune = autotune_fact(Signals(changed(telemetry, "PARAM_VALUE", **sent)), made_up())
+    assert (autotune.level, autotune.time, autotune.end_time) == ("watch", 21.0, 29.0)
+    assert [one.level for one in autotune.figures["ratings"]] == ["good", "bad"]
+    assert (
+        autotune.figures["is_saved"] and "parameters are those from before" not in autotune.sentence
+    )
 
 
 def test_advice_starts_from_the_gains_with_which_the_log_ends():
@@ -387,13 +415,14 @@ def test_advice_starts_from_the_gains_with_which_the_log_ends():
     }.items(),
 )
 def test_an_oscillating_vehicle_lowers_the_gains_that_act_at_its_frequency(frequency, names):
+    """A fast oscillation lowers P and D, a slow one the attitude gain, and a very slow one I as well."""
     oscillation = Oscillation("roll", frequency, 40.0, 0.9, False, 20.0)
     fact = gain_reduction_advice(oscillation, PX4)
     lower = [(name, PX4[name], approx(PX4[name] * 2 / 3)) for name in names]
     assert [*fact.figures["changes"]] == lower
     assert all(name in fact.sentence for name in names)
-    both = oscillation._replace(other_axes=(oscillation,))
-    assert [*gain_reduction_advice(both, PX4).figures["changes"]] == 2 * lower
+    oscillation_of_both_axes = oscillation._replace(other_axes=(oscillation,))
+    assert [*gain_reduction_advice(oscillation_of_both_axes, PX4).figures["changes"]] == 2 * lower
     unknown = gain_reduction_advice(oscillation, {})
     assert (unknown.code, unknown.figures["changes"]) == (GainFact.LOWER_GAINS, ())
 
@@ -417,6 +446,7 @@ def test_an_oscillating_axis_without_p_lowers_its_integral():
     ],
 )
 def test_a_flight_without_loops_says_why(plant, record, code):
+    """The gains are unknown or zero, the mixer is reversed or unknown, or samples are too slow for the crossover."""
     sound = made_up()
     changes = sound.plant._replace(**plant), replace(sound.record, **record)
     assert refused(loop_from_plant, *changes).code is code
@@ -425,9 +455,9 @@ def test_a_flight_without_loops_says_why(plant, record, code):
 OF_ALL = Drag.from_parameters()
 
 
-def twin(loop, **known):
+def twin(loop, **parameters):
     usual = {"px4": True, "hover": 0.5, "wind": None, "drag": OF_ALL, "mass": None}
-    return build_twin({"roll": loop}, **usual | known)
+    return build_twin({"roll": loop}, **usual | parameters)
 
 
 @mark.parametrize("bias, factor", [(-0.15, 1 / 0.85), (0.1, 1.0)])
@@ -449,13 +479,14 @@ def test_the_crossover_of_a_loop_that_wind_biases_may_be_faster():
 
 
 def test_a_twin_says_of_each_figure_how_sure_it_is():
+    """Mass, arm, inertia, damping and lag each have a note: given, assumed, or estimated with an interval."""
     loop = made_up()
     _, phase, sensitivity = loop_charts({"now": loop})
     assert phase.marks[0].name.endswith("°") and not sensitivity.marks[0].name
-    found = twin(loop)
-    notes = found.notes
+    result = twin(loop)
+    notes = result.notes
     assert notes["mass"] == Fact(TwinFact.MASS_NOTE, is_given=False)
-    assert notes["arm"] == Fact(TwinFact.ARM_NOTE, is_given=True) and found.arm == (0.1, 0.2)
+    assert notes["arm"] == Fact(TwinFact.ARM_NOTE, is_given=True) and result.arm == (0.1, 0.2)
     inertia = notes["inertia"].figures
     assert inertia["pitch"] is None and inertia["roll"].code is TwinFact.EFFECT_NOTE
     assert inertia["roll"].figures["share"] == approx(1.645 * 0.0095 / 0.36, rel=0.1)
@@ -470,6 +501,7 @@ def test_a_twin_says_of_each_figure_how_sure_it_is():
 @mark.slow
 @mark.parametrize("delay", [0.004, 0.0])
 def test_a_twin_has_the_margins_of_its_loop_and_its_cycle_in_the_delay(delay):
+    """The twin is flown in the simulator, whose true margins must be those of the identified loop."""
     loop = made_up()
     loop = replace(loop, dynamics=loop.dynamics * [1, 0, 0] + [0, 0.02, delay])
     filters = {"IMU_GYRO_CUTOFF": 40.0, "IMU_GYRO_NF0_FRQ": 50.0, "IMU_GYRO_NF0_BW": 20.0}
@@ -480,27 +512,32 @@ def test_a_twin_has_the_margins_of_its_loop_and_its_cycle_in_the_delay(delay):
         scenario = scenario_from_table(
             tomllib.loads(vehicle_text(body, ".toml", "")) | {"duration": 15.0}
         )
-        found = truth(scenario, fly(scenario))["roll_rate_margins"]
-        known = [loop.crossover, loop.phase_margin, loop.gain_margin, loop.ms]
-        assert found == approx(known, rel=0.02)
+        result = truth(scenario, fly(scenario))["roll_rate_margins"]
+        parameters = [loop.crossover, loop.phase_margin, loop.gain_margin, loop.ms]
+        assert result == approx(parameters, rel=0.02)
 
 
 @mark.parametrize("with_correction, with_ahead", [(0, 1), (1, 1), (1, 0)])
 def test_setpoints_of_rates_are_flown_beside_what_the_angles_error_asks_for(
     with_correction, with_ahead
 ):
-    """ArduPilot's ATTITUDE_TARGET, its RATE, and rates without what the attitude's own turn needs."""
+    """A logged rate setpoint has the attitude controller's correction, the derivative of the angle, or both.
+
+    The replayed setpoint must have the derivative only.
+    """
     loop = made_up()
     loop = replace(loop, controller=replace(loop.controller, derivative_of_error=True))
     time = 0.005 * np.arange(2000)
     angle = 0.2 * np.sin(3 * time)
     ahead = 0.6 * np.cos(3 * time)
-    asked = with_correction * loop.controller.angle_gain * (angle - loop.record.outputs[:, 0])
-    setpoints = np.column_stack([angle, asked + with_ahead * ahead])
+    commanded_shares = (
+        with_correction * loop.controller.angle_gain * (angle - loop.record.outputs[:, 0])
+    )
+    setpoints = np.column_stack([angle, commanded_shares + with_ahead * ahead])
     names = ("roll setpoint", "roll rate setpoint")
     record = replace(loop.record, setpoints=setpoints, setpoint_names=names)
-    again = replay_segments({"roll": replace(loop, record=record)})["roll"]
-    assert_allclose(again.setpoints[1:-1, 1], with_ahead * ahead[1:-1], atol=0.01)
+    replayed = replay_segments({"roll": replace(loop, record=record)})["roll"]
+    assert_allclose(replayed.setpoints[1:-1, 1], with_ahead * ahead[1:-1], atol=0.01)
     assert replay_segments({"roll": loop}) == {}
 
 

@@ -33,8 +33,8 @@ def test_px4s_notches_lose_half_of_the_power_at_the_ends_of_their_bandwidth():
     controller = controller_from_parameters(PX4 | names | none)
     assert controller.notches == (Notch(100.0, 20.0, inf),)
     edges = 100 * (sqrt(1 + 0.1**2) + np.array([-0.1, 0.1]))
-    found = abs(gyro_response(controller, np.array([*edges, 100.0])))
-    assert found == approx([sqrt(0.5), sqrt(0.5), 0.0], abs=1e-3)
+    spectra = abs(gyro_response(controller, np.array([*edges, 100.0])))
+    assert spectra == approx([sqrt(0.5), sqrt(0.5), 0.0], abs=1e-3)
     old = {"IMU_GYRO_NF_FREQ": 100.0, "IMU_GYRO_NF_BW": 20.0}
     assert controller_from_parameters(PX4 | old).notches == controller.notches
 
@@ -66,10 +66,14 @@ def test_px4s_derivative_filter_is_read_by_its_older_name():
 )
 @mark.parametrize("prefix", ["INS_HNTCH_", "INS_HNTC2_"])
 def test_harmonic_notches_are_where_the_parameters_have_them(given, expected, prefix):
+    """The frequencies of ArduPilot's notch filters, Hz, by its parameters.
+
+    In hover the throttle is 0.4; modes above 1 follow sensors, which is a caution.
+    """
     controller = ardupilot(NOTCH | given, prefix, MOT_THST_HOVER=0.4, INS_GYRO_RATE=1e38)
     assert controller.gyro_rate == 8000
-    assert [one.frequency for one in controller.notches] == approx(expected)
-    moving = [one.figures["name"] for one in controller.cautions]
+    assert [notch.frequency for notch in controller.notches] == approx(expected)
+    moving = [notch.figures["name"] for notch in controller.cautions]
     assert moving == ([f"{prefix}MODE"] if given.get("MODE", 0) > 1 else [])
 
 
@@ -91,22 +95,28 @@ def test_the_filters_are_shown_with_their_lag_and_as_late_as_one_low_pass():
 
 @mark.slow
 def test_the_raw_gyro_through_the_filters_is_the_filtered_one():
-    """Of a simulated ArduCopter, where it is above its rounding: in the loop's band, and in the line of the motors."""
+    """A log of ArduPilot's simulator has both gyros.
+
+    The filtered density is the raw one times the response of the filters, in the band of the loop and at the motors'
+    line.
+    """
     signals = Signals(recorded("sitl_raw/ap_raw_on.BIN.xz"))
-    found = vibration_spectra(signals, settled_segments(signals))
-    before, behind = found["gyro_before"], found["gyro"]
-    raw, filtered = (np.median(one.density[:, 0], axis=0) for one in (before, behind))
-    frequency = behind.frequency
+    spectra = vibration_spectra(signals, settled_segments(signals))
+    raw_spectrum, filtered_spectrum = spectra["gyro_before"], spectra["gyro"]
+    raw, filtered = (
+        np.median(notch.density[:, 0], axis=0) for notch in (raw_spectrum, filtered_spectrum)
+    )
+    frequency = filtered_spectrum.frequency
     controller = controller_from_parameters(signals.telemetry.parameters, "roll", X_ROLL)
-    assert_allclose(frequency, before.frequency, rtol=1e-3)
+    assert_allclose(frequency, raw_spectrum.frequency, rtol=1e-3)
     predicted = raw * abs(gyro_response(controller, frequency)) ** 2
     for low, high, decibels in ((4, 15, 1.5), (15, 40, 1.5), (125, 145, 4.0)):
         band = (frequency > low) & (frequency < high)
         assert abs(10 * np.log10(filtered[band].sum() / predicted[band].sum())) < decibels
-    seen = MeasuredNoise(
-        found, {name: find_spectral_lines(spectrum) for name, spectrum in found.items()}
+    measured_noise = MeasuredNoise(
+        spectra, {name: find_spectral_lines(spectrum) for name, spectrum in spectra.items()}
     )
-    (removed,) = (fact for fact in seen.facts if fact.code is NoiseFact.FILTERS_REMOVE)
-    left = behind.mean_power(104, 188) / before.mean_power(104, 188)
+    (removed,) = (fact for fact in measured_noise.facts if fact.code is NoiseFact.FILTERS_REMOVE)
+    remaining_share = filtered_spectrum.mean_power(104, 188) / raw_spectrum.mean_power(104, 188)
     assert removed.figures["frequency"] == approx(139.0, rel=0.02)
-    assert removed.figures["share"] == approx(1 - left, abs=0.1 * left)
+    assert removed.figures["share"] == approx(1 - remaining_share, abs=0.1 * remaining_share)

@@ -179,20 +179,23 @@ def rows_of(columns, rows):
     ids=["constant", "of another boot", "2 Hz", "gaps longer than windows"],
 )
 def test_setpoints_that_say_too_little_are_refused(log, change, code):
+    """The rate setpoint is constant, of another boot, slow, or has gaps."""
     signals, flights = flown(with_setpoints(thinned(log, 8), change))
     assert refusal(signals, flights) is code
 
 
 def test_another_boot_at_the_same_stamps_does_not_count(log):
+    """Flights of a boot without rate setpoints are given beside the flight: they must not change the result."""
     signals, (flight,) = flown(thinned(log, 8))
     segment = {**flight.provenance["segment"], "boot": 1}
     other = replace(flight[:-1], provenance={**flight.provenance, "segment": segment})
-    alone = identify_plant_in_loop(signals, [flight])
-    both = identify_plant_in_loop(signals, [other, flight, other])
-    assert np.array_equal(both.covariance, alone.covariance)
+    plant_of_one_flight = identify_plant_in_loop(signals, [flight])
+    plant_of_three_flights = identify_plant_in_loop(signals, [other, flight, other])
+    assert np.array_equal(plant_of_three_flights.covariance, plant_of_one_flight.covariance)
 
 
 def test_a_plant_without_draws_is_refused_and_unknown_margins_end_at_half_a_turn(log, monkeypatch):
+    """The covariance of the plant is NaN or very large; phase margins end at 180°."""
     signals, flights = flown(thinned(log, 8))
 
     # The fit is that of the other tests of this log, done once.
@@ -200,8 +203,8 @@ def test_a_plant_without_draws_is_refused_and_unknown_margins_end_at_half_a_turn
 
     def plant_with(share):
         def spread(axis):
-            found = identify(axis)
-            return found._replace(covariance=found.covariance * share)
+            result = identify(axis)
+            return result._replace(covariance=result.covariance * share)
 
         monkeypatch.setattr(in_flight, "identify_axis", spread)
         return identify_plant_in_loop(Signals(signals.telemetry), flights)
@@ -229,6 +232,7 @@ def test_a_plant_without_draws_is_refused_and_unknown_margins_end_at_half_a_turn
 def test_an_unknown_margin_is_called_uncertain_only_if_its_interval_is_wide(
     interval, is_stable, reason
 ):
+    """The sentence depends on the interval of the phase margin, °: wide, unstable, or never a crossover."""
     fact = Fact(
         LoopFact.MARGIN_UNCERTAIN,
         phase_margin_interval=interval,
@@ -276,19 +280,23 @@ def test_with_motors_at_their_limits_the_margins_are_true():
     known, log = logged(scenario_from_table(hard))
     signals, flights = flown(log)
     loop = loop_from_plant(identify_plant_in_loop(signals, flights), Record.from_flights(flights))
-    fit, *_ = (found.fit for found in signals.cache.values() if hasattr(found, "fit"))
+    fit, *_ = (result.fit for result in signals.cache.values() if hasattr(result, "fit"))
     assert 0.5 < fit.saturation_loss < fit.posterior.saturated_share
     _, phase, gain, _ = known["roll_rate_margins"]
     assert abs(loop.phase_margin - phase) < 5 and abs(loop.gain_margin - gain) < 1.5
 
 
 def test_output_that_the_controller_does_not_explain_widens_the_effect_alone(log):
+    """Much of the output is unexplained by the controller.
+
+    Effect has wider intervals, damping, lag and delay do not.
+    """
     signals, flights = flown(log)
     identify_plant_in_loop(signals, flights)
     fit, gains = next(
-        (found.fit, found.inputs_per_demand)
-        for found in signals.cache.values()
-        if hasattr(found, "fit")
+        (result.fit, result.inputs_per_demand)
+        for result in signals.cache.values()
+        if hasattr(result, "fit")
     )
 
     def relative_deviations(unexplained):
@@ -304,15 +312,16 @@ def test_output_that_the_controller_does_not_explain_widens_the_effect_alone(log
 
 
 def test_a_setpoint_with_the_correction_of_the_angle_in_it_is_taken_as_it_is():
+    """ArduPilot's log message RATE has the complete setpoint: measured and predicted response agree."""
     flight = mavdem.read_flight(shared("sitl_events/ap_quiet10.BIN"))
     learned = mavdem.learn(flight)
     loop = learned.loop()
     assert loop.measured is not None and loop.measured.agreement > 90
     # Results are read-only, also after another process has received them.
-    again = pickle.loads(pickle.dumps(learned))
+    unpickled = pickle.loads(pickle.dumps(learned))
     torque = learned.wind_torque.band
     for array in (
-        again.model.A,
+        unpickled.model.A,
         learned.physical.effect,
         torque,
         loop.effectiveness,
@@ -322,12 +331,13 @@ def test_a_setpoint_with_the_correction_of_the_angle_in_it_is_taken_as_it_is():
 
 
 def test_what_the_angles_error_asks_for_is_added_to_ardupilots_setpoint_of_the_rate():
+    """ATTITUDE_TARGET lacks the correction by the angle's error, which is angle gain × error."""
     time = np.arange(10.0, 40.0, 0.01)
-    wanted, ahead = 0.1 * np.sin(time), 0.1 * np.cos(time)
+    attitude_setpoint, ahead = 0.1 * np.sin(time), 0.1 * np.cos(time)
     controller = controller_from_parameters(ARDUPILOT, "roll", X_ROLL)
-    signals = Signals(asking(Hover().telemetry(), time, 0, ahead, wanted))
+    signals = Signals(asking(Hover().telemetry(), time, 0, ahead, attitude_setpoint))
     streams = _loop_messages(signals, 0, controller, np.ones(4)).streams
-    assert_allclose(streams[5].values, ahead + controller.angle_gain * wanted, atol=1e-6)
+    assert_allclose(streams[5].values, ahead + controller.angle_gain * attitude_setpoint, atol=1e-6)
 
 
 def test_a_simulated_flight_has_the_margins_of_its_linearised_loop():

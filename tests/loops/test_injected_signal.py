@@ -17,30 +17,33 @@ from mavdem.loops.margins import OpenLoop
 def test_the_recorded_flight_has_its_chirped_margins():
     """Of ArduCopter's simulator, by a chirp at the mixer: 20.1 Hz, 19°, 2.8 dB, Ms 4.9. The sweep of roll was cut."""
     signals = Signals(recorded("sitl_raw/ap_sid.BIN.xz"), axis="pitch")
-    found = injected_loop(signals, recorded_spans(signals))
-    assert found.crossover == approx(20.1, abs=0.3)
-    assert found.phase_margin == approx(19, abs=1.5)
-    assert found.gain_margin == approx(2.8, abs=1)
-    assert found.ms == approx(4.9, rel=0.1)
-    assert not found.disturbance.any()  # none was injected
+    open_loop = injected_loop(signals, recorded_spans(signals))
+    assert open_loop.crossover == approx(20.1, abs=0.3)
+    assert open_loop.phase_margin == approx(19, abs=1.5)
+    assert open_loop.gain_margin == approx(2.8, abs=1)
+    assert open_loop.ms == approx(4.9, rel=0.1)
+    assert not open_loop.disturbance.any()  # none was injected
     # The setpoint's filter alone is beside the loop where D does little: ATC_RAT_PIT_FLTT of 20 Hz.
-    asked = 1 / (1 + 1j * found.frequency / 20.0)
-    followed = found.response[0] / (1 + found.response[0])
-    assert_allclose(found.closed_loop_response[0, :10], (asked * followed)[:10], rtol=0.02)
+    setpoint_filter = 1 / (1 + 1j * open_loop.frequency / 20.0)
+    followed = open_loop.response[0] / (1 + open_loop.response[0])
+    assert_allclose(
+        open_loop.closed_loop_response[0, :10], (setpoint_filter * followed)[:10], rtol=0.02
+    )
     assert injected_loop(signals.for_axis("roll"), recorded_spans(signals)) is None
 
 
 @mark.parametrize("gain, level", [(12.0, "good"), (20.0, "watch"), (24.0, "bad")])
 def test_an_integrator_with_dead_time_has_its_margins_and_the_light_of_these(gain, level):
+    """The loop K e^(−τs) / s has margins in closed form. With τ = 40 ms, higher gains K make the light worse."""
     delay = 0.04
     frequency = np.geomspace(1, 40, 500)
     s = 2j * np.pi * frequency
     loop = (gain * np.exp(-delay * s) / s)[None]
-    found = OpenLoop(frequency, loop)
-    assert found.crossover == approx(gain / (2 * np.pi), rel=1e-3)
-    assert found.phase_margin == approx(90 - np.degrees(gain * delay), abs=0.1)
-    assert found.gain_margin == approx(20 * np.log10(np.pi / (2 * gain * delay)), abs=0.05)
-    assert found.delay_margin == approx(np.pi / 2 / gain - delay, abs=1e-4)
-    (fact,) = AxisMargins("roll", None, None, None, found).facts
+    open_loop = OpenLoop(frequency, loop)
+    assert open_loop.crossover == approx(gain / (2 * np.pi), rel=1e-3)
+    assert open_loop.phase_margin == approx(90 - np.degrees(gain * delay), abs=0.1)
+    assert open_loop.gain_margin == approx(20 * np.log10(np.pi / (2 * gain * delay)), abs=0.05)
+    assert open_loop.delay_margin == approx(np.pi / 2 / gain - delay, abs=1e-4)
+    (fact,) = AxisMargins("roll", None, None, None, open_loop).facts
     assert (fact.code, fact.level) == (MarginsLight.LOOP_MEASURED, level)
-    assert fact.figures["phase_margin"] == found.phase_margin
+    assert fact.figures["phase_margin"] == open_loop.phase_margin

@@ -57,17 +57,21 @@ def gusts(size):
 
 @mark.parametrize("hertz", [1.5, 7.0, 12.0])
 def test_a_limit_cycle_has_its_frequency_rate_and_time_at_a_limit(hertz):
-    one = found(
+    """Roll swings at a frequency, Hz, with an amplitude of 85 °/s, and the motors between their limits.
+
+    Pitch swings half as much.
+    """
+    limit_cycle = found(
         lambda time: swinging(hertz, 85.0)(time) + gusts(10.0)(time),
         lambda time: swinging(hertz, 900.0)(time) + gusts(40.0)(time),
         pitch=0.5,
     )
-    assert one.axis == "roll" and not one.growing
-    assert one.frequency == approx(hertz, abs=0.25)
-    assert one.rate == approx(np.hypot(85.0 / np.sqrt(2), 10.0), rel=0.05)
-    assert one.at_limit > 0.5 and one.seconds > 30
-    (other,) = one.other_axes
-    assert (other.axis, other.rate) == ("pitch", approx(one.rate / 2))
+    assert limit_cycle.axis == "roll" and not limit_cycle.growing
+    assert limit_cycle.frequency == approx(hertz, abs=0.25)
+    assert limit_cycle.rate == approx(np.hypot(85.0 / np.sqrt(2), 10.0), rel=0.05)
+    assert limit_cycle.at_limit > 0.5 and limit_cycle.seconds > 30
+    (other,) = limit_cycle.other_axes
+    assert (other.axis, other.rate) == ("pitch", approx(limit_cycle.rate / 2))
 
 
 YAW_QUAD = np.array([1.0, 1.0, -1.0, -1.0])
@@ -99,14 +103,14 @@ def test_one_that_grows_is_found_before_motors_reach_their_limits(seconds, growi
     def grows(size):
         return lambda time: np.exp((time - 50.0) / seconds) * swinging(5.0, size)(time)
 
-    one = found(grows(60.0), grows(120.0))
-    assert (one.growing, one.at_limit) == (growing, 0)
-    assert one.frequency == approx(5.0, abs=0.25)
+    limit_cycle = found(grows(60.0), grows(120.0))
+    assert (limit_cycle.growing, limit_cycle.at_limit) == (growing, 0)
+    assert limit_cycle.frequency == approx(5.0, abs=0.25)
 
 
 def test_one_that_lasts_is_found_though_it_neither_grows_nor_reaches_a_limit():
-    one = found(swinging(4.0, 30.0), swinging(4.0, 60.0))
-    assert not one.growing and one.at_limit == 0
+    limit_cycle = found(swinging(4.0, 30.0), swinging(4.0, 60.0))
+    assert not limit_cycle.growing and limit_cycle.at_limit == 0
 
 
 @mark.parametrize(
@@ -122,22 +126,22 @@ def test_what_is_steered_to_identify_is_none(phase):
 
 
 def test_motors_from_stop_to_stop_show_it_though_the_vehicle_sways_besides():
-    one = found(gusts(100.0), swinging(17.0, 900.0))
-    assert round(one.frequency) == 17 and one.rate < 20.0
+    limit_cycle = found(gusts(100.0), swinging(17.0, 900.0))
+    assert round(limit_cycle.frequency) == 17 and limit_cycle.rate < 20.0
 
 
 @mark.parametrize("hertz", [17.0, 3.0])
 def test_in_flight_a_small_one_from_stop_to_stop_is_found_when_it_has_lasted(hertz):
     """Two windows that overlap by half show it, as in the review of a flight; only a fast one is reported at once."""
-    begun, ended = 20.0, 32.0
+    start_time, end_time = 20.0, 32.0
 
     def swings(size):
-        return lambda time: swinging(hertz, size)(time) * ((time >= begun) & (time < ended))
+        return lambda time: swinging(hertz, size)(time) * ((time >= start_time) & (time < end_time))
 
     signals = hover_signals(swings(6.0), swings(900.0))
     found_at = [
         now
-        for now in np.arange(begun - 5.0, ended + 5.0, 0.5)
+        for now in np.arange(start_time - 5.0, end_time + 5.0, 0.5)
         if detect_starting_limit_cycle(
             signals.motors,
             {"roll": signals.attitudes[0]},
@@ -147,8 +151,8 @@ def test_in_flight_a_small_one_from_stop_to_stop_is_found_when_it_has_lasted(her
             now,
         )
     ]
-    assert begun + MIN_DURATION / 2 <= found_at[0] <= begun + MIN_DURATION + 0.5
-    assert ended - 0.5 <= found_at[-1] <= ended + 2.0
+    assert start_time + MIN_DURATION / 2 <= found_at[0] <= start_time + MIN_DURATION + 0.5
+    assert end_time - 0.5 <= found_at[-1] <= end_time + 2.0
     assert len(found_at) == 1 + (found_at[-1] - found_at[0]) / 0.5
 
 
@@ -167,8 +171,8 @@ def test_in_flight_a_slow_one_is_told_from_steering_by_the_setpoint(steered_shar
 
 
 def test_where_messages_come_too_slowly_the_frequency_is_not_told():
-    one = found(swinging(12.0, 85.0), swinging(12.0, 900.0), 10.0)
-    assert one.frequency is None
+    limit_cycle = found(swinging(12.0, 85.0), swinging(12.0, 900.0), 10.0)
+    assert limit_cycle.frequency is None
 
 
 @mark.parametrize(

@@ -44,9 +44,9 @@ def test_an_attitude_whose_rate_is_asked_for_too_is_followed_at_once(ahead):
     s = 2j * np.pi * FREQUENCY
     angle = 4.5
     attitude = Mock(frequency=FREQUENCY, closed_loop_of_estimate=angle / (s + angle))
-    known = Mock(attitude=attitude, controller=Mock(angle_gain=angle))
+    predicted_loop = Mock(attitude=attitude, controller=Mock(angle_gain=angle))
     assert_allclose(
-        predicted_attitude_response(known, has_feedforward=ahead),
+        predicted_attitude_response(predicted_loop, has_feedforward=ahead),
         1.0 if ahead else angle / (s + angle),
     )
 
@@ -60,17 +60,19 @@ def loop(hertz=12.0, damping=0.25, frequency=FREQUENCY):
     return numerator, denominator, closed
 
 
-def steered(seed=1, slow=0.9):
+def steered(seed=1, slow_setpoint=0.9):
     """What a pilot asks for: noise below a few Hz."""
     values = default_rng(seed).standard_normal(len(TIME))
-    return lfilter([1 - slow], [1.0, -slow], values)
+    return lfilter([1 - slow_setpoint], [1.0, -slow_setpoint], values)
 
 
-def flight(rate, setpoint, angle=None, wanted=None):
+def flight(rate, setpoint, angle=None, attitude_setpoint=None):
     """A hover at 200 Hz with a roll rate and its setpoint, (N,) rad/s, and an angle and its setpoint, rad."""
     roll = 0 * TIME if angle is None else angle
     telemetry = changed(HOVER.telemetry(200.0, 200.0), "ATTITUDE", rollspeed=rate, roll=roll)
-    return asking(telemetry, TIME, 128 if wanted is None else 0, setpoint, wanted)
+    return asking(
+        telemetry, TIME, 128 if attitude_setpoint is None else 0, setpoint, attitude_setpoint
+    )
 
 
 def measured(telemetry, response=rate_step_response):
@@ -81,24 +83,28 @@ def measured(telemetry, response=rate_step_response):
 @mark.slow
 @mark.parametrize("repeated", [slice(0), slice(3000, 5000)])
 def test_a_resonance_is_measured_with_a_band_that_holds_it(repeated):
+    """The step response of a resonant loop in wind is estimated from its setpoint.
+
+    In one case, samples repeat for 10 s.
+    """
     numerator, denominator, closed = loop()
-    asked = steered()
-    gusts = 0.05 * lfilter([1.0], [1.0, -0.95], steered(2, slow=0.0))
-    rate = lfilter(numerator, denominator, asked) + gusts
-    rate[repeated] = asked[repeated] = 0.1
-    found = measured(flight(rate, asked))
-    true = step_from_frequency_response(FREQUENCY, closed, found.time)
-    assert np.mean(abs(found.step - true) <= found.step_half) > 0.8
-    assert found.overshoot.value == approx(true.max() - 1, abs=0.03)
+    rate_setpoint = steered()
+    gusts = 0.05 * lfilter([1.0], [1.0, -0.95], steered(2, slow_setpoint=0.0))
+    rate = lfilter(numerator, denominator, rate_setpoint) + gusts
+    rate[repeated] = rate_setpoint[repeated] = 0.1
+    measured_step = measured(flight(rate, rate_setpoint))
+    true_step = step_from_frequency_response(FREQUENCY, closed, measured_step.time)
+    assert np.mean(abs(measured_step.step - true_step) <= measured_step.step_half) > 0.8
+    assert measured_step.overshoot.value == approx(true_step.max() - 1, abs=0.03)
     peak = np.argmax(abs(closed))
-    assert found.peak.value == approx(abs(closed[peak]), rel=0.1)
-    assert found.peak_frequency.value == approx(FREQUENCY[peak], rel=0.05)
-    assert found.coherence > 0.8 and found.max_frequency > 15
-    assert found.fact.code is StepResponseFact.STEP_MEASURED
-    assert found.comparison(FREQUENCY, closed).code is StepResponseFact.PREDICTION_AGREES
-    slower = found.comparison(FREQUENCY, loop(5.0)[2])
+    assert measured_step.peak.value == approx(abs(closed[peak]), rel=0.1)
+    assert measured_step.peak_frequency.value == approx(FREQUENCY[peak], rel=0.05)
+    assert measured_step.coherence > 0.8 and measured_step.max_frequency > 15
+    assert measured_step.fact.code is StepResponseFact.STEP_MEASURED
+    assert measured_step.comparison(FREQUENCY, closed).code is StepResponseFact.PREDICTION_AGREES
+    slower = measured_step.comparison(FREQUENCY, loop(5.0)[2])
     assert slower.code is StepResponseFact.PREDICTION_DOUBTED and slower.figures["share"] > 0.5
-    faster = found.comparison(FREQUENCY, loop(90.0, damping=0.1)[2])
+    faster = measured_step.comparison(FREQUENCY, loop(90.0, damping=0.1)[2])
     assert faster.code is StepResponseFact.MEASUREMENT_DOUBTED
 
 
@@ -106,21 +112,21 @@ def test_a_resonance_is_measured_with_a_band_that_holds_it(repeated):
 @mark.parametrize("is_corrected", [True, False])
 def test_wind_that_the_attitude_controller_answers_does_not_bias_it(is_corrected):
     """The setpoint of the rate answers the wind, whether the log has that correction in it or not."""
-    wanted = 0.6 * lfilter([0.01], [1.0, -0.99], steered(3))
-    ahead = 200 * np.gradient(wanted)
-    wind = 0.5 * lfilter([0.05], [1.0, -0.95], steered(4, slow=0.0))
+    attitude_setpoint = 0.6 * lfilter([0.01], [1.0, -0.99], steered(3))
+    ahead = 200 * np.gradient(attitude_setpoint)
+    wind = 0.5 * lfilter([0.05], [1.0, -0.95], steered(4, slow_setpoint=0.0))
     frequency = np.fft.rfftfreq(len(TIME), 1 / 200)
-    turning = 200 * (np.exp(2j * np.pi * frequency / 200) - 1)
+    derivative_factor = 200 * (np.exp(2j * np.pi * frequency / 200) - 1)
     *_, closed = loop(frequency=frequency)
-    moved = closed * np.fft.rfft(ahead + 4.5 * wanted) + np.fft.rfft(wind)
-    angle = np.fft.irfft(moved / (turning + 4.5 * closed), len(TIME))
+    rotation_spectrum = closed * np.fft.rfft(ahead + 4.5 * attitude_setpoint) + np.fft.rfft(wind)
+    angle = np.fft.irfft(rotation_spectrum / (derivative_factor + 4.5 * closed), len(TIME))
     rate = 200 * (np.roll(angle, -1) - angle)
-    asked = ahead + 4.5 * (wanted - angle)
-    telemetry = flight(rate, asked if is_corrected else ahead, angle, wanted)
-    found = measured(telemetry)
-    true = step_from_frequency_response(frequency[1:], closed[1:], found.time)
-    assert np.mean(abs(found.step - true) <= found.step_half) > 0.7
-    assert found.peak_frequency.value == approx(12.0, rel=0.1)
+    rate_setpoint = ahead + 4.5 * (attitude_setpoint - angle)
+    telemetry = flight(rate, rate_setpoint if is_corrected else ahead, angle, attitude_setpoint)
+    measured_step = measured(telemetry)
+    true_step = step_from_frequency_response(frequency[1:], closed[1:], measured_step.time)
+    assert np.mean(abs(measured_step.step - true_step) <= measured_step.step_half) > 0.7
+    assert measured_step.peak_frequency.value == approx(12.0, rel=0.1)
     outer = measured(telemetry, attitude_step_response)
     assert outer.loop == "attitude" and outer.step[-1] == approx(1.0, abs=0.1)
 
@@ -135,20 +141,23 @@ def test_of_higher_gains_a_faster_step_with_more_overshoot_is_predicted():
 @mark.slow
 def test_a_step_response_begins_at_zero():
     numerator, denominator, _ = loop()
-    asked = steered()
-    found = measured(
-        flight(lfilter(numerator, denominator, asked) + steered(2, slow=0.0) / 50, asked)
+    rate_setpoint = steered()
+    measured_step = measured(
+        flight(
+            lfilter(numerator, denominator, rate_setpoint) + steered(2, slow_setpoint=0.0) / 50,
+            rate_setpoint,
+        )
     )
-    assert found.time[0] == found.step[0] == 0.0
+    assert measured_step.time[0] == measured_step.step[0] == 0.0
 
 
 @mark.slow
 def test_a_rate_without_an_angle_setpoint_as_fast_is_measured_unless_it_lacks_a_correction():
     """PX4 logs the setpoint of the attitude at 20 Hz, and that of the rate, complete, at 50 Hz."""
     numerator, denominator, _ = loop(4.0)
-    asked = steered()
-    rate = lfilter(numerator, denominator, asked) + steered(2, slow=0.0) / 50
-    telemetry = flight(rate, asked, 0 * TIME, steered(3))
+    rate_setpoint = steered()
+    rate = lfilter(numerator, denominator, rate_setpoint) + steered(2, slow_setpoint=0.0) / 50
+    telemetry = flight(rate, rate_setpoint, 0 * TIME, steered(3))
     targets = telemetry.messages["ATTITUDE_TARGET"]
     is_slow = np.arange(len(targets["time"])) % 10 > 0
     mask = targets["type_mask"] + IGNORE_ATTITUDE * is_slow
@@ -161,25 +170,25 @@ def test_a_rate_without_an_angle_setpoint_as_fast_is_measured_unless_it_lacks_a_
 @mark.slow
 def test_a_slow_setpoint_does_not_show_a_fast_response():
     """Whatever follows at once looks the same: the band is too wide to be drawn."""
-    asked = lfilter([0.01], [1.0, -0.99], steered(1, slow=0.97))
-    noise = steered(2, slow=0.0) / 2000
-    found = measured(flight(asked + noise, asked))
-    assert found.code is StepResponseFact.TOO_LITTLE_ASKED
+    rate_setpoint = lfilter([0.01], [1.0, -0.99], steered(1, slow_setpoint=0.97))
+    noise = steered(2, slow_setpoint=0.0) / 2000
+    measured_step = measured(flight(rate_setpoint + noise, rate_setpoint))
+    assert measured_step.code is StepResponseFact.TOO_LITTLE_ASKED
 
 
 def test_pieces_too_short_for_a_window_give_no_step_response():
     """Each gap in the messages begins another piece; here a flight is nothing but pieces of 2.2 s."""
     pieces = [Segment(0, start, start + 2.2) for start in np.arange(12.0, 60.0, 3.0)]
-    found = rate_step_response(Signals(flight(steered(), steered())), pieces)
-    assert found.code is StepResponseFact.TOO_LITTLE_ASKED
+    measured_step = rate_step_response(Signals(flight(steered(), steered())), pieces)
+    assert measured_step.code is StepResponseFact.TOO_LITTLE_ASKED
 
 
 @mark.slow
 def test_a_setpoint_that_moves_before_the_windows_only_gives_no_step_response():
-    asked = np.where(TIME < 12.8, steered(), 0.0)
+    rate_setpoint = np.where(TIME < 12.8, steered(), 0.0)
     whole = Segment(0, 12.0, 60.0)
-    found = rate_step_response(Signals(flight(0 * TIME, asked)), [whole])
-    assert found.code is StepResponseFact.TOO_LITTLE_ASKED
+    measured_step = rate_step_response(Signals(flight(0 * TIME, rate_setpoint)), [whole])
+    assert measured_step.code is StepResponseFact.TOO_LITTLE_ASKED
 
 
 @mark.slow
@@ -195,16 +204,19 @@ def test_nothing_is_estimated_without_setpoint_or_from_infinite_values():
 
 @mark.slow
 def test_why_there_is_no_step_response(monkeypatch):
+    """There is no setpoint, no excitation, a slow setpoint, no settled flight, or too much uncertainty."""
     rate = steered()
-    without = measured(HOVER.telemetry(200.0, 200.0))
-    still = measured(flight(rate, 0 * rate))
+    without_setpoint = measured(HOVER.telemetry(200.0, 200.0))
+    without_excitation = measured(flight(rate, 0 * rate))
     telemetry = flight(rate, rate)
-    slow = measured(only(telemetry, lambda time: np.isin(time, TIME[::10]), "ATTITUDE_TARGET"))
-    unflown = rate_step_response(Signals(telemetry), ())
+    slow_setpoint = measured(
+        only(telemetry, lambda time: np.isin(time, TIME[::10]), "ATTITUDE_TARGET")
+    )
+    without_flight = rate_step_response(Signals(telemetry), ())
     monkeypatch.setattr("mavdem.loops.step_response.coverage_factor", lambda: 1e6)
-    unsure = measured(telemetry)
-    unasked = measured(HOVER.telemetry(), attitude_step_response)
-    assert without.code is unasked.code is StepResponseFact.NO_SETPOINT
-    assert slow.code is StepResponseFact.TOO_SLOW
-    assert unflown.code is StepResponseFact.TOO_LITTLE_FLIGHT
-    assert still.code is unsure.code is StepResponseFact.TOO_LITTLE_ASKED
+    uncertain_step = measured(telemetry)
+    without_attitude_setpoint = measured(HOVER.telemetry(), attitude_step_response)
+    assert without_setpoint.code is without_attitude_setpoint.code is StepResponseFact.NO_SETPOINT
+    assert slow_setpoint.code is StepResponseFact.TOO_SLOW
+    assert without_flight.code is StepResponseFact.TOO_LITTLE_FLIGHT
+    assert without_excitation.code is uncertain_step.code is StepResponseFact.TOO_LITTLE_ASKED

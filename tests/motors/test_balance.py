@@ -22,7 +22,7 @@ MEAN = np.array([0.03, -0.02, 0.01])
 EFFECT = np.array([[0.8, 0.0], [0.1, -0.4], [0.3, -0.2]])
 
 
-def flown(seed, seconds=60.0):
+def flight_in_gusts(seed, seconds=60.0):
     """Times, commands, and a lean (N, 2), rad, in gusts of some seconds."""
     rng = default_rng(seed)
     time = np.arange(0.0, seconds, 0.02)
@@ -39,16 +39,17 @@ def figures(time, commands, lean, signatures=QUAD_X):
 
 @mark.slow
 def test_mean_and_effect_of_lean_are_found_within_their_errors():
-    away = []
+    """Over 60 simulated flights, errors divided by their stated standard deviations must have mean 0 and spread 1."""
+    standard_scores = []
     for seed in range(60):
-        time, commands, lean = flown(seed)
-        found = figures(time, commands, lean)
-        of_effect = (found.lean_effect - EFFECT) / found.lean_effect_error
-        away.append([*(found.mean - MEAN) / found.error, *of_effect.ravel()])
-        assert found.lean == approx(lean.mean(axis=0), abs=1e-3)
+        time, commands, lean = flight_in_gusts(seed)
+        balance = figures(time, commands, lean)
+        scores_of_effect = (balance.lean_effect - EFFECT) / balance.lean_effect_error
+        standard_scores.append([*(balance.mean - MEAN) / balance.error, *scores_of_effect.ravel()])
+        assert balance.lean == approx(lean.mean(axis=0), abs=1e-3)
     # Standard scores: their mean is 0 and their size 1, within what 60 flights show (3 standard errors).
-    assert abs(np.mean(away, axis=0)).max() < 3 / np.sqrt(60) * 1.2
-    spread = np.std(away, axis=0)
+    assert abs(np.mean(standard_scores, axis=0)).max() < 3 / np.sqrt(60) * 1.2
+    spread = np.std(standard_scores, axis=0)
     assert spread.max() < 1.5 and spread.min() > 0.6
     # The battery does not change it.
     charged, empty = (figures(time, scale * commands, lean) for scale in (0.8, 1.2))
@@ -56,6 +57,7 @@ def test_mean_and_effect_of_lean_are_found_within_their_errors():
 
 
 def test_effects_of_lean_from_six_blocks_hold_the_truth():
+    """Flights of only six blocks of 3 s: the intervals must account for so few degrees of freedom."""
     time = np.linspace(0.0, 18.0, 900)
     inside = []
     for seed in range(200):
@@ -64,20 +66,20 @@ def test_effects_of_lean_from_six_blocks_hold_the_truth():
         lean = np.repeat(rng.normal(scale=0.03, size=(6, 2)), 150, axis=0)
         errors = np.repeat(rng.normal(scale=0.005, size=(6, 3)), 150, axis=0)
         shares = np.column_stack([np.ones(len(time)), errors]) @ np.linalg.pinv(QUAD_X.mixer_rows).T
-        found = figures(time, 0.5 * shares, lean)
-        inside.append(abs(found.lean_effect) < 1.645 * found.lean_effect_error)
+        balance = figures(time, 0.5 * shares, lean)
+        inside.append(abs(balance.lean_effect) < 1.645 * balance.lean_effect_error)
     # 90 %, less the 3 standard errors of 200 flights; normal errors that ignore that there are 6 blocks hold 82 %.
     assert np.mean(inside) > 0.9 - 3 * np.sqrt(0.9 * 0.1 / 200)
 
 
 def test_what_cannot_be_seen_is_not_known():
-    time, commands, lean = flown(1)
+    time, commands, lean = flight_in_gusts(1)
     steady = figures(time, commands, np.full((len(time), 2), 0.02))
     assert np.isnan(steady.lean_effect).all() and np.isfinite(steady.mean).all()
     without_spins = motor_signatures(geometry(spins=()))
     assert np.isnan(figures(time, commands, lean, without_spins).mean).tolist() == [0, 0, 1]
     assert figures(time, commands, lean, UNKNOWN) is None
-    assert figures(*flown(1, seconds=15.0)) is None
+    assert figures(*flight_in_gusts(1, seconds=15.0)) is None
 
 
 @fixture(params=FRAMES)
@@ -104,6 +106,7 @@ def test_a_weak_motor_changes_the_trim_as_its_signature_says(layout):
 
 
 def test_axes_and_names_are_those_of_the_layout(layout):
+    """For each frame, motors can be identified if positions and spins are known and differ."""
     count = len(layout.motors)
     signatures = motor_signatures(layout)
     assert signatures.axes == ("thrust", "roll", "pitch", "yaw")
@@ -127,4 +130,4 @@ def test_a_propeller_cut_a_little_is_a_drift_in_flights_one_after_the_other():
     for day, name in enumerate(("hover_cut10mm_1", "straight_cut10mm_1"), 14):
         figures = health_figures(shared(f"real/propeller/{name}.BIN"))
         cut.append(replace(figures, date=datetime(2022, 3, day, tzinfo=UTC)))
-    assert {found.health for found in assess_motor_health(cut, good)} == {"drift"}
+    assert {balance.health for balance in assess_motor_health(cut, good)} == {"drift"}

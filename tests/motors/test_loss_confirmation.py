@@ -21,7 +21,7 @@ START = 30.0
 
 
 def commands(seed, duration, motor=0, rise=0.2, noise=0.02):
-    """Times (N,) and commands (N, 4) of a flight in gusts, in which one motor works harder for ``duration`` seconds."""
+    """Returns times (N,), s, and commands (N, 4) of a flight in gusts. One motor works harder for a duration, s."""
     time = np.arange(round(90.0 * RATE)) / RATE
     draws = default_rng(seed).standard_normal((len(time), 4))
     decay = np.exp(-1 / (0.5 * RATE))

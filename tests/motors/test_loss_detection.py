@@ -38,17 +38,17 @@ def flight(seed, seconds=45.0, sd=0.01, coloured_by=0.5, motors=4):
     return time, 0.6 * (1 + sd * noise @ MIXERS[motors].T)
 
 
-def watched(time, commands, heading=lambda at: 0.0, watch=None, lean=(0.0, 0.0)):
-    """A detector that saw a flight with one lean, roll and pitch in degrees."""
-    watch = watch or MotorLossDetector(geometry(commands.shape[1]))
+def detector_after_flight(time, commands, heading=lambda at: 0.0, detector=None, lean=(0.0, 0.0)):
+    """Returns a detector that processed a flight with a constant lean, roll and pitch in degrees."""
+    detector = detector or MotorLossDetector(geometry(commands.shape[1]))
     for at, row in zip(time.tolist(), commands, strict=True):
-        found = watch.update(at, row, heading(at), np.radians(lean))
-        assert all(one.onset_time < one.time <= at for one in found)
-    return watch
+        found_changes = detector.update(at, row, heading(at), np.radians(lean))
+        assert all(change.onset_time < change.time <= at for change in found_changes)
+    return detector
 
 
 def changes(*flown):
-    return watched(*flown).alarms
+    return detector_after_flight(*flown).alarms
 
 
 def after(time, rise):
@@ -67,12 +67,15 @@ def only_change(seed, rise):
 @mark.parametrize("seed", range(3))
 @mark.parametrize("motor", range(4))
 def test_a_motor_that_works_an_eighth_harder_is_named_within_five_seconds(motor, seed):
-    first = only_change(seed, 0.125 * 0.6 * np.eye(4)[motor])
-    assert first.motor == motor + 1
-    assert BREAKS < first.time - 100.0 <= BREAKS + 5.0
-    assert first.onset_time == approx(100.0 + BREAKS, abs=2.0)
-    assert first.size == approx(0.125, abs=0.04) and first.loss[0] < 1 - 1.125**-1.5 < first.loss[1]
-    assert 0.95 < first.probability <= 1
+    first_change = only_change(seed, 0.125 * 0.6 * np.eye(4)[motor])
+    assert first_change.motor == motor + 1
+    assert BREAKS < first_change.time - 100.0 <= BREAKS + 5.0
+    assert first_change.onset_time == approx(100.0 + BREAKS, abs=2.0)
+    assert (
+        first_change.size == approx(0.125, abs=0.04)
+        and first_change.loss[0] < 1 - 1.125**-1.5 < first_change.loss[1]
+    )
+    assert 0.95 < first_change.probability <= 1
 
 
 @mark.parametrize("motors", [6, 8])
@@ -80,11 +83,16 @@ def test_the_size_is_that_of_the_motor_s_own_command_also_where_its_neighbours_h
     time, commands = flight(5, sd=0.003, motors=motors)
     pattern = SIGNATURES[motors].weak_motor_commands[0]
     rise = 0.15 * pattern / pattern[0]
-    [first, *_] = changes(time, commands + after(time, 0.6 * rise))
-    assert first.motor == 1
-    assert first.size == approx(0.15, abs=0.03)
+    [first_change, *_] = changes(time, commands + after(time, 0.6 * rise))
+    assert first_change.motor == 1
+    assert first_change.size == approx(0.15, abs=0.03)
     # Neighbours make up for the rest of what was lost.
-    assert first.loss[0] < (1 - 1 / 1.15) / pattern[0] < first.loss[1] < 1.5 * first.loss[0] + 0.25
+    assert (
+        first_change.loss[0]
+        < (1 - 1 / 1.15) / pattern[0]
+        < first_change.loss[1]
+        < 1.5 * first_change.loss[0] + 0.25
+    )
 
 
 LATER = {  # s, what the motors then have to give in place of 1
@@ -107,51 +115,55 @@ LATER = {  # s, what the motors then have to give in place of 1
 @mark.slow
 @mark.parametrize("faults", LATER.values(), ids=LATER)
 def test_every_fault_is_found_and_its_end(faults):
+    """Motors lose thrust and recover at given times, after 100 s: each change is found within 2.5 s."""
     time, commands = flight(6, 110.0, 0.005)
     rises = np.ones_like(commands)
     for begin, rise in faults.items():
         rises[time >= 100.0 + begin] = rise
-    found = changes(time, commands * rises)
+    found_changes = changes(time, commands * rises)
     before = [1.0] * 4
     for begin, rise in faults.items():
         for motor in np.flatnonzero(np.subtract(rise, before)):
-            one = found.pop(0)
-            assert one.motor == motor + 1 and begin < one.time - 100.0 < begin + 2.5
-            assert one.onset_time == 100.0 + begin
+            change = found_changes.pop(0)
+            assert change.motor == motor + 1 and begin < change.time - 100.0 < begin + 2.5
+            assert change.onset_time == 100.0 + begin
             if rise[motor] > 1:
-                assert one.is_weak
+                assert change.is_weak
             else:
-                assert not one.is_weak
-            assert one.size == approx(rise[motor] - 1, abs=0.05)
+                assert not change.is_weak
+            assert change.size == approx(rise[motor] - 1, abs=0.05)
             code = (
-                MotorWatchFact.MOTOR_LOST_THRUST if one.is_weak else MotorWatchFact.MOTOR_RECOVERED
+                MotorWatchFact.MOTOR_LOST_THRUST
+                if change.is_weak
+                else MotorWatchFact.MOTOR_RECOVERED
             )
-            assert one.fact.code is code
+            assert change.fact.code is code
         before = rise
-    assert not found
+    assert not found_changes
 
 
 @mark.parametrize("shift", [(0.05, 0.0), (0.0, -0.06), (-0.05, 0.05), (0.03, 0.06)])
 def test_a_shifted_load_is_called_that_once_it_has_lasted(shift):
-    first = only_change(7, 0.6 * quad(0.0, *shift, 0.0))
-    assert first.motor is None
-    assert BREAKS + 8.0 <= first.time - 100.0 < BREAKS + 15.0
-    assert first.size == approx(np.hypot(*shift), abs=0.015)
-    assert first.fact.code is MotorWatchFact.STEADY_TORQUE_CHANGED
+    """Roll and pitch change as by a load, relative to the thrust; no motor is named, and 8 s or more pass."""
+    first_change = only_change(7, 0.6 * quad(0.0, *shift, 0.0))
+    assert first_change.motor is None
+    assert BREAKS + 8.0 <= first_change.time - 100.0 < BREAKS + 15.0
+    assert first_change.size == approx(np.hypot(*shift), abs=0.015)
+    assert first_change.fact.code is MotorWatchFact.STEADY_TORQUE_CHANGED
 
 
 @mark.parametrize("shift", [(0.05, -0.04, -0.03), (-0.02, 0.05, -0.025)])
 def test_a_load_that_shifts_in_wind_is_reported_without_a_cause_once_it_has_lasted(shift):
     """The wind's drag acts off the centre of mass, so that yaw changes too, as no single motor would change it."""
-    first = only_change(7, 0.6 * quad(0.0, *shift))
-    assert first.motor is None
-    assert BREAKS + 8.0 <= first.time - 100.0 < BREAKS + 17.0
-    assert first.onset_time - 100.0 == approx(BREAKS, abs=0.6)
-    assert first.size == approx(np.hypot(*shift[:2]), abs=0.015)
-    load, motor = first.cause_probabilities
+    first_change = only_change(7, 0.6 * quad(0.0, *shift))
+    assert first_change.motor is None
+    assert BREAKS + 8.0 <= first_change.time - 100.0 < BREAKS + 17.0
+    assert first_change.onset_time - 100.0 == approx(BREAKS, abs=0.6)
+    assert first_change.size == approx(np.hypot(*shift[:2]), abs=0.015)
+    load, motor = first_change.cause_probabilities
     assert 0.5 < load < 0.9 and motor < 0.01
     words = f"a shifted load can do that (probability {load:.2f}), a weak motor (< 0.01)"
-    assert f"{words}, or rarely the wind" in first.fact.sentence
+    assert f"{words}, or rarely the wind" in first_change.fact.sentence
 
 
 @mark.parametrize("lean, motor", [((0.0, 0.0), 4), ((-12.0, 6.0), None)])
@@ -164,8 +176,10 @@ def test_a_load_that_shifts_on_a_leaning_vehicle_is_no_motor_even_where_yaw_chan
     """
     time, commands = flight(3, sd=0.003)
     shift = 0.6 * quad(0.0, -0.03, -0.03, -0.02)
-    [first, *_] = watched(time, commands + after(time, shift), lean=lean).alarms
-    assert first.motor == motor
+    [first_change, *_] = detector_after_flight(
+        time, commands + after(time, shift), lean=lean
+    ).alarms
+    assert first_change.motor == motor
 
 
 def turned(*turns):
@@ -212,7 +226,7 @@ def test_no_motor_is_named_before_ten_seconds_were_steady():
     for end_time in (112.0, 115.0):
         unknown = np.where(time < end_time, np.nan, 0.0)
         turning = np.minimum(time, end_time)
-        for heading in (dict(zip(time, one, strict=True)) for one in (unknown, turning)):
+        for heading in (dict(zip(time, change, strict=True)) for change in (unknown, turning)):
             [alarm] = changes(time, weak, heading.get)
             assert alarm.time == approx(max(end_time + 10.0, 122.0), abs=0.6)
 
@@ -228,6 +242,7 @@ def test_no_motor_is_named_before_ten_seconds_were_steady():
     ids=["yaw alone", "thrust alone", "a gust that passes", "manoeuvres after calm hover"],
 )
 def test_what_is_no_motor_gives_no_alarm(size, balance):
+    """Yaw or thrust alone change, a gust passes, or the pilot begins to manoeuvre."""
     time, commands = flight(4, 60.0, 0.003)
     assert not changes(time, commands + 0.6 * np.outer(size(time - 100.0), quad(*balance)))
 
@@ -238,7 +253,7 @@ def test_coloured_noise_gives_no_alarm(sd, seconds):
     """Over five minutes each; what is slow is more than the test was told of at first, and it must learn that."""
     time, commands = flight(3, 300.0, sd, seconds)
     assert HOURS_TO_FALSE_ALARM > 2 * 300 / 3600
-    assert not [one for one in changes(time, commands) if one.motor is not None]
+    assert not [change for change in changes(time, commands) if change.motor is not None]
 
 
 def test_it_names_the_motor_and_says_when_that_rests_on_an_assumption():
@@ -248,7 +263,7 @@ def test_it_names_the_motor_and_says_when_that_rests_on_an_assumption():
     assert (alarm.fact.subject, alarm.fact.level) == ("motor 2 (rear left)", Level.BAD)
     assert not alarm.fact.figures["assumed"]
     layout = motor_geometry("QUADROTOR", "PX4", {}, (1, 2, 3, 4), 16)
-    [alarm] = watched(time, weak, watch=MotorLossDetector(layout)).alarms
+    [alarm] = detector_after_flight(time, weak, detector=MotorLossDetector(layout)).alarms
     assert alarm.fact.figures["assumed"]
 
 
@@ -290,31 +305,32 @@ def test_a_motor_that_loses_a_fifth_of_its_thrust_is_named_at_the_rate_of_ground
 def test_where_nothing_can_be_found_it_says_why():
     time, commands = flight(2)
     weak = commands + after(time, 0.15 * np.eye(4)[0])
-    slow = watched(4 * time, weak)
+    slow = detector_after_flight(4 * time, weak)
     assert (
         not slow.alarms and slow.undetectable_reason.code is MotorWatchFact.MOTOR_OUTPUTS_TOO_SLOW
     )
-    assert watched(time + 400.0, commands, watch=slow).undetectable_reason is None
-    silent = watched(time, weak, watch=MotorLossDetector(geometry(spins=())))
+    assert detector_after_flight(time + 400.0, commands, detector=slow).undetectable_reason is None
+    silent = detector_after_flight(time, weak, detector=MotorLossDetector(geometry(spins=())))
     assert (
         not silent.alarms and silent.undetectable_reason.code is MotorWatchFact.MOTOR_PLACES_UNKNOWN
     )
 
 
 def test_json_keeps_alarms_apart_from_changes_that_name_no_motor():
-    named = MotorChange(30.0, 28.5, 2, "motor 2", 0.25, 0.98, loss=(0.2, 0.4))
+    """A torque without a motor, a weak motor, and its recovery are listed under three keys."""
+    named_alarm = MotorChange(30.0, 28.5, 2, "motor 2", 0.25, 0.98, loss=(0.2, 0.4))
     torque = MotorChange(40.0, 30.0, None, "", 0.1, 0.97)
     sound = MotorChange(50.0, 49.0, 2, "motor 2", 0.0, 0.99)
-    found = alarm_figures([torque, named, sound])
-    assert (found["alarms"], found["recoveries"]) == ([named], [sound])
-    assert found["torque_changes"] == [torque]
-    at_most, basis = found["false_alarms_per_hour"].values()
+    found_changes = alarm_figures([torque, named_alarm, sound])
+    assert (found_changes["alarms"], found_changes["recoveries"]) == ([named_alarm], [sound])
+    assert found_changes["torque_changes"] == [torque]
+    at_most, basis = found_changes["false_alarms_per_hour"].values()
     assert at_most == approx(-np.log(0.05) / 5.55, abs=0.01)
     assert basis.figures["duration"] == 5.55 * 3600
 
 
 def test_a_batch_as_long_as_the_run_shows_no_variance():
-    found = long_run_variance(
+    found_changes = long_run_variance(
         np.ones((2, 1)), np.ones((1, 2), bool), np.zeros((1, 1)), np.zeros(1), 0.01
     )
-    assert found == approx(2 / 2.02)
+    assert found_changes == approx(2 / 2.02)

@@ -15,10 +15,10 @@ from mavdem.report.templates import with_interval
 QUAD = geometry()
 
 
-def trim(mean, plan=QUAD, lean=(0.0, 0.0), error=0.003):
+def trim(mean, coaxial_geometry=QUAD, lean=(0.0, 0.0), error=0.003):
     """Of a balance that the lean has not moved in this flight, as far as it shows."""
     errors = np.full(3, error), np.radians(lean), np.zeros((3, 2)), np.full((3, 2), 0.5)
-    return trim_pattern(BalanceFigures(np.array(mean), *errors, 60.0), plan)
+    return trim_pattern(BalanceFigures(np.array(mean), *errors, 60.0), coaxial_geometry)
 
 
 @mark.parametrize(
@@ -34,42 +34,50 @@ def trim(mean, plan=QUAD, lean=(0.0, 0.0), error=0.003):
     ],
 )
 def test_the_pattern_is_named(mean, code, figures):
-    found = trim(mean)
-    assert found.code is code and not found.subject
-    assert found.level == ("good" if code is TrimFact.TRIM_EVEN else "watch")
-    assert {name: found.figures[name] for name in figures} == approx(figures, abs=0.005)
+    """The mean trim in roll, pitch and yaw, relative to the thrust, has a typical pattern.
+
+    It is that of yaw, of the centre of gravity, of several causes, or even.
+    """
+    trim_fact = trim(mean)
+    assert trim_fact.code is code and not trim_fact.subject
+    assert trim_fact.level == ("good" if code is TrimFact.TRIM_EVEN else "watch")
+    assert {name: trim_fact.figures[name] for name in figures} == approx(figures, abs=0.005)
 
 
 @mark.parametrize("motors", FRAMES)
 def test_one_motor_is_named_where_all_axes_have_the_ratio_of_its_place(motors):
     """Of eight motors neighbours help the weak one: other causes are as likely, so that it is a suspect."""
-    plan = geometry(motors)
-    signatures = motor_signatures(plan).weak_motor_balance[:, 1:]
-    for name, signature in zip(plan.names, 0.4 * signatures, strict=True):
-        found = trim(signature, plan)
-        assert found.figures["worst"] == name
+    coaxial_geometry = geometry(motors)
+    signatures = motor_signatures(coaxial_geometry).weak_motor_balance[:, 1:]
+    for name, signature in zip(coaxial_geometry.names, 0.4 * signatures, strict=True):
+        trim_fact = trim(signature, coaxial_geometry)
+        assert trim_fact.figures["worst"] == name
         if motors == 8:
-            assert found.code is TrimFact.TRIM_OF_SEVERAL
-            assert found.figures["names"] == (name,) and found.figures["probability"] > 0.5
+            assert trim_fact.code is TrimFact.TRIM_OF_SEVERAL
+            assert trim_fact.figures["names"] == (name,) and trim_fact.figures["probability"] > 0.5
         else:
-            assert (found.code, found.subject) == (TrimFact.TRIM_OF_ONE_MOTOR, name)
-            assert found.figures["rise"][0] == approx(0.4, abs=0.15)
+            assert (trim_fact.code, trim_fact.subject) == (TrimFact.TRIM_OF_ONE_MOTOR, name)
+            assert trim_fact.figures["rise"][0] == approx(0.4, abs=0.15)
         # Of a little, it is a suspect at most; in another ratio none is.
-        little = trim(0.3 * signature, plan)
+        little = trim(0.3 * signature, coaxial_geometry)
         assert not little.subject and little.figures.get("names", ()) in ((), (name,))
-        other_ratio = trim(signature * [1, 1, -0.3], plan)
+        other_ratio = trim(signature * [1, 1, -0.3], coaxial_geometry)
         assert not other_ratio.subject and not other_ratio.figures.get("names")
 
 
 def test_two_motors_that_explain_a_trim_alike_are_suspects_both():
     """Of two motors above each other that turn the same way, no trim shows which one is weak."""
     places = [*np.repeat(FRAMES[4][0], 2, axis=0)]
-    plan = geometry(8, positions=tuple(map(tuple, places)), spins=(1, 1, 1, 1, -1, -1, -1, -1))
-    found = trim(0.4 * motor_signatures(plan).weak_motor_balance[0, 1:], plan)
-    assert (found.code, found.subject) == (TrimFact.TRIM_OF_SEVERAL, "")
-    assert set(found.figures["names"]) == set(plan.names[:2])
-    first, second = map(name_without_place, plan.names[:2])
-    assert f"{first} or {second} may be weak" in found.sentence
+    coaxial_geometry = geometry(
+        8, positions=tuple(map(tuple, places)), spins=(1, 1, 1, 1, -1, -1, -1, -1)
+    )
+    trim_fact = trim(
+        0.4 * motor_signatures(coaxial_geometry).weak_motor_balance[0, 1:], coaxial_geometry
+    )
+    assert (trim_fact.code, trim_fact.subject) == (TrimFact.TRIM_OF_SEVERAL, "")
+    assert set(trim_fact.figures["names"]) == set(coaxial_geometry.names[:2])
+    first, second = map(name_without_place, coaxial_geometry.names[:2])
+    assert f"{first} or {second} may be weak" in trim_fact.sentence
 
 
 def test_an_even_trim_that_may_hide_a_lost_motor_is_not_called_good():
@@ -82,6 +90,7 @@ def test_an_even_trim_that_may_hide_a_lost_motor_is_not_called_good():
 
 
 def test_what_cannot_be_told_from_even_is_no_alarm():
+    """A trim is reported only if it exceeds the limit by more than its error."""
     half = 1.645 * 0.01
     limit = FAULT_RISE
     for yaw, code, level in (
@@ -99,9 +108,9 @@ def test_what_cannot_be_told_from_even_is_no_alarm():
     wind = trim((0.0, 0.12, 0.0), lean=(0, -9))
     assert (wind.code, wind.level) == (TrimFact.TRIM_UNSURE, "unknown")
     # What is known to 8 % is even.
-    known = FAULT_RISE / 1.645 / np.sqrt(3)
+    half_width = FAULT_RISE / 1.645 / np.sqrt(3)
     for share, code in ((0.99, TrimFact.TRIM_EVEN), (1.01, TrimFact.TRIM_UNSURE)):
-        assert trim((0, 0, 0), error=share * known).code is code
+        assert trim((0, 0, 0), error=share * half_width).code is code
 
 
 @mark.parametrize(
@@ -114,6 +123,7 @@ def test_what_cannot_be_told_from_even_is_no_alarm():
     ],
 )
 def test_one_motor_that_leads_alone_is_to_be_watched(share, error, code):
+    """The trim is the signature of motor 2, just above or below the limit."""
     signature = motor_signatures(QUAD).weak_motor_balance[1, 1:]
     fact = trim(share * FAULT_RISE / 0.75 * signature, error=error)
     assert fact.code is code

@@ -51,7 +51,10 @@ class Flown(NamedTuple):
 
 @cache
 def fly(seed, steered=1.0, in_time=1, turbulence=((0.5, 2.0),), noise=NOISE):
-    """Rate, output, setpoint and what was asked of a plant in turbulence (s, rad/s²) that steps are asked of."""
+    """Simulates rate, output, setpoint and command of a plant that follows steps in turbulence.
+
+    Turbulence is given by correlation time, s, and size, rad/s².
+    """
     rng = default_rng(seed)
     count = round(SECONDS / CYCLE)
     A = np.array([[0, 1, 0], [0, -DAMPING, 1], [0, 0, -1 / LAG]])
@@ -63,17 +66,17 @@ def fly(seed, steered=1.0, in_time=1, turbulence=((0.5, 2.0),), noise=NOISE):
         lfilter([(2 * CYCLE / time) ** 0.5], [1, CYCLE / time - 1], rng.normal(0, size, count))
         for time, size in turbulence
     )
-    heard, shaken = rng.normal(0, [[noise], [ANGLE_NOISE]], (2, count))
-    state, held, before = np.zeros(3), [0.0] * LATE, 0.0
+    gyro_noise, angle_noise = rng.normal(0, [[noise], [ANGLE_NOISE]], (2, count))
+    state, delayed_outputs, before = np.zeros(3), [0.0] * LATE, 0.0
     rows = np.empty((count, 3))
     for k in range(count):
-        rate = state[1] + heard[k]
-        setpoint = asked[k] - ANGLE * (state[0] + shaken[k])
+        rate = state[1] + gyro_noise[k]
+        setpoint = asked[k] - ANGLE * (state[0] + angle_noise[k])
         output = P * (setpoint - rate) - D * (rate - before) / CYCLE
         before = rate
-        held.append(output)
+        delayed_outputs.append(output)
         rows[k] = rate, output, setpoint
-        state = A @ state + B @ [held[k], wind[k]]
+        state = A @ state + B @ [delayed_outputs[k], wind[k]]
     return Flown(*rows.T, asked)
 
 
@@ -117,19 +120,19 @@ KNOWN_PLANT = np.append(list(TRUE.values()), PRIOR_MEAN[len(TRUE) :])
 @mark.parametrize("every", [(), (4,), (4, 0, 1)])
 def test_a_plant_is_given_back(every):
     """With its delay, which has half a cycle of hold, within three standard deviations and a share of the truth."""
-    found = identify_axis(axis(fly(3), *every))
-    allowed = 3 * np.sqrt(found.covariance.diagonal())[: len(TRUE)] + [0.03, 0.3, 0.05, 0.05]
-    assert (abs(found.theta - KNOWN_PLANT)[: len(TRUE)] <= allowed).all()
-    assert found.posterior.reference_share(found.theta) > 0.5
+    identified = identify_axis(axis(fly(3), *every))
+    allowed = 3 * np.sqrt(identified.covariance.diagonal())[: len(TRUE)] + [0.03, 0.3, 0.05, 0.05]
+    assert (abs(identified.theta - KNOWN_PLANT)[: len(TRUE)] <= allowed).all()
+    assert identified.posterior.reference_share(identified.theta) > 0.5
 
 
 @mark.slow
 @mark.parametrize("in_time, every", [(1, 16), (4, 4)])
 def test_lag_and_delay_together_are_known_at_25_hz_and_where_steps_keep_time(in_time, every):
     """Of neither of which alone much is known there: whether a step comes sooner or the motors later looks alike."""
-    found = np.exp(identify_axis(axis(fly(3, in_time=in_time), every)).theta)
-    assert found[2] + found[3] == approx(LAG + (LATE + 0.5) * CYCLE, rel=0.25)
-    assert found[0] == approx(EFFECT, rel=0.2)
+    identified = np.exp(identify_axis(axis(fly(3, in_time=in_time), every)).theta)
+    assert identified[2] + identified[3] == approx(LAG + (LATE + 0.5) * CYCLE, rel=0.25)
+    assert identified[0] == approx(EFFECT, rel=0.2)
 
 
 @mark.slow
@@ -143,11 +146,11 @@ def test_eddies_in_turbulence_are_not_taken_for_a_lag():
 @mark.parametrize("noise, every", [(NOISE, 4), (NOISE / 5, 1)])
 def test_the_densities_are_those_of_the_flight(noise, every):
     """Whitened by the model, the spectra of rate and output are one, also of a quiet gyro."""
-    found = identify_axis(axis(fly(3, noise=noise), every))
-    model = found.posterior.densities.density(found.theta)
+    identified = identify_axis(axis(fly(3, noise=noise), every))
+    model = identified.posterior.densities.density(identified.theta)
     for quantity in (0, 1):
         ratio = (
-            found.posterior.spectra.mean_density[:, quantity, quantity]
+            identified.posterior.spectra.mean_density[:, quantity, quantity]
             / model[:, quantity, quantity]
         )
         assert np.mean(ratio.real) == approx(1.0, abs=0.1)
@@ -176,15 +179,17 @@ def test_nothing_asked_is_nothing_steered():
 
 def test_messages_of_several_rates_count_at_the_slowest():
     """And what is lost of them is not made up."""
-    found = cross_spectra([sent(fly(3).rate, 4), sent(fly(3).output, 10)], STARTS)
-    assert found.message_rate == approx(40.0, rel=1e-3) and found.frequency[-1] < 20.0
-    assert abs(np.array(found.stamp_offsets)).max() < 4 * CYCLE
+    identified = cross_spectra([sent(fly(3).rate, 4), sent(fly(3).output, 10)], STARTS)
+    assert identified.message_rate == approx(40.0, rel=1e-3) and identified.frequency[-1] < 20.0
+    assert abs(np.array(identified.stamp_offsets)).max() < 4 * CYCLE
     stream = sent(fly(3).rate, 4)
-    kept = default_rng(1).random(len(stream.time)) > 0.2
-    lossy = cross_spectra([Messages(*(part[kept] for part in stream))], STARTS)
-    whole = cross_spectra([stream], STARTS)
-    few = min(len(lossy.frequency), len(whole.frequency), 10)
-    assert np.log(lossy.mean_density[:few] / whole.mean_density[:few]).real == approx(0.0, abs=0.3)
+    is_received = default_rng(1).random(len(stream.time)) > 0.2
+    lossy_spectra = cross_spectra([Messages(*(part[is_received] for part in stream))], STARTS)
+    whole_spectra = cross_spectra([stream], STARTS)
+    common_bins = min(len(lossy_spectra.frequency), len(whole_spectra.frequency), 10)
+    assert np.log(
+        lossy_spectra.mean_density[:common_bins] / whole_spectra.mean_density[:common_bins]
+    ).real == approx(0.0, abs=0.3)
 
 
 @dataclass(frozen=True)
@@ -196,16 +201,21 @@ class PosteriorStandIn:
 
 
 def test_maxima_at_several_times_of_steps_count_as_their_evidence_and_each_once():
-    """Two of one curvature, the other three times as probable, and one of them found again; a prior of variance 1."""
+    """Two maxima have the same curvature, and the second is three times as probable.
+
+    It is found twice, but counts once.
+    """
     size = len(PRIOR_MEAN)
     axis = PosteriorStandIn(prior_sd=np.ones(size))
     one, other = (PRIOR_MEAN + far * (np.arange(size) == STEP_TIME) for far in (-2.0, 2.0))
     other[0] += 1.0
     values = (one, 5.0), (other, 5.0 + np.log(3)), (other + 1e-3, 4.9 + np.log(3))
-    ended = [QuadraticExpansion(at, value, 0 * at, 4 * np.eye(size)) for at, value in values]
-    found = _mixture_of_modes(axis, ended)
-    assert found.theta[[0, STEP_TIME]] == approx([PRIOR_MEAN[0] + 0.75, 1.0])
-    assert found.covariance[0, [0, STEP_TIME]] == approx([0.6 / 4 + 0.4 / 16 + 3 / 16, 4 * 3 / 16])
+    maxima = [QuadraticExpansion(at, value, 0 * at, 4 * np.eye(size)) for at, value in values]
+    identified = _mixture_of_modes(axis, maxima)
+    assert identified.theta[[0, STEP_TIME]] == approx([PRIOR_MEAN[0] + 0.75, 1.0])
+    assert identified.covariance[0, [0, STEP_TIME]] == approx(
+        [0.6 / 4 + 0.4 / 16 + 3 / 16, 4 * 3 / 16]
+    )
     with raises(np.linalg.LinAlgError):
         _mixture_of_modes(axis, [QuadraticExpansion(PRIOR_MEAN, -np.inf, PRIOR_MEAN, np.eye(size))])
 
@@ -256,11 +266,13 @@ class PosteriorOfTwoStepTimes:
 
 
 def test_a_higher_mode_between_the_first_step_times_is_found():
-    found = identify_axis(PosteriorOfTwoStepTimes(PRIOR_SD))
-    assert found.main_mode[STEP_TIME] == approx(1.6, abs=0.01)
+    identified = identify_axis(PosteriorOfTwoStepTimes(PRIOR_SD))
+    assert identified.main_mode[STEP_TIME] == approx(1.6, abs=0.01)
 
 
 def test_the_quicker_pole_is_the_lags():
+    """Damping and motor lag can be exchanged without changing the response: the faster pole is called the lag."""
+
     def response(theta):
         effect, damping, lag, _ = np.exp(theta[list(PLANT)])
         return effect / (lag * turn + 1) / (turn + damping)
@@ -277,6 +289,10 @@ def test_the_quicker_pole_is_the_lags():
 
 
 def test_limits_explain_a_controller_of_less_gain_and_none_of_more():
+    """A motor at its limit lowers the effective gain of the controller.
+
+    It explains an estimate of half the gain, but not of twice.
+    """
     row = np.eye(len(PARAMETER_NAMES))[PARAMETER_NAMES.index("controller")]
 
     def of(gain, limited, likeliest=1.0):

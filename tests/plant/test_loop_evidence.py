@@ -46,6 +46,7 @@ class DenseRecord(NamedTuple):
 
 @pytest.fixture(scope="module")
 def dense() -> DenseRecord:
+    """30 samples of a closed loop, with their covariance matrix by the dense formula."""
     samples = 30
     data = LoopData.from_samples([simulated(samples, seed=1)], DT)
     posterior = LoopPosterior(data, CONTROLLER)
@@ -73,6 +74,7 @@ def test_likelihood_is_that_of_the_dense_gaussian(dense: DenseRecord) -> None:
 
 
 def test_terms_are_those_of_the_dense_gaussian(dense: DenseRecord) -> None:
+    """The terms of the free energy, which filters compute, equal those of the dense covariance."""
     curvature = np.eye(len(NAMES)) + 0.1
     maximum = QuadraticExpansion(dense.theta, 0.0, np.zeros(len(NAMES)), curvature)
     result = loop_free_energy(dense.posterior, maximum)
@@ -139,6 +141,7 @@ def test_unstable_loop_has_no_likelihood(flight: LoopPosterior) -> None:
 
 
 def test_wind_moves_the_rate_by_the_plant_over_one_plus_the_loop_gain() -> None:
+    """The response of the rate to the wind torque at 2 Hz equals plant / (1 + loop gain), with all filters by hand."""
     parameters = GenerativeParameters(*np.exp(prior_mean()))
     loop = continuous_loop(parameters, CONTROLLER)
     eddy_source = 4

@@ -56,6 +56,7 @@ from sitl_scenarios.simulation import fly
     ids=["first order", "smooth", "gusts"],
 )
 def test_noise_has_the_autocorrelation_it_is_named_for(noise, autocorrelation, error):
+    """The state-space noise models have exponential or Gaussian autocorrelations, in time and by their densities."""
     P = solve_continuous_lyapunov(noise.A, -noise.Q)
     turn = np.linspace(0.0, 400.0, 200_001)
     density = noise.density(turn, 1.0, 1.0)
@@ -91,8 +92,8 @@ def test_what_answers_a_sample_is_found(gain):
     new = np.diff(rate, axis=1, prepend=0.0)
     slow = np.cumsum(0.2 * rng.standard_normal((3, 600)), axis=1)
     inputs = (slow - gain * new)[:, :, None]
-    found = responses_to_innovations(inputs, rate)[:, 10:, 0]
-    assert_allclose(found, -gain * new[:, 10:], atol=0.25 * max(gain, 1))
+    estimate = responses_to_innovations(inputs, rate)[:, 10:, 0]
+    assert_allclose(estimate, -gain * new[:, 10:], atol=0.25 * max(gain, 1))
 
 
 def steered_windows():
@@ -104,14 +105,15 @@ def steered_windows():
 
 
 def test_the_slope_of_the_log_joint_is_that_of_its_value():
+    """The gradient of the log posterior equals its central differences."""
     windows = steered_windows()
     plain, start = initial_model(windows, np.sign(MOTORS))
     objective = LogPosterior(plain, windows)
-    about = objective.expand(start)
-    for place, slope in enumerate(about.gradient):
-        step = 1e-5 * np.eye(len(start))[place]
+    expansion = objective.expand(start)
+    for index, slope in enumerate(expansion.gradient):
+        step = 1e-5 * np.eye(len(start))[index]
         ends = [objective.value(start + side * step) for side in (-1, 1)]
-        assert slope == approx(np.diff(ends)[0] / 2e-5, abs=1e-2 * abs(about.gradient).max())
+        assert slope == approx(np.diff(ends)[0] / 2e-5, abs=1e-2 * abs(expansion.gradient).max())
 
 
 def refined_model():
@@ -168,24 +170,25 @@ def test_a_fit_to_commands_logged_late_converges_at_no_delay():
     ids=["known geometry", "turns counted the other way round", "inferred geometry"],
 )
 def test_a_steered_flight_gives_the_truth_back(directions):
+    """A simulated flight with steering: effect, damping and lag are within their 99 % intervals of the truth."""
     flight = in_closed_loop(0, steering=1.0)
-    found = physical(replace(flight, effect_directions=directions))
-    assert found.status == dict.fromkeys(PARAMETERS, "reported")
-    assert found.caution is None
-    half = found.interval(0.99)
-    assert np.all(abs(found.effect - MOTORS) < half.effect)
-    mean, of_mean = found.mean_effect(0.99)
+    estimate = physical(replace(flight, effect_directions=directions))
+    assert estimate.status == dict.fromkeys(PARAMETERS, "reported")
+    assert estimate.caution is None
+    half = estimate.interval(0.99)
+    assert np.all(abs(estimate.effect - MOTORS) < half.effect)
+    mean, of_mean = estimate.mean_effect(0.99)
     assert abs(mean - abs(MOTORS).mean()) < of_mean < half.effect.mean()
-    assert abs(found.damping - DAMPING) < half.damping
-    assert abs(found.lag - LAG) < half.lag
-    assert repr(found).startswith("<Physical: mean effect ")
+    assert abs(estimate.damping - DAMPING) < half.damping
+    assert abs(estimate.lag - LAG) < half.lag
+    assert repr(estimate).startswith("<Physical: mean effect ")
 
 
 def test_an_effect_that_the_wind_biases_comes_out_low():
     """The motors answer the wind: what they do counts for less."""
     flight = in_closed_loop(0, steering=0.4)
-    found = physical(replace(flight, effect_directions=np.sign(MOTORS)))
-    assert found.status["effect"] == Status.BIASED and found.bias < 0
+    estimate = physical(replace(flight, effect_directions=np.sign(MOTORS)))
+    assert estimate.status["effect"] == Status.BIASED and estimate.bias < 0
 
 
 def test_a_motor_that_does_not_do_what_it_is_commanded_is_no_right_effect():
@@ -193,10 +196,10 @@ def test_a_motor_that_does_not_do_what_it_is_commanded_is_no_right_effect():
     flight = in_closed_loop(0, steering=1.0)
     inputs = flight.inputs.copy()
     inputs[:, 1] = default_rng(1).permutation(inputs[:, 1])
-    found = physical(replace(flight, inputs=inputs, effect_directions=np.sign(MOTORS)))
-    assert found.status["effect"] == Status.BIASED
-    assert found.reasons["effect"].code is ParameterDoubt.MOTORS_DIFFER
-    assert "does not answer its command" in found.reasons["effect"].sentence
+    estimate = physical(replace(flight, inputs=inputs, effect_directions=np.sign(MOTORS)))
+    assert estimate.status["effect"] == Status.BIASED
+    assert estimate.reasons["effect"].code is ParameterDoubt.MOTORS_DIFFER
+    assert "does not answer its command" in estimate.reasons["effect"].sentence
 
 
 SDS = dict.fromkeys(PARAMETERS, 0.05)
@@ -255,6 +258,7 @@ def edges():
 
 @mark.parametrize("figure, name, limit, below, above", list(edges()))
 def test_a_status_changes_at_its_limit_and_says_why(figure, name, limit, below, above):
+    """A figure of identifiability just below and just above its limit gives another status of the parameter."""
     for value, expected in ((limit * (1 - 1e-9), below), (limit * (1 + 1e-9), above)):
         changed = (
             {**getattr(SOUND, figure), name: value}
@@ -362,9 +366,10 @@ def test_inputs_that_curve_are_seen_on_unseen_windows_and_straight_ones_are_not(
     ],
 )
 def test_what_cannot_be_fitted_is_said(change, reason):
-    found = physical(change(in_closed_loop(0, steering=1.0)))
-    assert isinstance(found, NotIdentifiable) and found.reason.code is reason
-    assert found.reason.figures.get("rate", 25.0) == approx(25.0)
+    """The flight lacks the rate or motion of the motors, is short or slow, or has outputs that are all 0."""
+    estimate = physical(change(in_closed_loop(0, steering=1.0)))
+    assert isinstance(estimate, NotIdentifiable) and estimate.reason.code is reason
+    assert estimate.reason.figures.get("rate", 25.0) == approx(25.0)
 
 
 STEPS = 100
@@ -380,9 +385,9 @@ def test_the_true_plant_does_what_the_vehicle_does_in_calm_air():
     flight = in_closed_loop(0, steering=0.5, samples=400 + STEPS, wind=0.0, commanded=DOUBLET)
     train = flight[:400]
     test = flight[400:]
-    found = simulate_response(TRUE, Record.from_flights(train), test.inputs).mean
+    estimate = simulate_response(TRUE, Record.from_flights(train), test.inputs).mean
     # The last measured rate has noise of 0.005 rad/s, and so has each of the test.
-    assert_allclose(found, test.outputs, atol=0.04)
+    assert_allclose(estimate, test.outputs, atol=0.04)
     assert np.ptp(test.outputs, axis=0).min() > 0.4
 
 
@@ -390,8 +395,8 @@ def test_what_turns_steadily_at_its_trim_goes_on_turning():
     time = DT * np.arange(400)
     outputs = np.stack([0.5 * time - 1e-3 * np.cos(time), 0.5 + 1e-3 * np.sin(time)], axis=1)
     turning = Flight(time, np.full((400, 4), 1500.0), outputs)
-    found = simulate_response(TRUE, Record.from_flights(turning), turning.inputs[:STEPS]).mean
-    assert_allclose(found[:, 1], 0.5, atol=2e-3)
+    estimate = simulate_response(TRUE, Record.from_flights(turning), turning.inputs[:STEPS]).mean
+    assert_allclose(estimate[:, 1], 0.5, atol=2e-3)
 
 
 def test_the_variance_is_that_of_wind_which_nothing_counteracts():
@@ -411,8 +416,8 @@ def test_the_variance_is_that_of_wind_which_nothing_counteracts():
             rate, angle = rate + step * (drift - DAMPING * rate), angle + step * rate
             drift = keeps * drift + np.sqrt(1 - keeps**2) * rng.standard_normal(flights)
         if k in (9, 49, 99):
-            found = np.array([angle.var(), rate.var()])
-            assert_allclose(found, variance[k], rtol=4 * np.sqrt(2 / flights))
+            estimate = np.array([angle.var(), rate.var()])
+            assert_allclose(estimate, variance[k], rtol=4 * np.sqrt(2 / flights))
 
 
 ESTIMATES = np.array([40.0, -20.0, 1.5, 0.05, 0.01])
@@ -505,10 +510,10 @@ def test_jumps_may_come_early_in_a_step_and_not_late(seed, advance, fitted):
     """The log has the jumps earlier or later than the vehicle: the fit must move them back."""
     flight = in_closed_loop(seed, steering=1.0, wind=0.2)
     logged = with_advanced_jumps(flight.inputs[None], advance)[0]
-    found = physical(replace(flight, inputs=logged, effect_directions=np.sign(MOTORS)))
-    assert found.refinements.get(Refinement.JUMPS) == fitted
+    estimate = physical(replace(flight, inputs=logged, effect_directions=np.sign(MOTORS)))
+    assert estimate.refinements.get(Refinement.JUMPS) == fitted
     if fitted is not None:
-        effect, _ = found.mean_effect()
+        effect, _ = estimate.mean_effect()
         assert effect == approx(abs(MOTORS).mean(), rel=0.02)
 
 
@@ -526,11 +531,12 @@ def test_uncertain_parameters_widen_it_to_first_order():
 
 
 def test_outputs_may_come_in_any_order_and_must_be_an_angle_and_its_rate():
+    """Angle and rate are swapped, and then two rates are given."""
     flight = in_closed_loop(0, steering=0.5)
-    turned = replace(flight, outputs=flight.outputs[:, ::-1])
+    with_swapped_outputs = replace(flight, outputs=flight.outputs[:, ::-1])
     one, other = (
         simulate_response(TRUE, Record.from_flights(each), 1500 + DOUBLET)
-        for each in (flight, turned)
+        for each in (flight, with_swapped_outputs)
     )
     assert_allclose(one.mean, other.mean[:, ::-1])
     assert_allclose(one.variance, other.variance[:, ::-1])
@@ -544,6 +550,7 @@ SETTINGS = Settings(order=3, window=9, parameter_precision=10.0)
 
 @mark.slow
 def test_bands_hold_commanded_flights():
+    """Simulated responses to doublets of flights that were not trained on lie within their 90 % bands."""
     inside = []
     errors = []
     for seed in range(5):
@@ -566,13 +573,14 @@ def test_bands_hold_commanded_flights():
 
 @mark.slow
 def test_nothing_is_identifiable_where_motors_only_react_to_wind_and_no_band_exists():
+    """A hover in wind without steering shows no physical parameters, so that simulations warn."""
     flight = in_closed_loop(0, steering=0.0, wind=3.0)
     learned = mavdem.learn(flight, SETTINGS)
-    found = learned.physical
-    assert found.status == dict.fromkeys(PARAMETERS, "not identifiable")
-    assert np.isnan(found.interval().effect).all()
-    assert found.caution.code is NoPhysical.EFFECT_NOT_IDENTIFIABLE
-    assert found.caution.figures["reason"] == found.reasons["effect"]
+    estimate = learned.physical
+    assert estimate.status == dict.fromkeys(PARAMETERS, "not identifiable")
+    assert np.isnan(estimate.interval().effect).all()
+    assert estimate.caution.code is NoPhysical.EFFECT_NOT_IDENTIFIABLE
+    assert estimate.caution.figures["reason"] == estimate.reasons["effect"]
     with warns(UserWarning, match="may be far off.*not identifiable"):
         assert learned.simulate(flight.inputs[:20]).shape == (20, 2)
     with raises(ValueError, match="not be larger"), warns(UserWarning):

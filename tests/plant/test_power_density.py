@@ -11,6 +11,7 @@ from mavdem.plant.power_density import power_density, window_densities
 @mark.parametrize("window_samples", [2, 63, 64, 250])
 @mark.parametrize("without_trend", [False, True])
 def test_the_power_density_is_that_of_scipy(window_samples, without_trend):
+    """Windows of several lengths, with and without the linear trend removed."""
     values = default_rng(0).standard_normal(250).cumsum()
     frequency, density = power_density(values, 50.0, window_samples, without_trend)
     trend = detrend if without_trend else "constant"

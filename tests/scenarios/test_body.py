@@ -52,7 +52,7 @@ def flown(steps):
 
 
 def reference():
-    """The same by scipy's DOP853 at its tightest, from cycle to cycle."""
+    """Returns the state of the body after some cycles by scipy's integrator DOP853 with tight tolerances."""
     change, up, down = vehicle_dynamics(VehicleSpec(model="iris")), *IRIS.rotor_lags
     row = np.concatenate(normed(begun())[:5])
 
@@ -108,6 +108,7 @@ def test_wind_acts_where_the_hull_is_and_so_turns_a_vehicle_whose_load_has_shift
 
 
 def test_the_disturbance_of_many_states_is_that_of_each():
+    """Forces and moments on a damaged vehicle in wind, computed at once and one by one."""
     vehicle = VehicleSpec(model="iris")
     condition = Damage(thrust=(1.0, 0.8, 1.0, 1.0), centre_of_mass=(0.02, -0.03))
     body = Body(vehicle, CYCLE)

@@ -36,46 +36,47 @@ class Vehicle:
         return name in GAINS and value >= 0
 
     def flown(self, seconds):
-        """The messages of the next seconds by name."""
+        """Returns the messages of the next seconds, by name."""
         rows = slice(
             self._row, self._row + round(seconds / CYCLES[self.transmitter.autopilot.name])
         )
         self._row = rows.stop
         sent = b"".join(frame for _, frame in self.transmitter.send(self._motion[rows]))
-        said = {}
+        messages_by_name = {}
         for message in dialect.MAVLink(None).parse_buffer(sent) or []:
-            said.setdefault(message.get_type(), []).append(message)
-        return said
+            messages_by_name.setdefault(message.get_type(), []).append(message)
+        return messages_by_name
 
     def hears(self, message):
         for one in addressed_messages(bytes(message.pack(GROUND)), 1, 1):
             self.commands.handle(one)
 
-    def command(self, number, *given, seconds=1.0):
-        """The result, and what was said in the second after."""
-        given = (*given, *[0.0] * (7 - len(given)))
-        self.hears(dialect.MAVLink_command_long_message(1, 1, number, 0, *given))
-        said = self.flown(seconds)
-        (ack,) = said["COMMAND_ACK"]
+    def command(self, number, *parameters, seconds=1.0):
+        """Sends a command, and returns its result and the messages of the second after it."""
+        parameters = (*parameters, *[0.0] * (7 - len(parameters)))
+        self.hears(dialect.MAVLink_command_long_message(1, 1, number, 0, *parameters))
+        messages_by_name = self.flown(seconds)
+        (ack,) = messages_by_name["COMMAND_ACK"]
         assert (ack.command, ack.target_system, ack.target_component) == (number, 255, 190)
-        return ack.result, said
+        return ack.result, messages_by_name
 
 
 @mark.slow
 @each_autopilot
 def test_intervals_are_set_at_once_reported_and_restored(autopilot):
+    """Commands 511 and 510 set and get the interval of a message. Message 30 is ATTITUDE."""
     vehicle = Vehicle(autopilot)
 
     def attitudes(interval):
-        result, said = vehicle.command(511, 30, interval)
+        result, messages_by_name = vehicle.command(511, 30, interval)
         assert result == 0
-        return len(said.get("ATTITUDE", ()))
+        return len(messages_by_name.get("ATTITUDE", ()))
 
     def told(number):
-        result, said = vehicle.command(510, number)
-        (one,) = said["MESSAGE_INTERVAL"]
-        assert (result, one.message_id) == (0, number)
-        return one.interval_us
+        result, messages_by_name = vehicle.command(510, number)
+        (message,) = messages_by_name["MESSAGE_INTERVAL"]
+        assert (result, message.message_id) == (0, number)
+        return message.interval_us
 
     assert attitudes(20_000) == approx(50, abs=1) and told(30) == 20_000
     assert attitudes(-1) == 0 and told(30) == -1
@@ -85,22 +86,23 @@ def test_intervals_are_set_at_once_reported_and_restored(autopilot):
     for interval, rate in ((0, 100), (1, loop)):
         assert attitudes(interval) == approx(rate, abs=1)
     wrong = [(number, 10_000) for number in (77, 999_999, 1e30, float("nan"))]
-    for given in (*wrong, (30, float("nan"))):
-        assert vehicle.command(511, *given)[0] == 2
+    for parameters in (*wrong, (30, float("nan"))):
+        assert vehicle.command(511, *parameters)[0] == 2
     assert told(77) == 0
 
 
 @mark.slow
 @each_autopilot
 def test_arming_is_passed_on_and_refused_in_the_air(autopilot):
+    """COMPONENT_ARM_DISARM (400): 21196 forces it; results are 0 accepted, 2 denied and 4 failed."""
     vehicle = Vehicle(autopilot)
     assert vehicle.command(400, 1)[0] == 0
     assert vehicle.command(400, 0)[0] == 0
     assert vehicle.asked == [(True, False), (False, False)]
     vehicle = Vehicle(autopilot, armable=False)
     assert vehicle.command(400, 0)[0] == 4
-    for given, result in (((0, 21196), 0), ((1,), 4), ((7,), 2), ((float("inf"),), 2)):
-        assert vehicle.command(400, *given)[0] == result
+    for parameters, result in (((0, 21196), 0), ((1,), 4), ((7,), 2), ((float("inf"),), 2)):
+        assert vehicle.command(400, *parameters)[0] == result
 
 
 @each_autopilot
@@ -108,7 +110,7 @@ def test_parameters_are_listed_and_read(autopilot):
     vehicle = Vehicle(autopilot)
     vehicle.hears(dialect.MAVLink_param_request_list_message(1, 1))
     listed = vehicle.flown(1.0)["PARAM_VALUE"]
-    assert [one.param_index for one in listed] == list(range(listed[0].param_count))
+    assert [message.param_index for message in listed] == list(range(listed[0].param_count))
     for name in (listed[3].param_id.encode(), b"NOTHING"):
         vehicle.hears(dialect.MAVLink_param_request_read_message(1, 1, name, -1))
     (read,) = vehicle.flown(0.1)["PARAM_VALUE"]
@@ -117,12 +119,13 @@ def test_parameters_are_listed_and_read(autopilot):
 
 @each_autopilot
 def test_a_parameter_is_set_and_its_value_is_the_answer(autopilot):
+    """A valid gain is set and confirmed; an invalid one is refused with the present value."""
     vehicle = Vehicle(autopilot)
     gain = GAINS[0 if autopilot == "px4" else 1]
 
     def answered(name, value):
         vehicle.hears(dialect.MAVLink_param_set_message(1, 1, name.encode(), value, 9))
-        return [one.param_value for one in vehicle.flown(0.1).get("PARAM_VALUE", ())]
+        return [message.param_value for message in vehicle.flown(0.1).get("PARAM_VALUE", ())]
 
     assert answered(gain, 0.25) == [0.25]
     assert answered(gain, -1.0) == [0.25]
@@ -138,11 +141,11 @@ def test_ground_stations_find_an_ordinary_vehicle_without_mission_and_logs(autop
     vehicle.hears(dialect.MAVLink_mission_count_message(1, 1, 3, 0))
     vehicle.hears(dialect.MAVLink_log_request_list_message(1, 1, 0, 0xFFFF))
     vehicle.hears(dialect.MAVLink_timesync_message(0, 12345))
-    said = vehicle.flown(0.1)
-    assert said["MISSION_COUNT"][0].count == 0
-    assert said["MISSION_ACK"][0].type == dialect.MAV_MISSION_UNSUPPORTED
-    assert said["LOG_ENTRY"][0].num_logs == 0
-    (answer,) = said["TIMESYNC"]
+    messages_by_name = vehicle.flown(0.1)
+    assert messages_by_name["MISSION_COUNT"][0].count == 0
+    assert messages_by_name["MISSION_ACK"][0].type == dialect.MAV_MISSION_UNSUPPORTED
+    assert messages_by_name["LOG_ENTRY"][0].num_logs == 0
+    (answer,) = messages_by_name["TIMESYNC"]
     assert answer.ts1 == 12345 and answer.tc1 == approx(1e9, rel=0.2)
 
 
@@ -160,13 +163,15 @@ def test_a_message_is_sent_once_on_request(autopilot):
 
 @mark.slow
 def test_streams_are_asked_of_ardupilot_as_ground_stations_do():
+    """REQUEST_DATA_STREAM sets the rates of groups of messages; PX4 ignores it."""
+
     def asked(vehicle, *streams):
         """How many messages come in two seconds, after groups were asked for with a rate, Hz, on or off."""
         for group, rate, on in streams:
             vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, group, rate, on))
-        said = vehicle.flown(2.0)
+        messages_by_name = vehicle.flown(2.0)
         names = ("ATTITUDE", "SERVO_OUTPUT_RAW", "LOCAL_POSITION_NED")
-        return [len(said.get(name, ())) for name in names]
+        return [len(messages_by_name.get(name, ())) for name in names]
 
     vehicle = Vehicle("ardupilot")
     assert asked(vehicle, (0, 4, 1)) == approx([8, 8, 8], abs=1)

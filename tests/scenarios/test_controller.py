@@ -44,26 +44,27 @@ def sensed(sensors, states):
 def test_what_is_known_is_late_by_the_delay():
     states = [State(velocity=(float(k), 0.0, 0.0)) for k in range(10)]
     quiet = {"rate_sd": 0.0, "attitude_sd": 0.0, "position_sd": 0.0, "velocity_sd": 0.0}
-    known = sensed(Sensors(**quiet, delay=0.010), states)
-    assert [each.velocity[0] for each in known[3:]] == approx(np.arange(3, 10) - 2.5)
+    measured_states = sensed(Sensors(**quiet, delay=0.010), states)
+    assert [each.velocity[0] for each in measured_states[3:]] == approx(np.arange(3, 10) - 2.5)
     at_once = sensed(Sensors(**quiet, delay=0.0), states)
     assert [each.velocity[0] for each in at_once] == list(range(10))
 
 
 @mark.slow
 def test_what_is_known_is_as_noisy_as_asked():
+    """The measured states of a vehicle at rest have the standard deviations of the sensors' noise."""
     sds = {"rates": 0.1, "attitude": 0.02, "position": 0.5, "velocity": 0.3}
     sensors = Sensors(**{f"{name.removesuffix('s')}_sd": sd for name, sd in sds.items()})
-    known = sensed(sensors, [State()] * 20000)
+    measured_states = sensed(sensors, [State()] * 20000)
     for name, sd in sds.items():
-        seen = np.array(
+        measured = np.array(
             [
                 [2 * e for e in each.attitude[1:]] if name == "attitude" else getattr(each, name)
-                for each in known
+                for each in measured_states
             ]
         )
         # The standard error of a standard deviation of 60000 values is 0.3 %.
-        assert seen.std() == approx(sd, rel=0.012)
+        assert measured.std() == approx(sd, rel=0.012)
 
 
 def excited(excitation, duration=60.0, cycle=CYCLE):
@@ -93,24 +94,28 @@ def test_an_excitation_is_about_its_axis(kind, axis):
 
 
 def test_a_chirp_turns_as_often_as_its_mean_frequency_says():
-    wanted = Chirp(kind="chirp", lowest=1.0, highest=4.0, period=20.0)
-    demands = np.array([at.attitude_demand[0] for at in excited(wanted)])[: round(50 / CYCLE)]
+    """A chirp from 1 Hz to 4 Hz over 20 s has 50 periods, since its mean frequency is 2.5 Hz."""
+    excitation = Chirp(kind="chirp", lowest=1.0, highest=4.0, period=20.0)
+    demands = np.array([at.attitude_demand[0] for at in excited(excitation)])[: round(50 / CYCLE)]
     periods = demands[demands != 0]
     turns = np.count_nonzero(np.diff(np.sign(periods[-round(20 / CYCLE) :]))) / 2
     assert turns == approx(20.0 * 2.5, abs=1)
-    assert abs(periods).max() == approx(radians(wanted.amplitude), rel=1e-3)
+    assert abs(periods).max() == approx(radians(excitation.amplitude), rel=1e-3)
 
 
 def test_doublets_of_all_axes_take_turns():
-    wanted = Doublets(kind="doublets", axis="all", period=1.0)
-    demands = np.array([at.attitude_demand for at in excited(wanted, duration=30.0)])
+    excitation = Doublets(kind="doublets", axis="all", period=1.0)
+    demands = np.array([at.attitude_demand for at in excited(excitation, duration=30.0)])
     assert (demands != 0).sum(axis=1).max() == 1
     assert (demands != 0).any(axis=0).all()
 
 
 def test_multisines_of_all_axes_share_no_frequency_and_are_orthogonal():
-    wanted = Multisine(kind="multisine", axis="all", sd=3.0, lowest=0.5, highest=5.0, period=10.0)
-    demands = np.degrees([at.attitude_demand for at in excited(wanted)])[
+    """Over one period, demands of the three axes are uncorrelated and have the requested deviation of 3°."""
+    excitation = Multisine(
+        kind="multisine", axis="all", sd=3.0, lowest=0.5, highest=5.0, period=10.0
+    )
+    demands = np.degrees([at.attitude_demand for at in excited(excitation)])[
         round(20 / CYCLE) : round(30 / CYCLE)
     ]
     assert_allclose(np.cov(demands.T, bias=True), 9.0 * np.eye(3), atol=1e-9)
@@ -134,6 +139,7 @@ def test_a_descent_never_climbs_and_ends_at_the_landing_speed_until_touch_down(h
 
 @mark.slow
 def test_sticks_move_as_slowly_as_asked_and_each_for_itself():
+    """Random stick motions are noise with a Gaussian kernel of 0.25 s, independent on each axis."""
     cycle = 0.02
     demands = np.degrees(
         [
@@ -156,6 +162,10 @@ def test_sticks_move_as_slowly_as_asked_and_each_for_itself():
 @mark.usefixtures("coarse_physics")
 @mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_the_parameters_that_are_sent_fly_as_the_own_controller_does(autopilot):
+    """A flight by the parameters of the autopilot equals one by the simulator's own gains.
+
+    With a lower gain it differs more.
+    """
     vehicle = {"quadratic_thrust": 0.4, "frame": "plus"}
     table = {
         "duration": 15,
@@ -163,28 +173,33 @@ def test_the_parameters_that_are_sent_fly_as_the_own_controller_does(autopilot):
         "excitation": {"kind": "doublets"},
         "stream": {"autopilot": autopilot},
     }
-    own = scenario_from_table(table)
-    given = {
+    scenario = scenario_from_table(table)
+    parameters = {
         name: value
-        for name, value in control_parameters(own).items()
+        for name, value in control_parameters(scenario).items()
         if CONTROL_PARAMETERS.match(name)
     }
-    other = given | {
-        next(name for name in given if name in ("MC_ROLLRATE_P", "ATC_RAT_RLL_P")): 0.05
+    changed_parameters = parameters | {
+        next(name for name in parameters if name in ("MC_ROLLRATE_P", "ATC_RAT_RLL_P")): 0.05
     }
     flown = [
         fly(scenario_from_table(table | {"vehicle": vehicle | {"parameters": one}})).rates
-        for one in ({}, given, other)
+        for one in ({}, parameters, changed_parameters)
     ]
-    moved = flown[0]
-    differs = flown[1] - flown[0]
-    softer = flown[2] - flown[0]
-    assert differs.std(0).max() < 0.06 * moved[:, 0].std() < 0.1 * softer[:, 0].std()
+    rates_by_own_controller = flown[0]
+    difference = flown[1] - flown[0]
+    difference_with_lower_gain = flown[2] - flown[0]
+    assert (
+        difference.std(0).max()
+        < 0.06 * rates_by_own_controller[:, 0].std()
+        < 0.1 * difference_with_lower_gain[:, 0].std()
+    )
 
 
 @mark.slow
 @mark.parametrize("instruments", [False, True])
 def test_a_parameter_set_in_flight_is_flown_from_then_on(instruments):
+    """The attitude gain of one of two flights is lowered, so that its rates stay smaller."""
     parameters = {"IMU_GYRO_RATEMAX": 100.0}
     spec = {
         "duration": 16,

@@ -23,15 +23,18 @@ BREAKS = {
 
 
 def balanced(condition):
-    """Commands, µs, of the Iris in still air by its four balances, which are linear in the squares of the speeds."""
+    """Returns the commands, µs, with which the damaged Iris hovers in still air.
+
+    Thrust and three torques are linear in the squares of the rotor speeds.
+    """
     places = rotor_frame("x", IRIS.arm)
     (lift, _) = IRIS.thrust_coefficients
     (drag, _) = IRIS.torque_coefficients
     thrust = lift * np.array(condition.thrust)
     torque = drag * np.array(condition.torque)
     forward, right = (
-        np.subtract(one, moved)
-        for one, moved in zip(places[:2], condition.centre_of_mass, strict=True)
+        np.subtract(rotor_position, shift)
+        for rotor_position, shift in zip(places[:2], condition.centre_of_mass, strict=True)
     )
     sums = np.array([thrust, thrust * right, thrust * forward, torque * SPIN_DIRECTIONS])
     speeds = np.sqrt(np.linalg.solve(sums, [IRIS.mass * GRAVITY, 0.0, 0.0, 0.0]))

@@ -41,6 +41,7 @@ def of(autopilot, **parameters):
 
 @mark.parametrize("autopilot", GYROS)
 def test_the_gyro_passes_what_its_filters_do(autopilot):
+    """A sine passes through the simulated gyro: its gain and phase are those of the autopilot's filters."""
     scenario = of(autopilot, **GYROS[autopilot])
     controller = ParameterController(scenario).axis_controllers[0]
     gyro = Gyro(controller, STEP)

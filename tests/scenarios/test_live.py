@@ -66,6 +66,7 @@ class Nearby:
 
 @mark.slow
 def test_it_flies_no_faster_than_asked(monkeypatch):
+    """Two seconds at four times real time take half a second, with messages at an even rate."""
     ground = Nearby(monkeypatch)
     outcome, _ = ground.flown(2.0, 4.0)
     assert outcome.flown == approx(2.0, abs=0.1) and outcome.took == approx(0.5, abs=0.05)
@@ -77,6 +78,7 @@ def test_it_flies_no_faster_than_asked(monkeypatch):
 
 @mark.slow
 def test_what_is_asked_for_is_done(monkeypatch):
+    """A ground station sets the interval of the attitude to 40 ms, and disarms by force."""
     rate = dialect.MAVLink_command_long_message(1, 1, 511, 0, 30, 40_000, 0, 0, 0, 0, 0)
     ground = Nearby(
         monkeypatch,

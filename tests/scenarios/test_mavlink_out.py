@@ -28,14 +28,15 @@ def scenario(autopilot="px4", faults=NO_FAULTS, **stream):
     return Scenario(stream=StreamSpec(autopilot=autopilot, **stream), faults=faults)
 
 
-def read(tmp_path, flown, motion):
-    (tmp_path / "flight.tlog").write_bytes(written(flown, motion))
+def read(tmp_path, flown_scenario, motion):
+    (tmp_path / "flight.tlog").write_bytes(written(flown_scenario, motion))
     return read_log(tmp_path / "flight.tlog")
 
 
 @mark.slow
 @mark.parametrize("autopilot", AUTOPILOTS)
 def test_what_is_read_back_is_what_was_true(autopilot, tmp_path):
+    """The messages of a simulated flight have its true motion, to their resolution."""
     motion = made_up_motion(autopilot=autopilot)
     log = read(tmp_path, scenario(autopilot, system=7), motion)
     assert (log.unread, log.bytes_skipped) == ((), 0)
@@ -70,28 +71,30 @@ def test_what_is_read_back_is_what_was_true(autopilot, tmp_path):
             ("HIL_ACTUATOR_CONTROLS", "controls", controls),
             ("ACTUATOR_OUTPUT_STATUS", "actuator", motion.outputs),
         ):
-            wanted = known[rows(message)].astype(np.float32)
-            assert_array_equal(sent[message][field][:, :4], wanted)
+            expected = known[rows(message)].astype(np.float32)
+            assert_array_equal(sent[message][field][:, :4], expected)
 
 
 @mark.slow
 def test_a_place_is_north_and_east_of_where_it_began_and_as_high(tmp_path):
+    """Latitude and longitude, 1e-7 °, follow the position north and east, m."""
     motion = made_up_motion()
-    flown = scenario(rates={"GLOBAL_POSITION_INT": 5.0})
-    place = read(tmp_path, flown, motion).vehicles[0].messages["GLOBAL_POSITION_INT"]
-    rows = np.searchsorted(motion.time, place["time"] - 1e-3)
+    flown_scenario = scenario(rates={"GLOBAL_POSITION_INT": 5.0})
+    positions = read(tmp_path, flown_scenario, motion).vehicles[0].messages["GLOBAL_POSITION_INT"]
+    rows = np.searchsorted(motion.time, positions["time"] - 1e-3)
     north, east = motion.known_position[rows, :2].T
-    shrunk = np.cos(np.radians(place["lat"][0] / 1e7))
+    cosine_of_latitude = np.cos(np.radians(positions["lat"][0] / 1e7))
     # Ten millionths of a degree in a metre.
-    assert np.polyfit(north, place["lat"], 1)[0] == approx(89.9, rel=0.01)
-    assert np.polyfit(east, place["lon"], 1)[0] == approx(89.9 / shrunk, rel=0.01)
+    assert np.polyfit(north, positions["lat"], 1)[0] == approx(89.9, rel=0.01)
+    assert np.polyfit(east, positions["lon"], 1)[0] == approx(89.9 / cosine_of_latitude, rel=0.01)
     up = -1000 * motion.known_position[rows, 2]
-    assert_allclose(place["alt"], 488_000 + up, atol=0.5001)
-    assert_allclose(place["hdg"], 100 * np.degrees(0.3), atol=0.5001)
+    assert_allclose(positions["alt"], 488_000 + up, atol=0.5001)
+    assert_allclose(positions["hdg"], 100 * np.degrees(0.3), atol=0.5001)
 
 
 @mark.slow
 def test_the_same_seed_is_the_same_file_however_it_is_cut(monkeypatch):
+    """The faults of the link are random, but depend neither on the size of the blocks nor on anything but the seed."""
     faults = Faults(
         loss=0.1,
         delay=0.05,
@@ -103,11 +106,11 @@ def test_the_same_seed_is_the_same_file_however_it_is_cut(monkeypatch):
         clock_jump=12.0,
     )
     motion = made_up_motion()
-    flown = scenario(faults=faults)
-    whole = written(flown, motion)
+    flown_scenario = scenario(faults=faults)
+    file_content = written(flown_scenario, motion)
     monkeypatch.setattr(recorded_module, "BLOCK_CYCLES", 37)
-    assert written(flown, motion) == whole
-    assert written(flown.model_copy(update={"seed": 1}), motion) != whole
+    assert written(flown_scenario, motion) == file_content
+    assert written(flown_scenario.model_copy(update={"seed": 1}), motion) != file_content
 
 
 @mark.slow
@@ -136,6 +139,7 @@ def test_a_reboot_in_the_air_is_a_new_boot(tmp_path):
 def test_after_a_reboot_only_heartbeats_come_until_messages_are_asked_for_again(
     tmp_path,
 ):
+    """A vehicle that sends on request only forgets the requests when it restarts at 8 s."""
     log = read(
         tmp_path, scenario("ardupilot", only_when_asked=True), made_up_motion(autopilot="ardupilot")
     )
@@ -144,9 +148,9 @@ def test_after_a_reboot_only_heartbeats_come_until_messages_are_asked_for_again(
     sending = Transmitter(scenario("ardupilot", Faults(reboot=8.0), only_when_asked=True))
     sending.schedule.set_interval("ATTITUDE", 0.01, 0.0)
     sending.send(motion[:1])
-    later, kinds = np.array([(time, frame[7]) for time, frame in sending.send(motion[1:])]).T
+    frame_times, kinds = np.array([(time, frame[7]) for time, frame in sending.send(motion[1:])]).T
     sending.schedule.set_interval("ATTITUDE", 0.01, sending.clock)
-    assert np.sum(kinds == 0) > 15 and later[kinds == 30].max(initial=0.0) < 10.001
+    assert np.sum(kinds == 0) > 15 and frame_times[kinds == 30].max(initial=0.0) < 10.001
 
 
 @mark.slow

@@ -53,24 +53,29 @@ def beginning(scenario):
 
 
 def test_rotors_shake_once_a_turn_and_once_a_blade_and_the_frame_at_its_frequency():
+    """The simulated gyro has lines at the rotor speed, at twice that, and at the frequency of the frame, 75 Hz."""
     scenario = flight(SHAKING)
     noise = GyroVibration(scenario, 1e-3)
     speed = airframe(scenario.vehicle).hover_speed
-    felt = np.array([noise.sample((speed,) * 4) for _ in range(8000)])
-    first, second = felt[:, :2].T
-    apart = first - second
-    hertz, (power, of_frame) = periodogram([first, apart], 1e3, "hann")
+    vibration = np.array([noise.sample((speed,) * 4) for _ in range(8000)])
+    first, second = vibration[:, :2].T
+    difference = first - second
+    hertz, (power, frame_power) = periodogram([first, difference], 1e3, "hann")
     for multiple in (1, 2):
         near = abs(hertz - multiple * speed / (2 * np.pi)) < 3
         assert power[near].max() > 400 * np.median(power)
     # What the axes have apart is the frame's.
-    assert np.std(apart) == approx(2**0.5 * 0.02, rel=0.2)
-    assert hertz[np.argmax(of_frame)] == approx(75.0, rel=0.05)
+    assert np.std(difference) == approx(2**0.5 * 0.02, rel=0.2)
+    assert hertz[np.argmax(frame_power)] == approx(75.0, rel=0.05)
     assert GyroVibration(flight({}), 1e-3).sample((speed,) * 4) == (0.0, 0.0, 0.0)
 
 
 @mark.slow
 def test_the_notch_that_is_advised_takes_the_motors_line_when_flown_again(tmp_path):
+    """The same flight is simulated with and without the advised notch filter.
+
+    Its line and its phase cost are compared.
+    """
     scenario = flight(SHAKING)
     motion = beginning(scenario)
     write_log(tmp_path / "flight.tlog", scenario, motion)
@@ -84,20 +89,24 @@ def test_the_notch_that_is_advised_takes_the_motors_line_when_flown_again(tmp_pa
     assert by_cause[LineCause.MOTOR].harmonics == (1, 2)
     assert by_cause[LineCause.FRAME].frequency == approx(75.0, rel=0.02)
     controller = controller_from_parameters(signals.telemetry.parameters, "roll", (1.0,))
-    known = truth(scenario, motion)
-    crossover = float(known["roll_rate_margins"][0])
+    truth_before = truth(scenario, motion)
+    crossover = float(truth_before["roll_rate_margins"][0])
     fact = notch_advice(controller, lines, spectra["gyro_before"], spectra.get("gyro"), crossover)
     assert fact.code is NotchAdvice.SET_NOTCH
-    again = flight(SHAKING, **dict(fact.figures["settings"]))
-    other = beginning(again)
-    rates = np.array([one.known_rates[flown, 0] for one in (motion, other)])
+    scenario_with_notch = flight(SHAKING, **dict(fact.figures["settings"]))
+    motion_with_notch = beginning(scenario_with_notch)
+    rates = np.array([one.known_rates[flown, 0] for one in (motion, motion_with_notch)])
     hertz, power = welch(rates, LOOP_RATE, nperseg=1024)
-    left = power[:, abs(hertz - turns) < 10].sum(axis=1)
-    assert left[1] < 0.2 * left[0]
-    assert 0.8 < fact.figures["share"] < 1 - left[1] / left[0]
+    power_near_line = power[:, abs(hertz - turns) < 10].sum(axis=1)
+    assert power_near_line[1] < 0.2 * power_near_line[0]
+    assert 0.8 < fact.figures["share"] < 1 - power_near_line[1] / power_near_line[0]
     # The margin of the true loop falls by the cost, at the crossover of before.
-    after = truth(again, other)
-    here = int(np.argmin(abs(known["loop_frequency"] - crossover)))
-    lost = np.angle(known["roll_rate_loop"][here] / after["roll_rate_loop"][here], deg=True)
-    assert fact.figures["phase_cost"] == approx(lost, abs=2.0)
-    assert after["roll_rate_margins"][1] < known["roll_rate_margins"][1]
+    truth_after = truth(scenario_with_notch, motion_with_notch)
+    crossover_index = int(np.argmin(abs(truth_before["loop_frequency"] - crossover)))
+    phase_loss = np.angle(
+        truth_before["roll_rate_loop"][crossover_index]
+        / truth_after["roll_rate_loop"][crossover_index],
+        deg=True,
+    )
+    assert fact.figures["phase_cost"] == approx(phase_loss, abs=2.0)
+    assert truth_after["roll_rate_margins"][1] < truth_before["roll_rate_margins"][1]

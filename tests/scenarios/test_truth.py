@@ -16,7 +16,10 @@ def flown():
 
 
 def accelerations(scenario, motion, axis="roll"):
-    """Angular acceleration of the settled flight, as it was and as A, B and the disturbance have it, rad/s²."""
+    """Returns two angular accelerations of the settled flight, rad/s².
+
+    The first is the simulated one, the second that of A, B and the disturbance.
+    """
     known = truth(scenario, motion)
     rates = motion.rates[:, ("roll", "pitch", "yaw").index(axis)]
     dt = motion.time[1]
@@ -33,6 +36,7 @@ def accelerations(scenario, motion, axis="roll"):
 
 @mark.slow
 def test_the_linear_system_moves_about_every_axis_as_the_vehicle_did():
+    """The linearised model with the stored disturbance explains the simulated acceleration of each axis."""
     excitation = Multisine(
         kind="multisine", axis="all", sd=2.0, lowest=0.3, highest=4.0, period=10.0
     )

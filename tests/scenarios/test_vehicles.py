@@ -80,15 +80,16 @@ def test_drag_is_linear_and_quadratic_along_each_axis():
 @mark.parametrize("share", [0.0, 0.3, 1.0])
 @mark.parametrize("name", AIRFRAMES)
 def test_a_thrust_curve_is_as_quadratic_as_asked_and_undone_exactly(name, share):
+    """The thrust is a mixture of a linear and a quadratic function of the command, with a share of the latter."""
     body = airframe(VehicleSpec(model=name, quadratic_thrust=share))
 
     def speed(command):
         return body.rotor_speed(command * body.full_command)
 
     published = AIRFRAMES[name]
-    most = published.thrust_at(published.rotor_speed(body.full_command))
+    full_thrust = published.thrust_at(published.rotor_speed(body.full_command))
     for command in (0.25, 0.5, 1.0):
-        expected = most * ((1 - share) * command + share * command**2)
+        expected = full_thrust * ((1 - share) * command + share * command**2)
         assert body.thrust_at(speed(command)) == approx(expected)
     for command in (0.1, 0.6, 1.0):
         assert body.command_for(speed(command)) == approx(command * body.full_command)
@@ -112,9 +113,9 @@ B = [[0] * 4] * 3 + [ROW]
 def test_the_papers_table_of_systems(order):
     """AR.Drone 2.0, without rotor drag and lag, PWM of 0 to 255; its y points to the left."""
     east = ("east", "east speed", "roll", "roll rate")[4 - order :]
-    found = linearised_model(VehicleSpec(model="ardrone2", rotor_drag=False)).subsystem(east)
+    model = linearised_model(VehicleSpec(model="ardrone2", rotor_drag=False)).subsystem(east)
     mirror = np.diag([-1.0 if state.startswith("east") else 1.0 for state in east])
-    at = slice(4 - order, None)
-    assert np.allclose(mirror @ found.A @ mirror, np.array(A)[at, at], atol=2e-6)
+    states = slice(4 - order, None)
+    assert np.allclose(mirror @ model.A @ mirror, np.array(A)[states, states], atol=2e-6)
     # At 169.06, the published pwm of hover, it is 0.3748 to four digits; that of the weight is 169.00.
-    assert np.allclose(mirror @ found.B[:, PAPER_ORDER], B[at], atol=1e-4)
+    assert np.allclose(mirror @ model.B[:, PAPER_ORDER], B[states], atol=1e-4)

@@ -84,25 +84,27 @@ def test_wind_from_another_direction_is_the_same_wind_turned(wind):
     east = 0.2
     cos = 3**0.5 / 2
     sin = 0.5
-    there = (north * cos - east * sin, north * sin + east * cos, -4.9)
+    position_after_turn = (north * cos - east * sin, north * sin + east * cos, -4.9)
     from_north, turned = (
         weather(wind=(wind.model_copy(update={"direction": at}),)) for at in (0.0, 30.0)
     )
     for cycle in range(0, 500, 50):
-        one = from_north.air_at(cycle, (north, east, -4.9))
-        other = turned.air_at(cycle, there)
-        assert other.north == approx(one.north * cos - one.east * sin)
-        assert other.east == approx(one.north * sin + one.east * cos)
-        assert other[2:] == approx(one[2:])
+        air_from_north = from_north.air_at(cycle, (north, east, -4.9))
+        air_after_turn = turned.air_at(cycle, position_after_turn)
+        assert air_after_turn.north == approx(
+            air_from_north.north * cos - air_from_north.east * sin
+        )
+        assert air_after_turn.east == approx(air_from_north.north * sin + air_from_north.east * cos)
+        assert air_after_turn[2:] == approx(air_from_north[2:])
 
 
 def test_low_altitude_turbulence_has_the_standards_figures():
     """MIL-F-8785C at 20 ft and 15 kt: σ_w = 1.5 kt, L_w = 20 ft, L_u = 20/0.19346^1.2 ft, σ_u = σ_w/0.19346^0.4."""
-    found = turbulence_scales(
+    covariance_by_series = turbulence_scales(
         TurbulentWind(kind="dryden", speed=10.0, wind_at_20_feet=7.7), 20 * 0.3048, 0.44
     )
-    assert found.vertical == approx((20 * 0.3048 / 10, 0.77))
-    assert found.horizontal == approx((143.54 * 0.3048 / 10, 1.4859), rel=1e-3)
+    assert covariance_by_series.vertical == approx((20 * 0.3048 / 10, 0.77))
+    assert covariance_by_series.horizontal == approx((143.54 * 0.3048 / 10, 1.4859), rel=1e-3)
 
 
 def test_the_airs_rotation_has_the_standards_variance_and_corner_frequency():
@@ -125,20 +127,21 @@ def test_the_airs_rotation_has_the_standards_variance_and_corner_frequency():
 def test_wind_grows_with_height_and_turns_clockwise_with_height_and_time(profile, height, speed):
     west = SteadyWind(kind="steady", speed=4.0, direction=270.0)
     air = weather(samples=2501, wind=(west,), profile=Profile(veer=0.5, turn=3.0, **profile))
-    there = air.air_at(2500, (0.0, 0.0, -height))
+    position_after_turn = air.air_at(2500, (0.0, 0.0, -height))
     angle = np.radians(0.5 * (height - 10) + 3.0 * 10)
-    assert there[:3] == approx((-speed * np.sin(angle), speed * np.cos(angle), 0.0))
+    assert position_after_turn[:3] == approx((-speed * np.sin(angle), speed * np.cos(angle), 0.0))
     assert air.air_at(0, (0.0, 0.0, -10.0))[:3] == approx((0.0, 4.0, 0.0))
 
 
 def test_winds_and_moments_are_summed():
+    """Two steady winds and moments about roll and yaw act together."""
     east, north = (
         SteadyWind(kind="steady", speed=at, direction=by) for at, by in ((3.0, 90.0), (2.0, 0.0))
     )
-    both = weather(
+    summed_weather = weather(
         wind=(east, north), moments=(Moment(sd=0.1, s=0.1), Moment(axis="yaw", sd=0.1, s=0.1))
     )
-    air = both.air_at(7, ORIGIN)
+    air = summed_weather.air_at(7, ORIGIN)
     assert air[:3] == approx((-2, -3, 0))
     assert air.roll != 0 != air.yaw != air.roll and air.pitch == 0
 
@@ -182,9 +185,9 @@ def test_a_random_model_is_the_process_it_says(model, dt):
     draw, autocorrelation = MODELS[model]
     series = np.array([draw(dt, SAMPLES, default_rng([0, i])) for i in range(SERIES)])
     for lag in (0, *np.unique(np.geomspace(1, 2.0 / dt, 9).astype(int)).tolist()):
-        found = np.mean(series[:, : SAMPLES - lag] * series[:, lag:], axis=1)
+        covariance_by_series = np.mean(series[:, : SAMPLES - lag] * series[:, lag:], axis=1)
         (expected,) = autocorrelation(np.array([lag * dt]))
-        assert ttest_1samp(found, expected).pvalue > 1e-4, lag
+        assert ttest_1samp(covariance_by_series, expected).pvalue > 1e-4, lag
 
 
 @mark.parametrize("tau", [0.01, 0.1, 0.7, 2.0])

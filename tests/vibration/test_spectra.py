@@ -43,23 +43,24 @@ def shaken(speed=0.0, frame=0.0, steady=0.0):
 
 
 def lines(telemetry):
-    found = vibration_spectra(Signals(telemetry), FLOWN)
-    return found, find_spectral_lines(found["gyro_before"])
+    spectra = vibration_spectra(Signals(telemetry), FLOWN)
+    return spectra, find_spectral_lines(spectra["gyro_before"])
 
 
 @mark.slow
 def test_density_has_the_power_of_what_was_measured():
+    """A made-up gyro has a line at 80 Hz of amplitude 0.01 rad/s on three axes, and white noise."""
     telemetry = shaken(frame=80.0)
     samples = telemetry.messages["GYRO_BEFORE"]
-    found, _ = lines(changed(telemetry, "D_TERM", **samples))
-    spectrum = found["gyro_before"]
+    spectra, _ = lines(changed(telemetry, "D_TERM", **samples))
+    spectrum = spectra["gyro_before"]
     assert spectrum.nyquist_frequency == approx(500.0) and spectrum.source == "GYRO_BEFORE"
     assert spectrum.mean_power(75, 85) == approx(3 * 0.01**2 / 2, rel=0.05)
     assert spectrum.mean_power(200, 400) == approx(3 * 1e-6 * 0.4, rel=0.1)
     levels, by_throttle = spectrum.density_by_throttle
     assert levels[0] == approx(0.38, abs=0.02) and levels[-1] == approx(0.62, abs=0.02)
     assert by_throttle.shape == (12, len(spectrum.frequency))
-    of_d = found["d_term"]
+    of_d = spectra["d_term"]
     assert of_d.unit == "1" and of_d.mean_power(75, 85) == approx(spectrum.mean_power(75, 85))
 
 
@@ -76,15 +77,19 @@ def test_nothing_by_throttle_is_thinned_to_nothing():
 
 
 def lined(*lines, wide=1.0, highest=500.0, spread=0.08):
-    """The noise of made-up windows at throttles of 42 to 58 %: lines by Hz, power over the rest, and exponent."""
+    """Returns the noise of made-up windows at throttles around 50 %.
+
+    A line has a frequency, Hz, a power relative to the rest, and the exponent with which its frequency follows the
+    throttle.
+    """
     frequency = np.arange(highest + 1)
     level = np.linspace(0.5 - spread, 0.5 + spread, 41)
     density = np.ones((41, len(frequency)))
     for hertz, power, exponent in lines:
         off = frequency - hertz * (level[:, None] / 0.5) ** exponent
         density += power * np.exp(-((off / wide) ** 2) / 2)
-    seen = Spectrum("gyro", "1", "", frequency, level, density[:, None], level, level * np.nan)
-    return MeasuredNoise({"gyro": seen}, {"gyro": find_spectral_lines(seen)})
+    noise = Spectrum("gyro", "1", "", frequency, level, density[:, None], level, level * np.nan)
+    return MeasuredNoise({"gyro": noise}, {"gyro": find_spectral_lines(noise)})
 
 
 @mark.parametrize(
@@ -97,14 +102,17 @@ def lined(*lines, wide=1.0, highest=500.0, spread=0.08):
     ],
 )
 def test_how_a_line_moves_with_the_throttle_names_it(kind, code, exponents):
+    """The exponent of a line's frequency by the throttle tells motors, frame, aliases, and unknown causes apart."""
     for exponent in exponents:
-        seen = lined((100.3, 1000.0, exponent), wide=3.0)
-        (line,) = seen.lines
+        noise = lined((100.3, 1000.0, exponent), wide=3.0)
+        (line,) = noise.lines
         assert line.cause is kind and (line.frequency, line.width) == approx((100.3, 14), abs=0.03)
         assert line.exponent == (None if kind is LineCause.UNNAMED else exponent)
-        assert [fact.code for fact in seen.facts] == [NoiseFact.SPECTRUM_SEEN, code]
+        assert [fact.code for fact in noise.facts] == [NoiseFact.SPECTRUM_SEEN, code]
     # Of slow samples it may be a harmonic's alias.
-    slow, fast = (lined((60.0, 1000.0, 1.3), wide=3.0, highest=one).lines for one in (249.0, 250.0))
+    slow, fast = (
+        lined((60.0, 1000.0, 1.3), wide=3.0, highest=nyquist).lines for nyquist in (249.0, 250.0)
+    )
     assert (slow[0].cause, fast[0].cause) == (LineCause.UNNAMED, LineCause.MOTOR)
 
 
@@ -124,20 +132,20 @@ def test_a_steady_throttle_names_no_line_and_a_missing_spectrum_is_reported():
 def test_the_eight_strongest_lines_above_the_noise_and_8_percent_apart_are_kept():
     hertz = [17, 35, 45, 100, 109, 200, 214, 420, 280, 470, 330]
     powers = [90, 80, 70, 60, 50, 40, 39, 30, 5.7, 5.4, 4.5]
-    found = lined(*zip(hertz, powers, np.zeros(11), strict=True)).lines
-    assert [round(line.frequency) for line in found] == [17, 100, 109, 200, 35, 420, 45, 280]
-    slow = [line.frequency < 40 for line in found]
-    assert slow == [line.cause is LineCause.UNNAMED for line in found]
+    spectra = lined(*zip(hertz, powers, np.zeros(11), strict=True)).lines
+    assert [round(line.frequency) for line in spectra] == [17, 100, 109, 200, 35, 420, 45, 280]
+    slow = [line.frequency < 40 for line in spectra]
+    assert slow == [line.cause is LineCause.UNNAMED for line in spectra]
 
 
 def test_multiples_of_a_motors_line_up_to_six_to_2_percent_are_its_harmonics():
     multiples = {1: 1000.0, 2: 500.0, 3.066: 300.0, 6: 200.0, 7: 100.0}
     moving = [(50.0 * many, power, 0.5) for many, power in multiples.items()]
     # Weaker than a hundredth of it, what has no name is of it.
-    found = lined(*moving, (200.0, 400.0, 0.0), (25.0, 14.5, 0.0), (34.0, 9.0, 0.0)).lines
-    assert [line.harmonics for line in found] == [(1, 2, 6), (1,), (1,), (1,), (1,)]
+    spectra = lined(*moving, (200.0, 400.0, 0.0), (25.0, 14.5, 0.0), (34.0, 9.0, 0.0)).lines
+    assert [line.harmonics for line in spectra] == [(1, 2, 6), (1,), (1,), (1,), (1,)]
     hertz = [50.0, 200.0, 153.3, 350.0, 25.0]  # the second is of the frame
-    assert [line.frequency for line in found] == approx(hertz, rel=2e-3)
+    assert [line.frequency for line in spectra] == approx(hertz, rel=2e-3)
 
 
 @mark.slow
@@ -146,23 +154,24 @@ def test_motors_speeds_that_are_logged_name_their_order():
     time = HOVER.stamps(10.0)
     turns = 70.0 * np.sqrt(throttle(time) / 0.5)
     timed = changed(telemetry, "ESC", **columns(time, Instance=0, RPM=60 * turns))
-    _, found = lines(timed)
-    assert found[0].cause is LineCause.MOTOR and found[0].exponent == approx(1.0, abs=0.15)
-    assert found[0].order == approx(2.0, rel=0.02)
+    _, spectra = lines(timed)
+    assert spectra[0].cause is LineCause.MOTOR and spectra[0].exponent == approx(1.0, abs=0.15)
+    assert spectra[0].order == approx(2.0, rel=0.02)
     settings = dict(advice(timed)[0].figures["settings"])
     by_speed = settings["INS_HNTCH_MODE"], settings["INS_HNTCH_REF"]
     assert by_speed == (3.0, 1.0), "ArduPilot follows the speed that the controllers report"
 
 
 def advice(telemetry, crossover=12.0, **parameters):
-    found, peaks = lines(telemetry)
+    spectra, peaks = lines(telemetry)
     controller = controller_from_parameters(CONTROL | parameters, "roll", (1.0,))
-    before = found["gyro_before"]
-    return notch_advice(controller, peaks, before, found.get("gyro"), crossover), controller
+    before = spectra["gyro_before"]
+    return notch_advice(controller, peaks, before, spectra.get("gyro"), crossover), controller
 
 
 @mark.slow
 def test_a_notch_takes_the_line_and_says_its_cost():
+    """The motors' line at 140 Hz is removed by the advised notch, which costs phase at the crossover of 12 Hz."""
     telemetry = shaken(speed=140.0)
     fact, controller = advice(telemetry)
     assert fact.code is NotchAdvice.SET_NOTCH and fact.figures["share"] > 0.9
@@ -171,8 +180,8 @@ def test_a_notch_takes_the_line_and_says_its_cost():
     others = {"ENABLE": 1.0, "MODE": 1.0, "ATT": 40.0, "HMNCS": 3.0, "REF": 0.35}
     assert {name: settings[f"INS_HNTCH_{name}"] for name in others} == others
     before, after = (
-        gyro_filters(one, 12.0).phase_lag
-        for one in (controller, controller.with_parameters(settings))
+        gyro_filters(nyquist, 12.0).phase_lag
+        for nyquist in (controller, controller.with_parameters(settings))
     )
     assert fact.figures["phase_cost"] == approx(after - before) and 1 < after - before < 10
     set_already, _ = advice(telemetry, **settings)

@@ -26,9 +26,9 @@ def test_thrust_that_climbs_and_sinks_makes_no_force_across_itself():
     # Of a thrust of (1.2 + 0.3 cos t) of the weight; the vehicle climbs or sinks at up to 5 m/s² all the time.
     impulse = GRAVITY * (1.2 * time + 0.3 * np.sin(time))
     velocity = np.outer(GRAVITY * time, [0, 0, 1]) - np.outer(impulse, thrust_axis)
-    moved = motion_grid(time, attitude, velocity, 0.2)
-    assert moved.complete.sum() > 90 and abs(np.diff(moved.velocity[:, 2])).max() > 0.5
-    assert_allclose(moved.force[moved.complete], 0.0, atol=1e-9)
+    grid = motion_grid(time, attitude, velocity, 0.2)
+    assert grid.complete.sum() > 90 and abs(np.diff(grid.velocity[:, 2])).max() > 0.5
+    assert_allclose(grid.force[grid.complete], 0.0, atol=1e-9)
 
 
 @mark.slow
@@ -49,6 +49,10 @@ def test_circles_in_calm_air_show_the_drag_and_no_wind():
 
 
 def test_what_somebody_set_in_the_autopilot_takes_the_place_of_the_populations_drag():
+    """Drag coefficients among the parameters replace the prior, of PX4, of ArduPilot and of a simulator.
+
+    PX4's defaults count as not set.
+    """
     usual = Drag.from_parameters(
         "PX4", {"EKF2_MCOEF": 0.15, "EKF2_BCOEF_X": 25, "EKF2_BCOEF_Y": 100}
     )
@@ -73,16 +77,19 @@ def test_what_somebody_set_in_the_autopilot_takes_the_place_of_the_populations_d
     assert list(simulated.autopilot_parameters("PX4")) == ["EKF2_MCOEF"]
     assert Drag.from_parameters("PX4", simulator | {"SYS_AUTOSTART": 4001.0}).source == "population"
     names = ("EK3_DRAG_MCOEF", "EK3_DRAG_BCOEF_X", "EK3_DRAG_BCOEF_Y")
-    named = dict(zip(names, (0.5, 20.0, 80.0), strict=True))
-    told = Drag.from_parameters("ARDUPILOTMEGA", named)
-    assert (usual.source, told.source) == ("population", "parameters")
-    written = told.autopilot_parameters("ARDUPILOTMEGA")
-    assert {name: round(written[name][0], 6) for name in names} == named
+    coefficients = dict(zip(names, (0.5, 20.0, 80.0), strict=True))
+    drag_by_parameters = Drag.from_parameters("ARDUPILOTMEGA", coefficients)
+    assert (usual.source, drag_by_parameters.source) == ("population", "parameters")
+    written = drag_by_parameters.autopilot_parameters("ARDUPILOTMEGA")
+    assert {name: round(written[name][0], 6) for name in names} == coefficients
     for name, quadratic in (("EK3_DRAG_BCOEF_X", 0), ("EK3_DRAG_BCOEF_Y", 1)):
-        low, high = told.interval("quadratic")[:, quadratic]
+        low, high = drag_by_parameters.interval("quadratic")[:, quadratic]
         assert_allclose(written[name][1:], [0.6125 / high, 0.6125 / low])
-    assert_allclose([told.linear, told.quadratic], [[0.5, 0.5], [0.6125 / 20, 0.6125 / 80]])
-    assert_allclose(np.diag(told.covariance) ** 0.5, [0.3, 0.3, 0.2, 0.3, 0.18, 0.18])
+    assert_allclose(
+        [drag_by_parameters.linear, drag_by_parameters.quadratic],
+        [[0.5, 0.5], [0.6125 / 20, 0.6125 / 80]],
+    )
+    assert_allclose(np.diag(drag_by_parameters.covariance) ** 0.5, [0.3, 0.3, 0.2, 0.3, 0.18, 0.18])
 
 
 def test_errors_that_are_alike_count_for_fewer_independent_ones():

@@ -95,6 +95,7 @@ def flight(
     ],
 )
 def test_without_a_position_fix_there_is_no_wind(changes, parameters, code):
+    """The velocity counts as measured only with a GPS fix, or with optical flow."""
     telemetry = Hover().telemetry(20.0, 20.0, parameters=parameters)
     stamps = Hover().stamps(5.0)
     if changes:
@@ -132,6 +133,7 @@ def test_legs_show_wind_drag_and_lean(seed):
 
 @mark.slow
 def test_band_holds_and_a_jump_is_followed():
+    """The wind jumps at 60 s. The 90 % band of the estimate contains the simulated wind, and gusts are found."""
     time, attitude, velocity, air = flight(seed=7, jump=1.0)
     wind = mavdem.estimate_wind(time, attitude, velocity, height=5.0 + 10 * (time > 60))
     true = interp1d(time, air, axis=0)(wind.time)
@@ -142,14 +144,14 @@ def test_band_holds_and_a_jump_is_followed():
     assert wind.gust_interval[0] < gusts.max() < wind.gust_interval[1] < 1.5 * gusts.max()
     # The strongest gust is found where it blew, and its time is shown.
     assert wind.gust_time == approx(time[gusts.argmax()], abs=2.0)
-    shown = wind_blocks(WindEvidence(wind, None, None))
-    assert f"at {wind.gust_time:.0f} s" in shown[0].text
+    blocks = wind_blocks(WindEvidence(wind, None, None))
+    assert f"at {wind.gust_time:.0f} s" in blocks[0].text
     assert wind.lull == approx(gusts[15:-15].min(), abs=1.0)
-    assert f"lulls to {wind.lull:.1f} m/s" in shown[0].text
+    assert f"lulls to {wind.lull:.1f} m/s" in blocks[0].text
     # A jump in a flight of little more than a minute is seen in its parts.
     short = mavdem.estimate_wind(*(values[200:1000] for values in (time, attitude, velocity)))
     assert [round(one["speed"] / 5) for one in short.minutes] == [1, 2]
-    assert "the mean from 0 to 119 s; each" in shown[1].text
+    assert "the mean from 0 to 119 s; each" in blocks[1].text
     assert wind.gust > 9 and [round(one["speed"] / 5) for one in wind.minutes] == [1, 2]
     assert np.diff([(one["start"], one["end"]) for one in wind.minutes]) == approx(60.0, abs=1.0)
     layers = [(one["height"], round(one["speed"] / 5)) for one in wind.profile]
@@ -199,6 +201,7 @@ def test_the_band_of_a_speed_is_0_7_m_s_or_12_percent_and_at_most_a_factor_of_ei
 
 @mark.slow
 def test_hover_takes_the_drag_of_another_flight():
+    """A hover does not show its drag: the drag of another flight makes the wind precise."""
     hover = flight(legs=0.0, turning=0.0, seed=3)[:3]
     alone = mavdem.estimate_wind(*hover)
     drag = mavdem.estimate_drag(*flight(seed=4))
@@ -206,8 +209,8 @@ def test_hover_takes_the_drag_of_another_flight():
     assert alone.status["speed"] != "reported"
     alone = replace(alone, status=alone.status | {"speed": Status.NOT_IDENTIFIABLE})
     assert "m/s" not in wind_blocks(WindEvidence(alone, None, None))[0].text
-    shown = alone.identified_figures
-    assert np.isnan(shown.speed) and not shown.velocity
+    blocks = alone.identified_figures
+    assert np.isnan(blocks.speed) and not blocks.velocity
     assert {doubt.code for doubt in alone.reasons.values()} == set(WindDoubt)
     assert alone.drag.source == "population" and all(map(str, alone.reasons.values()))
     assert abs(drag.linear / LINEAR - 1).max() < 0.2
@@ -230,21 +233,24 @@ def test_hover_takes_the_drag_of_another_flight():
 
 @mark.slow
 def test_calm_air_is_below_a_speed():
+    """In nearly still air only an upper end of the speed is known, and no direction."""
     wind = mavdem.estimate_wind(*flight(wind=(0, 0), gusts=0.05)[:3])
     assert wind.calm and wind.speed < 0.7 and wind.speed_interval[0] == 0
     # Still air has no gusts either.
     assert wind.gust_interval[0] == 0 < wind.gust
     assert lower_speed_bound(0.6, 6.0)
-    own = TimeSeries(wind.time, np.zeros(len(wind.time), int), np.ones((len(wind.time), 2)))
-    shown = wind_blocks(WindEvidence(wind, own, None))
-    assert any("own estimate, 1.4 m/s from the south-west (225°)" in block.text for block in shown)
-    of_other_boot = replace(own, boot=own.boot + 1)
-    shown = wind_blocks(WindEvidence(wind, of_other_boot, None))
-    assert not any("own estimate" in block.text for block in shown)
+    autopilot_wind = TimeSeries(
+        wind.time, np.zeros(len(wind.time), int), np.ones((len(wind.time), 2))
+    )
+    blocks = wind_blocks(WindEvidence(wind, autopilot_wind, None))
+    assert any("own estimate, 1.4 m/s from the south-west (225°)" in block.text for block in blocks)
+    of_other_boot = replace(autopilot_wind, boot=autopilot_wind.boot + 1)
+    blocks = wind_blocks(WindEvidence(wind, of_other_boot, None))
+    assert not any("own estimate" in block.text for block in blocks)
     # Where the autopilot makes none, the setting is named with which it does.
     setting = drag_model_setting("PX4", {})
-    shown = wind_blocks(WindEvidence(wind, None, None, setting))
-    assert any("(EKF2_DRAG_CTRL 1 switches it on)" in block.text for block in shown)
+    blocks = wind_blocks(WindEvidence(wind, None, None, setting))
+    assert any("(EKF2_DRAG_CTRL 1 switches it on)" in block.text for block in blocks)
     course = tuple(
         {
             "start": 60.0 * i,
@@ -266,6 +272,7 @@ def test_calm_air_is_below_a_speed():
 
 @mark.slow
 def test_a_wind_that_turned_is_told_with_its_speed_beside_that_of_its_mean():
+    """The means of minutes differ in direction, so that the speed of the mean is lower than the mean speed."""
     wind = mavdem.estimate_wind(*flight(wind=(0, -5), gusts=0.5, seconds=60)[:3])
     assert wind.direction_identifiable
 
@@ -283,17 +290,23 @@ def test_a_wind_that_turned_is_told_with_its_speed_beside_that_of_its_mean():
         turned = replace(wind, speed=mean_speed, minutes=minutes)
         return wind_blocks(WindEvidence(turned, None, None))[0].text
 
-    told = "the mean of a wind that turned from the west-south-west (240°) to the west-north-west (300°) at 5.2 m/s"
-    assert told in lead_sentence(4.7, [5.3, 5.1])
-    told = "turned from the north (350°) to the east (90°) and then to the north (5°) at 5.2 m/s"
-    assert told in lead_sentence(2.0, [5.3, 5.2, 5.1], (350.0, 90.0, 5.0))
-    told = "turned from the north (350°) to the south (175°) at 5.2 m/s"
-    assert told in lead_sentence(2.0, [5.3, 5.2, 5.1], (350.0, 170.0, 175.0))
+    expected_text = (
+        "the mean of a wind that turned from the west-south-west (240°) to the "
+        "west-north-west (300°) at 5.2 m/s"
+    )
+    assert expected_text in lead_sentence(4.7, [5.3, 5.1])
+    expected_text = (
+        "turned from the north (350°) to the east (90°) and then to the north (5°) at 5.2 m/s"
+    )
+    assert expected_text in lead_sentence(2.0, [5.3, 5.2, 5.1], (350.0, 90.0, 5.0))
+    expected_text = "turned from the north (350°) to the south (175°) at 5.2 m/s"
+    assert expected_text in lead_sentence(2.0, [5.3, 5.2, 5.1], (350.0, 170.0, 175.0))
     assert "turned" not in lead_sentence(5.1, [5.3, 5.1])
     assert "turned" not in lead_sentence(4.7, [5.3])
 
 
 def test_what_is_no_free_flight_is_refused():
+    """Velocities do not fit the lean, angles are unknown, or the motion is too short."""
     time, attitude, velocity, air = flight(seconds=60)
     wind = mavdem.estimate_wind
     assert refused(wind, time, attitude, 0.01 * velocity).code is AirflowFact.VELOCITY_INCONSISTENT
@@ -354,6 +367,10 @@ def test_velocity_of_another_core_stands_in_for_the_primary_s():
 
 @mark.slow
 def test_solo_beside_an_anemometer():
+    """A real hover beside an anemometer: drag from the first half, wind in the second half.
+
+    Means of 10 s agree to 0.6 m/s, of 60 s to 0.4 m/s.
+    """
     path = shared("real/wind/solo_sonic_1hz.csv")
     table = np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding=None)
     stamps = np.array([np.datetime64(one[:19]) for one in table["datetime"]]).astype(float)
@@ -364,10 +381,12 @@ def test_solo_beside_an_anemometer():
     hovers = [(stamps[part], attitude[part], 0 * attitude[part]) for part in (first, second)]
     drag = mavdem.estimate_drag(*hovers[0], air[first])
     wind = mavdem.estimate_wind(*hovers[1], drag=drag)
-    found = np.interp(stamps[second], wind.time, wind.velocity @ [1, 1j])
+    estimate = np.interp(stamps[second], wind.time, wind.velocity @ [1, 1j])
     for seconds, most in ((10, 0.6), (60, 0.4)):
-        whole = len(found) // seconds * seconds
-        means = np.array([found[:whole], true[second][:whole]]).reshape(2, -1, seconds).mean(axis=2)
+        whole = len(estimate) // seconds * seconds
+        means = (
+            np.array([estimate[:whole], true[second][:whole]]).reshape(2, -1, seconds).mean(axis=2)
+        )
         assert np.sqrt(np.mean(np.diff(abs(means), axis=0) ** 2)) < most
     assert np.degrees(np.sqrt(np.mean(np.angle(means[0] / means[1]) ** 2))) < 10
 
@@ -383,6 +402,7 @@ def drag_in_a_jump_of_the_wind():
     "scale, why", [(1.0, ""), (0.01, "does not follow the tilt"), (0.0, "never changes")]
 )
 def test_live_rows_are_of_free_flight_only(scale, why):
+    """The live estimate follows a simulated wind; it refuses velocities that do not fit the lean."""
     time, attitude, velocity, air = flight(seed=7, jump=1.0)
     live = LiveWind()
     live.earlier_drag = drag_in_a_jump_of_the_wind()
@@ -407,6 +427,7 @@ def test_live_rows_are_of_free_flight_only(scale, why):
 @mark.slow
 @mark.parametrize("lean, seconds, refused", [(27, 8, True), (27, 4, False), (23, 8, False)])
 def test_a_vehicle_that_something_holds_shows_no_wind(lean, seconds, refused):
+    """The vehicle leans by 27° for 8 s and its position does not change: something holds it."""
     telemetry = recorded("sitl_events/ap_short_with_climb.tlog")
     attitude = telemetry.messages["ATTITUDE"]
     place = telemetry.messages["LOCAL_POSITION_NED"]
@@ -427,6 +448,7 @@ def test_a_vehicle_that_something_holds_shows_no_wind(lean, seconds, refused):
 
 @mark.slow
 def test_a_missing_yaw_and_a_ground_spin_are_left_out_and_a_clock_jump_is_refused():
+    """Single yaws are wrong, yaw jumps on the ground, or the clock jumps by three weeks."""
     telemetry = recorded("sitl_events/ap_short_with_climb.tlog")
     columns = telemetry.messages["ATTITUDE"]
 
@@ -450,8 +472,8 @@ def test_a_missing_yaw_and_a_ground_spin_are_left_out_and_a_clock_jump_is_refuse
     }
     late = Signals(replace(telemetry, messages=late))
     assert refused(wind_of_signals, late).code is NoWind.CLOCK_JUMPS
-    still = Signals(changed(telemetry, "LOCAL_POSITION_NED", vx=0.0))
-    assert refused(wind_of_signals, still).code is NoWind.NOT_MEASURED
+    without_motion = Signals(changed(telemetry, "LOCAL_POSITION_NED", vx=0.0))
+    assert refused(wind_of_signals, without_motion).code is NoWind.NOT_MEASURED
 
 
 @mark.slow

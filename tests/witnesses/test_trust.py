@@ -213,6 +213,10 @@ def test_pressure_becomes_altitude_by_the_standard_atmosphere():
     ],
 )
 def test_the_stick_is_the_travel_of_its_channel(parameters, stick):
+    """The throttle stick is a fraction of its channel's range, which parameters set.
+
+    They may reverse it, or map another channel.
+    """
     telemetry = Hover().telemetry(20.0, 20.0, parameters=parameters)
     time = stamps(telemetry, "ATTITUDE")
     telemetry = changed(telemetry, "RC_CHANNELS", **columns(time, chan1_raw=1200, chan3_raw=1600))
