@@ -254,7 +254,7 @@ def _last_flown_boot_of(telemetry: Telemetry) -> Telemetry:
 
 
 def facts_of_tuning(tuning: Tuning) -> Facts:
-    """Returns the facts about the gains that a user is told after a flight.
+    """Returns the facts about the gains that are reported after a flight.
 
     Args:
         tuning: the advice on all axes.

@@ -447,10 +447,10 @@ class RateRequest:
             self.events.append(Fact(RateFact.RATES_CONTESTED))
 
     def _report_message(self, interval: _MessageInterval, code: RateFact, **figures: Any) -> None:
-        """Reports a fact about a message to the user, if the message is one that the user is told about.
+        """Reports a fact about a message to the user, if the message is one that is reported at all.
 
         Args:
-            interval: the requested message; its ``is_reported`` says whether the user is told about it.
+            interval: the requested message; its ``is_reported`` says whether the user hears of it.
             code: code of the reported fact.
             **figures: figures of the fact by name.
         """

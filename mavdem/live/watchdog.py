@@ -1194,7 +1194,7 @@ class Watchdog:
         return self.alarms.is_calm(quantity, review.now)
 
     def _is_end_reported(self, quantity: WatchedQuantity, review: _Review) -> bool:
-        """Returns whether the user is told that an alarm is over: in flight always, on the ground only if its fault is.
+        """Returns whether the end of an alarm is reported: in flight always, on the ground only if its fault is.
 
         A landing ends most faults with the alarm. It does not end them after a loss of the vehicle, and it neither
         charges a battery, nor ends a state that lasts, such as a GPS receiver without a fix, nor corrects a barometer.
