@@ -164,9 +164,10 @@ def _has_position(validity: TimeSeries | None, interval: TimeInterval) -> bool:
     """Returns whether the estimator reports a position for at least ``MIN_KNOWN_FRACTION`` of a flight.
 
     Args:
-        validity: whether the estimator reports a position (N,), 1 or 0; None if nothing says so.
+        validity: whether the estimator reports a position (N,), 1 or 0; None if the log does not say.
         interval: start and end of the flight, s since boot.
     """
+    # Without any report the position is taken as known.
     if validity is None:
         return True
     reports = validity.within(interval).values

@@ -565,7 +565,7 @@ def _lasting_faults(
         for faulty_interval in faulty_intervals:
             _, end = faulty_interval
             is_permanent = end == inf
-            # A fault begins as an event where the motors are armed while it lasts.
+            # The event of a fault that began before the arming begins with the arming.
             for start, _ in intersection([faulty_interval], armed_spans):
                 event = _reported_event(
                     signals,

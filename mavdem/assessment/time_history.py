@@ -205,10 +205,10 @@ def _barometer_height(signals: Signals) -> TimeSeries | None:
 def _satellite_height(
     signals: Signals, barometer_height: TimeSeries | None, events: Facts
 ) -> TimeSeries | None:
-    """Returns the height by satellites, in the boots in which an event doubts another height.
+    """Returns the height by satellites in those boots in which the height by another sensor is doubtful.
 
-    In each boot a constant is added to it, so that it equals the barometer's height at the take-off of the last such
-    flight.
+    In each boot a constant is added to it. So it equals the barometer's height at the take-off of the last flight that
+    has an event on a doubtful height.
 
     Args:
         signals: logged time series of the vehicle.

@@ -835,8 +835,10 @@ class Watchdog:
     ) -> None:
         """Judges in flight whether motors reach the limits of their outputs, which shows three faults.
 
-        A limit cycle (oscillation) begins; a motor stays at its upper limit; or the vehicle sinks with motors at their
-        upper limit although it should hold its height, which is more urgent than the second one and replaces it.
+        1. A limit cycle (oscillation) begins.
+        2. A motor stays at its upper limit.
+        3. The vehicle sinks with motors at their upper limit although it should hold its height. This is more urgent
+           than the second fault, and replaces it.
 
         Args:
             review: the review, to whose ``facts`` the faults are added.

@@ -419,9 +419,9 @@ def _worst_rating(tuning: Tuning) -> Fact | None:
         tuning: advice for each axis, with the decisions on their loops.
 
     Returns:
-        The rating, with the axis in its subject; None if the margins of an axis are not known. They are not if no loop
-        was identified, if gains were refused since the loop cannot be relied on, or if a measured response contradicts
-        the loop.
+        The rating, with the axis in its subject; None if the margins of an axis are not known. They are unknown if no
+        loop was identified, if the loop is too unreliable for advice on gains, or if a measured response contradicts
+        it.
     """
     ratings = []
     for axis, advice in tuning.axes.items():

@@ -97,9 +97,9 @@ def cause_sentences(fact: Fact) -> list[Sentence]:
 def headline_evidence(fact: Fact, lights: NamedFacts) -> list[Sentence]:
     """Returns the sentence below a page's headline that says which measurements confirm it.
 
-    If the event in the headline has a cause, the evidence is that for the cause, since what followed is in the list of
-    events. An event that only the autopilot reports, such as an empty battery, has no witnesses. Its evidence is then
-    what the status light of the same subject measured, if that warns too.
+    If the event in the headline has a cause, the evidence for the cause is stated, since what followed is in the list
+    of events. An event that only the autopilot reports, such as an empty battery, is confirmed by no measurement of its
+    own. Its evidence is then what the status light of the same subject measured, if that light warns too.
 
     Args:
         fact: the headline, a coded finding.
@@ -212,8 +212,8 @@ def new_evidence_text(fact: Fact, shown_texts: Collection[str]) -> str:
             other texts of the page.
 
     Returns:
-        All evidence as text if the evidence for the event itself is new. Otherwise that for its cause alone; empty if
-        this was shown too, or if the event has no cause.
+        All evidence as text if the evidence for the event itself is new. Otherwise the evidence for its cause alone;
+        empty if this was shown too, or if the event has no cause.
     """
     text_without_cause = evidence_text(_without_cause(fact))
     if text_without_cause not in shown_texts:

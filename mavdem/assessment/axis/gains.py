@@ -373,7 +373,7 @@ def _too_large_gains(
 ) -> list[tuple[str, float, float]]:
     """Returns those changed gains of ArduPilot's attitude loop that are larger than recommended.
 
-    ArduPilot recommends for all axes the largest gain that PX4 accepts for roll and pitch.
+    ArduPilot recommends one largest gain for all axes. It equals the largest gain that PX4 accepts for roll and pitch.
 
     Args:
         changes: name of each changed gain, and its values before and after.

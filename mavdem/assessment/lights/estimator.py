@@ -89,10 +89,15 @@ ESTIMATOR_EVENTS: set[Code] = {
 def estimator_light(evidence: Evidence) -> Fact:
     """Judges the state estimator in flight by the worst fact about it; unknown if the log has no measurements of it.
 
-    Judged are the innovations of its filter (measurements minus predictions), poor GPS fixes, a disturbed compass, an
-    accelerometer that is wrong at rest, reports of the autopilot, an attitude that was not a number, a height or
-    position that was lost, and a barometer that drifted. Of equally bad facts the first in this order is the light, but
-    a barometer that drifted or froze comes before all: it is why the filter then rejects the height.
+    Of equally bad facts the first in this order is the light:
+
+    1. A barometer that drifted or froze. It comes first, since it is why the filter then rejects the height.
+    2. The innovations of the filter (measurements minus predictions).
+    3. Glitches of GPS, and instances of the filter that are not in use.
+    4. Poor or missing GPS fixes.
+    5. A compass that the motors disturb, and an accelerometer that is wrong at rest.
+    6. Events: an attitude that was not a number, a height or position that was lost, and reports of the autopilot.
+    7. A position that the filter only assumed, since it had no sensor of it.
 
     Args:
         evidence: signals, events and measurements of the vehicle.

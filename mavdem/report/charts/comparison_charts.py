@@ -157,6 +157,7 @@ def _recorded_series(signals: Signals) -> dict[str, TimeSeries]:
     if signals.height is not None:
         recorded_series[HEIGHT] = signals.height
     titles = ((ROLL, ROLL_RATE), (PITCH, PITCH_RATE))
+    # Titles without an attitude, or below without a motor, are skipped.
     for (angle_title, rate_title), attitude in zip(titles, signals.tilts, strict=False):
         recorded_series[angle_title] = _scaled(attitude.angle_series, degrees(1))
         recorded_series[rate_title] = _scaled(attitude.rate_series, degrees(1))

@@ -277,7 +277,7 @@ def _titles_to_open(
 
 
 def _titles_with_level(chapters: Sequence[Chapter], lights: NamedFacts, level: Level) -> list[str]:
-    """Returns the titles of the chapters in which something is judged by a level, without the chapter of the log.
+    """Returns the titles of the chapters in which something has a certain level, without the chapter of the log.
 
     Args:
         chapters: the chapters, with the levels of their sections.
@@ -287,7 +287,7 @@ def _titles_with_level(chapters: Sequence[Chapter], lights: NamedFacts, level: L
     unexplained_lights = _lights_without_repeated_facts(lights)
     titles = []
     for chapter in chapters:
-        # A section that repeats the fact of a light counts by that light.
+        # The levels of the lights are counted below. A section that repeats the fact of a light is not counted again.
         sections = [section for section in chapter.sections if section.fact not in lights.values()]
         levels = _levels_of_chapter(chapter._replace(sections=sections), unexplained_lights)
         if level in levels and chapter.title != LOG_TITLE:

@@ -55,10 +55,11 @@ def reference_address(autopilot: str, parameter: str) -> str:
 
 
 def parameters_chapter(telemetry: Telemetry, *, is_full: bool) -> Chapter:
-    """Returns the chapter of parameters: changed in the flight, of rate and attitude control, not the default, and all.
+    """Returns the chapter on the autopilot's parameters, as tables of these groups and a list of all parameters.
 
-    Changes that the autopilot makes by itself, such as counters and learned offsets, are only marked in the list of
-    all.
+    The groups are the parameters that were changed in the flight, those of rate and attitude control, and those that
+    differ from their default. Changes that the autopilot makes by itself, such as counters and learned offsets, are
+    only marked in the list of all parameters.
 
     Args:
         telemetry: telemetry of the vehicle, with the parameters at the beginning and at the end of the log.
