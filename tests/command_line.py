@@ -12,7 +12,7 @@ MAVDEM = [sys.executable, "-c", "import sys; from mavdem.__main__ import run; sy
 
 
 def strict_json(text):
-    """A document without NaN and infinity, with each sentence's fact beside it."""
+    """Parses a JSON document, and asserts that it has no NaN or infinity, and a fact beside each sentence."""
 
     def unknown(name):
         raise AssertionError(f"{name} is not JSON")

@@ -133,7 +133,7 @@ def without_pages(monkeypatch):
 
 @fixture(scope="module")
 def coarse_physics():
-    """For tests whose flights need not be exact: steps of the physics as long as a cycle of a fast controller, s."""
+    """Makes the simulator use long time steps, 5 ms, for tests whose flights need not be exact."""
     with MonkeyPatch.context() as patch:
         patch.setattr("sitl_scenarios.dynamics.MAX_STEP_SECONDS", 5e-3)
         patch.setattr("sitl_scenarios.gyro.MAX_SAMPLING_PERIOD", 5e-3)

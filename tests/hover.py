@@ -123,17 +123,22 @@ def _column(values, rows):
 def changed(telemetry, message, **fields):
     """The telemetry with other columns in one message, or with another message; a value alone is of every row."""
     table = {**telemetry.messages.get(message, {}), **fields}
-    known = {name: _column(values, len(table["time"])) for name, values in table.items()}
-    return replace(telemetry, messages={**telemetry.messages, message: known})
+    parameters = {name: _column(values, len(table["time"])) for name, values in table.items()}
+    return replace(telemetry, messages={**telemetry.messages, message: parameters})
 
 
 def asking(telemetry, time, ignored, rate, angle):
-    """The telemetry with setpoints of roll, (N,) rad/s and rad; the bits ``ignored`` say which of them do not count."""
-    half = 0 * time if angle is None else angle / 2
-    turned = np.column_stack([np.cos(half), np.sin(half), 0 * half, 0 * half])
+    """Returns telemetry with setpoints of the roll rate, rad/s, and angle, rad, (N,) each.
+
+    The bits ``ignored`` say which of them do not count.
+    """
+    half_angle = 0 * time if angle is None else angle / 2
+    quaternions = np.column_stack(
+        [np.cos(half_angle), np.sin(half_angle), 0 * half_angle, 0 * half_angle]
+    )
     rates = {"body_roll_rate": 0.0 if rate is None else rate}
     rates |= dict.fromkeys(("body_pitch_rate", "body_yaw_rate"), 0.0)
-    target = columns(time, type_mask=ignored, q=turned, **rates)
+    target = columns(time, type_mask=ignored, q=quaternions, **rates)
     return changed(telemetry, "ATTITUDE_TARGET", **target)
 
 
@@ -187,13 +192,16 @@ def with_texts(telemetry, *texts, severity=()):
 
 
 def px4_rotors(*rotors):
-    """The parameters of rotors, each with its place, forward and right, and perhaps the torque by its thrust."""
-    known = {
+    """Returns PX4's parameters of rotors.
+
+    Each has its position forward and right, and possibly its torque per thrust.
+    """
+    parameters = {
         f"CA_ROTOR{n}_{name}": value
         for n, rotor in enumerate(rotors)
         for name, value in zip(("PX", "PY", "KM"), rotor, strict=False)
     }
-    return {"CA_ROTOR_COUNT": float(len(rotors)), **known}
+    return {"CA_ROTOR_COUNT": float(len(rotors)), **parameters}
 
 
 def log_of(telemetry):
@@ -201,12 +209,12 @@ def log_of(telemetry):
     return Log(telemetry.source, (telemetry,), (), (), 0, 0, (0.0, 0.0))
 
 
-def evidence_of(signals, **known):
+def evidence_of(signals, **parameters):
     """What a log of these ``signals`` alone shows, of which something else may be ``known``."""
     found = Evidence(
         log_of(signals.telemetry), signals, learnability_of(signals), measure_condition(signals)
     )
-    return replace(found, **known)
+    return replace(found, **parameters)
 
 
 def overtake(draw, kept):

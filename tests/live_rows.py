@@ -10,7 +10,7 @@ REPORTED_HORIZON = (0.01, 0.25)
 
 
 def add_flight(history, seconds, segment=0, start=100.0, learnt=True, boot=0):
-    """Takes rows of a sine whose predictions are off by 0.1 and 0.2."""
+    """Adds rows of a sine to a live history, with predictions that are wrong by 0.1 and 0.2."""
     time = start + DT * np.arange(round(seconds / DT))
     motion = np.stack([np.sin(time), np.cos(time)], axis=-1)
     for now, row in zip(time, motion, strict=True):

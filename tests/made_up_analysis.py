@@ -111,7 +111,7 @@ def held_out(
     expected=0.01,
     count=40,
 ):
-    """Windows in which the forecast and the last sample err by so much, and the mean by 1."""
+    """Returns held-out windows in which forecast, last sample and mean have constant errors; that of the mean is 1."""
     measured = np.zeros((count, 10, 2))
     errors = {"forecast": forecast, "prediction": 0.9, "constant mean": 1.0, "hold last": last}
     forecasts = {name: measured + error for name, error in errors.items()}
@@ -149,6 +149,7 @@ def measured_vibration(level):
 
 
 def analysis(parameters):
+    """Returns the analysis of a log with a learned model that has these physical parameters."""
     learned = model(parameters)
     windows = held_out()
     learnability = partial_record(
@@ -167,9 +168,11 @@ def analysis(parameters):
 
 
 def assessment(parameters, **lights):
-    """An assessment of the :func:`analysis` whose lights are good, but for these."""
-    known = {str(light): prose(f"The {light}.").replace(Level.GOOD) for light in Light} | lights
+    """Returns an assessment with the model of :func:`analysis` whose lights are good, except those that are given."""
+    facts_by_light = {
+        str(light): prose(f"The {light}.").replace(Level.GOOD) for light in Light
+    } | lights
     headline = Fact(Headline.NOTHING_WRONG, Level.GOOD, names=VEHICLE_LIGHTS, missing=())
-    judgement = Judgement(headline, Fact(NextStep.KEEP_MODEL), known)
+    judgement = Judgement(headline, Fact(NextStep.KEEP_MODEL), facts_by_light)
     log = Log("flight.tlog", (), (), (), 0, 0, (NAN, NAN))
     return Assessment(log, judgement, analyses={"roll": analysis(parameters)})

@@ -15,16 +15,16 @@ WIND = WindComponent(gaussian_kernel_noise(3), 1.0, 0.2)
 
 
 def made_up(factor=1.0):
-    """Of made-up flight and plant, with a rate controller of ``factor`` times the usual gains."""
+    """Returns a loop of a made-up flight and plant, with ``factor`` times the usual gains of the rate controller."""
     rng = default_rng(3)
     status = dict.fromkeys(("effect", "damping", "lag"), Status.REPORTED)
     rate = rng.normal(0, 0.01, 2000)
     inputs = 1500 + rng.normal(0, 5, (2000, 1)) * X_ROLL
     outputs = np.column_stack([rate.cumsum() * 0.005, rate])
     names = ("roll", "roll rate")
-    known = {"parameters": PX4 | {"MC_ROLLRATE_K": factor}, "input_range": (1000.0, 2000.0)}
-    record = Record(inputs, outputs, 0.005, (2000,), output_names=names, **known)
+    options = {"parameters": PX4 | {"MC_ROLLRATE_K": factor}, "input_range": (1000.0, 2000.0)}
+    record = Record(inputs, outputs, 0.005, (2000,), output_names=names, **options)
     covariance = np.diag([*4 * [9e-5], 0.09, 4e-6, 4e-6])
     sizes = 0.18 * np.array(X_ROLL), 1.5, 0.03, 0.006, covariance
-    found = status, dict.fromkeys(status, ""), 0, 0.1, (WIND,), 0.01, {}, ()
-    return loop_from_plant(Physical(*sizes, *found), record)
+    results = status, dict.fromkeys(status, ""), 0, 0.1, (WIND,), 0.01, {}, ()
+    return loop_from_plant(Physical(*sizes, *results), record)

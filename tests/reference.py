@@ -33,7 +33,7 @@ Published = namedtuple("Published", "schema version title")
 
 @cache
 def published():
-    """Returns all documents, and the table of a fleet, by name."""
+    """Returns the schemas of all documents, and of the table of a fleet, by name."""
     row = TypeAdapter(with_schema(FlightRow, frozen=True)).json_schema()
     parts = ast.parse(getsource(FlightRow)).body[0].body
     for key, meaning in pairwise(parts):
@@ -41,8 +41,10 @@ def published():
             row["properties"][key.target.id]["description"] = meaning.value.value
     return {
         **{
-            name: Published(_headed(name, described_schema(one.model), one.version), *one[1:])
-            for name, one in DOCUMENTS.items()
+            name: Published(
+                _headed(name, described_schema(context.model), context.version), *context[1:]
+            )
+            for name, context in DOCUMENTS.items()
         },
         "model": Published(
             document._adapter(Learned).json_schema(), document.VERSION, "model.json"
@@ -79,47 +81,59 @@ HEADER = {
 def structure(schema):
     """Returns a JSON ``schema`` without its wording."""
     if isinstance(schema, list):
-        return [structure(one) for one in schema]
+        return [structure(context) for context in schema]
     if not isinstance(schema, dict):
         return schema
     return {
-        key: structure(one)
-        for key, one in schema.items()
-        if key not in WORDING or isinstance(one, dict)
+        key: structure(context)
+        for key, context in schema.items()
+        if key not in WORDING or isinstance(context, dict)
     }
 
 
 def schema_text(name):
     """Returns the JSON Schema of the document of this ``name``, 2020-12."""
-    whole = {
+    root_context = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         **published()[name].schema,
         "title": published()[name].title,
     }
-    return json.dumps(whole, indent=1, ensure_ascii=False) + "\n"
+    return json.dumps(root_context, indent=1, ensure_ascii=False) + "\n"
 
 
 def command_page():
     """Returns the page of all commands: the help of each, with options of several commands described once."""
-    whole = click.Context(mavdem, info_name="mavdem", terminal_width=86, **mavdem.context_settings)
-    contexts = [click.Context(load_command(name), whole, name) for name in mavdem.commands]
+    root_context = click.Context(
+        mavdem, info_name="mavdem", terminal_width=86, **mavdem.context_settings
+    )
+    contexts = [click.Context(load_command(name), root_context, name) for name in mavdem.commands]
     records = {
-        one: [
-            record for each in one.command.get_params(one) if (record := each.get_help_record(one))
+        context: [
+            record
+            for parameter in context.command.get_params(context)
+            if (record := parameter.get_help_record(context))
         ]
-        for one in contexts
+        for context in contexts
     }
     times = Counter(record for of_command in records.values() for record in of_command)
     shared = [record for record, count in times.items() if count > 1 and record[1]]
-    about = whole.command.get_help(whole).partition(f"\n{next(iter(COMMAND_GROUPS))}:")[0].strip()
-    parts = ["# Commands", f"```\n{about}\n```"]
+    introduction = (
+        root_context.command.get_help(root_context)
+        .partition(f"\n{next(iter(COMMAND_GROUPS))}:")[0]
+        .strip()
+    )
+    parts = ["# Commands", f"```\n{introduction}\n```"]
     parts += ["## Options of several commands", _options(shared, set())]
-    for one in contexts:
-        formatter = one.make_formatter()
-        one.command.format_usage(one, formatter)
-        one.command.format_help_text(one, formatter)
+    for context in contexts:
+        formatter = context.make_formatter()
+        context.command.format_usage(context, formatter)
+        context.command.format_help_text(context, formatter)
         text = formatter.getvalue().strip()
-        parts += [f"## {one.command_path}", f"```\n{text}\n```", _options(records[one], shared)]
+        parts += [
+            f"## {context.command_path}",
+            f"```\n{text}\n```",
+            _options(records[context], shared),
+        ]
     return "\n\n".join(filter(None, parts)) + "\n"
 
 
@@ -137,15 +151,17 @@ def file_page():
     described = {}
     header = [f"`{key}`: {text}" for key, text in HEADER.items()]
     parts = ["# Files and JSON", INTRODUCTION, "## Every document", BREAK.join(header)]
-    for name, one in published().items():
-        link = f"Version {one.version}: [`{name}` schema](schemas/{name}-{one.version}.json)."
-        parts += [f"## {one.title}", link]
+    for name, context in published().items():
+        link = (
+            f"Version {context.version}: [`{name}` schema](schemas/{name}-{context.version}.json)."
+        )
+        parts += [f"## {context.title}", link]
         if name == "model":
             parts += ["The attributes of [Learned](../api.md#learning); arrays are nested lists."]
         else:
-            records |= one.schema.get("$defs", {})
-            anchor = re.sub(r"[^\w -]", "", one.title.lower()).replace(" ", "-")
-            parts += [_keys(one.schema, f"[{name}](#{anchor})", described)]
+            records |= context.schema.get("$defs", {})
+            anchor = re.sub(r"[^\w -]", "", context.title.lower()).replace(" ", "-")
+            parts += [_keys(context.schema, f"[{name}](#{anchor})", described)]
     parts += ["## Records"]
     for name in sorted(records):
         if "properties" in records[name]:
@@ -166,16 +182,16 @@ def _keys(record, place, described):
     for name, key in record["properties"].items():
         if name in HEADER and "$defs" in record:
             continue
-        shown = f"`{name}`" if name in record.get("required", ()) else f"*`{name}`*"
+        formatted_name = f"`{name}`" if name in record.get("required", ()) else f"*`{name}`*"
         meaning = key.get("description", "")
-        unit, link = (f" ({one})" if one else "" for one in (_unit(key), _link(key)))
+        unit, link = (f" ({context})" if context else "" for context in (_unit(key), _link(key)))
         line = f"{unit}: {meaning}{link}" if meaning else f"{unit}{link}: [API](../api.md#learning)"
         if re.fullmatch(r"\w+ as (a fact; .*|facts)", meaning):
-            facts.append(shown)
+            facts.append(formatted_name)
         elif described.setdefault((name, line), place) != place:
-            elsewhere.setdefault(described[name, line], []).append(shown)
+            elsewhere.setdefault(described[name, line], []).append(formatted_name)
         else:
-            here.setdefault(line, []).append(shown)
+            here.setdefault(line, []).append(formatted_name)
     lines = [f"{', '.join(keys)}{line}" for line, keys in here.items()]
     lines += [f"{', '.join(keys)}: as in {other}" for other, keys in elsewhere.items()]
     lines += [f"{', '.join(facts)}: the same as facts, [Sentence](#sentence)"] * bool(facts)
@@ -203,8 +219,8 @@ def _unit(key):
 def contents():
     """Returns every file that is made here, and what it must hold."""
     schemas = {
-        FOLDER / "schemas" / f"{name}-{one.version}.json": schema_text(name)
-        for name, one in published().items()
+        FOLDER / "schemas" / f"{name}-{context.version}.json": schema_text(name)
+        for name, context in published().items()
     }
     return {FOLDER / "commands.md": command_page(), FOLDER / "files.md": file_page(), **schemas}
 

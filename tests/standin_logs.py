@@ -104,7 +104,7 @@ def table_of(out):
 
 
 def fleet_of(out, rows):
-    """Makes a fleet of these rows, none of them judged."""
+    """Creates a fleet with these rows, none of which is judged."""
     from mavdem.fleet.judgement import publish_judgements
     from mavdem.fleet.sources import LogSource
     from mavdem.fleet.store import open_store

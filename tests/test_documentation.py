@@ -91,22 +91,26 @@ def test_the_reference_has_every_public_name():
 
 
 def test_every_file_that_is_named_is_there():
+    """Paths in code font and links in the pages must exist."""
     missing = []
     for page, text in PAGES.items():
-        named = [
+        linked_paths = [
             ROOT / name
             for name in re.findall(
                 r"`((?:tools|tests|logs|docs|mavdem|sitl_scenarios)/[\w./]+)`", text
             )
         ]
-        named += [
+        linked_paths += [
             (ROOT / page).parent / link for link in re.findall(r"\]\(([\w./]+)(?:#[\w-]*)?\)", text)
         ]
-        missing += [f"{page}: {path.relative_to(ROOT)}" for path in named if not path.exists()]
+        missing += [
+            f"{page}: {path.relative_to(ROOT)}" for path in linked_paths if not path.exists()
+        ]
     assert not missing
 
 
 def test_the_written_pages_can_be_read_in_under_two_hours():
+    """The pages have at most 25,000 words."""
     # The pages of the reference are made from the code, tables and blocks of cog are printed by commands: these are
     # looked up.
     written = [
@@ -291,9 +295,9 @@ def test_an_example_does_what_it_says(name, learned, here):
     os.symlink(FLIGHT, "flight.tlog")
     test = EXAMPLES[name]
     test.globs |= {"learned": learned, "train": FLOWN[:700], "test": FLOWN[700:]}
-    said = []
+    printed_output = []
     runner = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS)
-    assert runner.run(test, out=said.append).failed == 0, "".join(said)
+    assert runner.run(test, out=printed_output.append).failed == 0, "".join(printed_output)
 
 
 ENOUGH_SAMPLES = {"log_to_bode_plot": 1300}
@@ -326,7 +330,9 @@ def test_a_notebook_runs_and_shows_what_is_stored_in_it(path, monkeypatch, capsy
             shown = [value for value in values if value is not None]
             has_picture = any(getattr(value, "_repr_png_", str)() for value in shown)
             has_output = bool(shown or capsys.readouterr().out)
-            kinds = {kind for one in cell["outputs"] for kind in one.get("data", {"stream": ""})}
+            kinds = {
+                kind for output in cell["outputs"] for kind in output.get("data", {"stream": ""})
+            }
             assert (has_picture, has_output) == ("image/png" in kinds, bool(kinds)), source
             pictures += has_picture
     assert pictures >= 3

@@ -65,10 +65,15 @@ def test_every_file_that_is_no_python_is_installed():
     ],
 )
 def test_without_rerun_a_dashboard_that_is_asked_for_is_refused(words, here, monkeypatch, capsys):
+    """The package rerun is not installed: commands that need it say how to install it."""
     monkeypatch.setitem(sys.modules, "rerun", None)
     assert main(list(words)) == 2
-    out, said = capsys.readouterr()
-    assert not out and said.count("\n") == 1 and said.endswith(f" needs rerun: {INSTALL}\n")
+    out, error_output = capsys.readouterr()
+    assert (
+        not out
+        and error_output.count("\n") == 1
+        and error_output.endswith(f" needs rerun: {INSTALL}\n")
+    )
     assert list(here.iterdir()) == []
     assert (
         load([str(LOG)]) == 2
@@ -164,14 +169,15 @@ def test_a_second_session_has_its_page_at_another_port(monkeypatch):
 def test_without_the_libraries_of_mcap_a_recording_is_refused_in_one_sentence(
     words, name, here, monkeypatch, capsys
 ):
+    """The package mcap is not installed: commands that read or write .mcap say so."""
     recording = here / "FLIGHT.mcap"
     recording.write_bytes(FORMAT_SIGNATURES[Format.MCAP].first_bytes)
     monkeypatch.setattr("mavdem.extras.find_spec", lambda name: None if name == "mcap" else name)
     assert main(list(words)) == 2
-    out, said = capsys.readouterr()
+    out, error_output = capsys.readouterr()
     # A review says first what it reviews.
-    assert not out and said.count("\n") <= 2
-    assert said.endswith(f"{name} needs mcap: pip install 'mavdem[mcap]'.\n")
+    assert not out and error_output.count("\n") <= 2
+    assert error_output.endswith(f"{name} needs mcap: pip install 'mavdem[mcap]'.\n")
     assert list(here.iterdir()) == [recording]
 
 

@@ -148,7 +148,7 @@ OPTIONS = {
 
 def figures(document):
     """All numbers and codes of a document by their keys, whatever their places in lists."""
-    found = defaultdict(list)
+    values_by_name = defaultdict(list)
 
     def collect(value, key):
         if isinstance(value, dict):
@@ -158,25 +158,25 @@ def figures(document):
             for part in value:
                 collect(part, key)
         elif isinstance(value, float | int) or key.endswith(("code", "level")):
-            found[key].append(value)
+            values_by_name[key].append(value)
 
     collect(document, "")
-    return found
+    return values_by_name
 
 
 def lines(screen):
     """The numbers of each line, by its words."""
-    found = defaultdict(list)
+    values_by_name = defaultdict(list)
     for line in screen.splitlines():
         if "took" not in line:
             words = " ".join(NUMBER.sub("#", line).split())
-            found[words] += map(float, filter(None, NUMBER.findall(line)))
-    return {words: numbers or ["said"] for words, numbers in found.items()}
+            values_by_name[words] += map(float, filter(None, NUMBER.findall(line)))
+    return {words: numbers or ["said"] for words, numbers in values_by_name.items()}
 
 
 def written(path):
-    """All numbers of a page by their section, of a parameter file, or of what is drawn by entities."""
-    found = defaultdict(list)
+    """Returns all numbers of a file by their place. For a page that is the section, for a recording the entity."""
+    values_by_name = defaultdict(list)
     if path.suffix == ".rrd":
         seconds = defaultdict(float)
         for name, _, batch in chunks(path, static=True):
@@ -186,21 +186,27 @@ def written(path):
                 if is_duration(values.type) and "Scalars:scalars" in batch.schema.names:
                     seconds[f"{name} {column}"] += sum(values.cast("int64").to_pylist()) / 1e9
                 if is_floating(values.type) and "SeriesLines" not in column:
-                    found[f"{name} {column}"] += filter(isfinite, values.to_pylist())
-        found |= {f"{column} in all": [f"{total:.3f} s"] for column, total in seconds.items()}
+                    values_by_name[f"{name} {column}"] += filter(isfinite, values.to_pylist())
+        values_by_name |= {
+            f"{column} in all": [f"{total:.3f} s"] for column, total in seconds.items()
+        }
     elif path.suffix in (".npz", ".tlog"):
         is_truth = path.suffix == ".npz"
         tables = {"truth": np.load(path)} if is_truth else read_log(path).vehicles[0].messages
         for name, columns in tables.items():
             for column, values in columns.items():
                 if values.dtype.kind in ("f" if is_truth else "iuf"):
-                    found[f"{name} {column}"] += values[np.isfinite(values)].ravel().tolist()
+                    values_by_name[f"{name} {column}"] += (
+                        values[np.isfinite(values)].ravel().tolist()
+                    )
     else:
         # How a page looks is not a figure.
         page = STYLE.sub("", path.read_text())
         for number, part in enumerate(page.split("<section")):
-            found[f"{path.name} {number}"] += map(float, filter(None, NUMBER.findall(part)))
-    return found
+            values_by_name[f"{path.name} {number}"] += map(
+                float, filter(None, NUMBER.findall(part))
+            )
+    return values_by_name
 
 
 class RecordedLink:
@@ -261,7 +267,7 @@ def by_the_log(monkeypatch):
 
 
 def summary(values):
-    """Few ``values`` as they are; of many numbers, what stands for them."""
+    """Returns few values as they are, and of many numbers their count, ends, mean, deviation and quartiles."""
     if len(values) <= MANY or isinstance(values[0], str):
         return [
             float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value for value in values
@@ -287,6 +293,7 @@ def pytest_generate_tests(metafunc):
 def test_the_figures_of_a_flight_are_those_of_before(
     log, commands, here, monkeypatch, capsys, request
 ):
+    """Runs commands on a log, and compares all numbers that they print or write with stored ones."""
     sample = LOGS / log  # where the repository has it
     flights = [log]
     if sample.is_file():
@@ -302,31 +309,35 @@ def test_the_figures_of_a_flight_are_those_of_before(
     in_full = request.config.getoption("--in-full")
     seconds = FULL_FLIGHT_SECONDS if in_full else FLIGHT_SECONDS
     options = OPTIONS | {"fly": [*OPTIONS["fly"], "--duration", seconds]}
-    found = {}
+    values_by_name = {}
     for line in commands:
-        command, *shown = line.removeprefix("> ").split()
-        how = shown if line.startswith("> ") else ["--json"]
-        found[f"{line} exits"] = [run(command, *flights, *options.get(command, ()), *how)]
+        command, *output_arguments = line.removeprefix("> ").split()
+        output_options = output_arguments if line.startswith("> ") else ["--json"]
+        values_by_name[f"{line} exits"] = [
+            run(command, *flights, *options.get(command, ()), *output_options)
+        ]
         flights = {"fly": [FLOWN], "live": ["live.mcap"]}.get(command, flights)
-        said = capsys.readouterr().out
-        if how == ["--json"]:
-            document = strict_json(said)
-            found |= {command + key: values for key, values in figures(document).items()}
+        printed = capsys.readouterr().out
+        if output_options == ["--json"]:
+            document = strict_json(printed)
+            values_by_name |= {command + key: values for key, values in figures(document).items()}
         else:
-            found |= {f"{command} shows {words}": numbers for words, numbers in lines(said).items()}
+            values_by_name |= {
+                f"{command} shows {words}": numbers for words, numbers in lines(printed).items()
+            }
     for file in here.rglob("*.*"):
         if file.suffix in FILES and not file.is_symlink() or file.name == "twin.json":
-            found |= written(file)
-    hold(Path(log).stem, found, request)
+            values_by_name |= written(file)
+    hold(Path(log).stem, values_by_name, request)
 
 
 @mark.slow
 def test_a_scenario_is_flown_as_before(scenario, seconds, here, capsys, request):
     assert run("fly", scenario, "--duration", seconds, "--out", FLOWN, "--json") == 0
-    found = figures(strict_json(capsys.readouterr().out))
+    values_by_name = figures(strict_json(capsys.readouterr().out))
     for file in here.iterdir():
-        found |= written(file)
-    hold(scenario, found, request)
+        values_by_name |= written(file)
+    hold(scenario, values_by_name, request)
 
 
 def test_what_a_scenario_leaves_out_is_as_before(capsys, request):
@@ -334,28 +345,34 @@ def test_what_a_scenario_leaves_out_is_as_before(capsys, request):
     hold("described", lines(capsys.readouterr().out), request)
 
 
-def hold(name, found, request):
-    """Compares figures with those of before, whose file has this name, or writes these."""
+def hold(name, values_by_name, request):
+    """Compares figures with stored ones of a name, or stores them if the option ``--write-golden`` is given."""
     folder = FULL_GOLDEN if request.config.getoption("--in-full") else GOLDEN
     path = folder / f"{name}.json"
-    took = [key for key in found if TIMES.fullmatch(key)]
-    assert all(0 <= seconds < 3600 for key in took for seconds in found[key])
-    kept = sorted(key for key in found.keys() - set(took) if found[key])
-    now = {key: summary(found[key]) for key in kept}
+    durations = [key for key in values_by_name if TIMES.fullmatch(key)]
+    assert all(0 <= seconds < 3600 for key in durations for seconds in values_by_name[key])
+    sorted_names = sorted(
+        key for key in values_by_name.keys() - set(durations) if values_by_name[key]
+    )
+    current_values = {key: summary(values_by_name[key]) for key in sorted_names}
     if request.config.getoption("--write-golden"):
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(now, indent=0))
+        path.write_text(json.dumps(current_values, indent=0))
     before = json.loads(path.read_text())
-    assert now.keys() == before.keys()
-    assert not {key: (before[key], now[key]) for key in now if not near(now[key], before[key])}
+    assert current_values.keys() == before.keys()
+    assert not {
+        key: (before[key], current_values[key])
+        for key in current_values
+        if not near(current_values[key], before[key])
+    }
 
 
-def near(now, before):
-    """Whether codes are the same, and numbers but for what processors round in their own ways."""
+def near(current_values, before):
+    """Returns whether codes are the same, and numbers agree up to the rounding of different processors."""
     if isinstance(before[0], str):
-        return now == before
+        return current_values == before
     # A figure that never changes has a spread of its rounding alone, zero or not.
     rounding = 1e-12 * max(map(abs, before))
     spread = max(before[4], rounding) if len(before) > MANY else 1e-5
-    is_alike = [*map(type, now)] == [*map(type, before)]  # whole numbers stay whole
-    return is_alike and now == approx(before, rel=PRECISION, abs=PRECISION * spread)
+    is_alike = [*map(type, current_values)] == [*map(type, before)]  # whole numbers stay whole
+    return is_alike and current_values == approx(before, rel=PRECISION, abs=PRECISION * spread)

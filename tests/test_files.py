@@ -31,6 +31,7 @@ def test_a_link_is_followed(tmp_path):
 
 
 def test_several_files_change_together_or_not_at_all(tmp_path):
+    """An error while two files are written leaves both as they were."""
     one = tmp_path / "one"
     two = tmp_path / "two"
     one.write_bytes(b"old")

@@ -26,18 +26,18 @@ def test_arrays_make_a_flight_and_slicing_gives_one():
     assert flight.dt == approx(0.01)
     assert flight.outputs.shape == (6, 1)
     assert (flight.input_names, flight.input_units) == (("input 1", "input 2"), ("", ""))
-    part = flight[2:4]
-    assert isinstance(part, Flight)
-    assert_array_equal(part.inputs, INPUTS[2:4])
-    assert (len(part), part.dt, part.output_names, part.provenance) == (
+    sliced = flight[2:4]
+    assert isinstance(sliced, Flight)
+    assert_array_equal(sliced.inputs, INPUTS[2:4])
+    assert (len(sliced), sliced.dt, sliced.output_names, sliced.provenance) == (
         2,
         flight.dt,
         ("roll",),
         {"source": "here"},
     )
-    assert part.duration == approx(0.02)
-    known = Flight(TIME, INPUTS, OUTPUTS, effect_directions=[-1, 1])
-    assert_array_equal(known[1:3].effect_directions, [-1, 1])
+    assert sliced.duration == approx(0.02)
+    with_directions = Flight(TIME, INPUTS, OUTPUTS, effect_directions=[-1, 1])
+    assert_array_equal(with_directions[1:3].effect_directions, [-1, 1])
     assert flight.effect_directions is None
 
 
@@ -90,13 +90,13 @@ def test_setpoints_may_be_missing_at_some_samples_and_are_cut_with_the_flight():
 
 def test_a_flight_its_slices_and_its_copies_cannot_be_changed():
     flight = Flight(TIME, INPUTS, OUTPUTS, provenance={"rates": {}})
-    part = flight[1:3]
-    for one in (flight, part):
+    sliced = flight[1:3]
+    for one in (flight, sliced):
         with raises(ValueError, match="read-only"):
             one.inputs[0, 0] = 1
     assert_array_equal(pickle.loads(pickle.dumps(flight)).outputs, flight.outputs)
     with raises(TypeError):
-        part.provenance["rates"]["motors"] = 50.0
+        sliced.provenance["rates"]["motors"] = 50.0
     with raises(AttributeError):
         flight.dt = 1.0
     INPUTS[0, 0] += 1

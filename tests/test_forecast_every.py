@@ -28,14 +28,17 @@ def model(request):
 
 
 def having_seen(model, samples):
-    """The model as it is, where the flight has come so far: what is learnt when it is asked for is not learnt anew."""
-    seen = replace(model, record=Record.from_flights(FLIGHT[:samples]))
+    """Returns the model with a shorter record, as if the flight had come to this sample.
+
+    Its learned parts are not learned again.
+    """
+    model_after_samples = replace(model, record=Record.from_flights(FLIGHT[:samples]))
     if "joint" in vars(model):
         channels = np.hstack([FLIGHT.outputs, FLIGHT.inputs @ model.joint.mixer])[:samples]
-        vars(seen)["joint"] = replace(
+        vars(model_after_samples)["joint"] = replace(
             model.joint, last_samples=channels[-model.joint.hyperparameters.lags :]
         )
-    return seen
+    return model_after_samples
 
 
 def assert_same(actual, expected):

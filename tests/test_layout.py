@@ -224,6 +224,7 @@ def is_listed_upward(module, source):
 
 
 def against_the_flow():
+    """Yields imports that the architecture forbids: of upper rooms, or of libraries outside of their rooms."""
     for module, path in MODULES.items():
         is_ours = module.split(".")[0] == "mavdem"
         here = room_of(module) if is_ours else None

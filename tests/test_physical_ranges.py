@@ -19,7 +19,7 @@ from mavdem.ingest import read_log
 
 
 def all_facts(assessment):
-    """Every fact that screen, page and documents show of a log."""
+    """Returns every fact that screen, page and documents show of a log."""
     facts = [assessment.headline, assessment.next_step, *assessment.lights.values()]
     facts += assessment.events
     facts += [instance.state for instance in assessment.instances]
@@ -40,24 +40,27 @@ def test_a_figure_outside_its_range_is_found_in_a_fact_within_a_fact():
 
 
 def run_away_after_a_crash():
-    """The vehicle falls from 10 m; after the impact its estimate falls on at 500 m/s, and its attitude is wild."""
-    made = moving(instrumented(), lambda since: -GRAVITY * since)
-    made = knocked(rolled(made, 110.0, EVENT + 0.3, 1.0), EVENT + 1.43, 150.0)
-    place = made.messages["LOCAL_POSITION_NED"]
-    is_after = place["time"] > EVENT + 1.5
-    return changed(made, "LOCAL_POSITION_NED", vz=np.where(is_after, 500.0, place["vz"]))
+    """Returns telemetry of a fall from 10 m.
+
+    After the impact the estimate falls on at 500 m/s, and the attitude is wild.
+    """
+    telemetry = moving(instrumented(), lambda since: -GRAVITY * since)
+    telemetry = knocked(rolled(telemetry, 110.0, EVENT + 0.3, 1.0), EVENT + 1.43, 150.0)
+    position = telemetry.messages["LOCAL_POSITION_NED"]
+    is_after = position["time"] > EVENT + 1.5
+    return changed(telemetry, "LOCAL_POSITION_NED", vz=np.where(is_after, 500.0, position["vz"]))
 
 
 def height_that_runs_away():
     """In a hover the estimate falls at 300 m/s while the barometer rises."""
-    made = instrumented("Alt hold")
-    made = moving(made, lambda since: 2.0 * (since < 8.0))
-    return estimating(made, lambda since: -300.0 * (since < 8.0))
+    telemetry = instrumented("Alt hold")
+    telemetry = moving(telemetry, lambda since: 2.0 * (since < 8.0))
+    return estimating(telemetry, lambda since: -300.0 * (since < 8.0))
 
 
 def damaged_battery():
     """One message in ten has a voltage or a current of ten times the true one."""
-    made = instrumented()
+    telemetry = instrumented()
     time = np.arange(0.0, 70.0, 0.5)
     factor = np.where(np.arange(len(time)) % 10 == 3, 10.0, 1.0)
     battery = columns(
@@ -66,7 +69,7 @@ def damaged_battery():
         current_battery=1500.0 * factor,
         battery_remaining=250,
     )
-    return changed(made, "SYS_STATUS", **battery)
+    return changed(telemetry, "SYS_STATUS", **battery)
 
 
 @mark.slow

@@ -36,15 +36,15 @@ def page_words(path):
 
 
 def recording_words(path):
-    """The names of a recording's views, and the documents in them."""
+    """Returns the names of a recording's views, and the documents in them, as one text."""
     reader = RrdReader(path)
     names = [
         name
-        for one in reader.blueprints()
-        for name in first_texts(reader.stream(store=one), "ViewBlueprint:display_name")
+        for element in reader.blueprints()
+        for name in first_texts(reader.stream(store=element), "ViewBlueprint:display_name")
     ]
-    said = first_texts(reader.stream(), "TextDocument:text")
-    return " · ".join([*sorted(names), *sorted(said)])
+    document_texts = first_texts(reader.stream(), "TextDocument:text")
+    return " · ".join([*sorted(names), *sorted(document_texts)])
 
 
 def code(name):
@@ -53,18 +53,18 @@ def code(name):
     for node in ast.walk(tree):
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
             node.value = ast.Constant("")
-    said = [
+    document_texts = [
         f"{type(node).__name__} {[field for _, field in ast.iter_fields(node) if isinstance(field, (str, int, float))]}"
         for node in ast.walk(tree)
     ]
-    return hashlib.sha256("\n".join(said).encode()).hexdigest()[:16]
+    return hashlib.sha256("\n".join(document_texts).encode()).hexdigest()[:16]
 
 
 def alike(now, before):
-    """Whether two texts have the same words, and numbers that differ by rounding, or by another processor's sums."""
+    """Returns whether two texts have the same words, and numbers that differ by rounding only."""
     pairs = zip(NUMBER.findall(now), NUMBER.findall(before), strict=False)
     near = (
-        isclose(*(float(one.replace(",", "")) for one in pair), rel_tol=0.1, abs_tol=0.5)
+        isclose(*(float(element.replace(",", "")) for element in pair), rel_tol=0.1, abs_tol=0.5)
         for pair in pairs
     )
     return NUMBER.sub("#", " ".join(now.split())) == NUMBER.sub(
@@ -119,23 +119,23 @@ def test_a_picture_is_as_new_as_what_it_shows(here, request):
     with rr.RecordingStream("live") as recording:
         recording.save("live.rrd")
         recording.send_blueprint(live_blueprint(CHANNELS))
-    shown = {
+    words_by_picture = {
         "live_dashboard": recording_words("live.rrd"),
         "simulated_flight": NUMBER.sub("", recording_words("blown.rrd")),
         "loops": code("report/charts/flight_charts.py"),
         "library": template("serve/lines.html"),
         "fleet": template("fleet.html"),
     }
-    kept = json.loads(PICTURES.read_text())
-    made = os.environ.get("PICTURES", "").split()
+    stored_words = json.loads(PICTURES.read_text())
+    named_pictures = os.environ.get("PICTURES", "").split()
     of_flights = {"dashboard", "browser", "wind", "comparison"}
-    if request.config.getoption("--in-full") or of_flights & {*made}:
-        shown |= learned_pictures()
+    if request.config.getoption("--in-full") or of_flights & {*named_pictures}:
+        words_by_picture |= learned_pictures()
     if request.config.getoption("--write-golden"):
-        kept |= {name: " ".join(shown[name].split()) for name in made}
-        PICTURES.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n")
-    assert {path.stem for path in (ROOT / "docs").glob("*.png")} == set(kept)
-    old = [name for name, words in shown.items() if not alike(words, kept[name])]
+        stored_words |= {name: " ".join(words_by_picture[name].split()) for name in named_pictures}
+        PICTURES.write_text(json.dumps(stored_words, indent=1, ensure_ascii=False) + "\n")
+    assert {path.stem for path in (ROOT / "docs").glob("*.png")} == set(stored_words)
+    old = [name for name, words in words_by_picture.items() if not alike(words, stored_words[name])]
     assert not old, f"they show what an earlier version did: run tools/pictures {' '.join(old)}"
 
 
@@ -151,7 +151,9 @@ def shown_after_commands(page):
     text = (ROOT / page).read_text()
     blocks = re.findall(r"^```(\w*)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
     return [
-        (commands, shown) for (_, commands), (kind, shown) in pairwise(blocks) if kind == "text"
+        (commands, words_by_picture)
+        for (_, commands), (kind, words_by_picture) in pairwise(blocks)
+        if kind == "text"
     ]
 
 
@@ -170,16 +172,18 @@ def test_the_tutorial_shows_what_its_commands_print(here, monkeypatch, request):
         monkeypatch.setenv(name, value)
     page = ROOT / "docs" / "tutorial.md"
     text = page.read_text()
-    for commands, shown in shown_after_commands(page):
+    for commands, words_by_picture in shown_after_commands(page):
         if flies or "mavdem fly " not in commands:
             # The same commands follow, of the flight after.
             commands = "".join(re.findall(r"^(?!.*--out before).*\n", commands, re.MULTILINE))
             now = _printed(commands, monkeypatch)
             if options.write_golden:
-                text = text.replace(f"```text\n{shown}", f"```text\n{now}", 1)
+                text = text.replace(f"```text\n{words_by_picture}", f"```text\n{now}", 1)
                 page.write_text(text)
-                shown = now
-            assert alike(*(re.sub(r"took [0-9.]+ s", "", one) for one in (now, shown)))
+                words_by_picture = now
+            assert alike(
+                *(re.sub(r"took [0-9.]+ s", "", element) for element in (now, words_by_picture))
+            )
 
 
 def _printed(commands, monkeypatch):

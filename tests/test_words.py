@@ -33,15 +33,15 @@ SENTENCE = re.compile(r"^[A-Z][a-z]*( [^ ]+){2,}[.!?]$")
 
 
 def prose_of(node):
-    """Lines and literals with words in a row; not docstrings, messages of errors that are bugs, and patterns."""
+    """Yields line and text of literals that are prose. Docstrings, messages about bugs, and patterns are left out."""
     called = getattr(node, "func", None)
     name = getattr(called, "id", getattr(called, "attr", ""))
     # Names of things, which documents have as values.
     has_names = isinstance(node, ast.ClassDef) and "StrEnum" in map(ast.unparse, node.bases)
-    said = getattr(node, "value", None)
-    if isinstance(node, ast.Constant) and isinstance(said, str) and WORDS.search(said):
-        yield node.lineno, said
-    is_docstring = isinstance(node, ast.Expr) and isinstance(said, ast.Constant)
+    literal = getattr(node, "value", None)
+    if isinstance(node, ast.Constant) and isinstance(literal, str) and WORDS.search(literal):
+        yield node.lineno, literal
+    is_docstring = isinstance(node, ast.Expr) and isinstance(literal, ast.Constant)
     if not is_docstring and name not in BUGS | {"compile", "field", "Field"}:
         for child in ast.iter_child_nodes(node):
             if not (has_names and isinstance(child, ast.Assign)):

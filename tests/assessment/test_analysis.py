@@ -70,11 +70,14 @@ def test_a_model_of_slow_motion_is_learned_if_it_predicts_better(slow):
     ],
 )
 def test_a_model_must_beat_the_baselines_by_a_margin_that_is_not_luck(ratio, windows, spread, kept):
+    """A model of the slow motion is kept if its error is clearly below the baselines', in enough held-out windows."""
     errors = np.sqrt(ratio * np.exp(spread * default_rng(1).standard_normal(windows)))
-    judged = held_out(last=1.2, count=windows)
-    forecast = np.broadcast_to(errors[:, None, None], judged.measured.shape)
-    judged = replace(judged, forecasts=judged.forecasts | {"forecast": forecast})
-    refusal = slow_motion_refusal(judged)
+    held_out_windows = held_out(last=1.2, count=windows)
+    forecast = np.broadcast_to(errors[:, None, None], held_out_windows.measured.shape)
+    held_out_windows = replace(
+        held_out_windows, forecasts=held_out_windows.forecasts | {"forecast": forecast}
+    )
+    refusal = slow_motion_refusal(held_out_windows)
     if kept:
         assert refusal is None
     else:
@@ -89,6 +92,7 @@ def test_a_model_must_beat_the_baselines_by_a_margin_that_is_not_luck(ratio, win
 
 @mark.slow
 def test_each_axis_is_as_by_itself_and_that_of_a_model_of_it(tmp_path, monkeypatch):
+    """The axes of a log are analysed in two processes, in one process, and one by one, with the same results."""
     path = short_flight(tmp_path)
     # Pitch and yaw are computed in a second process, where there can be one.
     monkeypatch.setattr(parallel, "available_workers", lambda: 2)

@@ -59,6 +59,7 @@ def with_batteries(volts_by_id, states=None, parameters=None, cells=None):
 
 
 def test_the_emptiest_of_several_batteries_is_judged_and_named_first():
+    """Battery 2 of two is empty, 10.5 V for four cells."""
     telemetry = with_batteries({0: FULL, 1: EMPTY})
     fact = power_light(evidence(telemetry))
     assert (fact.code, fact.level, fact.subject) == (PowerLight.BATTERY_LOW, "bad", "battery 2")
@@ -159,6 +160,7 @@ def test_each_battery_has_levels_of_its_own(number, parameters, level):
     ("state", "is_bad"), [(CRITICAL, True), (EMERGENCY, True), (CHARGING, False)]
 )
 def test_a_battery_that_the_autopilot_calls_critical_is_bad_and_named(state, is_bad):
+    """From 20 s to 45 s, the autopilot reports a state of battery 2: critical, emergency, or charging."""
     states = {1: np.where((TIME > 20.0) & (TIME < 45.0), state, OK)}
     telemetry = with_batteries({0: FULL, 1: FULL - 0.4}, states)
     fact = power_light(evidence(telemetry))
@@ -191,6 +193,7 @@ def test_cells_follow_from_the_elements_of_the_message():
     ],
 )
 def test_what_texts_say_of_a_battery(text, code, subject):
+    """Texts of ArduPilot and PX4 are recognised as warnings or alarms, with the number of the battery."""
     telemetry = HOVER.telemetry(20.0, 20.0)
     texts = np.array([text.encode()], dtype=object)
     telemetry = changed(
@@ -207,6 +210,7 @@ def test_what_texts_say_of_a_battery(text, code, subject):
     [(b"Battery 1 is low 10.50V", "watch"), (b"Battery 1 is critical", "bad"), (None, "bad")],
 )
 def test_a_failsafe_of_the_battery_is_as_bad_as_the_text_before_it(text, level):
+    """ArduPilot logs the error of a battery failsafe half a second after a text, or without one."""
     telemetry = HOVER.telemetry(20.0, 20.0)
     error = columns(np.array([30.5]), Subsys=np.array([6]), ECode=np.array([1]))
     telemetry = changed(telemetry, "ERR", **error)
@@ -227,6 +231,7 @@ def logged(tmp_path, rows, definition):
 
 
 def test_dataflash_batteries_are_instances_or_have_messages_of_their_own(tmp_path, monkeypatch):
+    """New versions number batteries by an instance; old ones log BAT and BAT2."""
     monkeypatch.setitem(made.MESSAGES, "BAT", (151, "QBff", "TimeUS,Instance,Volt,Curr"))
     seconds = np.arange(20, 50)
     instances = []
@@ -286,6 +291,7 @@ def test_a_vehicle_that_did_not_fly_is_not_told_to_land_earlier(time, is_on_grou
     [(20, "good", None), (10, "watch", 0.15), (6, "bad", 0.07), (0, "bad", 0.07)],
 )
 def test_a_charge_is_judged_by_the_limits_of_px4_down_to_nothing(lowest, level, limit):
+    """The charge falls to a percentage; PX4's limits are 15 % for a warning and 7 % for a critical charge."""
     telemetry = HOVER.telemetry(20.0, 20.0, autopilot="PX4")
     charge = np.interp(TIME, [0.0, 30.0], [90, lowest]).astype(int)
     status = columns(TIME, voltage_battery=1000 * FULL, battery_remaining=charge)
@@ -314,6 +320,7 @@ def test_a_charge_that_is_always_nothing_is_not_known():
 def test_a_charge_of_nothing_is_bad_with_ardupilots_defaults_unless_its_cells_are_charged(
     lowest, volts, level, words
 ):
+    """A charge of 0 % may be a wrong capacity: the voltage of the cells decides."""
     telemetry = HOVER.telemetry(20.0, 20.0)
     charge = np.interp(TIME, [0.0, 30.0], [90, lowest]).astype(int)
     voltage = np.interp(TIME, [0.0, 30.0], [16.4, volts])

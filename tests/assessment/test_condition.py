@@ -76,12 +76,13 @@ def test_the_interval_is_by_cosines_slower_than_a_twentieth_of_a_hertz():
     ],
 )
 def test_motors_are_at_the_stop_that_the_autopilot_sets_or_the_outputs_show(stop, parameters, low):
+    """Motor 2 reaches its upper limit, which parameters set or the log shows, in 30 % of the time."""
     telemetry = HOVER.telemetry(parameters=parameters)
-    sent = pulses(telemetry)
+    logged_outputs = pulses(telemetry)
     time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
-    commands = 1650.0 + 100 * default_rng(3).standard_normal(sent.shape)
+    commands = 1650.0 + 100 * default_rng(3).standard_normal(logged_outputs.shape)
     commands[1] += 400.0 * (np.sin(0.5 * time) > 0.6)
-    outputs = np.where(sent > 1000, commands.clip(low, stop).round(), low)
+    outputs = np.where(logged_outputs > 1000, commands.clip(low, stop).round(), low)
     hover = hover_of(Signals(with_pulses(telemetry, outputs), inputs="motors"))
     assert hover.headroom[1] == 0 and 0 < hover.headroom[0] < 0.1
     assert hover.at_upper_limit[1] == approx(0.3, abs=0.05)
@@ -126,8 +127,12 @@ def test_the_boards_number_is_the_same_from_the_text_and_from_autopilot_version(
     telemetry_with_text = with_texts(flown(), TEXT.encode())
     serial_words = np.array([int(word, 16) for word in TEXT.split()[1:]], "<u4")
     uid2 = np.append(serial_words, [0, 0]).astype("<u4").view(np.uint8)[None, :18]
-    sent = with_version(flown(), uid2=uid2)
-    assert name_of(telemetry_with_text) == name_of(sent) == ("001a002f3039511333333539", "board")
+    logged_outputs = with_version(flown(), uid2=uid2)
+    assert (
+        name_of(telemetry_with_text)
+        == name_of(logged_outputs)
+        == ("001a002f3039511333333539", "board")
+    )
 
 
 def test_without_a_number_the_calibration_names_the_vehicle_and_defaults_do_not():
@@ -147,6 +152,7 @@ def test_a_simulators_small_number_is_none(uid2):
 
 
 def test_the_date_is_when_the_settled_flight_began():
+    """The clock of the autopilot is known from 3 s on, and has one damaged value; settled flight begins at 11 s."""
     unix = datetime(2026, 5, 4, 12, 0, 0, tzinfo=UTC)
     beat = Hover().stamps(1.0)
     clock = np.where(beat < 3, 0, 1e6 * (unix.timestamp() + beat)).astype(np.uint64)
@@ -205,9 +211,9 @@ def test_firmware_is_what_the_autopilot_says_or_sends():
     telemetry_with_text = with_texts(flown(), b"ArduCopter V4.5.7 (2a3dc4b7)")
     assert identify_vehicle(Signals(telemetry_with_text)).firmware == "ArduCopter V4.5.7 (2a3dc4b7)"
     version = np.array([(1 << 24) + (16 << 16) + 255], dtype=np.uint32)
-    sent = with_version(flown(autopilot="PX4"), flight_sw_version=version)
-    assert identify_vehicle(Signals(sent)).firmware == "PX4 v1.16.0"
-    telemetry_with_version = replace(sent, firmware="PX4 v1.2.3 (abc)")
+    logged_outputs = with_version(flown(autopilot="PX4"), flight_sw_version=version)
+    assert identify_vehicle(Signals(logged_outputs)).firmware == "PX4 v1.16.0"
+    telemetry_with_version = replace(logged_outputs, firmware="PX4 v1.2.3 (abc)")
     assert (
         identify_vehicle(Signals(telemetry_with_version)).firmware
         == telemetry_with_version.firmware

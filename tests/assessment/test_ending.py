@@ -278,6 +278,7 @@ def test_a_loss_names_the_motor_whose_output_froze():
     ],
 )
 def test_a_loss_by_all_motors_together_names_no_motor(output, start_time, code):
+    """All motors stop, or are at their upper limit, before the vehicle is lost."""
     telemetry = with_fall(with_lean(flight(), ASIDE, 120.0, 100.0))
     events, ending = events_and_ending(with_motor_output(telemetry, ALL, output, start_time))
     cause = ending.figures["cause"]
@@ -389,6 +390,7 @@ def test_what_never_rose_tipped_over_at_take_off_and_names_none(highest, code):
 
 @mark.parametrize("height", [0.9, 2.5])
 def test_what_topples_in_a_landing_falls_no_further(height):
+    """The vehicle topples 0.9 m or 2.5 m above the ground: only the higher one is a fall."""
     telemetry = telemetry_of_lost_motor(1)
     time = stamps(telemetry, "LOCAL_POSITION_NED")
     z = np.select([time < 20.0, time < FAILS - 1.0], [0.0, -3.0], -height)
@@ -447,6 +449,7 @@ def test_an_attitude_is_caught_by_five_seconds_of_flight(seconds, caught):
 
 
 def test_a_fall_that_stops_at_once_is_a_crash_only_by_a_second_witness():
+    """The height shows a fall and an impact. Without the accelerometer that is one sensor only."""
     telemetry = with_end_of_log(with_fall(flight()), 4.0)
     events, ending = events_and_ending(telemetry)
     assert events[MotionEvent.HIT].time == approx(FAILS + 2.0, abs=0.4)
@@ -507,11 +510,12 @@ def report_of_lost_thrust(motor):
 
 
 def test_the_autopilots_own_word_names_a_motor_or_is_said_beside_another():
+    """The autopilot's text blames motor 2, 3 or 4 while the motion shows that motor 2 failed, or no motor."""
     _, agreed = events_and_ending(telemetry_of_lost_motor(1), report_of_lost_thrust(2))
     assert (agreed.subject, agreed.figures["word"]) == (NAMES[1], None)
     _, apart = events_and_ending(telemetry_of_lost_motor(1), report_of_lost_thrust(3))
-    named = [apart.figures[name].subject for name in ("cause", "word")]
-    assert (apart.subject, named) == ("", [NAMES[1], NAMES[2]])
+    motor_names = [apart.figures[name].subject for name in ("cause", "word")]
+    assert (apart.subject, motor_names) == ("", [NAMES[1], NAMES[2]])
     between = with_lean(telemetry_of_lost_motor(1), (-1.0, 0.0), 120.0, 100.0)
     _, alone = events_and_ending(between, report_of_lost_thrust(4))
     assert alone.figures["cause"] is None
@@ -527,6 +531,7 @@ def test_a_crash_that_only_the_autopilot_reports_is_an_ending():
 
 
 def test_a_log_that_ends_in_the_air_and_clips_are_events_and_no_ending():
+    """The log ends at a height of 10 m, unless it was ended on purpose or the autopilot restarted."""
     telemetry = with_end_of_log(flight(), 0.0)
     time = stamps(telemetry, "VIBRATION")
     counts = 3.0 * (time > 20.0) + 4.0 * (time > 22.0)

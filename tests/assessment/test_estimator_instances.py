@@ -92,6 +92,7 @@ GLITCHING = 831 | 1 << 15
     ],
 )
 def test_gps_is_doubted_only_with_a_position_fix(receiver, parameters, is_flagged):
+    """The filter rejects GPS in flight: with a fix that is a fault, without a receiver it means nothing."""
     telemetry = HOVER.telemetry(20.0, 20.0, parameters=parameters)
     ratios = dict.fromkeys(
         ("velocity_variance", "pos_horiz_variance", "pos_vert_variance", "compass_variance"), 0.1
@@ -115,7 +116,7 @@ STATUS = "TimeUS,C,SV,SP,SH,SM,SS,PI"
 
 
 def estimates(monkeypatch, rows, names=("XKF1", "XKF4"), fields=(MOTION, STATUS)):
-    """Definitions and messages of a filter; rows are pairs of a name and the values."""
+    """Defines the messages of a filter for the test, and returns rows of them: pairs of a name and values."""
     for kind, name, names_of_fields in zip((160, 161), names, fields, strict=True):
         count = names_of_fields.count(",")
         has_core = ",C," in names_of_fields
@@ -132,6 +133,7 @@ def vehicle_with(tmp_path, rows):
 
 
 def test_the_core_that_flies_at_each_time_gives_velocity_and_ratios(tmp_path, monkeypatch):
+    """ArduPilot's estimator switches from core 0 to core 1 at 25 s."""
     rows = []
     for second in range(20, 30):
         primary = 1.0 * (second >= 25)
@@ -150,6 +152,7 @@ def test_the_core_that_flies_at_each_time_gives_velocity_and_ratios(tmp_path, mo
 
 
 def test_another_core_stands_in_for_one_that_was_not_logged(tmp_path, monkeypatch):
+    """The primary core 0 was not logged: core 1 is used, and that is reported."""
     rows = []
     for second in range(20, 30):
         stamp = 1_000_000 * second
@@ -194,6 +197,7 @@ def topic(**fields):
 
 
 def test_px4_s_primary_instance_gives_the_estimator_s_status():
+    """Of two instances PX4's selector names number 1; without the selector there is one."""
     ratios = {"hgt_test_ratio": 0.1, "mag_test_ratio": 0.1, "solution_status_flags": 831}
     topics = {
         "estimator_status": {
@@ -254,6 +258,7 @@ def test_an_aiding_source_that_the_estimator_never_fused_does_not_count():
     ],
 )
 def test_an_aiding_source_that_is_not_used_any_more_does_not_count(first_rejected, ratios):
+    """GPS velocity is fused in the first three samples only. Its test ratio is the root of the ratio in the log."""
     rejected = np.zeros(12, int)
     if first_rejected is not None:
         rejected[first_rejected:] = 1
@@ -268,6 +273,7 @@ def test_an_aiding_source_that_is_not_used_any_more_does_not_count(first_rejecte
     [("PX4 v1.15.0", 0, True), ("PX4 v1.15.0", 1, False), ("PX4 v1.12.3", 0, False)],
 )
 def test_filtered_ratios_are_called_filtered(firmware, is_sampled, is_filtered):
+    """PX4 from 1.14 logs test ratios that are low-pass filtered, unless single samples are logged."""
     ratios = dict.fromkeys(("pos_horiz_ratio", "pos_vert_ratio", "mag_ratio"), 0.1 + 0 * TIME)
     telemetry = HOVER.telemetry(20.0, 20.0)
     messages = dict(telemetry.messages)

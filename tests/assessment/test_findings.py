@@ -41,11 +41,11 @@ GOOD, LIMITED, NONE = Grade
 EFFECT, MOTION, WIND, PREDICTION, RESIDUALS = Purpose
 
 
-def purpose_finding_of(purpose, *known, **more):
-    """Returns the finding on one purpose; the other arguments are those of ``model_findings``."""
+def purpose_finding_of(purpose, *arguments, **options):
+    """Returns the finding on one purpose of a model; the other arguments are those of ``model_findings``."""
     return next(
         purpose_finding
-        for purpose_finding in model_findings(*known, **more).purposes
+        for purpose_finding in model_findings(*arguments, **options).purposes
         if purpose_finding.purpose is purpose
     )
 
@@ -103,6 +103,7 @@ def test_a_few_worse_windows_and_a_band_that_holds_most_are_still_good(share, co
     }.items(),
 )
 def test_parameters_are_good_up_to_a_width_of_their_intervals(share, expected):
+    """The grade depends on the half width of the intervals relative to the values."""
     learned = model(physical(share))
     assert (
         purpose_finding_of(EFFECT, learned).grade,
@@ -134,6 +135,7 @@ def test_parameters_doubted_for_one_reason_are_named_together_and_the_reason_onc
     ],
 )
 def test_the_wind_is_good_only_where_it_is_resolved_and_its_size_known(changes, grade, code):
+    """The wind torque is graded by the error of its scale, and by the parameters that it follows from."""
     finding = purpose_finding_of(WIND, model(physical(), **changes))
     assert (finding.grade, finding.reason.code) == (grade, code)
     # It is what is left when the motors' torque is taken away.
@@ -267,6 +269,7 @@ def test_under_what_overrides_reasons_keep_their_figures_and_ask_for_nothing():
 
 
 def test_warnings_are_only_where_they_mean_something():
+    """A narrow band, errors larger than expected, a failed part or an unstable model give one warning each."""
     learned = model(physical())
     assert not [
         *model_warnings(learned, held_out()),

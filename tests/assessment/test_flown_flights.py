@@ -148,6 +148,7 @@ def test_a_vehicle_that_was_disarmed_has_landed_however_soon_it_flies_again(
 
 
 def test_a_short_time_just_off_the_ground_is_a_hop_and_no_flight():
+    """The vehicle is in the air for some seconds, up to a height of 0.5 m or 4 m."""
     time = HOVER.stamps(10.0)
     beat = HOVER.stamps(2.0)
     for end, top, durations in ((9.0, 0.5, []), (9.0, 4.0, [2.0]), (14.0, 0.5, [7.0])):

@@ -50,6 +50,7 @@ def fast_flight():
     ],
 )
 def test_a_flag_is_a_jump_only_where_the_positions_jump(is_flagged, jump, code):
+    """The filter reports a glitch for one sample or three seconds, while the position jumps by 40 m or not at all."""
     north = fast_flight() + np.where(THREE_SECONDS, jump, 0.0)
     fact = estimator_light(evidence_of(Signals(telemetry_with_glitch(is_flagged, north))))
     assert fact.code is code

@@ -56,6 +56,7 @@ def test_controllers_are_judged_by_the_errors_that_they_count_alone():
     ],
 )
 def test_a_receiver_is_doubted_by_what_the_filters_ask_for(fields, doubts):
+    """The number of satellites, accuracy, dilution or jamming of a GPS receiver is beyond its limit."""
     usual = {"fix_type": 3, "satellites_visible": 14, "eph": 80, "h_acc": 900}
     fact = receiver_fact(evidence_with("GPS_RAW_INT", **usual | fields))
     assert fact.figures["doubts"] == doubts
@@ -65,6 +66,7 @@ def test_a_receiver_is_doubted_by_what_the_filters_ask_for(fields, doubts):
 
 @mark.parametrize("change, level", [(0.0, "good"), (0.4, "watch"), (-0.7, "bad")])
 def test_a_field_is_judged_by_its_change_from_the_ground_to_the_flight(change, level):
+    """The magnetic field changes with the throttle by a fraction of its size."""
     motors = TELEMETRY.messages["SERVO_OUTPUT_RAW"]
     command = np.mean([motors[f"servo{n}_raw"] for n in range(1, 5)], axis=0)
     # The throttle goes up and down, slowly against the averages of 2 s.
@@ -138,6 +140,7 @@ def test_only_a_log_has_the_temperature_of_the_imu_in_highres_imu():
 
 
 def test_ardupilots_compasses_are_numbered_by_priority_and_need_offsets():
+    """Of three entries in the parameters, two are compasses. The second one has no calibration offsets."""
     parameters = {
         "INS_ACC_ID": 2621706,
         "INS_ACCOFFS_X": 0.1,

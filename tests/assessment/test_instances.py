@@ -35,7 +35,7 @@ def by_name(telemetry):
 
 
 def with_sensors():
-    """The hover with two receivers, of which one has no fix, two barometers, and speed controllers."""
+    """Returns the hover with two GPS receivers, one without a fix, two barometers, a compass and speed controllers."""
     parameters = {"BARO_PRIMARY": 1.0, "COMPASS_USE": 0.0}
     telemetry = HOVER.telemetry(20.0, 20.0, parameters=parameters)
     for message, fix_type, satellites in (("GPS_RAW_INT", 3, 12), ("GPS2_RAW", 1, 2)):
@@ -138,6 +138,7 @@ def test_ranges_of_a_log_without_flight_are_not_called_ranges_in_flight():
 
 
 def test_further_sensors_of_a_dataflash_log_have_messages_of_their_own(tmp_path, monkeypatch):
+    """Second sensors are numbered by an instance (GPS, BARO), or are in messages of their own (MAG2, ESC2)."""
     definitions = {
         "GPS": (170, "QBBBfLL", "TimeUS,I,Status,NSats,HDop,Lat,Lng"),
         "BARO": (171, "QBf", "TimeUS,I,Alt"),
@@ -228,6 +229,7 @@ def test_the_accelerometer_of_the_primary_core_counts():
 
 
 def test_the_imus_of_a_stream_are_messages_of_their_own():
+    """A telemetry log has two IMUs in RAW_IMU and SCALED_IMU2, of which the second measures too little gravity."""
     telemetry = instrumented()
     time = telemetry.messages["HIGHRES_IMU"]["time"]
     for message, gravity in (("RAW_IMU", 1000.0), ("SCALED_IMU2", 900.0)):

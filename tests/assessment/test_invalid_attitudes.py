@@ -38,29 +38,31 @@ def frames_of_flight(**options):
 
 
 def test_a_log_and_a_live_flight_say_that_the_attitude_is_not_a_number():
+    """From 15 s on the attitude is NaN until the end."""
     frames = frames_of_flight()
-    live = replay(frames)
-    [alarm] = [fact for fact in live.facts if fact.code is SessionFact.ALARM]
+    replayed = replay(frames)
+    [alarm] = [fact for fact in replayed.facts if fact.code is SessionFact.ALARM]
     event = alarm.figures["reason"]
     assert (event.code, event.time) == (MotionEvent.ATTITUDE_INVALID, approx(15.0))
     assert alarm.time <= 16.6
-    status = live.stream.status()
+    status = replayed.stream.status()
     assert status.no_model_reason == event and status.overall_judgement.headline == event
     reasons = {fact.subject: fact.figures["reason"] for fact in status.watch_facts}
     assert reasons[WatchedQuantity.CONTROL] == reasons[WatchedQuantity.TRACKING] == event
 
-    judged = assess(read(tlog(content for _, content in frames)))
-    assert judged.judgement.headline == event == judged.lights[Light.ESTIMATOR]
-    codes = [fact.code for fact in judged.evidence.events]
+    assessment = assess(read(tlog(content for _, content in frames)))
+    assert assessment.judgement.headline == event == assessment.lights[Light.ESTIMATOR]
+    codes = [fact.code for fact in assessment.evidence.events]
     assert MotionEvent.LOG_ENDED_IN_AIR not in codes
 
 
 @mark.slow
 @mark.parametrize("end_time", [15.5, 18.0])
 def test_the_event_ends_with_the_next_number_and_needs_a_second(end_time):
-    live = replay(frames_of_flight(end_time=end_time))
-    alarms = [fact for fact in live.facts if fact.code is SessionFact.ALARM]
+    """The attitude is NaN from 15 s to its end time: only a second or more is an alarm."""
+    replayed = replay(frames_of_flight(end_time=end_time))
+    alarms = [fact for fact in replayed.facts if fact.code is SessionFact.ALARM]
     assert len(alarms) == (0 if end_time < 16.0 else 1)
     if alarms:
-        control = [fact for fact in live.stream.watch_facts if fact.subject == "control"]
+        control = [fact for fact in replayed.stream.watch_facts if fact.subject == "control"]
         assert [fact.code for fact in control] == [WatchFact.WATCHED]

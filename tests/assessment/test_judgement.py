@@ -311,6 +311,7 @@ def test_a_hard_landing_ranks_above_lights_to_watch_and_below_those_that_are_bad
     ],
 )
 def test_an_event_in_the_headline_is_its_light_unless_that_is_as_bad(levels, code, level, light):
+    """An event replaces the light of its subject, such as the tracking, if the event is worse."""
     before = lights(**levels)
     event = Fact(code, Level(level))
     after = lights_with_event(before, event)

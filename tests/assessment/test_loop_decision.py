@@ -145,9 +145,10 @@ def test_a_loop_that_meets_the_goal_only_in_many_models_is_flown_first():
 
 @mark.parametrize("factor, level", [(1.0, Level.GOOD), (4.0, Level.BAD)])
 def test_sure_margins_of_a_contradicted_model_are_watched_and_give_no_gains(factor, level):
+    """The measured response contradicts the loop model: its margins, good or bad, are in doubt."""
     loop = made_up(factor)
-    (sure,) = AxisMargins("roll", loop, None, None).facts
-    assert sure.level is level
+    (margins_fact,) = AxisMargins("roll", loop, None, None).facts
+    assert margins_fact.level is level
     contradiction = Fact(StepResponseFact.PREDICTION_DOUBTED, subject="roll rate", share=0.4)
     (fact,) = AxisMargins("roll", loop, None, None, contradiction=contradiction).facts
     assert fact.level is Level.WATCH
@@ -187,12 +188,16 @@ def test_the_margin_goal_is_met_if_95_percent_of_the_models_have_it():
 def test_a_response_at_limits_or_of_other_gains_contradicts_no_loop(
     reason, caution, is_contradicted
 ):
+    """The measured response has half the predicted gain.
+
+    With motors at limits or changed gains, that says nothing.
+    """
     measured = None
     if reason is not None:
         measured = MeasuredResponse((0.3, 0.5), 0.0, 0.0, 1.0, reason)
     loop = replace(made_up(), measured=measured, cautions=caution)
     frequency, closed = loop.rate.frequency, loop.rate.closed_loop_response[0]
-    flown = partial_record(
+    measured_response = partial_record(
         StepResponse,
         axis="roll",
         loop="rate",
@@ -201,7 +206,7 @@ def test_a_response_at_limits_or_of_other_gains_contradicts_no_loop(
         gain_half=0 * frequency + 0.01,
         max_frequency=30.0,
     )
-    comparison = response_comparison(flown, loop, frequency, closed)
+    comparison = response_comparison(measured_response, loop, frequency, closed)
     assert (comparison is not None) is is_contradicted
 
 

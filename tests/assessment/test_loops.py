@@ -25,18 +25,18 @@ P = "ATC_RAT_RLL_P"
 
 
 def sections_and_caution(values, modes=()):
-    """Returns the sections with one set of gains of a hover in which parameters were set, and the caution about them.
+    """Returns the sections of a hover with one set of gains, and the caution about them.
 
     ``values`` has name, time and value of each parameter that was set.
     """
     telemetry = Hover().telemetry(parameters={name: value for name, _, value in values})
     names, times, set_to = zip(*values, strict=True)
-    sent = {"param_id": np.array([name.encode() for name in names])}
-    sent |= {"param_value": np.array(set_to, np.float32)}
-    telemetry = changed(telemetry, "PARAM_VALUE", **columns(np.array(times), **sent))
+    parameter_columns = {"param_id": np.array([name.encode() for name in names])}
+    parameter_columns |= {"param_value": np.array(set_to, np.float32)}
+    telemetry = changed(telemetry, "PARAM_VALUE", **columns(np.array(times), **parameter_columns))
     if modes:
-        began, numbers = np.transpose(modes)
-        telemetry = changed(telemetry, "CURRENT_MODE", **columns(began, custom_mode=numbers))
+        mode_times, numbers = np.transpose(modes)
+        telemetry = changed(telemetry, "CURRENT_MODE", **columns(mode_times, custom_mode=numbers))
     signals = Signals(telemetry)
     flights = tuple(aligned_flight(signals, segment) for segment in settled_segments(signals))
     assert (round(flights[0].time[0]), round(flights[0].time[-1])) == (12, 51)
@@ -44,6 +44,7 @@ def sections_and_caution(values, modes=()):
 
 
 def test_the_longest_part_with_one_set_of_gains_has_these():
+    """The gain P is set at 30 s and at 32 s: the part from 32 s to 51 s is the longest."""
     (part,), caution = sections_and_caution([(P, 1.0, 0.5), (P, 30.0, 0.25), (P, 32.0, 0.125)])
     assert (part.time[0], part.time[-1]) == approx((32.0, 51.0), abs=1)
     assert part.provenance["parameters"][P] == 0.125
@@ -93,27 +94,28 @@ def test_autotune_has_gains_that_no_parameter_has():
 @mark.slow
 def test_a_recorded_autotune_has_its_span_and_what_it_found():
     signals = Signals(recorded("sitl_raw/ap_autotune.BIN.xz"))
-    tuned = autotune_fact(signals, refusal := Fact(LoopFact.NOT_STEERED))
-    assert (round(tuned.time), round(tuned.end_time)) == (64, 184)
-    _, before, after = zip(*sorted(tuned.figures["changes"]), strict=True)
+    autotune = autotune_fact(signals, refusal := Fact(LoopFact.NOT_STEERED))
+    assert (round(autotune.time), round(autotune.end_time)) == (64, 184)
+    _, before, after = zip(*sorted(autotune.figures["changes"]), strict=True)
     assert (before, after) == (approx((4.5, 0.0018, 0.0675, 0.0675)), (36.0, 0.0006, 0.116, 0.116))
     assert autotune_fact(signals.for_axis("pitch"), refusal) is None
 
 
 def test_autotune_of_yaw_names_what_it_tuned_and_damage_is_no_number():
+    """ArduPilot's autotune reports its gains as texts, one of which is damaged."""
     texts = "AutoTune: Yaw(E) Rate: P:0.5.1, I:0.05", "AutoTune: Pitch Rate: P:0.2"
     texts += ("AutoTune: Yaw Angle P:36.000, Max Accel:609317",)
-    tuned = autotune_fact(
+    autotune = autotune_fact(
         Signals(with_texts(Hover().telemetry(), *texts), "yaw"), Fact(LoopFact.NOT_STEERED)
     )
-    assert tuned.figures["changes"] == (
+    assert autotune.figures["changes"] == (
         ("ATC_RAT_YAW_P", None, 0.5),
         ("ATC_RAT_YAW_I", None, 0.05),
         ("ATC_ANG_YAW_P", None, 36.0),
     )
-    assert tuned.time == 1.0
-    assert "36 is more than the 12 that ArduPilot recommends" in tuned.sentence
-    assert "At the end of the log the parameters are those from before" in tuned.sentence
+    assert autotune.time == 1.0
+    assert "36 is more than the 12 that ArduPilot recommends" in autotune.sentence
+    assert "At the end of the log the parameters are those from before" in autotune.sentence
 
 
 def test_without_a_rate_setpoint_the_reason_includes_what_inputs_and_outputs_show(monkeypatch):

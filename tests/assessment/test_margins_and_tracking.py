@@ -223,6 +223,7 @@ def evidence_of_delayed_roll(size, late=0.2, error=0.0):
 
 @mark.slow
 def test_the_tracking_error_excludes_the_delay():
+    """Roll follows its setpoint 0.2 s late, or without a delay and with a constant error."""
     light = tracking_light(evidence_of_delayed_roll(0.1))
     assert (light.code, light.level) == (TrackingLight.FOLLOWS_SETPOINT, "good")
     assert light.figures["delay"] == approx(0.2, abs=0.021)
@@ -284,6 +285,7 @@ def test_an_oscillation_at_half_of_the_sampling_rate_is_an_error(rate):
     ],
 )
 def test_the_limit_of_the_tracking_error_grows_with_the_setpoint(size, error, level):
+    """The same error is judged with small and with large setpoints."""
     assert tracking_light(evidence_of_delayed_roll(size, late=0.0, error=error)).level == level
 
 
@@ -436,6 +438,7 @@ def test_nothing_after_the_vehicle_was_lost_counts():
 
 
 def test_oscillation_a_loss_or_a_motor_at_its_stop_without_hover_grounds_a_vehicle():
+    """Each of these is a reason not to fly, so that no flights are advised."""
     lost = Fact(Ending.CRASHED, time=20.0)
     stop = Fact(MotionEvent.MOTOR_AT_ITS_STOP, Level.WATCH, time=15.0, boot=0)
     caught = Fact(MotionEvent.ATTITUDE_CAUGHT, Level.WATCH)

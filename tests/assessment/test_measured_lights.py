@@ -74,6 +74,7 @@ def sagging_voltage(cell, seconds=20.0):
 
 
 def test_a_battery_is_judged_by_its_cells_and_its_load():
+    """The voltage sags by 0.04 V for each ampere: the resistance of the battery is estimated."""
     amperes = np.where(FLYING, 20.0 + 5 * np.sin(5 * TIME), 0.5)
     drawn = {"current_battery": 100 * amperes}
     telemetry = changed(battery(16.6 - 0.04 * amperes), "SYS_STATUS", **drawn)
@@ -103,6 +104,7 @@ def test_a_battery_is_judged_by_its_cells_and_its_load():
     ],
 )
 def test_battery_voltages_have_the_levels_of_their_limits(volts, parameters, level):
+    """The voltage sags below limits for each cell, or below limits of the parameters, for some seconds."""
     fact = power_light(evidence(battery(volts, parameters)))
     assert fact.level == level
     if level in ("watch", "bad"):
@@ -156,6 +158,7 @@ def test_what_follows_a_loss_is_no_fault_of_the_battery():
     ],
 )
 def test_supply_voltages_of_the_board_have_the_levels_of_their_limits(usual, least, code, level):
+    """The supply of the flight controller falls from its usual to its least voltage for 10 s."""
     volts = np.where((TIME > 30) & (TIME < 40), least, usual)
     # A board that works is never without a supply: that is a message without a measurement.
     volts[len(volts) // 2] = 0.0
@@ -351,6 +354,7 @@ def test_a_filter_that_assumes_a_standstill_in_flight_has_no_position():
 
 
 def test_a_flight_without_any_fix_is_to_be_watched_unless_the_position_came_from_elsewhere():
+    """GPS searches in vain. The position may be known all the same, by optical flow for example."""
     searching = columns(TIME, fix_type=1, satellites_visible=2, eph=9999)
     telemetry = changed(telemetry_with_innovations(), "GPS_RAW_INT", **searching)
     # The bits 3 and 4 say that the filter has a position.
@@ -372,6 +376,7 @@ def test_a_flight_without_any_fix_is_to_be_watched_unless_the_position_came_from
 
 @mark.slow
 def test_what_a_receiver_does_not_know_is_not_printed():
+    """The values 255 and 65535 mean that the number of satellites and the dilution are unknown."""
     unknown = columns(TIME, fix_type=3, satellites_visible=255, eph=65535)
     assert estimator_light(
         evidence(changed(telemetry_with_innovations(), "GPS_RAW_INT", **unknown))
@@ -398,6 +403,7 @@ def test_what_a_receiver_does_not_know_is_not_printed():
     ],
 )
 def test_a_compass_whose_field_is_another_in_flight(change, before, code):
+    """The magnetic field changes at take-off by more or less than its limit, after enough seconds on the ground."""
     time = TIME[29 - before :]  # it flies from there on
     field = 400.0 * np.where(time > 5.7, 1 + change, 1.0)
     report = columns(time, xmag=0.6 * field, ymag=0.0, zmag=0.8 * field)
@@ -545,6 +551,7 @@ def test_a_wind_is_good_if_its_interval_is_no_wider_than_one_beaufort_number(int
 
 @mark.slow
 def test_the_log_is_judged_by_its_rates_and_gaps():
+    """The log is complete, slow, has a gap or dropouts, or lacks the attitude."""
     complete_telemetry = HOVER.telemetry(50.0, 50.0)
     time = HOVER.stamps(50.0)
     holed = HOVER.telemetry(time[(time < 30) | (time > 30.1 + MAX_GAP)], 50.0)
@@ -672,6 +679,7 @@ def telemetry_with_text(text):
 
 @mark.slow
 def test_what_shows_that_a_flight_was_simulated():
+    """Parameters of simulators, names, texts, and a gyro with too little drift show a simulated flight."""
     telemetry = HOVER.telemetry(20.0, 20.0)
     other_text = telemetry_with_text("Not Simulated by mavdem")
     for real in (

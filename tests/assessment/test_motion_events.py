@@ -211,6 +211,7 @@ def test_a_failsafe_that_stops_the_motors_in_the_air_is_the_cause():
 
 
 def test_a_radio_that_was_lost_until_the_motors_stopped_is_the_reason():
+    """The receiver of the remote control reports no signal from 3 s before the failsafe on."""
     telemetry = changed(failsafe_in_the_air(), "STATUSTEXT", text=np.array(["Hello"]))
     time = np.arange(0.0, 76.0, 0.1)
     is_lost = (time > EVENT - 3.0) & (time < EVENT + 5.0)
@@ -408,6 +409,7 @@ def test_the_slope_of_a_barometer_does_not_contradict_a_short_fall():
 def test_a_vehicle_that_sinks_at_full_throttle_with_a_motor_at_its_limit_lacks_thrust(
     pulse, is_spent
 ):
+    """The vehicle sinks at 4 m/s with motor 2 at its limit, and the stick at full or half throttle."""
     ground = EVENT + 10.0 / 4.0
     telemetry = moving(instrumented("Stabilize"), lambda elapsed: -4.0 * (elapsed < 2.5))
     outputs = pulses(telemetry)
@@ -429,6 +431,7 @@ def test_a_vehicle_that_sinks_at_full_throttle_with_a_motor_at_its_limit_lacks_t
 def test_a_motor_at_its_limit_at_full_throttle_is_to_be_watched_only_without_a_climb(
     pulse, climb, level, is_full
 ):
+    """Motor 2 is at its limit for 2 s; at full throttle in a climb that is normal."""
     telemetry = moving(instrumented("Stabilize"), lambda elapsed: climb * (elapsed < 2.0))
     outputs = pulses(telemetry)
     time = stamps(telemetry, "SERVO_OUTPUT_RAW")

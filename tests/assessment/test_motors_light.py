@@ -24,16 +24,16 @@ HOVER = Hover(hovering=60.0)
 FRONT_LEFT = "motor 3 (front left)"
 
 
-def evidence(pulses=lambda time: 0.0, **known):
-    """Of a hover in which the motors' pulses are so much more, µs: (4, N) or a number."""
+def evidence(pulses=lambda time: 0.0, **options):
+    """Returns the evidence of a hover in which the motors' pulses are increased, µs, by (4, N) or one number."""
     telemetry = HOVER.telemetry(10.0, 10.0, parameters=X_QUAD_PARAMETERS)
     usual = outputs_of(telemetry)
     noise = default_rng(3).normal(1500.0, 3.0, usual.shape)
     time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
-    sent = np.where(usual > 1000, noise + pulses(time), 1000.0)
-    signals = Signals(with_pulses(telemetry, sent), inputs="motors")
-    changes = alarms_before_loss(motor_alarms(signals), known.get("ending"))
-    return evidence_of(signals, events=tuple(thrust_losses(changes)), **known)
+    outputs = np.where(usual > 1000, noise + pulses(time), 1000.0)
+    signals = Signals(with_pulses(telemetry, outputs), inputs="motors")
+    changes = alarms_before_loss(motor_alarms(signals), options.get("ending"))
+    return evidence_of(signals, events=tuple(thrust_losses(changes)), **options)
 
 
 def weak(begin, end=np.inf):
@@ -55,6 +55,7 @@ def test_trims_that_shifted_in_flight_are_to_be_watched_and_name_no_motor():
 def test_the_more_probable_cause_of_shifted_trims_is_to_be_checked_first(
     load, motor, checked_first
 ):
+    """A load or a motor is the more probable cause of a steady change of torque."""
     shift = Fact(
         MotorWatchFact.STEADY_TORQUE_CHANGED,
         time=40.0,
@@ -81,6 +82,7 @@ def test_the_more_probable_cause_of_shifted_trims_is_to_be_checked_first(
     ],
 )
 def test_the_light_of_motors_is_the_worst_fact_about_them(pulses, code, level):
+    """Motors are even, trimmed in yaw, weak for good or for 20 s, or near their limit."""
     light_fact = motors_light(evidence(pulses))
     assert (light_fact.code, light_fact.level) == (code, level)
     if code is MotorsLight.HEADROOM_LITTLE:
@@ -164,8 +166,9 @@ def test_a_motor_without_headroom_works_harder_where_the_trim_is_not_known(monke
 
 @mark.slow
 def test_what_names_a_motor_before_its_balance_goes_first():
+    """Events that name a motor outrank what the balance of the motors shows."""
     even = evidence()
-    named, failed, other_event = (
+    motor_event, failed, other_event = (
         Fact(code, Level.BAD, time=50.0, subject=subject, boot=0)
         for code, subject in (
             (MotionEvent.MOTOR_OFF, FRONT_LEFT),
@@ -173,9 +176,9 @@ def test_what_names_a_motor_before_its_balance_goes_first():
             (SessionFact.ALARM, "GPS"),
         )
     )
-    first, largest = named.replace(rise=0.2), named.replace(rise=0.4)
-    assert motors_light(replace(even, ending=named)) == named
-    for *later_events, expected_event in ((other_event, named), (failed,), (first, largest)):
+    first, largest = motor_event.replace(rise=0.2), motor_event.replace(rise=0.4)
+    assert motors_light(replace(even, ending=motor_event)) == motor_event
+    for *later_events, expected_event in ((other_event, motor_event), (failed,), (first, largest)):
         assert motors_light(replace(even, events=(*later_events, expected_event))) == expected_event
     # After control was lost the balance says nothing.
     after = motors_light(evidence(weak(40.0), ending=Fact(SessionFact.ALARM, time=30.0)))
@@ -194,8 +197,8 @@ def test_a_motor_that_the_autopilot_names_by_its_number_is_in_the_light():
 
 def test_without_settled_flight_or_outputs_it_is_not_known():
     flight = evidence()
-    bare = replace(flight, condition=replace(flight.condition, hover=None), events=())
-    light_fact = motors_light(bare)
+    without_hover = replace(flight, condition=replace(flight.condition, hover=None), events=())
+    light_fact = motors_light(without_hover)
     assert (light_fact.code, light_fact.level) == (MotorsLight.MOTORS_NOT_SEEN, "unknown")
     assert "10 s" in light_fact.sentence and light_fact.grounded.remedy.startswith("Check motors")
     stop, shorter, longer = (
@@ -206,17 +209,18 @@ def test_without_settled_flight_or_outputs_it_is_not_known():
             {"time": 20.0, "end_time": 75.0, "duration": 50.0},
         )
     )
-    assert motors_light(replace(bare, events=(shorter, longer, stop))) == longer
+    assert motors_light(replace(without_hover, events=(shorter, longer, stop))) == longer
     # In a flight without a hover, a moment at the limit is no need of thrust.
-    assert motors_light(replace(bare, events=(shorter, stop))) == light_fact
-    lost = replace(bare, events=(stop,), ending=Fact(SessionFact.ALARM, time=40.0))
+    assert motors_light(replace(without_hover, events=(shorter, stop))) == light_fact
+    lost = replace(without_hover, events=(stop,), ending=Fact(SessionFact.ALARM, time=40.0))
     assert motors_light(lost).code is MotorsLight.MOTORS_NOT_SEEN
     assert motors_light(replace(flight, events=(stop,))).level == "good"
 
 
 def test_the_motor_that_saturates_most_is_named_or_none_of_several_alike():
+    """One motor is at its limit for 50 s, one for 0.3 s, and then another for 30 s."""
     flight = evidence()
-    bare = replace(flight, condition=replace(flight.condition, hover=None))
+    without_hover = replace(flight, condition=replace(flight.condition, hover=None))
     names = flight.signals.motors.geometry.names
 
     def at_limit(motor, time, duration):
@@ -225,9 +229,9 @@ def test_the_motor_that_saturates_most_is_named_or_none_of_several_alike():
         return Fact(code, time=time, subject=names[motor], duration=duration, boot=0)
 
     most, least = at_limit(0, 31.0, 50.0), at_limit(2, 30.0, 0.3).replace(end_time=30.3)
-    assert motors_light(replace(bare, events=(least, most))) == most
+    assert motors_light(replace(without_hover, events=(least, most))) == most
     also_long = at_limit(3, 30.5, 30.0)
-    alike = motors_light(replace(bare, events=(least, also_long, most)))
+    alike = motors_light(replace(without_hover, events=(least, also_long, most)))
     assert (alike.code, alike.subject) == (MotorsLight.MOTORS_AT_LIMIT, "")
     assert alike.figures["names"] == (names[0], names[3])
     assert alike.time == also_long.time

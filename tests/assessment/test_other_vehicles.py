@@ -31,15 +31,21 @@ BATTERY_PARAMETERS = {"BATT_LOW_VOLT": 9.5, "BATT_CRT_VOLT": 9.0}
 
 def telemetry(vehicle, vibration=2.0, volts=12.4):
     """A trip with attitude, outputs of four channels, vibration, a battery of three cells and an estimator."""
-    sent = HOVER.telemetry(10.0, 10.0, vehicle=vehicle, parameters=BATTERY_PARAMETERS)
+    telemetry_of_vehicle = HOVER.telemetry(
+        10.0, 10.0, vehicle=vehicle, parameters=BATTERY_PARAMETERS
+    )
     innovations = dict.fromkeys(INNOVATION_FIELDS["EKF_STATUS_REPORT"], 0.1)
-    sent = changed(sent, "EKF_STATUS_REPORT", **columns(TIME, flags=0.0, **innovations))
+    telemetry_of_vehicle = changed(
+        telemetry_of_vehicle, "EKF_STATUS_REPORT", **columns(TIME, flags=0.0, **innovations)
+    )
     level = {f"vibration_{axis}": vibration for axis in "xyz"}
     clips = {f"clipping_{imu}": 0.0 for imu in range(3)}
-    sent = changed(sent, "VIBRATION", **columns(TIME, **level, **clips))
+    telemetry_of_vehicle = changed(
+        telemetry_of_vehicle, "VIBRATION", **columns(TIME, **level, **clips)
+    )
     sag = np.where((TIME > 10.0) & (TIME < 60.0), -0.02, 0.0)
     voltage = 1000 * (volts + sag)
-    return changed(sent, "SYS_STATUS", **columns(TIME, voltage_battery=voltage))
+    return changed(telemetry_of_vehicle, "SYS_STATUS", **columns(TIME, voltage_battery=voltage))
 
 
 @fixture(params=["FIXED_WING", "GROUND_ROVER", "SUBMARINE"])
@@ -86,19 +92,21 @@ def test_the_bad_light_of_another_vehicle_is_its_headline(vehicle, vibration, vo
 
 
 def test_clipping_is_an_event_of_every_vehicle(vehicle):
-    sent = telemetry(vehicle)
+    telemetry_of_vehicle = telemetry(vehicle)
     clips = np.where(TIME > 30.0, 7.0, 0.0)
-    events = assess(log_of(changed(sent, "VIBRATION", clipping_0=clips))).events
+    events = assess(log_of(changed(telemetry_of_vehicle, "VIBRATION", clipping_0=clips))).events
     [clipped] = [event for event in events if event.code is MotionEvent.CLIPPED]
     assert clipped.figures["count"] == 7
     assert clipped.time == approx(30.2, abs=0.01)
 
 
 def test_channels_of_other_vehicles_are_no_motors(vehicle):
-    sent = telemetry(vehicle)
+    telemetry_of_vehicle = telemetry(vehicle)
     # One of four channels goes up by a quarter of its range, and stays there.
     raised = np.where(HOVER.stamps(10.0) > 35.0, 1900.0, 1600.0)
-    assessment = assess(log_of(changed(sent, "SERVO_OUTPUT_RAW", servo1_raw=raised)))
+    assessment = assess(
+        log_of(changed(telemetry_of_vehicle, "SERVO_OUTPUT_RAW", servo1_raw=raised))
+    )
     # Not even when they are at their limit.
     motor_events = [event for event in assessment.events if "motor" in event.subject]
     assert not motor_events
@@ -113,9 +121,12 @@ def test_a_vehicle_that_never_armed_did_not_operate(vehicle):
 
 @mark.parametrize("kind, seconds", [("FIXED_WING", 20.0), ("GROUND_ROVER", 67.0)])
 def test_a_land_detector_counts_for_what_can_fly(kind, seconds):
-    sent = telemetry(kind)
+    """The land detector of a rover reports flight too, which is ignored."""
+    telemetry_of_vehicle = telemetry(kind)
     state = np.where((TIME >= 20.0) & (TIME <= 40.0), IN_AIR, ON_GROUND)
-    signals = Signals(changed(sent, "EXTENDED_SYS_STATE", **columns(TIME, landed_state=state)))
+    signals = Signals(
+        changed(telemetry_of_vehicle, "EXTENDED_SYS_STATE", **columns(TIME, landed_state=state))
+    )
     [(start, end)] = airborne_intervals(signals, 0)
     assert end - start == approx(seconds, abs=2.0)
 

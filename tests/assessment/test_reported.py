@@ -99,6 +99,7 @@ def test_repeated_reports_are_one_event_with_count_and_interval():
     "second_loss, spans", [(20.0, [(10.0, 11.0), (20.0, 30.0)]), (15.0, [(10.0, 30.0)])]
 )
 def test_a_state_that_was_over_is_not_reported_through_the_pause(second_loss, spans):
+    """GPS is lost from 10 s to 11 s, and again after a long or short pause."""
     gps_failsafe = 7
     rows = columns([10.0, 11.0, second_loss, 30.0], Subsys=[gps_failsafe] * 4, ECode=[1, 0, 1, 0])
     problems = merge_repeats(reported_problems(changed(FLOWN, "ERR", **rows)))
@@ -128,6 +129,7 @@ def test_a_glitch_of_the_barometer_is_no_failed_sensor():
 
 
 def test_errors_of_dataflash_have_their_name_and_last_until_they_are_over():
+    """ArduPilot's ERR has numbers of a subsystem and an error; code 0 ends the error of that subsystem."""
     rows = columns(
         [30.0, 31.0, 34.0, 40.0, 50.0],
         Subsys=[16, 5, 5, 13, 24],
@@ -252,6 +254,7 @@ def test_reports_while_disarmed_are_not_bad():
 
 
 def test_a_failsafe_and_a_lane_are_states_too():
+    """A failsafe lasts from 31 s to 39 s, the estimator switches lanes twice, and resets at 30 s."""
     beats = FLOWN.messages["HEARTBEAT"]["time"]
     critical = 4 + (abs(beats - 35) < 5)
     telemetry = changed(FLOWN, "HEARTBEAT", system_status=critical)
@@ -276,6 +279,10 @@ def test_a_failsafe_and_a_lane_are_states_too():
     ],
 )
 def test_a_recorded_state_contradicts_or_confirms_a_text(text, message, field, sound, faulty):
+    """The autopilot reports a fault by a text.
+
+    A message with the state of the same system has the fault, or does not.
+    """
     telemetry = with_texts(FLOWN, text.encode(), severity=(4,))
     telemetry = changed(telemetry, "STATUSTEXT", time=np.array([30.5]))
     (claim,) = reported_problems(telemetry)
@@ -312,6 +319,7 @@ def test_a_recorded_state_contradicts_or_confirms_a_text(text, message, field, s
     ],
 )
 def test_a_battery_contradicts_no_text_about_another(text, last_of_second, is_contradicted):
+    """Batteries 1 and 2 report a sound state, the second up to some time, while a text names a battery."""
     telemetry = with_texts(FLOWN, text.encode(), severity=(4,))
     telemetry = changed(telemetry, "STATUSTEXT", time=np.array([30.5]))
     first, second = TIMES, TIMES[last_of_second >= TIMES]
@@ -351,6 +359,7 @@ def test_a_radio_that_stays_lost_has_no_end_whatever_is_reported_meanwhile():
 
 
 def test_a_failsafe_that_ends_between_two_flights_is_not_that_of_the_next():
+    """The vehicle is disarmed from 15 s to 25 s; the failsafe of the first flight ends meanwhile."""
     beats = FLOWN.messages["HEARTBEAT"]
     time = beats["time"]
     disarmed = (time >= 15.0) & (time < 25.0)

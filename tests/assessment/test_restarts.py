@@ -47,6 +47,7 @@ def telemetry_of_fall(height, tumbling):
     ],
 )
 def test_a_watchdog_reset_and_a_fall_are_a_restart_in_flight(text):
+    """After the restart a text names the watchdog, and the vehicle falls 20 m."""
     (event,) = restart_events(with_texts(telemetry_of_fall(20.0, tumbling=False), text))
     assert event.code is ReportedEvent.RESTARTED_IN_FLIGHT
     assert event.level is Level.BAD
@@ -102,6 +103,7 @@ def test_without_a_report_a_fall_and_a_tumble_are_needed():
 
 
 def test_a_reboot_between_flights_is_one_on_the_ground():
+    """The second boot of the log begins level and at rest."""
     telemetry = Hover(hovering=8.0).telemetry(10.0, 10.0)
     second = columns(np.arange(0.5, 20.0, 0.1), boot=1, roll=0.0, pitch=0.0, yaw=0.0)
     first = telemetry.messages["ATTITUDE"]

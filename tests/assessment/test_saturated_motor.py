@@ -167,6 +167,7 @@ def test_a_motor_was_not_at_its_limit_first_after_another_one():
 
 @mark.parametrize("limit_time, is_named", [(35.0, True), (39.5, False)])
 def test_a_motor_at_its_limit_long_before_all_thrust_was_used_up_is_named(limit_time, is_named):
+    """All motors are at their limits from 40 s on, motor 1 since 35 s or 39.5 s."""
     spent = Fact(FailedFirst.THRUST_SPENT_FIRST, time=40.0, share=0.93)
     crashed = Fact(Ending.CRASHED, time=42.0, subject="", cause=spent, word=None, boot=0)
     limit = Fact(

@@ -82,24 +82,25 @@ class BlownFlight(Flight):
 
 @mark.slow
 def test_a_log_and_a_live_flight_are_judged_the_same():
+    """The wind carries the vehicle away for ten seconds: the alarm in flight and the event of the log agree."""
     frames = BlownFlight(Hover(hovering=30.0), attitude=20.0, motors=20.0).frames(end=64.0)
-    live = replay(frames)
-    [alarm] = [fact for fact in live.facts if fact.code is SessionFact.ALARM]
-    [over] = [fact for fact in live.facts if fact.code is WatchFact.ALARM_OVER]
-    drift = over.figures["reason"]
+    replayed = replay(frames)
+    [alarm] = [fact for fact in replayed.facts if fact.code is SessionFact.ALARM]
+    [end_of_alarm] = [fact for fact in replayed.facts if fact.code is WatchFact.ALARM_OVER]
+    drift = end_of_alarm.figures["reason"]
     assert alarm.sentence_and_remedy.endswith(
         "Descend to where the wind is weaker, and land. Fly in less wind."
     )
-    assert alarm.time == approx(13.0 + 5.0, abs=2.0) and over.time == approx(23.5, abs=1.0)
+    assert alarm.time == approx(13.0 + 5.0, abs=2.0) and end_of_alarm.time == approx(23.5, abs=1.0)
     # After the landing the light still says that it was so.
-    status = live.stream.status()
+    status = replayed.stream.status()
     assert not status.is_flying and status.overall_judgement.headline.level is Level.BAD
     assert status.worst_lights[Light.WIND].level is Level.BAD
 
-    judged = assess(read(tlog(content for _, content in frames)))
-    [event] = [fact for fact in judged.evidence.events if fact.code is MotionEvent.CARRIED_AWAY]
+    assessment = assess(read(tlog(content for _, content in frames)))
+    [event] = [fact for fact in assessment.evidence.events if fact.code is MotionEvent.CARRIED_AWAY]
     assert event.end_time == drift.end_time and event.figures == approx(drift.figures)
-    assert judged.lights[Light.WIND] == event and judged.judgement.headline == event
+    assert assessment.lights[Light.WIND] == event and assessment.judgement.headline == event
 
 
 @dataclass(frozen=True)
@@ -114,6 +115,6 @@ class BlownWithoutAttitude(BlownFlight):
 
 def test_an_attitude_that_no_longer_comes_shows_no_drift():
     frames = BlownWithoutAttitude(Hover(hovering=30.0), attitude=20.0, motors=20.0).frames(end=64.0)
-    judged = assess(read(tlog(content for _, content in frames)))
-    codes = [fact.code for fact in judged.evidence.events]
+    assessment = assess(read(tlog(content for _, content in frames)))
+    codes = [fact.code for fact in assessment.evidence.events]
     assert MotionEvent.CARRIED_AWAY not in codes

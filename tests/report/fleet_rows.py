@@ -15,7 +15,7 @@ WEAK = {"effect": (-40.0, 40.0, 0.7 * 41.0, -39.0), "trim_share": (0.97, 0.95, 1
 
 
 def flight_row(vehicle, number, axis="roll", **changed):
-    """A row of tier a, of flights a day apart."""
+    """Returns a row of a fleet's table with complete figures; flights of a vehicle are a day apart."""
     values = {
         "file": f"/logs/{vehicle}/{number:04d}.ulg",
         "key": f"{vehicle}-{number}",

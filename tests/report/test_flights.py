@@ -60,6 +60,7 @@ def test_the_next_step_of_a_fleet_is_that_of_its_most_urgent_vehicle():
 
 
 def test_vehicles_in_trouble_come_first_and_the_worst_before_others():
+    """Vehicles have a fault, a drift, or a bad headline in their latest flight, or none."""
     cycle = {"headline": "Oscillates.", "headline_level": "bad"}
     rows = [
         flight_row("alpha", 0),
@@ -113,6 +114,7 @@ def test_no_two_vehicles_are_called_the_same(given, labels):
 
 
 def test_a_repaired_vehicle_says_that_later_flights_show_nothing():
+    """The first flight has a fault of motor 1, the second is sound."""
     flights = [
         [flight_row("quad", 0, health="fault", suspect_motor=1, fault_probability=0.99)],
         [flight_row("quad", 1)],
@@ -130,6 +132,7 @@ def test_a_repaired_vehicle_says_that_later_flights_show_nothing():
 
 
 def test_vehicles_to_watch_and_not_judged_are_counted_beside_those_that_need_a_look():
+    """One vehicle was lost, two are to be watched; no motors could be judged."""
     unjudged = {"health": "unknown", "headline": "It drifts.", "headline_level": "watch"}
     rows = [
         flight_row("lost", 0, health="unknown", headline="It fell.", headline_level="bad"),
@@ -168,6 +171,7 @@ def test_the_motor_of_a_flight_is_the_one_that_failed_in_it_or_that_others_suspe
 
 
 def test_flights_by_a_system_id_are_no_vehicle_until_they_are_judged_as_one():
+    """Logs that name only a MAVLink system id may be of several vehicles."""
     rows = [
         flight_row("px4-1", number, vehicle_basis="system id", health="unknown")
         for number in range(2)
@@ -282,6 +286,7 @@ def test_a_figure_of_a_loop_with_other_gains_differs_only_by_its_own_interval():
 
 
 def test_the_bound_on_false_changes_is_that_of_the_families_that_were_tested():
+    """The text about false alarms names trims and physical parameters, or trims only."""
     flights = rows_of_flight(0), rows_of_flight(1, voltage_mean=15.0)
     text = plain_text(difference_blocks(reviewed_difference(vehicle_difference(*flights))))
     assert (
@@ -295,6 +300,7 @@ def test_the_bound_on_false_changes_is_that_of_the_families_that_were_tested():
 
 
 def test_the_latest_flight_of_each_vehicle_is_compared_with_the_baseline():
+    """Four healthy flights, and then four in which motor 3 is weak."""
     baseline = [row for number in range(4) for row in rows_of_flight(number)]
     later = [row for number in range(4, 8) for row in rows_of_flight(number, **WEAK)]
     rows = [*baseline, *later, *rows_of_flight(0, "new"), *rows_of_flight(0, "unknown")]
@@ -326,6 +332,7 @@ def test_a_flight_without_a_date_comes_last():
     ],
 )
 def test_a_wind_that_is_known_only_roughly_is_an_interval_in_the_table(speed, interval, text):
+    """The cell has the speed if its interval is narrow, and otherwise the interval."""
     row = flight_row(
         "quad", 0, wind_speed=speed, wind_speed_interval=interval, wind_direction=1.5 * pi
     )

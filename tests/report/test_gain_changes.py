@@ -52,6 +52,7 @@ def test_a_notch_filter_is_set_with_the_first_gains(tmp_path: Path):
 
 
 def test_what_limits_advised_gains_stands_beside_them(monkeypatch: MonkeyPatch):
+    """The gains were advised from 7 s of 424 s, and only 56 % of the plants have their margins."""
     part = Fact(LoopFact.GAINS_OF_PART, names=(), parts=(), ratings=(), duration=7.0, settled=424.0)
     result = Fact(
         LoopFact.AUTOTUNED, subject="roll", changes=(), ratings=(), time=1.0, end_time=2.0

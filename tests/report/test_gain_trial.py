@@ -23,6 +23,7 @@ WITHOUT_TWIN = partial_record(Evidence, loops={"roll": Fact(LoopFact.LOOP_TOO_SH
 
 @mark.slow
 def test_steps_of_both_gains_are_drawn_over_each_other():
+    """Step responses of the present and of the advised gains; pitch has no loop."""
     advice = {"roll": advise(made_up(4.5)), "pitch": Fact(LoopFact.LOOP_TOO_SHORT)}
     groups = gain_trial_groups(WITHOUT_TWIN, advice)
     assert groups.keys() == {"roll"}
@@ -64,6 +65,7 @@ def test_kept_gains_are_not_compared():
 
 @mark.slow
 def test_motions_of_the_twin_stand_below_the_steps_with_their_errors(monkeypatch):
+    """The simulated twin follows a setpoint with both gains, and hovers in wind."""
     time = np.arange(0, 12, 0.1)
     setpoint = np.where((time > 5) & (time < 8), 0.1, 0.0)
     motion = TwinMotion(time, setpoint, setpoint + 0.02 * np.sin(time), 0.5 * setpoint)

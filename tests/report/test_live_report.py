@@ -19,6 +19,7 @@ from mavdem.report.pages.flight_page import live_page
 
 
 def test_the_table_of_time_adds_up():
+    """Uses of less than a second have no row."""
     account = dict.fromkeys(TimeUse, 0.0)
     first, second, third = list(TimeUse)[:3]
     account |= {first: 12.2, second: 30.0, third: 0.3}

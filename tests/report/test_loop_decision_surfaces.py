@@ -365,6 +365,7 @@ LOWERED = ("Lower P and D", "P gain of the roll angle")
 @mark.slow
 @mark.parametrize("name", FLIGHTS)
 def test_every_surface_gives_the_advice_of_the_decision(name, assessments, tunings, surfaces_of):
+    """Screen, page and documents of a flight must raise or lower the same gains as the decision on its loops."""
     assessment = assessments[name]
     tuning = tunings[name]
     decided = decided_directions(assessment, tuning)
@@ -410,6 +411,7 @@ def test_no_goal_is_met_by_an_axis_that_does_not_follow(surfaces_of):
 
 @mark.slow
 def test_figures_that_an_unstable_loop_does_not_have_are_dashes():
+    """The present gains make the attitude loop unstable, the advised ones do not."""
     unstable, sound = loop("roll", 12.0), loop("roll", 1.0)
     assert not unstable.attitude.is_stable
     for table in margin_tables({"now": unstable, "advised": sound}):

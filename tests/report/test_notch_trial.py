@@ -101,6 +101,7 @@ def test_a_spectrum_behind_the_filter_is_not_drawn_with_another_one():
 
 
 def test_two_notches_are_tried_together_and_a_third_stays_as_it_is():
+    """The trial draws the product of two notch filters; a third one of ArduPilot is part of the spectrum before."""
     parameters = PX4 | PX4_NOTCHES
     trial = trial_of(parameters, autopilot="PX4")
     assert [form.title for form in trial.filters] == ["Notch 1", "Notch 2"]
@@ -119,6 +120,7 @@ def test_two_notches_are_tried_together_and_a_third_stays_as_it_is():
 
 
 def test_a_notch_for_each_motor_is_at_the_speeds_of_the_flight():
+    """Notches follow the speed of each motor, Hz, or the mean of all."""
     by_speed = {"INS_HNTCH_MODE": 3.0, "INS_HNTCH_OPTS": 2.0, "INS_HNTCH_REF": 1.0}
     motors = (70.0, 95.0, 100.0, 105.0)
     trial = trial_of(ARDUPILOT | HARMONIC_NOTCH | by_speed, motors=motors)

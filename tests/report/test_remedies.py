@@ -29,6 +29,7 @@ def loss_of_control(cause):
     ],
 )
 def test_a_fact_forbids_flight_where_its_remedy_says_so(fact):
+    """A fact forbids flight exactly if its remedy begins with "Do not fly"."""
     assert forbids_flight(fact) == fact.remedy.startswith("Do not fly")
 
 
@@ -62,6 +63,7 @@ def test_the_margins_are_named_once_in_a_reason_for_none():
     ],
 )
 def test_no_model_reaches_the_goal_only_where_the_share_is_zero(share, reached):
+    """The sentence distinguishes no model, few models, and a share of the models."""
     expected = Fact(LoopFact.MARGIN_RATING, phase_margin=44.0, gain_margin=8.9, ms=1.9)
     target = {"phase_margin": 45.0, "gain_margin": 6.0, "ms": 2.0}
     step = Fact(

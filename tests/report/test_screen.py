@@ -18,6 +18,7 @@ from mavdem.report.screen import motor_blocks, prediction_blocks
 
 
 def test_errors_stand_beside_the_model_that_forecast_or_predicted():
+    """The table of errors names the model of forecasts and of predictions."""
     measured = np.random.default_rng(3).normal(size=(2, 5, 1))
     names = (FORECAST, PREDICTION, CONSTANT_MEAN, HOLD_LAST)
     held_out = HeldOut(

@@ -153,6 +153,7 @@ def test_markdown_aligns_numbers_to_the_right_and_sets_commands_apart():
     ],
 )
 def test_an_estimate_has_the_digits_of_its_interval(value, half, shown):
+    """A half width has two digits, and the value as many decimals."""
     assert plus_minus(value, half) == shown
 
 

@@ -48,6 +48,7 @@ GAINS = {
 
 
 def test_a_line_that_is_thinned_keeps_its_peaks_and_its_gaps():
+    """A line of 8000 samples with two peaks and a gap from 40 s to 60 s is reduced to 501 points."""
     time = np.arange(0, 100, 0.01)
     time = time[(time < 40) | (time > 60)]
     values = np.sin(time)
@@ -117,6 +118,7 @@ def spectrum(name):
 
 
 def test_steps_of_known_loops_have_band_and_prediction():
+    """The step response of roll was measured and predicted; yaw has no setpoint."""
     measured = response()
     loop_response = LoopResponse(measured, measured.step, measured.gain)
     none = LoopResponse(Fact(StepResponseFact.NO_SETPOINT, subject="yaw rate"))

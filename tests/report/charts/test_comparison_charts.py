@@ -46,6 +46,7 @@ def test_the_error_of_an_angle_is_drawn_only_where_its_setpoint_was_recorded():
 
 
 def test_stored_series_are_drawn_as_those_of_the_log(tmp_path):
+    """The series of a flight are written to a file and read again, and drawn beside the original ones."""
     vibration = np.linspace(1.0, 4.0, 50)
     time = np.linspace(1.0, 39.0, 50)
     levels = {
@@ -69,6 +70,7 @@ def test_stored_series_are_drawn_as_those_of_the_log(tmp_path):
 
 
 def test_outputs_of_motors_are_means_over_half_a_second_on_one_scale():
+    """All four charts of motors have the same range, and their mean is that of the collective."""
     signals = Signals(FLOWN)
     motors = signals.motors
     series = flight_series(signals)

@@ -36,6 +36,7 @@ def test_no_motor_is_coloured_under_a_light_that_does_not_warn():
 
 
 def test_a_path_changes_its_colours_with_height_and_mode():
+    """A flight north climbs at 5 s, and changes its mode at 8 s."""
     time = np.linspace(0.0, 10.0, 101)
     north, east, down = 5 * time, 0 * time, -np.where(time < 4.95, 1.0, 20.0)
     position = TimeSeries(time, np.zeros(101, int), np.column_stack([north, east, down]))
@@ -52,6 +53,7 @@ def test_a_path_changes_its_colours_with_height_and_mode():
 
 
 def test_a_vehicle_in_flight_is_drawn_with_heading_take_off_and_wind():
+    """The map of a live flight, 1200 m to the north with the take-off halfway."""
     time = np.arange(1201.0)
     position = TimeSeries(time, np.zeros(1201, int), np.column_stack([time, 0 * time, -time]))
     timeline = Timeline(

@@ -18,6 +18,7 @@ def measured_response(height):
 
 
 def test_each_loop_has_a_chart_with_a_line_for_each_axis_that_was_measured():
+    """Rate and attitude responses were measured of some axes."""
     unknown = Fact(StepResponseFact.TOO_SLOW)
     heights = {"roll": (0.9, None), "pitch": (1.1, 1.0), "yaw": (None, None)}
     responses = {}

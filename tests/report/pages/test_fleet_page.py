@@ -25,7 +25,7 @@ from mavdem.report.vehicle_summary import vehicle_summaries
 
 
 def fleet_page(rows, changes=None):
-    """The index of a fleet with these rows."""
+    """Returns the index page of a fleet with these rows."""
 
     def charts(name):
         return page_of_fleet.vehicle_charts([row for row in rows if row.vehicle == name])
@@ -53,6 +53,7 @@ def table_of(text):
 
 
 def test_who_is_in_trouble_stands_first_and_open_and_others_are_folded():
+    """One of five vehicles has a fault: its section is the first, and the only open one."""
     text = fleet_page(fleet_rows(20))
     sections = parts(text)
     assert list(sections) == ["quad-1", "quad-0", "quad-2", "quad-3", "quad-4"]
@@ -71,6 +72,7 @@ def test_who_is_in_trouble_stands_first_and_open_and_others_are_folded():
 
 
 def test_a_fleet_without_a_flight_and_one_with_a_single_flight_have_a_page():
+    """Fleets with no flight, one flight, or flights of unknown vehicles."""
     for rows in ([], [FlightRow(file="a.bin", status="It is empty.")]):
         assert "No log holds a flight" in fleet_page(rows)
     alone = fleet_page([flight_row("quad", 0)])
@@ -91,6 +93,7 @@ def test_a_date_in_the_future_is_not_on_the_axis_of_dates():
 
 
 def test_a_lost_flight_without_figures_needs_a_look():
+    """A flight that was lost has no settled flight, other logs have no flight at all."""
     lost = {"status": "No settled flight.", "headline": "Lost at 70.9 s.", "headline_level": "bad"}
     lost |= {"tier": None}
     unused = [
@@ -141,6 +144,7 @@ def panels(rows):
 
 
 def test_a_fault_is_marked_and_an_unknown_is_a_gap_or_of_all_flights_no_panel():
+    """The second of three flights has no damping, and none has a motor time constant."""
     health_and_probability = zip(("ok", "ok", "fault"), (0.5, None, 0.6), strict=True)
     unknown = {"lag": None, "effect_status": "not identifiable", "vibration": (1.0, 2.0, 3.0)}
     rows = [
@@ -294,6 +298,7 @@ return found;
 
 @mark.slow
 def test_a_browser_sorts_searches_and_prints_ten_thousand_flights(tmp_path, browser):
+    """A browser shows a large table, and a script uses its sorting and its filter."""
     rows = fleet_rows(1000)
     text = fleet_page(rows)
     table = table_of(text)

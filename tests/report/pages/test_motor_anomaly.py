@@ -125,7 +125,7 @@ GOOD_REVIEW = {
 
 
 def doubtful_trim(motor, change):
-    """Returns the comparison of two flights in which the trim of a motor changed, too uncertain to count."""
+    """Returns the comparison of two flights in which the trim of a motor changed, but too uncertainly to count."""
     difference = vehicle_difference(*([flight_row("quad", number)] for number in (1, 2)))
     (trim,) = [
         quantity_change

@@ -114,6 +114,7 @@ def test_two_axes_of_a_flight_of_a_fleet_fit_into_a_small_page_that_leads_back(a
 
 
 def test_a_line_divides_the_events_of_two_boots():
+    """Two events are of the first boot, and two of the second, whose clock begins again."""
     stop = Fact(MotionEvent.MOTOR_OFF, Level.BAD, subject="motor 3")
     events = [
         PageEvent(Event(time, stop.replace(time=time, boot=boot)))
@@ -210,6 +211,10 @@ return {span: [x.min, x.max], cursors, scrolled: scrollY};
 
 @mark.slow
 def test_fingers_on_a_plot_move_all_cursors_zoom_and_scroll(flight, tmp_path, browser):
+    """Touches are sent to a browser.
+
+    One finger moves the cursors, two zoom, a double tap resets, a vertical move scrolls.
+    """
     (tmp_path / "page.html").write_text(flight)
     with browser.tab() as tab:
         tab.size(390)
@@ -330,6 +335,7 @@ return flight.charts.map(chart => chart.data_.values[0].textContent);
 
 @mark.slow
 def test_values_under_the_cursor_have_the_decimals_that_their_axis_shows(tmp_path, browser):
+    """Four charts have a value at 5 s, and axes of very different ranges."""
     time = np.linspace(0.0, 10.0, 11)
     charts = []
     for value, largest in ((-2e-4, 30.0), (-0.3332, 30.0), (-2e-4, 1e-3), (1234.5678, 2000.0)):
@@ -556,6 +562,7 @@ def test_lights_of_a_log_refer_to_the_headline_instead_of_saying_it_again():
 
 
 def test_of_chapters_to_be_watched_the_one_of_the_headline_is_open():
+    """Three lights are to be watched, and the headline is about the wind."""
     lights = {
         Light.VIBRATION: Fact(VibrationLight.VIBRATION_MEASURED, Level.WATCH),
         Light.TRACKING: Fact(Unjudged.NOT_JUDGED, Level.WATCH),
@@ -672,6 +679,7 @@ return [opened, root.charts.groups.flight.span];
 
 @mark.slow
 def test_the_plots_of_a_lost_flight_open_around_the_loss(tmp_path, browser):
+    """The vehicle crashes at 77 s: plots show 62 s to 80 s at first."""
     time = np.linspace(0.0, 80.0, 200)
     chart = over_time("Roll", "°", [Line("roll", "#1f7ad6", time, time)])
     loss = Fact(
