@@ -74,7 +74,7 @@ def height_disagreements(sensors: BootSensors, flight_interval: TimeInterval) ->
 
 
 def height_difference(signals: Signals, boot: int) -> TimeSeries | None:
-    """Returns how much higher the barometer reads than satellites, m, by an arbitrary level of both.
+    """Returns how much higher the barometer reads than satellites, m, up to a constant: both levels are arbitrary.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.

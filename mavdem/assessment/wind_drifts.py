@@ -135,7 +135,11 @@ class WindDriftDetector:
     """Finds in which times of a flight wind carries the vehicle away, sample by sample."""
 
     def __init__(self, boot: int = 0) -> None:
-        """Begins without a sample; ``boot`` is the number of the boot, which the events state."""
+        """Begins the search for drifts, without a sample.
+
+        Args:
+            boot: number of the boot, which the events state.
+        """
         self._boot = boot
         # The samples of the last ``DRIFT_SECONDS``.
         self._samples: deque[DriftSample] = deque()

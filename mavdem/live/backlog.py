@@ -52,7 +52,7 @@ class Backlog:
     """
 
     def __init__(self, *, begins_late: bool = False) -> None:
-        """Begins without a frame.
+        """Makes an empty backlog, of an analysis that keeps up.
 
         Args:
             begins_late: whether the session first analyses frames from before its beginning.

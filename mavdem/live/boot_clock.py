@@ -60,7 +60,11 @@ class BootClock:
     """
 
     def __init__(self, report: Callable[[Fact], None]) -> None:
-        """Begins without a time; ``report`` is called with each reboot and each jump."""
+        """Makes a clock without a time, which the first attitude gives it.
+
+        Args:
+            report: is called with the fact about each reboot and each jump of the clock.
+        """
         self.now = nan
         self.boot = 0
         self.latest_restart: TimeInterval | None = None

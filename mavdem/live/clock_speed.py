@@ -45,7 +45,7 @@ class ClockSpeed:
     """
 
     def __init__(self, log: Callable[[Fact], None]) -> None:
-        """Begins without a reading.
+        """Begins without a reading; until the speed is measured, both clocks count as equally fast.
 
         Args:
             log: is called with the fact that the vehicle's clock is slow.

@@ -97,7 +97,11 @@ class ControlWatch:
     """Watches one boot of a vehicle for a loss of control: that it no longer follows its setpoint, or tips over."""
 
     def __init__(self, recent: RecentMessages) -> None:
-        """Begins without a sample; ``recent`` has the slow messages of the boot, among them heights and speeds."""
+        """Begins the watch of a boot, without a sample of the attitude.
+
+        Args:
+            recent: the slow messages of the boot, among them heights and speeds.
+        """
         self._recent = recent
         # Attitudes, setpoints and specific forces of the last seconds, by the name of their message.
         self._samples: dict[str, deque[TimedValues]] = {}

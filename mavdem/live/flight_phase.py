@@ -59,7 +59,11 @@ class FlightPhase:
     """
 
     def __init__(self, recent: RecentMessages) -> None:
-        """Begins on the ground; ``recent`` has the messages of the boot."""
+        """Begins a boot with the vehicle on the ground.
+
+        Args:
+            recent: messages of the boot.
+        """
         self.is_flying = False
         self.is_in_air = False
         self.motors_are_idle = False

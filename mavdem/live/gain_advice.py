@@ -58,7 +58,7 @@ class GainAdviser:
     """
 
     def __init__(self, recording: Path, start_executor: Callable[[int], Executor]) -> None:
-        """Begins without advice.
+        """Prepares the computation of advice on gains from a session's recording; there is no advice yet.
 
         Args:
             recording: the file that the session records into.

@@ -36,7 +36,7 @@ class GradualLossWatch:
     """
 
     def __init__(self, geometry: MotorGeometry, boot: int) -> None:
-        """Begins without a sample.
+        """Begins the search for a slow loss of thrust, without a sample.
 
         Args:
             geometry: positions and spins of the k motors.

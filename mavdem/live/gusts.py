@@ -26,7 +26,7 @@ class ResolvedTorque:
     """
 
     def __init__(self, dt: float) -> None:
-        """Starts before the first estimate.
+        """Prepares the detection of gusts, before the first estimate of the wind torque.
 
         Args:
             dt: step between samples, s.

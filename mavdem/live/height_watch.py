@@ -48,7 +48,7 @@ class HeightWatch:
     """Watches the heights of a vehicle since its autopilot started: estimated, by barometer, and by satellites."""
 
     def __init__(self, recent: RecentMessages, control: ControlWatch) -> None:
-        """Begins without a rest.
+        """Begins the watch of heights in a boot, before the vehicle was found at rest.
 
         Args:
             recent: the slow messages of the boot, among them heights, pressures and positions.

@@ -236,7 +236,7 @@ class LiveHistory:
     """
 
     def __init__(self) -> None:
-        """Begins without a row, on a timeline without a time."""
+        """Makes an empty history, whose timeline has no time yet."""
         self.now = nan
         self.timeline_offset = 0.0
         self.motor_names: Names = ()

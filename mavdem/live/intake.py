@@ -54,7 +54,7 @@ class LinkIntake:
         log: Callable[[Fact], None],
         first_pieces: Sequence[ReceivedPiece] = (),
     ) -> None:
-        """Begins with an open link.
+        """Makes the intake of an open link, which receives and records its frames.
 
         Args:
             link: the link.

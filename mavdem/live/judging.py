@@ -44,7 +44,7 @@ class ModelJudging:
     """
 
     def __init__(self, executor: Executor | None, recording_name: str | None) -> None:
-        """Begins without a judgement.
+        """Prepares the judging of models; none is judged yet.
 
         Args:
             executor: executor in which models are judged in flight; None to judge at the end only.

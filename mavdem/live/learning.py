@@ -63,7 +63,7 @@ class FlightLearning:
         prior: Learned | None,
         log: Callable[[Fact], None],
     ) -> None:
-        """Begins without a row.
+        """Prepares the learning; the learner is made when :meth:`begin` gets the format of the first rows.
 
         Args:
             axis: "roll" or "pitch".

@@ -213,7 +213,7 @@ class MarginReview:
     """
 
     def __init__(self, executor: Executor | None, recording_name: str | None) -> None:
-        """Begins without a flight.
+        """Prepares the reviews of margins, before the first flight.
 
         Args:
             executor: executor in which margins are reviewed; None to review none.

@@ -31,7 +31,7 @@ class Milestones:
     """
 
     def __init__(self, axis: str, log: Callable[[Fact], None]) -> None:
-        """Begins without a milestone.
+        """Prepares the reports; no milestone has been reached yet.
 
         Args:
             axis: "roll" or "pitch".

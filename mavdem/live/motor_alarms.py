@@ -29,7 +29,7 @@ class MotorAlarms:
     """
 
     def __init__(self) -> None:
-        """Begins without a sample."""
+        """Begins without a sample of the motor outputs, and so without alarms."""
         self.latest: deque[MotorChange] = deque(maxlen=MAX_EVENTS)
         self.active: Facts = ()
         self.has_landed = False

@@ -45,6 +45,7 @@ class PoseTracker:
     """
 
     def __init__(self) -> None:
+        """Begins without an attitude, a setpoint and a position; times of values that never came are minus infinity."""
         self.pose: LatestPose | None = None
         self.takeoff_position: Numbers | None = None
         self.heading = 0.0
@@ -52,7 +53,7 @@ class PoseTracker:
         self._setpoint = TiltSetpoint()
         self._position_time = -inf
         self._position: Numbers = ()
-        # Where it stood last.
+        # Where the vehicle last stood on the ground.
         self._ground_position: Numbers | None = None
 
     def restart(self) -> None:

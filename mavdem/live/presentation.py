@@ -39,7 +39,7 @@ class Presentation:
         report_event: Callable[[Event], None],
         motor_alarms: MotorAlarms,
     ) -> None:
-        """Begins without a display.
+        """Makes an empty history; the display is opened with the first rows.
 
         Args:
             open_display: is called with each new format of rows.

@@ -15,7 +15,7 @@ class RateCheck:
     """Reports when messages are missing or too slow for a model of one axis, and when they no longer are."""
 
     def __init__(self, axis: str, *, can_request: bool, report: Callable[[Fact], None]) -> None:
-        """Begins with messages that are not known to be too slow.
+        """Prepares the check of message rates; no message is known to be too slow yet.
 
         Args:
             axis: "roll" or "pitch", which the model is of.

@@ -30,7 +30,7 @@ class RateNegotiation:
         stream: LiveStream,
         log: Callable[[Fact], None],
     ) -> None:
-        """Sends nothing yet.
+        """Prepares the negotiation; nothing is sent before the first update.
 
         Args:
             requested_rate: Hz; None to send nothing at all.

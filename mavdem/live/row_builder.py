@@ -38,7 +38,7 @@ class RowBuilder:
     """
 
     def __init__(self, axis: str, phase: FlightPhase, report: Callable[[Fact], None]) -> None:
-        """Begins without a sample.
+        """Prepares the building of rows, before the first sample.
 
         Args:
             axis: "roll" or "pitch".

@@ -74,7 +74,7 @@ class RowGrid:
     """
 
     def __init__(self) -> None:
-        """Begins without a segment."""
+        """Makes a grid without points: its first segment begins with :meth:`begin`."""
         self.segment = -1
         self.is_running = False
         self.start_time = 0.0

@@ -41,7 +41,7 @@ class SampleStream:
     """
 
     def __init__(self) -> None:
-        """Begins without a sample."""
+        """Makes an empty stream of samples."""
         self.time: list[float] = []
         self.gap = 0.0
         self.added_count = 0

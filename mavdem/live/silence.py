@@ -29,6 +29,7 @@ class SilenceMonitor:
     """
 
     def __init__(self) -> None:
+        """Begins as if a message had just come, so that a new session does not count as silent at once."""
         self.message_time = clock.monotonic()
         self.link_time = self.message_time
         self.noise_time = -inf

@@ -111,12 +111,13 @@ class LiveStream:
         *,
         rates_requested: bool = False,
     ) -> None:
-        """Begins without a byte.
+        """Prepares the analysis of a link's bytes, before the first byte.
 
         Args:
-            axis: as for :func:`mavdem.read_flight`.
-            vehicle: likewise; None for the only multirotor that sends attitude.
-            rates_requested: whether the vehicle is asked for message rates, which then no fact advises.
+            axis: axis whose rows are made, "roll" or "pitch".
+            vehicle: "system:component", or "system", of the vehicle to follow; None for the only multirotor that sends
+                attitude.
+            rates_requested: whether the vehicle is asked for message rates; then no fact advises the user to do so.
 
         Raises:
             ValueError: unknown axis.

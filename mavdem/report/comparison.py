@@ -56,7 +56,7 @@ def comparison_report(comparison: Comparison) -> Iterator[Block]:
 
 
 def _result_text(comparison: Comparison, kind: ForecastKind) -> str:
-    """Returns in a sentence whether the first method's errors are lower or higher than the errors of each other.
+    """Returns in a sentence whether the errors of the first method are lower or higher than those of the other methods.
 
     The first method is the reference of all paired tests. The others are grouped by the result of their test. Methods
     that failed in all windows cannot be tested, and are named apart.

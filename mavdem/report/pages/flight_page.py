@@ -327,8 +327,8 @@ def _lights_without_repeated_facts(lights: NamedFacts) -> NamedFacts:
 def _levels_of_chapter(chapter: Chapter, lights: NamedFacts) -> set[Level]:
     """Returns the levels, such as good or bad, of all judgements that a chapter of the page explains.
 
-    These are lights, each the judgement of one part of the vehicle such as its motors, and what the chapter's own
-    sections judge, which has no light.
+    These are the levels of status lights, each the judgement of one part of the vehicle such as its motors, and the
+    worst level of the chapter's own sections, which judge what has no light.
 
     Args:
         chapter: the chapter. If it has sections, ``chapter.level`` is the worst of their levels.
