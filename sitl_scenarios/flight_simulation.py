@@ -160,27 +160,31 @@ class Simulation:
         return True
 
     def advance(self, cycles: int) -> Motion:
-        """Simulates some cycles of the autopilot; call it only while not ``finished``.
+        """Simulates the flight for some further cycles of the autopilot.
+
+        It may be called only while the simulation is not ``finished``.
 
         Args:
             cycles: Number of cycles; fewer are simulated where the last flight ends before.
 
         Returns:
-            One row for each simulated cycle.
+            The motion, with one sample for each simulated cycle.
 
         Raises:
             ValueError: The vehicle tumbles.
         """
-        rows = []
+        samples = []
         disturbed_states = []
         for _ in range(cycles):
             if self.finished:
                 break
-            row, disturbed_state = self._fly_cycle()
-            rows.append(row)
+            sample, disturbed_state = self._fly_cycle()
+            samples.append(sample)
             disturbed_states.append(disturbed_state)
-        # The rows become columns: one array for each field of the motion.
-        columns = {name: _column_of_field([row[name] for row in rows]) for name in rows[0]}
+        # The samples become columns: one array for each field of the motion.
+        columns = {
+            name: _column_of_field([sample[name] for sample in samples]) for name in samples[0]
+        }
         # Forces and moments of the disturbance are computed for all cycles at once, which is faster.
         columns |= self._disturbance_columns(columns, disturbed_states)
         columns["landed_state"] = columns["landed_state"].astype(np.uint8)

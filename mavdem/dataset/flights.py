@@ -165,14 +165,14 @@ def usable_segments(
 
 
 def _unused_segments(segments: Segments, used_segments: Sequence[Segment | None]) -> Facts:
-    """Makes a caution on segments of settled flight that are not used.
+    """Returns a caution if part of the settled flight is not used to learn the model.
 
     Args:
         segments: All segments of settled flight.
         used_segments: Segments from which the model is learned; None for one that could not be used.
 
     Returns:
-        One caution; empty if all or none of the segments are used.
+        One caution, with the number and the duration of the unused segments; empty if all or none of them are used.
     """
     unused_durations = [segment.duration for segment in segments if segment not in used_segments]
     if not unused_durations or len(unused_durations) == len(segments):

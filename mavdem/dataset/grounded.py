@@ -115,13 +115,17 @@ def mean_climb_rate(signals: Signals, boot: int) -> TimeSeries | None:
 
 
 def _has_vertical_speed(flight_interval: TimeInterval, climb_rate: TimeSeries) -> bool:
-    """Returns whether the vertical speed shows that a flight left the ground, or was not recorded from its start.
+    """Returns whether the vertical speed confirms that a vehicle left the ground.
 
     All speeds up to the end of the flight count, since a report of the take-off may come late.
 
     Args:
         flight_interval: Start and end of the flight, s.
         climb_rate: Averaged vertical speed, m/s upwards.
+
+    Returns:
+        Whether it ever moved up or down fast enough; True also if the speed was not recorded from the start, so that it
+        cannot contradict the flight.
     """
     start, end = flight_interval
     if climb_rate.time[0] > start:

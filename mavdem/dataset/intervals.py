@@ -41,7 +41,7 @@ def true_intervals(time: Array, condition: Flags) -> Intervals:
 
 
 def longest_true_duration(time: Array, condition: Flags) -> float:
-    """Returns the longest time for which a sampled condition is true without a break.
+    """Returns the longest uninterrupted time for which a sampled condition is true.
 
     Args:
         time: (N,) stamps in seconds, rising; one at least.

@@ -98,7 +98,7 @@ def _flights_in_air(signals: Signals, boot: int) -> Intervals:
 def without_transients(
     flight_interval: TimeInterval, climb_rate: TimeSeries | None
 ) -> TimeInterval | None:
-    """Returns a flight without its climb-out and its landing.
+    """Cuts the climb-out and the landing off a flight, to leave level flight.
 
     The climb-out lasts ``TRANSIENT_SECONDS``, or longer while the vehicle still rises faster than
     ``MAX_LEVEL_FLIGHT_SPEED``; the landing likewise, while it sinks. An infinite start or end of the flight was not
@@ -109,7 +109,7 @@ def without_transients(
         climb_rate: Averaged vertical speed, m/s upwards, of the same boot; None if it was not recorded.
 
     Returns:
-        Start and end of the level flight, s; None if nothing is left.
+        Start and end of the level flight, s; None if no time remains.
     """
     start, end = flight_interval
     level_start = start + TRANSIENT_SECONDS

@@ -173,28 +173,29 @@ def resample(grid: Array, dt: float, time: Array, values: Array) -> ResampledStr
         return ResampledStream(
             interpolated(grid, even_time, filtered_values), Fact(Resampling.LOW_PASSED, rate=cutoff)
         )
-    rows = nearest_rows(grid, time)
-    if rows is not None:
-        return ResampledStream(values[rows], Fact(Resampling.SAMPLES_KEPT))
+    samples = nearest_rows(grid, time)
+    if samples is not None:
+        return ResampledStream(values[samples], Fact(Resampling.SAMPLES_KEPT))
     return ResampledStream(interpolated(grid, time, values), Fact(Resampling.INTERPOLATED))
 
 
 def nearest_rows(grid: Array, time: Array) -> NDArray[np.intp] | None:
-    """Returns the row of a stream's sample at each grid point, if every grid point has a sample of its own.
+    """Assigns to each point of a uniform grid the sample of a stream that was taken at that time.
 
     Args:
         grid: (T,) times of the grid, s.
         time: (N,) stamps of the stream, s.
 
     Returns:
-        (T,) rows of the stream; None unless all differ and lie within ``STAMP_RESOLUTION`` of their grid points.
+        (T,) indices of the samples. None if some grid point has no sample within ``STAMP_RESOLUTION``, or shares its
+        sample with another.
     """
     # A stamp is nearest to the grid points between the midpoints to its two neighbours.
     midpoints = (time[1:] + time[:-1]) / 2
-    rows = np.searchsorted(midpoints, grid, side="right")
-    is_near = abs(time[rows] - grid) <= STAMP_RESOLUTION
-    if np.all(is_near) and np.all(np.diff(rows) > 0):
-        return rows
+    samples = np.searchsorted(midpoints, grid, side="right")
+    is_near = abs(time[samples] - grid) <= STAMP_RESOLUTION
+    if np.all(is_near) and np.all(np.diff(samples) > 0):
+        return samples
     return None
 
 

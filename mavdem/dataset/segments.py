@@ -121,9 +121,9 @@ def settled_segments(signals: Signals) -> Segments:
 
 
 def longest_recorded_segment(signals: Signals) -> Segment | None:
-    """Returns the longest segment that has both attitude and model inputs without gaps.
+    """Returns the longest part of a log with both attitude and model inputs, for logs that have no settled flight.
 
-    It is used where a log has no settled segment: neither the rates nor the phase of flight are considered.
+    Neither message rates nor the phase of flight are considered, but there are no gaps.
 
     Args:
         signals: logged time series of the vehicle, with angle, rate and setpoints of one axis.
@@ -184,7 +184,7 @@ def rows_of_segment(
     segment: Segment,
     slack: float = STAMP_RESOLUTION,
 ) -> slice:
-    """Finds the rows of a stream that belong to a segment.
+    """Returns the samples of a stream that belong to a segment of flight, as a slice.
 
     They are found by bisection, since streams are sorted by boot and time. A log of hours has hundreds of segments, for
     which a comparison with every sample is slow.
@@ -195,13 +195,13 @@ def rows_of_segment(
         slack: Seconds beyond its ends whose samples still belong to it.
 
     Returns:
-        The rows as a slice of the whole stream.
+        The slice of the whole stream.
     """
-    rows = rows_of_boot(stream.boot, segment.boot)
-    time = stream.time[rows]
-    first = int(np.searchsorted(time, segment.start - slack))
-    stop = int(np.searchsorted(time, segment.end + slack, side="right"))
-    return slice(rows.start + first, rows.start + stop)
+    boot_slice = rows_of_boot(stream.boot, segment.boot)
+    time = stream.time[boot_slice]
+    first_in_boot = int(np.searchsorted(time, segment.start - slack))
+    stop_in_boot = int(np.searchsorted(time, segment.end + slack, side="right"))
+    return slice(boot_slice.start + first_in_boot, boot_slice.start + stop_in_boot)
 
 
 def _boots_with_both_streams(signals: Signals) -> list[int]:

@@ -109,12 +109,12 @@ def speed_controllers(signals: Signals) -> tuple[SpeedController, ...]:
 
 
 def _field_series(columns: Columns, values: Array, rows: Flags | None = None) -> TimeSeries | None:
-    """Returns the time series of a field of a message.
+    """Extracts the time series of one field from a message of motor speed controllers (ESCs).
 
     Args:
-        columns: fields of the message, N rows, with ``time`` and ``boot``.
+        columns: fields of the message in N messages, with ``time`` and ``boot``.
         values: (N,) the field, in any unit.
-        rows: Flags (N,) of the rows to use; all unless given.
+        rows: Flags (N,) of the messages to use, such as those of one controller; all unless given.
 
     Returns:
         The finite values in the order of time; None if there are none.
@@ -126,12 +126,14 @@ def _field_series(columns: Columns, values: Array, rows: Flags | None = None) ->
 def _measured_series(
     columns: Columns, values: Array, rows: Flags | None = None
 ) -> TimeSeries | None:
-    """Returns the time series of a current or temperature, which controllers without that sensor send as 0.
+    """Extracts a current or a temperature of a motor speed controller (ESC), if the controller measures it.
+
+    Controllers without such a sensor send 0.
 
     Args:
-        columns: fields of the message, N rows, with ``time`` and ``boot``.
+        columns: fields of the message in N messages, with ``time`` and ``boot``.
         values: (N,) the current, A, or the temperature, °C.
-        rows: Flags (N,) of the rows to use; all unless given.
+        rows: Flags (N,) of the messages to use, such as those of one controller; all unless given.
 
     Returns:
         The finite values in the order of time; None if all are 0, so that nothing was measured.
@@ -141,12 +143,12 @@ def _measured_series(
 
 
 def _speed_series(columns: Columns, speed: Array, rows: Flags | None = None) -> TimeSeries | None:
-    """Returns the time series of a motor's speed without its sign, which is negative for reverse rotation.
+    """Extracts the speed of a motor, without the sign that some controllers use for reverse rotation.
 
     Args:
-        columns: fields of the message, N rows, with ``time`` and ``boot``.
+        columns: fields of the message in N messages, with ``time`` and ``boot``.
         speed: (N,) speed, revolutions per minute.
-        rows: Flags (N,) of the rows to use; all unless given.
+        rows: Flags (N,) of the messages to use, such as those of one controller; all unless given.
 
     Returns:
         Magnitudes up to ``MAX_SPEED``, 1/min, in the order of time; None if there are none.

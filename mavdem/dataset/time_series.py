@@ -44,10 +44,13 @@ class TimeSeries:
         return self.select(rows_of_boot(self.boot, boot))
 
     def within(self, interval: TimeInterval) -> TimeSeries:
-        """Returns the samples of an interval, which take no memory; the series must be of one boot.
+        """Returns the samples in an interval, as a view that takes no memory; the series must be of one boot.
 
         Args:
             interval: Start and end, s since boot; samples at either belong to it.
+
+        Returns:
+            The part of the series; empty if no sample lies in the interval.
         """
         start, end = interval
         return self.select(slice(bisect_left(self.time, start), bisect_right(self.time, end)))
@@ -70,14 +73,14 @@ class TimeSeries:
 
 
 def rows_of_boot(boots: Integers, boot: int) -> slice:
-    """Returns the rows of one boot.
+    """Returns the slice of a series that belongs to one boot of the autopilot.
 
     Args:
-        boots: Number of the boot of each sample (N,), ascending.
+        boots: (N,) number of the boot of each sample, ascending.
         boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
-        The slice of its rows; an empty one if there are none.
+        The slice; an empty one if the boot has no samples.
     """
     # Bisection, since a log may have hundreds of boots, and a comparison with every sample for each would be slow.
     return slice(bisect_left(boots, boot), bisect_right(boots, boot))

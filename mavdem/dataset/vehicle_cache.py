@@ -68,7 +68,7 @@ def _cache_key(
     arguments: tuple[Hashable, ...],
     keywords: Mapping[str, Hashable],
 ) -> Hashable:
-    """Returns the key of a result in the cache.
+    """Returns the key under which the result of a function is stored in the cache of a vehicle.
 
     Args:
         function: The function that computes the result.
@@ -76,6 +76,9 @@ def _cache_key(
         dependencies: Values of those attributes of the signals on which the result depends.
         arguments: The further positional arguments of the function.
         keywords: Further keyword arguments of the function.
+
+    Returns:
+        A tuple that differs if any of these differ.
     """
     name = (function.__module__, function.__qualname__)
     return (*name, signals.telemetry, *dependencies, *arguments, *keywords.items())

@@ -335,43 +335,53 @@ def parameters(scenario: Scenario, autopilot: Autopilot) -> list[Parameter]:
 
 
 def _ardupilot_vehicle_parameters(scenario: Scenario) -> dict[str, int]:
-    """Returns ArduPilot's parameters of system id, frame, largest lean and the motors after the fourth, by name.
+    """Returns the parameters by which ArduPilot describes the simulated vehicle.
+
+    They are system id, frame, largest lean, and the outputs of the motors after the fourth.
 
     Args:
         scenario: Scenario whose vehicle has the frame, and whose stream the system id.
+
+    Returns:
+        Values by the name of the parameter.
     """
     layout = scenario.vehicle.layout
     frame_type = CIRCLES[layout].frame_type if layout in CIRCLES else int(layout == "x")
-    values = {
+    parameters = {
         "MAV_SYSID": scenario.stream.system,
         "FRAME_TYPE": frame_type,
         "ATC_ANGLE_MAX": round(degrees(MAX_TILT)),
     }
     for motor in _motors_beyond_four(layout):
-        values[f"SERVO{motor}_FUNCTION"] = ARDUPILOT_MOTOR_OFFSET + motor
-    return values
+        parameters[f"SERVO{motor}_FUNCTION"] = ARDUPILOT_MOTOR_OFFSET + motor
+    return parameters
 
 
 def _px4_vehicle_parameters(scenario: Scenario) -> dict[str, int]:
-    """Returns PX4's parameters of system id, frame, largest lean and the motors after the fourth, by name.
+    """Returns the parameters by which PX4 describes the simulated vehicle.
+
+    They are system id, frame, largest lean, and the outputs of the motors after the fourth.
 
     Args:
         scenario: Scenario whose vehicle has the frame, and whose stream the system id.
+
+    Returns:
+        Values by the name of the parameter.
     """
     layout = scenario.vehicle.layout
     if layout in CIRCLES:
         airframe = CIRCLES[layout].px4_airframe
     else:
         airframe = PX4_X_AIRFRAME if layout == "x" else PX4_PLUS_AIRFRAME
-    values = {
+    parameters = {
         "MAV_SYS_ID": scenario.stream.system,
         "MAV_TYPE": VEHICLE_TYPES[rotor_count(layout)],
         "SYS_AUTOSTART": airframe,
         "MPC_TILTMAX_AIR": round(degrees(MAX_TILT)),
     }
     for motor in _motors_beyond_four(layout):
-        values[f"PWM_MAIN_FUNC{motor}"] = PX4_MOTOR_OFFSET + motor
-    return values
+        parameters[f"PWM_MAIN_FUNC{motor}"] = PX4_MOTOR_OFFSET + motor
+    return parameters
 
 
 def _motors_beyond_four(layout: Shape) -> range:

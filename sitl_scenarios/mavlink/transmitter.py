@@ -400,14 +400,14 @@ class Transmitter:
         return frames
 
     def _scheduled_messages(self, motion: Motion, clock: Array) -> Iterator[OutgoingMessage]:
-        """Yields the scheduled messages of some rows, stream by stream.
+        """Yields the messages that are due in some samples of the flight, stream by stream.
 
         Args:
-            motion: N rows of the flight.
-            clock: Times (N,) of the rows on the boot clock, s.
+            motion: N samples of the flight.
+            clock: Times (N,) of the samples on the boot clock, s.
 
         Yields:
-            Messages with the row in which each is sent.
+            Messages with the index of the sample in which each is sent.
         """
         if isinstance(motion, InstrumentedMotion):
             for row in np.flatnonzero(motion.text != "").tolist():

@@ -33,6 +33,10 @@ class Connection:
         return self._loop.run_until_complete(self._command(method, given))
 
     async def _command(self, method, given):
+        """Sends a command of the DevTools protocol, and returns its result.
+
+        Dialogs are accepted, and errors of the page are collected meanwhile.
+        """
         number = next(self._numbers)
         await self._line.send_json({"id": number, "method": method, "params": given})
         while True:

@@ -74,6 +74,7 @@ def test_an_upload_as_flight_review_has_it_is_answered_by_the_page(served, field
 
 
 def test_an_uploaded_log_is_listed_with_its_review(served):
+    """Two made-up logs are uploaded: list, document, log and report have what the first one contains."""
     answer = served.upload(("a.ulg", log("One.")), ("b.ulg", log("Two.")))
     assert answer.status == 201 and [entry["name"] for entry in answer.json["flights"]] == [
         "a.ulg",
@@ -92,6 +93,7 @@ def test_an_uploaded_log_is_listed_with_its_review(served):
 
 
 def test_the_same_log_again_has_the_same_link_which_only_who_may_write_opens(guarded):
+    """A private log is uploaded again. The link for uploads must not open it, while its owner shares it."""
     id = guarded.add("a.ulg", "Same.", token=TOKEN)
     key = rights_for_host("", TOKEN, is_behind_proxy=False).derived_key("upload")
     for path, token, expected_flags in (
@@ -108,6 +110,7 @@ def test_the_same_log_again_has_the_same_link_which_only_who_may_write_opens(gua
 
 
 def test_a_log_that_cannot_be_read_says_why_and_is_kept_as_asked(served):
+    """A damaged log is stored only if its uploader wants that."""
     kept_answer, gone = (
         served.upload((f"{keep}.ulg", log(f"damaged {keep}")), fields={"keep": keep}).json[
             "flights"
@@ -136,6 +139,7 @@ def test_a_file_that_is_no_log_is_refused_with_its_name(served):
 
 
 def test_other_files_are_refused_at_once_whatever_their_name(served):
+    """Other formats, noise and an empty file are refused, but a log with damage at its beginning is not."""
     noise = np.random.default_rng(1).bytes(100_000)
     files = {
         "letter.pdf": b"%PDF-1.7\n%\xe2\xe3\xcf\xd3\n" + noise,
@@ -161,6 +165,7 @@ def test_a_log_that_cannot_be_read_is_not_kept_unless_asked(served):
 
 
 def test_progress_is_streamed_until_all_logs_are_read(tmp_path, monkeypatch):
+    """The server limits how many clients may follow the progress at a time."""
     with serving(tmp_path, is_eager=False) as server:
         id = server.add("a.ulg", "One.")
         assert interface_words()["stages"][Stage.WAITING] in server.get(f"/f/{id}").text
@@ -232,6 +237,7 @@ def test_a_flight_is_changed_found_and_deleted(served):
 
 @mark.slow
 def test_names_are_kept_found_shown_and_taken_away(served):
+    """The user names a flight and a vehicle. Names are searched for, shown as text, and removed."""
     first = served.add("first.ulg", "Good.")
     second = served.add("second.ulg", "Bad.")
     changed = served.ask("PATCH", f"/api/flights/{first}", {"given_name": "  First\n hover "})
@@ -272,6 +278,7 @@ def test_names_are_limited_and_need_the_right_to_write(guarded):
 
 @mark.slow
 def test_two_flights_are_compared_and_a_vehicle_has_its_page_and_baseline(served):
+    """Flights of one vehicle, one of them with a weak motor, are compared with each other and with a baseline."""
     a, b = (served.add(f"{name}.ulg", name) for name in ("One.", "Two."))
     compared = served.get(f"/compare?a={a}&b={b}")
     assert compared.status == 200 and "<h1>One..ulg and Two..ulg</h1>" in compared.text
@@ -356,6 +363,7 @@ def test_the_name_of_a_vehicle_with_a_serial_number_assigns_that_vehicle(served)
 
 
 def test_damaged_results_are_said_to_be_and_odd_values_are_as_if_not_there(served):
+    """Files of results, folders and columns of the index are damaged or missing."""
     a, b = served.add("a.ulg"), served.add("b.ulg")
     results = served.library.results_folder(served.library.entry(a))
     for path, name, content in (
@@ -450,6 +458,7 @@ def test_a_wrong_token_is_said_to_be_wrong_and_the_right_one_may_follow(guarded,
 
 
 def test_another_site_is_refused(served):
+    """Requests with the origin or host name of another site must not change anything."""
     id = served.add()
     for headers in (
         {"Origin": "https://evil.example"},
@@ -481,6 +490,7 @@ def test_half_a_character_in_a_name_or_a_text_is_a_question_mark(served):
 
 
 def test_names_and_texts_of_logs_are_only_text(served):
+    """Names and texts of a log contain HTML and paths: pages must show them as text, and no file may lie elsewhere."""
     name = f"../../{HOSTILE}/../x.ulg".replace('"', "%22")
     id = served.upload((name, log(HOSTILE))).json["flights"][0]["id"]
     served.ask("PATCH", f"/api/flights/{id}", {"note": HOSTILE, "tags": [HOSTILE[:30]]})
@@ -520,6 +530,7 @@ def test_an_unknown_address_is_answered_in_a_sentence(served):
 
 
 def test_malformed_uploads_are_refused(served):
+    """The form is incomplete, of another type, or has fields that are too large."""
     kind = f"multipart/form-data; boundary={BOUNDARY}"
     form_data = form([("a.ulg", log())])
     for body, content_type, code in (
@@ -573,6 +584,7 @@ def test_size_number_queue_and_patience_have_limits(tmp_path, monkeypatch):
 
 @mark.slow
 def test_idle_and_surplus_connections_are_closed(tmp_path, monkeypatch):
+    """With two connections allowed, a third one and clients that send nothing are closed."""
     monkeypatch.setattr(listening, "MAX_CONNECTIONS", 2)
     monkeypatch.setattr(listening, "MAX_REQUEST_DELAY", 0.2)
     with serving(tmp_path) as server, ExitStack() as lines:
@@ -666,6 +678,7 @@ def test_the_first_visit_explains_itself_and_offers_a_sample(tmp_path):
 
 
 def test_a_recording_opens_in_a_viewer(tmp_path):
+    """A flight without a model has no recording to open; one with a model opens in the viewer's page."""
     data = "rerun+http://127.0.0.1:9876/proxy"
     with serving(tmp_path, viewer=Mock(**{"open.return_value": data})) as server:
         id = server.add("a.ulg", "One.")
@@ -726,6 +739,7 @@ def test_a_viewer_ends_when_its_tab_is_gone(monkeypatch):
 
 
 def test_a_viewer_with_a_tab_ends_when_nobody_looked_at_it_for_ten_minutes(monkeypatch):
+    """The clock of the test moves: each use of the viewer within 600 s keeps it."""
     now = [0.0]
     looks = []
 
@@ -823,6 +837,7 @@ def test_a_page_with_scripts_of_a_forgotten_version_is_made_anew_once_from_its_l
 
 
 def test_a_flight_whose_page_cannot_be_made_anew_keeps_log_rows_and_page(served):
+    """The page of a flight is requested again, but reading takes too long: the former page stays."""
     id = served.add("old.ulg", "Good.")
     entry = served.library.entry(id)
     assert served.library.request_new_page(entry)

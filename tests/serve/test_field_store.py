@@ -80,6 +80,7 @@ def flight_with_log(server, content, headline="One."):
 
 @pytest.mark.slow
 def test_fields_are_listed_and_plotted_from_one_reading_of_the_log(served, reader):
+    """A field is plotted with all samples, thinned with its extremes, and over a range of time."""
     flight = flight_with_log(served, FLIGHT.read_bytes())
     messages = {
         message["message"]: message for message in served.get(f"{flight}/fields").json["messages"]
@@ -101,6 +102,7 @@ def test_fields_are_listed_and_plotted_from_one_reading_of_the_log(served, reade
 
 @pytest.mark.slow
 def test_requests_for_unknown_fields_are_refused_with_a_sentence(served):
+    """Message, field, instance, time or vehicle of the request are wrong."""
     flight = flight_with_log(served, FLIGHT.read_bytes())
     refused = {
         "message=NONE&field=roll": (404, "The log has no NONE: it has "),
@@ -131,6 +133,7 @@ def test_fields_need_the_right_to_the_log(tmp_path, reader):
 
 @pytest.mark.slow
 def test_a_log_that_was_read_is_plotted_while_another_is_read(tmp_path, store, reader):
+    """A second log hangs while it is read, and is deleted meanwhile."""
     first, second = copy(FLIGHT, tmp_path / "1.tlog"), copy(FLIGHT, tmp_path / "2.tlog")
     count = len(store.samples(first, ROLL).time)
     reader.may_read.clear()

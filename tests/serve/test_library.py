@@ -126,6 +126,7 @@ def library_page(entries, anomalous_rows=None, **values):
 
 @mark.parametrize("health, level", [("ok", "good"), ("drift", "watch"), ("fault", "bad")])
 def test_the_list_has_the_lights_of_the_pages_and_the_interval_of_the_wind(health, level):
+    """A fault or drift by other flights replaces the good light of the motors in the list."""
     lights = dict.fromkeys(Light, "good") | {"wind": "unknown"}
     wind = {"wind_speed": 5.7, "wind_low": 2.9, "wind_high": 10.4}
     entry = LibraryEntry("id", "a.bin", stage=Stage.DONE, level="good", **wind, **lights)
@@ -169,6 +170,7 @@ def release_lock(library):
 
 
 def test_what_was_acknowledged_outlives_a_killed_server_and_half_uploads_do_not(library, tmp_path):
+    """A server is killed with a waiting log, a log being read, a half upload and a live recording."""
     waiting, working = stored_entry(library), stored_entry(library, "Two.")
     library.change(waiting.id, stage=Stage.READING, claimed=library.name)
     library.new_incoming_path().write_bytes(b"half of a log")
@@ -203,6 +205,7 @@ def test_what_was_acknowledged_outlives_a_killed_server_and_half_uploads_do_not(
 def test_an_upload_that_breaks_off_at_any_moment_is_whole_or_not_there(
     library, tmp_path, monkeypatch, moment
 ):
+    """The process ends at one of three moments of an upload."""
     part = library.new_incoming_path()
     part.write_bytes(log())
 
@@ -233,6 +236,7 @@ def test_logs_outlive_a_lost_index(tmp_path):
 
 
 def test_a_library_whose_folder_is_moved_lists_each_flight_once_with_its_rows(tmp_path):
+    """The folder of the library is renamed between two runs of the server."""
     with serving(tmp_path / "before") as server:
         id = server.add("a.ulg", "A weak motor.")
     (tmp_path / "before").rename(tmp_path / "after")
@@ -254,6 +258,7 @@ def test_a_folder_that_is_named_by_its_parent_lists_each_flight_once(tmp_path):
 
 
 def test_servers_that_share_a_folder_leave_each_other_alone(tmp_path):
+    """Two servers claim logs in turn; the logs of a server that ended are claimed by the other."""
     first_library, other_library = Library(tmp_path), Library(tmp_path)
     entries = [stored_entry(first_library, f"{number}.") for number in range(4)]
     for library, entry in zip(
@@ -285,6 +290,7 @@ def test_servers_of_earlier_versions_are_seen_and_see_this_one(library, tmp_path
 
 @mark.slow
 def test_a_log_that_comes_again_while_it_is_deleted_stays(library, monkeypatch):
+    """The same log is uploaded while another thread deletes it."""
     first = stored_entry(library)
     claimed = library.claim()
     outcome = outcome_of(Job(str(library.log_path(claimed))), read_made_up)
@@ -309,6 +315,7 @@ def test_a_log_that_comes_again_while_it_is_deleted_stays(library, monkeypatch):
 
 @mark.slow
 def test_a_fleet_is_shown_as_it_is(tmp_path):
+    """A library opens the folder of a fleet, adds its logs, and follows its changes."""
     tmp_path /= "\udcff"  # whose name is not UTF-8
     rows = [FlightRow(file=f"/logs/{name}.bin", vehicle=name, axis="roll") for name in "abc"]
     fleet_of(tmp_path, rows[:2])
@@ -378,6 +385,7 @@ def test_many_vehicles_are_in_a_list_that_shows_all():
 
 
 def test_a_library_of_an_earlier_version_knows_which_vehicles_are_unnamed(tmp_path):
+    """Three columns on the vehicle are missing in the index, and are filled from the fleet's rows."""
     fleet_of(
         tmp_path,
         [
@@ -455,6 +463,7 @@ def test_flights_are_listed_by_upload_or_by_date_with_undated_ones_last(library)
 
 
 def test_flights_are_sorted_and_found_by_flight_time_distance_and_height(library):
+    """Flights without a value come last in each order, and are not found by it."""
     figures = ((80.0, 500.0, None), (None, None, None), (620.0, 40.0, 12.0), (61.0, None, 90.0))
     ids = []
     for number, (flight_time, distance, height) in enumerate(figures):
@@ -481,6 +490,7 @@ def test_flights_are_sorted_and_found_by_flight_time_distance_and_height(library
 
 
 def test_a_log_of_several_flights_has_a_line_of_each_which_leads_to_its_time(library):
+    """The log has two flights, the second after a restart."""
     flights = [FlownFlight(0, 32.0, 45.0, None, 3.1), FlownFlight(1, 12.5, 72.5, 1250.0, None)]
     entry = LibraryEntry(
         *("id", "a.bin"),
@@ -500,6 +510,7 @@ def test_a_log_of_several_flights_has_a_line_of_each_which_leads_to_its_time(lib
 
 
 def test_a_library_of_an_earlier_version_opens_and_what_is_new_stands_first(library, tmp_path):
+    """The index lacks a column, has another, or is a separate file."""
     first = stored_entry(library)
     AtOnce(library).run()
     library.db.execute("alter table entries drop column next_step")
@@ -564,7 +575,7 @@ def test_an_address_that_is_taken_is_refused(tmp_path):
 
 @mark.slow
 def test_a_log_is_read_with_its_page_rows_and_index(library, tmp_path, monkeypatch):
-    """A real one, in this process."""
+    """A real log is read in this process, with a second vehicle added to it."""
     monkeypatch.setattr("mavdem.serve.reading.lower_priority", lambda _: None)
     entry = library.add(Path(shutil.copy(SLOW, library.new_incoming_path())), SLOW.name)
     log = read_log(SLOW)
@@ -606,6 +617,7 @@ def test_a_log_whose_package_is_missing_is_kept_and_read_when_it_comes_again(lib
 
 @mark.slow
 def test_a_log_waits_for_a_cluster_that_has_gone(library, tmp_path, monkeypatch):
+    """The cluster cannot be reached twice, and then has too many open files twice."""
     monkeypatch.setattr("mavdem.serve.reading_threads.RETRY_SECONDS", 0.01)
     stored_entry(library)
     tries = []
@@ -635,6 +647,7 @@ def test_a_log_that_the_disk_had_no_room_for_does_not_hold_up_others(library):
 
 
 def test_a_log_that_the_disk_had_no_room_for_is_read_when_there_is_some(library, monkeypatch):
+    """The disk is full, and then the quota is used up, before the log can be read."""
     monkeypatch.setattr("mavdem.serve.reading_threads.RETRY_SECONDS", 0.01)
     monkeypatch.setattr("mavdem.serve.reading_threads.FULL_DISK_SECONDS", 0.05)
     entry = stored_entry(library)
@@ -662,6 +675,7 @@ def test_a_log_that_the_disk_had_no_room_for_is_read_when_there_is_some(library,
 
 @mark.slow
 def test_processes_read_logs_within_limits_and_go_on_after_a_hostile_one(library):
+    """The first of two logs makes its process crash."""
     names = ("crash.ulg", "sound.ulg")
     for name in names:
         stored_entry(library, name, name, keep=1)

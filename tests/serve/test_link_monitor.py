@@ -84,6 +84,7 @@ def idle(tmp_path):
 
 @mark.slow
 def test_a_session_has_a_page_and_leaves_its_log(tmp_path, heard):
+    """A vehicle is received and falls silent: its flight has a page, and its recording is in the library."""
     begin, library, warned, come = heard
     live = begin()
     until(lambda: come)  # it is silent
@@ -120,6 +121,7 @@ def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_a_minute(
 
 
 def test_the_page_counts_the_seconds_since_a_vehicle_fell_silent_in_flight(idle, monkeypatch):
+    """The page states the age of the loss at its last change, and then counts on."""
     live, _ = idle
     monkeypatch.setattr(live_pages, "live_page", lambda *args, **_: str(args[3].link_loss))
     silence = Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=3.0)
@@ -149,6 +151,7 @@ def test_the_page_of_a_flight_whose_end_nobody_saw_says_when_the_link_was_lost(i
 
 
 def test_the_page_has_an_alarm_at_once_and_other_changes_every_five_seconds(idle, monkeypatch):
+    """The page is rendered again for an alarm, and otherwise after ``PAGE_SECONDS``."""
     live, _ = idle
     now = clock.monotonic()
     # Rendering takes no time.
@@ -194,6 +197,7 @@ def test_a_finished_flight_is_shown_until_the_next_vehicle_comes(idle, monkeypat
 
 
 def test_the_page_of_a_finished_flight_leads_to_the_library_and_keeps_what_it_knew():
+    """After the flight, the page must not say that nothing is received."""
     session = Mock()
     session.history.events = []
     session.link.name = "udpin:127.0.0.1:14550"
@@ -210,6 +214,7 @@ def test_the_page_of_a_finished_flight_leads_to_the_library_and_keeps_what_it_kn
 
 
 def test_the_terminal_has_alarms_the_link_and_where_the_flight_is_saved(idle):
+    """Of four events, the terminal shows the alarm and both states of the link."""
     live, told = idle
     alarm = HappenedEvent(
         4.0, Fact(ReportedEvent.BATTERY_ALARMED, Level.BAD), reception=1e9, clock=4.0
@@ -247,7 +252,10 @@ def test_the_page_of_a_server_advises_an_option_that_the_server_has(idle, monkey
 @mark.slow
 @mark.parametrize("fails", ["add", "close"])
 def test_a_full_disk_ends_the_session_and_says_so(tmp_path, monkeypatch, heard, fails):
-    """In the terminal and on the page; what was recorded before is kept."""
+    """The disk is full when a frame is recorded, or when the recording is closed.
+
+    Terminal and page say so, and earlier frames are kept.
+    """
     begin, library, warned, come = heard
     does = getattr(RawRecording, fails)
 
@@ -268,6 +276,7 @@ def test_a_full_disk_ends_the_session_and_says_so(tmp_path, monkeypatch, heard, 
 
 
 def test_what_the_socket_holds_when_the_server_ends_is_recorded(tmp_path, monkeypatch):
+    """Frames that arrived, but were not processed yet, are recorded at the end."""
     has_begun = Event()
 
     def wait_for_the_end(session, is_over, *_):
@@ -294,6 +303,7 @@ def test_what_the_socket_holds_when_the_server_ends_is_recorded(tmp_path, monkey
 def test_the_flight_of_a_silent_vehicle_is_saved_and_the_one_that_sends_is_followed(
     idle, monkeypatch
 ):
+    """The next session follows vehicle 2, and the one after that any vehicle."""
     live, told = idle
     wanted = []
 
@@ -363,7 +373,7 @@ def test_no_recorded_frame_of_the_next_vehicle_is_lost_when_the_server_ends(idle
 
 @mark.parametrize("lands", [True, False])
 def test_each_flight_of_a_vehicle_that_restarts_after_landing_is_a_log(idle, monkeypatch, lands):
-    """A restart in the air is one flight."""
+    """The vehicle restarts on the ground, or in the air: only then it is one flight."""
     live, _ = idle
     vehicles = []
 

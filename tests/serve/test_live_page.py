@@ -128,6 +128,7 @@ def test_what_shows_the_whole_flight_or_its_end_follows_the_flight(session, tab)
 
 
 def test_a_page_that_stays_open_shows_the_next_flight_from_its_own_beginning(session, tab):
+    """A browser keeps the page of one flight open while the next vehicle flies."""
     session.fly(8.0)
     tab.until(f"{FLIGHT}.span[1] > 111")
     # The next vehicle has not taken off yet: there is nothing to draw.
@@ -171,6 +172,7 @@ def test_a_page_that_stays_open_shows_the_flight_of_a_restarted_server(session, 
 
 
 def test_a_page_without_an_answer_keeps_its_state_says_for_how_long_and_recovers(session, tab):
+    """The browser is offline for a while: the page turns grey and counts the seconds."""
     headline = tab.run(HEADLINE)
     tab.command("Network.enable")
     offline = {"latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
@@ -297,6 +299,7 @@ def test_an_update_has_no_style_no_script_and_waits_until_something_is_new(tmp_p
 
 
 def test_the_reason_of_a_light_opens_and_closes_by_touches_and_shows_that_it_can(session, tab):
+    """On a narrow screen, a click on a light unfolds its reason."""
     sign = "getComputedStyle(document.querySelector('[data-light=power] dt'), '::before').content"
     reason = "document.querySelector('[data-light=power] dd:last-child').checkVisibility()"
     tab.size(390)

@@ -100,6 +100,7 @@ def answer(server, path, **headers):
 def test_the_address_leads_to_a_page_that_is_made_again_when_it_is_old_or_lacks_an_event(
     monkeypatch,
 ):
+    """The page is rendered for the first status, after an event, and when it is old."""
     session = flying_session()
     now = clock.monotonic()
     # Rendering takes no time.
@@ -158,6 +159,7 @@ def test_without_rerun_there_is_the_page_alone():
 
 
 def test_the_dashboard_names_the_vehicle_and_may_ask_nothing_of_other_machines(viewer):
+    """The content security policy of the dashboard allows this computer only."""
     with live_server(viewer) as server:
         _, _, text = answer(server, "/dashboard")
         assert f"<title>{LINK} in Rerun</title>" in text.decode()

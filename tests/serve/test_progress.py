@@ -52,6 +52,7 @@ def test_estimated_ends_follow_the_speed_of_the_last_logs():
 
 @mark.slow
 def test_a_waiting_log_has_an_end_once_others_were_read(tmp_path):
+    """Each of three waiting logs is expected to take 100 s, as the logs before took."""
     with serving(tmp_path, is_eager=False) as server:
         first_ids = [server.add(f"{number}.ulg", f"Read {number}") for number in range(3)]
         assert server.progress(first_ids[0])["estimated_end"] is None
@@ -87,6 +88,7 @@ def test_the_progress_of_many_waiting_logs_takes_little_time(tmp_path):
 
 
 def test_a_log_that_is_read_says_step_share_and_time(tmp_path):
+    """The progress file has a step of known duration, and one of unknown duration."""
     with serving(tmp_path, is_eager=False) as server:
         id = server.add("a.ulg", "One.")
         entry = server.library.claim()

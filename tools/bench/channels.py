@@ -47,9 +47,9 @@ def write_by_message(series: dict[str, Series]) -> None:
     for topic, (times, columns) in series.items():
         schema = writer.register_schema(topic, "jsonschema", b"{}")
         channel = writer.register_channel(topic, "json", schema)
-        for seconds, *values in zip(times.tolist(), *columns.values(), strict=True):
-            body = dict(zip(columns, map(float, values), strict=True))
-            messages.append((round(1e9 * seconds), channel, json.dumps(body).encode()))
+        for seconds, *samples in zip(times.tolist(), *columns.values(), strict=True):
+            values_by_field = dict(zip(columns, map(float, samples), strict=True))
+            messages.append((round(1e9 * seconds), channel, json.dumps(values_by_field).encode()))
     for nanoseconds, channel, data in sorted(messages):
         writer.add_message(channel, nanoseconds, data, nanoseconds)
     writer.finish()  # type: ignore[no-untyped-call]

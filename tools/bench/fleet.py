@@ -233,7 +233,7 @@ class Cost(NamedTuple):
 
 
 def run_mavdem(*words: str | Path) -> Cost:
-    """Runs a command of mavdem in a process of its own, and returns what it cost.
+    """Measures what a command of mavdem costs, in a process of its own.
 
     Args:
         words: name of the command, and its arguments.
@@ -242,16 +242,16 @@ def run_mavdem(*words: str | Path) -> Cost:
         Processor time and duration, s, and the largest resident memory, MB.
 
     Raises:
-        subprocess.CalledProcessError: it was refused; exit code 1 says only that there was nothing to find.
+        subprocess.CalledProcessError: the command was refused. Exit code 1 is accepted: there was nothing to report.
     """
-    began = time.perf_counter()
+    start_time = time.perf_counter()
     process = subprocess.Popen(
         [sys.executable, "-m", "mavdem", *map(str, words)],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
     _, status, usage = os.wait4(process.pid, 0)
-    seconds = time.perf_counter() - began
+    seconds = time.perf_counter() - start_time
     exit_code = os.waitstatus_to_exitcode(status)
     if exit_code not in (0, 1):
         raise subprocess.CalledProcessError(exit_code, words)

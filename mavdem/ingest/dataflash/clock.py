@@ -146,11 +146,11 @@ def on_boot_clock(
 
 
 def _boots_of_rows(boot: Rows, rows: NDArray[np.signedinteger]) -> Rows:
-    """Returns in which boots of the autopilot some messages of a log were written.
+    """Returns the boot of the autopilot in which each of some messages was written.
 
     Args:
         boot: Number of the boot (n,), from 0, of each message of the log.
-        rows: Rows (N,) of the messages whose boots are wanted.
+        rows: Indices (N,) of the messages among all messages of the log.
 
     Returns:
         Numbers of their boots (N,). If the log has only one boot, they are a view of a single 0, which saves memory.

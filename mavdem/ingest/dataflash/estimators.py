@@ -170,8 +170,8 @@ def _primary_cores(logged_columns: Columns, status: Columns) -> Integers:
         Numbers of the cores (N,).
     """
     count = message_count(logged_columns)
-    named = status.get("PI", np.zeros(0))
-    is_named = named >= 0
+    core_of_status = status.get("PI", np.zeros(0))
+    is_named = core_of_status >= 0
     if not is_named.any():
         return np.zeros(count, np.int64)
     time = continuous_time(status)[is_named]
@@ -179,4 +179,4 @@ def _primary_cores(logged_columns: Columns, status: Columns) -> Integers:
     status_rows = np.searchsorted(time[order], continuous_time(logged_columns), side="right") - 1
     # Before the first status, the core is taken from that status.
     status_rows = np.maximum(status_rows, 0)
-    return named[is_named][order][status_rows].astype(np.int64)
+    return core_of_status[is_named][order][status_rows].astype(np.int64)

@@ -333,7 +333,7 @@ def _without_old_blocks(
 def _decode_outside_blocks(
     recording: DataflashRecording, blocks: Sequence[LeftOutBlock], name: str
 ) -> MessageTable:
-    """Decodes the messages of one name, without those inside a block of another recording.
+    """Decodes the messages of one name, and leaves out those in blocks that belong to another recording.
 
     Args:
         recording: The log, whose messages are located.
@@ -379,12 +379,15 @@ def _lost_messages(recording: DataflashRecording) -> int:
 def _finite_values(
     names: Sequence[str], parameter_columns: Columns, field: str
 ) -> list[tuple[str, float]]:
-    """Returns name and value of each parameter with a finite value, in the order of the log.
+    """Selects the parameters with a finite value from the messages PARM of a log.
 
     Args:
-        names: Name (N,) of the parameter in each message PARM.
-        parameter_columns: Columns (N,) of PARM.
+        names: Name (N,) of the parameter in each message.
+        parameter_columns: Columns (N,) of the messages.
         field: "Value", or "Default", which only newer firmware logs; without the field there are no values.
+
+    Returns:
+        Pairs of name and value, in the order of the log.
     """
     values = parameter_columns.get(field, np.zeros(0)).astype(float).tolist()
     return [(name, value) for name, value in zip(names, values, strict=False) if isfinite(value)]

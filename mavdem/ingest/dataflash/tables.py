@@ -50,13 +50,17 @@ def with_stamps(logged_columns: Columns, fields: Columns) -> Columns:
 
 
 def field_texts(columns: Columns, field: str) -> list[str]:
-    """Returns the texts of a field, one per message, without the zeros that fill it.
+    """Decodes the texts of a field, one per message.
 
-    Where damage has made a value that is not a text, it is empty, so that texts stay in line with the messages.
+    Texts are filled up with zeros, which are removed. A value that damage has made no text becomes an empty one, so
+    that there are as many texts as messages.
 
     Args:
         columns: Columns of the message, by name of the field.
         field: Name of the field; without it there are no texts.
+
+    Returns:
+        The texts, in the order of the messages.
     """
     texts = []
     values = columns.get(field, np.zeros(0))
@@ -84,10 +88,10 @@ MAX_USUAL_STEP_RATIO = 3.0
 
 
 def resampled(target: Columns, source: Columns, values: Array, is_angle: bool = False) -> Array:
-    """Interpolates values of one message at the stamps of another, linearly, but not across gaps.
+    """Interpolates values of one message linearly at the stamps of another message.
 
     Messages of DataFlash logs have different stamps and rates, so values that are used together must be brought to
-    common stamps.
+    common stamps. Nothing is interpolated across gaps.
 
     Args:
         target: The message (T rows) at whose stamps the values are wanted.

@@ -191,10 +191,10 @@ def _parsed_values(texts: list[bytes], is_numeric: list[bool]) -> list[float | b
 
 
 def _texts_with_decimal_points(values: bytes, definition: FormatDefinition) -> list[bytes]:
-    """Splits a line in which a ground station wrote decimal commas, as it does in many countries: "1000, 0,5, -1,25".
+    """Splits a line of values with decimal commas, such as "1000, 0,5, -1,25", which some ground stations write.
 
     If there are spaces after the commas between values, they show which comma is which. Without them ("1000,0,5") every
-    number that is not an integer must have a decimal comma, or it is not known which have one.
+    number that is not an integer must have a decimal comma; otherwise it is unknown which numbers have one.
 
     Args:
         values: The values of the line.
@@ -224,7 +224,7 @@ def _texts_with_decimal_points(values: bytes, definition: FormatDefinition) -> l
             texts.append(pieces[next_piece])
             next_piece += 1
         else:
-            whole, fraction = pieces[next_piece : next_piece + 2]
-            texts.append(whole.strip() + b"." + fraction.strip())
+            integer_part, fraction = pieces[next_piece : next_piece + 2]
+            texts.append(integer_part.strip() + b"." + fraction.strip())
             next_piece += 2
     return texts

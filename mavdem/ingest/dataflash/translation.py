@@ -321,13 +321,16 @@ def _local_position(estimates: FlownEstimates) -> NamedMessage:
 
 
 def _rows_of_running_estimator(position: Columns) -> Columns:
-    """Returns the rows of LOCAL_POSITION_NED in which the estimator ran; no columns if it never did.
+    """Selects the messages LOCAL_POSITION_NED that are estimates, and not zeros of an estimator that did not run.
 
     An estimator that has not started, or has stopped, is logged with zeros: taken for estimates, they say that a
     vehicle in flight stands still on the ground. An estimator that runs never has all six values exactly 0.
 
     Args:
         position: Columns x, y, z, vx, vy and vz (N,); may be empty.
+
+    Returns:
+        The selected messages; no columns if the estimator never ran.
     """
     if not message_count(position):
         return position

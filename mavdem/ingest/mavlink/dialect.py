@@ -153,13 +153,13 @@ def _short_names(enum: str) -> Mapping[int, str]:
 
 
 def enum_name(enum: str, value: int) -> str:
-    """Returns the name of an enumeration's entry without the enumeration's own name.
+    """Returns the short name of a value of a MAVLink enumeration, such as "QUADROTOR" for MAV_TYPE_QUADROTOR.
 
     Args:
         enum: Name of the enumeration: "MAV_TYPE".
         value: Number of the entry: 2.
 
     Returns:
-        The name, "QUADROTOR"; the number where there is no such entry.
+        The name without the name of the enumeration; the number as text if there is no such entry.
     """
     return _short_names(enum).get(value, str(value))

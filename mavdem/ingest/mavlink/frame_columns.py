@@ -36,7 +36,7 @@ class DecodedColumns:
     """
 
     def __init__(self, data: Bytes) -> None:
-        """Starts with no columns.
+        """Creates an empty cache of decoded columns of a recording.
 
         Args:
             data: The recording (B,).

@@ -515,7 +515,7 @@ def frame_length(marker: int, payload_length: int, flags: int) -> int | None:
 def _lies_in_free_space(
     start: Offsets, end: Offsets, accepted: Frames, first_offset: int, end_offset: int
 ) -> Flags:
-    """Flags the frames between two offsets that overlap no accepted frame.
+    """Flags the frames that lie between accepted frames without an overlap.
 
     The A accepted frames leave A + 1 spaces free: before the first, between each two, and after the last. For each
     frame the space in which it begins is looked up; the frame fits if it also ends within that space.
