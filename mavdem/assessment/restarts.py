@@ -25,7 +25,7 @@ from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.facts import Fact
 from mavdem.facts.events import ReportedEvent
 from mavdem.ingest.joined import MAX_BOOT_CLOCK
-from mavdem.witnesses.accelerometer import rest_intervals
+from mavdem.witnesses.accelerometer import rest_intervals, still_windows
 
 FALL_SECONDS = 10.0
 """Duration from the beginning, s, in which the fall after a restart is sought: one from 400 m takes as long."""
@@ -165,9 +165,10 @@ def _ends_in_air(signals: Signals, boot: int) -> bool:
 def _begins_in_flight(signals: Signals, recorded_span: Segment) -> bool:
     """Returns whether the motors are armed and the vehicle flies from the beginning of a boot on.
 
-    Both must begin within ``MAX_LATE_TAKE_OFF``: nobody arms and takes off so soon after a start on the ground. But a
-    recording may also begin on the ground, shortly before a take-off. So a boot in which the vehicle rested before the
-    take-off, still and without power, did not begin in flight.
+    It does if it flies at the first moment that shows it. An autopilot that restarts in the air may also report for a
+    moment that it is disarmed or on the ground. So both may begin within ``MAX_LATE_TAKE_OFF``, if the body rates show
+    that the vehicle did not rest before, still and without power: a recording may begin on the ground, shortly before a
+    take-off. Without body rates that is not known, and the boot does not count as begun in flight.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -179,6 +180,10 @@ def _begins_in_flight(signals: Signals, recorded_span: Segment) -> bool:
         return False
     first_arming, _ = armed_spans[0]
     first_take_off, _ = flights[0]
+    if first_take_off == -np.inf:
+        return True
+    if still_windows(signals, recorded_span.boot) is None:
+        return False
     before_take_off = [(-np.inf, first_take_off)]
     rests_before_take_off = intersection(
         rest_intervals(signals, recorded_span.boot), before_take_off

@@ -134,6 +134,7 @@ class SessionFact(Code):
     PARAMETERS_KNOWN = "parameters_known"
     FLIGHT_LEARNED = "flight_learned"
     TEXTS_LEFT_OUT = "texts_left_out"
+    EARLIER_FLIGHT = "earlier_flight"
     SAMPLE_SKIPPED = "sample_skipped"
     MOTION_UNEXPECTED = "motion_unexpected"
     GUST_FELT = "gust_felt"

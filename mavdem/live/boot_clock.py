@@ -208,7 +208,8 @@ class BootClock:
         They were collected since the last stamp that continued the former clock. So delayed messages, or messages of
         another vehicle with the same ids, prove nothing while the former clock continues.
 
-        ``MIN_RESET_STAMPS`` suffice if the clock jumped ahead, or fell far to a time near zero, as in a restart.
+        ``MIN_RESET_STAMPS`` suffice if the clock jumped ahead, if it fell far to a time near zero, as in a restart, or
+        if it read zero after the last message of the former clock: the vehicle booted while nothing was received.
         Otherwise the stamps may come from a second link with a delay. Then they must continue for ``MAX_LATE_SECONDS``,
         which is longer than any such delay.
 
@@ -226,7 +227,19 @@ class BootClock:
         is_first_clock = isnan(self.now)
         if is_restart or is_first_clock or first_stamp >= self.now:
             return True
+        if self._start_of_new_clock >= self._last_former_reception:
+            return True
         return stamps[-1] - first_stamp >= MAX_LATE_SECONDS
+
+    @property
+    def _last_former_reception(self) -> float:
+        """When the latest message that continued the present clock was received, UNIX s."""
+        return self._boot_time + self.now
+
+    @property
+    def _start_of_new_clock(self) -> float:
+        """When the clock of the collected stamps, of which there must be some, read zero, UNIX s."""
+        return self._new_clock_reception - self._stamps_of_new_clock[0]
 
     def _restart(self, first_stamp: float) -> None:
         """Starts the clock again, and reports why: a reboot, a clock that was set back, or a jump ahead.
@@ -240,16 +253,14 @@ class BootClock:
             first_stamp: first attitude stamp of the new clock, s.
         """
         former_now = self.now
+        last_former_reception = self._last_former_reception
         self.now = first_stamp
         is_first_clock = isnan(former_now)
         if first_stamp < former_now:
             self.boot += 1
-            # Times on this computer's clock, UNIX s: of the last message of the former clock, and of 0 on the new one.
-            last_former_reception = self._boot_time + former_now
-            new_clock_start = self._reception_time - self._stamps_of_new_clock[-1]
             self.latest_restart = (last_former_reception, self._new_clock_reception)
             begins_near_zero = first_stamp <= MAX_RESTART_TIME
-            has_begun_since = new_clock_start >= last_former_reception - MAX_UTC_DIFFERENCE
+            has_begun_since = self._start_of_new_clock >= last_former_reception - MAX_UTC_DIFFERENCE
             if begins_near_zero or has_begun_since:
                 self._report(Fact(VehicleFact.VEHICLE_REBOOTED, clock=former_now))
             else:

@@ -39,7 +39,7 @@ A vehicle reports fewer in an hour, unless it sends very many different texts.
 GAP_SECONDS = 1.0
 """Time between two learned samples from which on they count as two parts of the flight, s: a choice.
 
-It is also the gap that the timeline shows at a reboot of the vehicle.
+It is also the shortest gap that the timeline shows at a reboot of the vehicle.
 """
 
 MAX_WITHDRAWN_SECONDS = 10.0
@@ -259,21 +259,23 @@ class LiveHistory:
         # Predictions of the last ``MAX_WITHDRAWN_SECONDS``, which are not in these sums yet, in the order of time.
         self._comparisons: deque[_Comparison] = deque()
 
-    def advance(self, time: float, boot: int) -> None:
+    def advance(self, time: float, boot: int, restart_seconds: float = GAP_SECONDS) -> None:
         """Advances the timeline to a time on the vehicle's clock; the timeline never goes back.
 
-        After a reboot the clock begins again. The timeline then continues ``GAP_SECONDS`` after its last time, so that
+        After a reboot the clock begins again. The timeline then continues after the time for which nothing was
+        received, so that a gap is drawn as long as it was, but at least ``GAP_SECONDS`` after its last time, so that
         events of two boots keep their order.
 
         Args:
             time: time on the boot clock, s; NaN, for a time that is not known yet, does not move a timeline that has
                 begun.
             boot: number of the boot; another number than before means that the clock has begun again.
+            restart_seconds: time from the last message of the boot before to the first one of this boot, s.
         """
         if boot != self.boot:
             self.boot = boot
-            self.timeline_offset = self.now + GAP_SECONDS - time
-            self.boot_start = self.now + GAP_SECONDS
+            self.boot_start = self.now + max(restart_seconds, GAP_SECONDS)
+            self.timeline_offset = self.boot_start - time
         timeline_time = time + self.timeline_offset
         # Comparisons with NaN are false: so a timeline without a time yet takes any time.
         would_go_back = timeline_time <= self.now

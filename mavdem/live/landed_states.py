@@ -1,5 +1,6 @@
 """When a live vehicle was in the air or on the ground since its autopilot started, in the form that logs have."""
 
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -70,6 +71,14 @@ class LandedStates:
         former_state = state if self.latest is None else self.latest
         self._samples.append(_StateSample(last_review_time, former_state))
         self._samples.append(_StateSample(now, state))
+
+    def begin_in_air(self, now: float) -> None:
+        """Notes that the vehicle has been in the air since the boot began, whatever state was assumed before.
+
+        Args:
+            now: time of the review that has found it, s of the boot clock.
+        """
+        self._samples = [_StateSample(-inf, IN_AIR), _StateSample(now, IN_AIR)]
 
     def series(self, now: float, boot: int, *, was_flying: bool) -> TimeSeries:
         """Returns the states over time, as a log has them.

@@ -5,12 +5,12 @@ The first estimate of the wind is reported by ``mavdem.live.wind``.
 
 from collections.abc import Callable
 from math import isfinite
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mavdem.dem import Learned
-from mavdem.facts import Fact, Facts
+from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.lights import Light
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.session import SessionFact
@@ -21,6 +21,36 @@ from mavdem.plant.parameters import Physical
 
 MARGIN_FIGURES = ("phase_margin", "phase_margin_interval", "gain_margin", "gain_margin_interval")
 """Figures of the fact on the control loop's stability margins that are reported after a landing."""
+
+
+class _FlightSummary(NamedTuple):
+    """What is reported of a flight when the next one begins."""
+
+    number: int
+    """Number of the flight in the session, from 1."""
+
+    duration: float | None = None
+    """Time from the take-off until the vehicle was in the air last, s; None where the take-off was not seen."""
+
+    verdict: Fact | None = None
+    """Headline of the latest judgement of the flight; None before one."""
+
+    is_lost_in_air: bool = False
+    """Whether the autopilot restarted after the last message in the air, so that the end of the flight is not known."""
+
+    @property
+    def fact(self) -> Fact:
+        """The flight with its verdict as a fact. What was bad is to be watched: it is no alarm of the next flight."""
+        assert self.verdict is not None
+        level = Level.WATCH if self.verdict.is_bad else self.verdict.level
+        return Fact(
+            SessionFact.EARLIER_FLIGHT,
+            level,
+            number=self.number,
+            duration=self.duration,
+            is_lost_in_air=self.is_lost_in_air,
+            reason=self.verdict,
+        )
 
 
 class Milestones:
@@ -53,6 +83,8 @@ class Milestones:
         self._mean_wind: WindEstimate | None = None
         self._unreported_end: float | None = None
         self._reported_rows = 0
+        # The flight whose verdict is reported when another one begins; None before any.
+        self._latest_flight: _FlightSummary | None = None
 
     def note_first_model(self, learning: FlightLearning, now: float, takeoff_time: float) -> None:
         """Reports the first model with its time, and how long after the take-off it was learned.
@@ -98,8 +130,11 @@ class Milestones:
         """
         if boot != self._boot:
             self._boot = boot
+            if self._latest_flight is not None and self._was_flying:
+                self._latest_flight = self._latest_flight._replace(is_lost_in_air=True)
             # Just after a restart it is not known whether the vehicle flies; that is no landing.
             self._was_flying = False
+        self._summarise_flight(status)
         physical = _latest_physical(learning)
         are_parameters_known = physical is not None and physical.identifiable
         if are_parameters_known and not self._has_parameters:
@@ -113,6 +148,34 @@ class Milestones:
         if self._unreported_end is not None and is_end_known:
             self._report_flight(learning, status, self._unreported_end, physical)
             self._unreported_end = None
+
+    def _summarise_flight(self, status: SessionStatus) -> None:
+        """Notes the verdict on the latest flight, and reports it when another flight has begun.
+
+        Lights and verdict of the session are of the latest flight alone, so that an earlier one would be forgotten.
+
+        Args:
+            status: status of the session, with the judgement of the latest flight.
+        """
+        flight = self._latest_flight
+        has_taken_off = status.is_flying and not self._was_flying
+        # A flight that was lost in the air and whose next take-off was not seen goes on, after a restart in the air.
+        goes_on = flight is not None and flight.is_lost_in_air and status.flight_seconds is None
+        if has_taken_off and goes_on and flight is not None:
+            flight = flight._replace(is_lost_in_air=False)
+        elif has_taken_off:
+            number = 1
+            if flight is not None:
+                self._log(flight.fact)
+                number = flight.number + 1
+            flight = _FlightSummary(number)
+        if flight is None:
+            return
+        if status.is_flying:
+            flight = flight._replace(duration=status.flight_seconds)
+        if not flight.is_lost_in_air:
+            flight = flight._replace(verdict=status.verdict_on_flight)
+        self._latest_flight = flight
 
     def _note_flight(self, status: SessionStatus, now: float) -> None:
         """Notes when a flight ends, which is to be reported then, and the wind of the flight until then.

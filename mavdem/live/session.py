@@ -319,7 +319,7 @@ class LiveSession:
             vehicle = self.stream.followed_vehicle
             self._margin_review.add_messages(batch.stamp, batch.frames, vehicle)
         silence = self._note_messages(first_arrival, last_arrival, frames)
-        self.history.advance(self.stream.now, self.stream.boot)
+        self.history.advance(self.stream.now, self.stream.boot, self._restart_seconds)
         self._show_slow_sample()
         self._withdraw_landing_or_loss()
         self._report_resumption(silence)
@@ -327,6 +327,15 @@ class LiveSession:
         has_rebooted = self.stream.boot != former_boot
         if has_rebooted or silence > SILENCE_SECONDS:
             self._rates.restart()
+
+    @property
+    def _restart_seconds(self) -> float:
+        """Time for which nothing was received while the vehicle restarted last, s; 0 without a restart."""
+        restart = self.stream.latest_restart
+        if restart is None:
+            return 0.0
+        last_reception, first_reception = restart
+        return first_reception - last_reception
 
     def _report_resumption(self, silence: float) -> None:
         """Reports that messages come again after a silence, of all messages or of attitude and motor outputs only.

@@ -294,6 +294,11 @@ class SessionStatus(ImmutableResult):
         return judgement
 
     @property
+    def verdict_on_flight(self) -> Fact:
+        """The headline by what was found in the latest flight, without what a pilot must do while it goes on."""
+        return replace(self, is_flying=False, is_over=True).overall_judgement.headline
+
+    @property
     def link_loss(self) -> Fact | None:
         """The fact that a flying vehicle is silent, with its last known state; None while messages and motion come.
 

@@ -34,6 +34,8 @@ class SilenceMonitor:
         self.link_time = self.message_time
         self.noise_time = -inf
         self.motion_time = -inf
+        # When messages came again after the latest silence, s of the monotonic clock.
+        self._resumption_time = -inf
         self.attitude_time = -inf
         self.outage: float | None = None
         self._sample_count = 0
@@ -54,6 +56,8 @@ class SilenceMonitor:
         silence_before = 0.0
         if self._has_received:
             silence_before = first_arrival - self.message_time
+        if silence_before > SILENCE_SECONDS:
+            self._resumption_time = first_arrival
         self._has_received = True
         self.message_time = last_arrival
         self.link_time = last_arrival
@@ -154,7 +158,7 @@ class SilenceMonitor:
         Either all messages are missing, as when the radio is lost; or only the motion is, that is attitude and motor
         outputs, while slow messages such as HEARTBEAT continue. All messages are tested first, since without them the
         motion is missing anyway. Motion counts as missing only after it has come once; before that, other facts report
-        what the vehicle does not send.
+        what the vehicle does not send. After a silence it may come a moment after the first other message, too.
 
         Args:
             now: time up to which every received byte has been analysed, s of the monotonic clock. It is not the present
@@ -169,7 +173,7 @@ class SilenceMonitor:
         missing = None
         if self.message_time < silent_since:
             missing = MissingMessages.MESSAGES
-        elif has_had_motion and self.motion_time < silent_since:
+        elif has_had_motion and max(self.motion_time, self._resumption_time) < silent_since:
             missing = MissingMessages.MOTION
         if missing is None:
             return None

@@ -324,7 +324,11 @@ class VehicleReview:
         is_flying = self.phase.is_flying
         settled_start = self.phase.settled_start(now)
         new_reports = self.watchdog.begin_review(
-            now, self.telemetry, is_flying=is_flying, settled_start=settled_start
+            now,
+            self.telemetry,
+            is_flying=is_flying,
+            settled_start=settled_start,
+            takeoff_time=self.phase.takeoff_time,
         )
         for report in new_reports:
             self._report(report)

@@ -6,7 +6,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from mavdem.assessment.identity import vehicle_name
-from mavdem.dataset.batteries import BATTERY_MESSAGES, Battery
+from mavdem.dataset.batteries import BATTERY_MESSAGES, FIRST_BATTERY, Battery, battery_name
 from mavdem.dataset.signals import Signals
 from mavdem.facts.vehicle import Basis
 from mavdem.ingest.telemetry import Telemetry
@@ -33,6 +33,9 @@ class VehicleState(NamedTuple):
 
     charge: float | None = None
     """Remaining charge of that battery, percent; None where it is not known."""
+
+    battery: str = ""
+    """Name of that battery, such as "battery 2", where there are several."""
 
     voltages: Mapping[int, float] = MappingProxyType({})
     """Voltage of each battery, V, by its number from 1."""
@@ -65,6 +68,7 @@ def vehicle_state(recent: RecentMessages, vehicle: Telemetry, now: float) -> Veh
     landing_mode = signals.landing
     # The emptiest battery is shown, or the first one if no charge is known.
     lowest_charge = None
+    number_of_emptiest = FIRST_BATTERY
     voltage_of_emptiest = None
     voltages = {}
     for battery in signals.batteries:
@@ -75,6 +79,7 @@ def vehicle_state(recent: RecentMessages, vehicle: Telemetry, now: float) -> Veh
         if voltage_of_emptiest is None or is_emptier:
             voltage_of_emptiest = voltage
             lowest_charge = charge
+            number_of_emptiest = battery.number
     name, basis = vehicle_name(vehicle)
     return VehicleState(
         signals.mode_at(recent.boot, now),
@@ -82,6 +87,7 @@ def vehicle_state(recent: RecentMessages, vehicle: Telemetry, now: float) -> Veh
         is_armed=None if armed is None else bool(armed.values[-1]),
         voltage=voltage_of_emptiest,
         charge=lowest_charge,
+        battery=battery_name(number_of_emptiest) if len(voltages) > 1 else "",
         voltages=voltages,
         system=vehicle.system,
         frame=vehicle.vehicle,

@@ -24,6 +24,7 @@ from mavdem.assessment.lights.estimator import estimator_light
 from mavdem.assessment.lights.power import POWER_REPORTS, power_light
 from mavdem.assessment.lights.vibration import vibration_light
 from mavdem.assessment.limits import worst_fact
+from mavdem.assessment.restarts import MAX_LATE_TAKE_OFF
 from mavdem.assessment.wind_drifts import WindDriftDetector
 from mavdem.dataset.intervals import Intervals
 from mavdem.dataset.motor_outputs import MotorOutputs
@@ -233,6 +234,8 @@ class Watchdog:
         self._landed_states = LandedStates()
         # Whether the vehicle flew when the former boot ended.
         self._was_flying = was_flying
+        # When this boot was reviewed first, s of its clock; None before.
+        self._first_review_time: float | None = None
         # The alarm of a fall with the motors at idle that has not ended; None without one.
         self._ongoing_fall: Fact | None = None
         self._report_search = ReportSearch()
@@ -289,7 +292,13 @@ class Watchdog:
         return (*most_urgent, *falls_and_faults)
 
     def begin_review(
-        self, now: float, vehicle: Telemetry, *, is_flying: bool, settled_start: float | None
+        self,
+        now: float,
+        vehicle: Telemetry,
+        *,
+        is_flying: bool,
+        settled_start: float | None,
+        takeoff_time: float = -inf,
     ) -> list[Fact]:
         """Begins a review: stores the phase of flight, collects the messages so far, and finds new reports in them.
 
@@ -302,11 +311,13 @@ class Watchdog:
             is_flying: whether it is airborne and armed.
             settled_start: beginning of the settled flight, s; None if it is not settled. Vibration is judged in settled
                 flight only, since a touch-down shakes the vehicle too.
+            takeoff_time: when the vehicle left the ground, s of the boot clock; minus infinity where it was in the air
+                at the first moment that shows it.
 
         Returns:
             Facts that the autopilot has reported since the last review.
         """
-        self._update_phase(now, IN_AIR if is_flying else ON_GROUND)
+        self._update_phase(now, IN_AIR if is_flying else ON_GROUND, takeoff_time)
         self.is_thorough = now - self._thorough_time >= THOROUGH_PERIOD
         if self.is_thorough:
             self._thorough_time = now
@@ -394,9 +405,10 @@ class Watchdog:
         self.alarms.raise_alarm(WatchedQuantity.BATTERY, alarm, now)
         if report.is_bad:
             return event_or_alarm(report, report.start_time)
-        return report
+        # A warning that comes after an alarm to land now must not advise to land earlier next time.
+        return report.grounded if alarm.is_bad else report
 
-    def _update_phase(self, now: float, landed_state: int) -> None:
+    def _update_phase(self, now: float, landed_state: int, takeoff_time: float) -> None:
         """Begins another phase, in the air or on the ground, if the landed state has changed.
 
         Faults that last until the end of a phase end with it, and their status lights get the time of the end.
@@ -404,7 +416,11 @@ class Watchdog:
         Args:
             now: present time on the boot clock, s.
             landed_state: present landed state, ``IN_AIR`` or ``ON_GROUND``.
+            takeoff_time: when the vehicle left the ground, s of the boot clock; minus infinity where it was in the air
+                at the first moment that shows it.
         """
+        if self._first_review_time is None:
+            self._first_review_time = now
         if landed_state == self._landed_states.latest:
             return
         self._end_drift(now)
@@ -414,21 +430,42 @@ class Watchdog:
             self.status_lights.replace(
                 Light.ESTIMATOR, height_disagreement.code, height_disagreement
             )
+        if landed_state == IN_AIR and self._goes_on_since_former_boot(now, takeoff_time):
+            self._begin_flight(now, goes_on=True)
+            self._landed_states.begin_in_air(now)
+            return
         if landed_state == IN_AIR:
-            self._begin_flight(now)
+            self._begin_flight(now, goes_on=False)
         self._landed_states.begin_phase(landed_state, now, self._review_time)
 
-    def _begin_flight(self, now: float) -> None:
+    def _goes_on_since_former_boot(self, now: float, takeoff_time: float) -> bool:
+        """Returns whether the flight in which the former boot ended still goes on, after a restart in the air.
+
+        It does if the vehicle is in the air at the first moment of this boot that shows it. The first reviews do not
+        know that yet. Where it is not known later either, the flight is another one.
+
+        Args:
+            now: time of the review that has found the vehicle in the air, s of the boot clock.
+            takeoff_time: when it left the ground, s; minus infinity where that was not seen.
+        """
+        assert self._first_review_time is not None
+        is_first_flight = self._landed_states.is_first_phase
+        is_found_early = now - self._first_review_time <= MAX_LATE_TAKE_OFF
+        is_takeoff_unseen = takeoff_time == -inf
+        return self._was_flying and is_first_flight and is_found_early and is_takeoff_unseen
+
+    def _begin_flight(self, now: float, *, goes_on: bool) -> None:
         """Begins to watch a flight at its take-off, without the findings of the flight before.
 
         But a vehicle that leaves the ground again within ``RECOVERY_SECONDS`` has bounced, or its landed state was
         wrong for a moment: then the same flight goes on, with its loss of control and its status lights. The status
         lights also stay if the autopilot has restarted in flight.
 
-        The first phase of a boot always begins a new flight, since none is known that could go on.
+        Otherwise the first phase of a boot begins a new flight, since none is known that could go on.
 
         Args:
             now: present time on the boot clock, s.
+            goes_on: whether the flight in which the former boot ended goes on, after a restart in the air.
         """
         self._ongoing_fall = None
         self._height.begin_flight()
@@ -445,8 +482,7 @@ class Watchdog:
             self.loss = None
             self.ground_contact = None
             self.alarms.discard(WatchedQuantity.CONTROL)
-        has_restarted_in_flight = states.is_first_phase and self._was_flying
-        if is_new_flight and not has_restarted_in_flight:
+        if is_new_flight and not goes_on:
             self.status_lights.begin_flight()
 
     def _end_drift(self, now: float) -> None:
@@ -1135,6 +1171,9 @@ class Watchdog:
         for quantity, fact in review.facts.items():
             if not fact.warns:
                 continue
+            if quantity is WatchedQuantity.BATTERY:
+                # A battery does not recover in flight: what is found later and is less bad replaces no worse alarm.
+                fact = worst_fact([fact, self.alarms.facts.get(quantity, fact)])
             fault_time = review.last_found_time(quantity)
             is_new = self.alarms.raise_alarm(quantity, fact, fault_time)
             # What the autopilot itself reports of the estimator was reported to the user when it came.

@@ -91,9 +91,9 @@ class LinkMonitor:
     """Runs live sessions on a link, one after the other, in a thread; nothing is sent to the vehicle unless asked for.
 
     A session ends when its vehicle is silent for a minute, or for ``SUCCESSION_SECONDS`` while another one sends, which
-    the next session follows; when its vehicle restarts after a landing, since its next flight is one of its own; and
-    when the server ends. After an error, such as a full disk, no further session begins; what was recorded until then
-    is kept.
+    the next session follows; when its vehicle restarts after a landing, or takes off again after it restarted on the
+    ground while its link was lost in the air, since its next flight is one of its own; and when the server ends. After
+    an error, such as a full disk, no further session begins; what was recorded until then is kept.
 
     Attributes:
         problem: why no session runs any more; None while one does.
@@ -146,9 +146,12 @@ class LinkMonitor:
         self._next_vehicle: str | None = None
         # The recording of that session, where it has messages of that vehicle already.
         self._next_recording: _IncomingRecording | None = None
-        # Whether the vehicle has landed in its session, and has restarted since.
+        # Whether the vehicle has landed in its session, or is in the air; whether it has restarted since, so that its
+        # next flight is another one; and whether it was in the air before its latest restart.
         self._has_landed = False
+        self._is_in_air = False
         self._has_restarted = False
+        self._has_restarted_in_air = False
         self._is_stopping = ThreadEvent()
         self._silent_pages = 0
         self._frames_at_last_page = 0
@@ -275,7 +278,9 @@ class LinkMonitor:
         self._frames_at_last_page = 0
         self._next_vehicle = None
         self._has_landed = False
+        self._is_in_air = False
         self._has_restarted = False
+        self._has_restarted_in_air = False
         return session
 
     def _vehicle_of_next_session(self, session: LiveSession) -> Component | None:
@@ -380,9 +385,14 @@ class LinkMonitor:
             raise OSError(fact.figures["error"])
         if fact.code in (ReportedEvent.OFF_GROUND, ReportedEvent.ON_GROUND):
             self._has_landed = fact.code is ReportedEvent.ON_GROUND
+            self._is_in_air = not self._has_landed
+            if self._is_in_air and self._has_restarted_in_air:
+                self._has_restarted = True
         elif fact.code is VehicleFact.VEHICLE_REBOOTED:
-            # A vehicle that restarts in the air goes on with the same flight.
+            # A vehicle that restarts in the air goes on with the same flight. But one whose next take-off is seen has
+            # restarted on the ground, after the link was lost in the air.
             self._has_restarted = self._has_landed
+            self._has_restarted_in_air = self._is_in_air
         if fact.warns or fact.code in REPORTED_CODES:
             # The sentences must not advise options of `mavdem live`, which this server does not have.
             with sentences_for(Medium(has_terminal=False)):

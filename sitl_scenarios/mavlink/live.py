@@ -1,5 +1,6 @@
 """Live flight: a simulated vehicle that exchanges MAVLink datagrams with a ground station while it flies."""
 
+import secrets
 import select
 import socket
 from collections import deque
@@ -9,6 +10,7 @@ from dataclasses import dataclass
 from time import monotonic
 from typing import NamedTuple
 
+from mavdem.ingest.mavlink.sequence_counters import SEQUENCE_NUMBERS
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 from sitl_scenarios.flight_simulation import Simulation
 from sitl_scenarios.mavlink.commands import CommandHandler, addressed_messages
@@ -137,7 +139,10 @@ def fly_live(
     Raises:
         ValueError: The scenario has rates of a message that is not sent, or the vehicle tumbles.
     """
-    transmitter = Transmitter(scenario)
+    # Otherwise two flights with the same seed would send the same bytes, which are copies of a second link for a
+    # receiver that is still attached.
+    first_sequence = secrets.randbelow(SEQUENCE_NUMBERS)
+    transmitter = Transmitter(scenario, first_sequence)
     commands = CommandHandler(transmitter, simulation)
     outcome = LiveOutcome()
     link = LossyLink(scenario)

@@ -15,6 +15,7 @@ from mavdem.ingest.mavlink.dialect import definitions_by_name
 from mavdem.ingest.mavlink.frame_stream import FrameStream
 from mavdem.ingest.mavlink.framing import frames_at
 from mavdem.ingest.mavlink.payloads import FrameSender, encode_frame, filled_payloads
+from mavdem.ingest.mavlink.sequence_counters import SEQUENCE_NUMBERS
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT, SCENARIO_TEXT
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS, Autopilot
 from sitl_scenarios.mavlink.messages import message_payloads, parameters
@@ -187,11 +188,12 @@ class Transmitter:
     end of the last block in s, are on the boot clock; ``system`` is the MAVLink system id.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, first_sequence: int = 0) -> None:
         """Boots the autopilot.
 
         Args:
             scenario: Scenario with the autopilot, its message rates, MAVLink system id and faults.
+            first_sequence: Sequence number of its first frame after each boot.
 
         Raises:
             ValueError: The scenario has a rate of a message that the autopilot does not send.
@@ -208,6 +210,7 @@ class Transmitter:
                 name: rate if name in unrequested else 0.0 for name, rate in self._rates.items()
             }
         self._scenario = scenario
+        self._first_sequence = first_sequence
         # Messages that are sent once, with the next block.
         self._replies: list[OutgoingMessage] = []
         # Faults that are still to come, in order of time. Their times count from the first arming.
@@ -335,7 +338,7 @@ class Transmitter:
         """
         self._boot_time = boot
         self._first_time = first
-        self._sequence = 0
+        self._sequence = self._first_sequence
         self.clock = first - boot
         self.schedule = self._initial_schedule(self.clock)
         self.parameters = parameters(self._scenario, self.autopilot)
@@ -396,7 +399,7 @@ class Transmitter:
             frame = encode_frame(content, definitions[name], sender, self._sequence)
             frames.append((row_times[row], frame))
             # The sequence number is one byte.
-            self._sequence = (self._sequence + 1) % 256
+            self._sequence = (self._sequence + 1) % SEQUENCE_NUMBERS
         return frames
 
     def _scheduled_messages(self, motion: Motion, clock: Array) -> Iterator[OutgoingMessage]:

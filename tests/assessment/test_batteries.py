@@ -288,7 +288,7 @@ def test_a_vehicle_that_did_not_fly_is_not_told_to_land_earlier(time, is_on_grou
 
 @pytest.mark.parametrize(
     ("lowest", "level", "limit"),
-    [(20, "good", None), (10, "watch", 0.15), (6, "bad", 0.07), (0, "bad", 0.07)],
+    [(20, "good", None), (15, "watch", 0.15), (7, "bad", 0.07), (6, "bad", 0.07), (0, "bad", 0.07)],
 )
 def test_a_charge_is_judged_by_the_limits_of_px4_down_to_nothing(lowest, level, limit):
     """The charge falls to a percentage; PX4's limits are 15 % for a warning and 7 % for a critical charge."""

@@ -71,3 +71,12 @@ def test_a_reboot_while_nothing_was_received_is_announced():
     facts, boots = live_facts(clock(400.0, 440.0, 0.0), clock(250.0, 270.0, 320.0))
     assert [fact.code for fact in facts] == [VehicleFact.VEHICLE_REBOOTED]
     assert boots == 2
+
+
+@mark.parametrize("uptime", [4.9, 15.0])
+@mark.parametrize("gap", [3.0, 10.0, 30.0])
+def test_a_reboot_in_a_silence_is_announced_by_its_first_attitudes(uptime, gap):
+    parts = [clock(0.0, uptime, 0.0), clock(0.02, 0.2, uptime + gap)]
+    facts, boots = live_facts(*parts)
+    assert [fact.code for fact in facts] == [VehicleFact.VEHICLE_REBOOTED]
+    assert boots == boots_in_log(*parts) == 2

@@ -91,6 +91,15 @@ def test_the_timeline_goes_on_after_a_reboot():
     assert history.learned_intervals == [approx((100.0, 102.99)), approx((103.99, 104.99))]
 
 
+def test_a_restart_that_takes_long_is_as_long_on_the_timeline():
+    history = LiveHistory()
+    history.advance(100.0, 0)
+    history.advance(0.5, 1, restart_seconds=28.0)
+    assert history.now == approx(128.0) and history.boot_start == approx(128.0)
+    history.advance(1.5, 1, restart_seconds=28.0)
+    assert history.now == approx(129.0)
+
+
 @mark.slow
 def test_a_long_flight_keeps_its_shape_in_bounded_memory(monkeypatch):
     """A flight of 1000 rows is thinned out to 100. Its ends and the gaps between its segments stay."""

@@ -227,6 +227,8 @@ def test_the_first_line_says_mode_arming_battery_and_the_age_of_the_last_message
     state = VehicleState("Loiter", is_armed=True, voltage=15.84, charge=76.0)
     text = vehicle_text(replace(slow, state=state, message_age=4.2))
     assert text == "1:1, mode Loiter, in flight, battery 15.8 V (76 %), last message 4 s ago."
+    second = replace(slow, state=state._replace(battery="battery 2"))
+    assert "in flight, battery 2 15.8 V (76 %)" in vehicle_text(second)
     assert vehicle_text(SessionStatus()) == "No vehicle, nothing received yet."
 
 

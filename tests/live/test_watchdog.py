@@ -407,6 +407,22 @@ def test_an_empty_battery_is_not_said_to_be_over_after_the_landing():
     assert not replayed.stream.status().active_alarms
 
 
+def test_a_low_battery_after_a_critical_one_advises_nothing_milder():
+    """Battery 2 is critical from 10 s on (charge state 3), and battery 1 low from 13 s on (2)."""
+    states = [(9.0, 0, 1), (9.0, 1, 1), (10.0, 1, 3), (11.0, 1, 3), (13.0, 0, 2), (14.0, 0, 2)]
+    messages = []
+    for time, battery, state in states:
+        fields = {"id": battery, "voltages": [9100, *[65535] * 9], "charge_state": state}
+        messages.append((time, "BATTERY_STATUS", fields))
+    replayed = replayed_with_messages(*messages)
+    [alarm] = facts_about(replayed, ReportedEvent.BATTERY_ALARMED)
+    assert alarm.code is SessionFact.ALARM
+    [warning] = facts_about(replayed, ReportedEvent.BATTERY_WARNED)
+    assert warning.time > alarm.time and not warning.remedy
+    [active_alarm] = replayed.stream.status().active_alarms
+    assert active_alarm.code is ReportedEvent.BATTERY_ALARMED
+
+
 def rebooted(before, text):
     """Replays frames before a reboot, then a text message of the autopilot, and a flight whose clock begins at 0."""
     after = Flight(Hover(hovering=30.0), attitude=20.0, motors=20.0, clock=-12.0).frames(12.0, 18.0)
@@ -441,6 +457,26 @@ def test_a_restart_on_the_ground_is_no_alarm():
     replayed = rebooted(before, b"Frame: QUAD/X")
     assert VehicleFact.VEHICLE_REBOOTED in replayed.codes
     assert not facts_about(replayed, ReportedEvent.RESTARTED_IN_FLIGHT)
+
+
+@mark.parametrize("gap", [3.0, 10.0, 30.0])
+@mark.parametrize("autopilots", [("PX4", "ARDUPILOTMEGA"), ("ARDUPILOTMEGA", "PX4")])
+def test_a_vehicle_lost_in_flight_that_starts_again_on_the_ground_has_not_restarted_in_flight(
+    autopilots, gap
+):
+    """The second boot arms after 0.7 s and takes off within three seconds of its first message."""
+    first, second = autopilots
+    cut = 9.0
+    before = Flight(
+        Hover(hovering=30.0), attitude=20.0, motors=20.0, clock=-4.0, autopilot=first
+    ).frames(4.3, cut)
+    after = Flight(
+        Hover(hovering=30.0), attitude=25.0, motors=25.0, clock=-4.0, autopilot=second
+    ).frames(4.3, 11.0)
+    replayed = replay([*before, *[(time + cut + gap - 4.3, frame) for time, frame in after]])
+    assert replayed.codes.count(VehicleFact.VEHICLE_REBOOTED) == 1
+    assert not facts_about(replayed, ReportedEvent.RESTARTED_IN_FLIGHT)
+    assert replayed.codes.count(ReportedEvent.OFF_GROUND) == 2
 
 
 def test_thinning_out_keeps_every_battery():
@@ -650,7 +686,10 @@ def test_a_long_headline_leaves_room_for_the_table(monkeypatch):
     assert len(str(spent)) > 200
     terminal_output = shown_status(status, monkeypatch)
     text = " ".join(terminal_output.split())
-    assert "Charge of battery 1 down to 2.0 % by the autopilot's estimate: below 7 %" in text
+    assert (
+        "Charge of battery 1 down to 2.0 % by the autopilot's estimate: at or below its limit of 7 %"
+        in text
+    )
     assert "Land now." in text and "battery 4" not in text
 
 

@@ -371,9 +371,19 @@ def test_no_recorded_frame_of_the_next_vehicle_is_lost_when_the_server_ends(idle
     assert not [*live._library.new_incoming_path("f.tlog").parent.iterdir()]
 
 
-@mark.parametrize("lands", [True, False])
-def test_each_flight_of_a_vehicle_that_restarts_after_landing_is_a_log(idle, monkeypatch, lands):
-    """The vehicle restarts on the ground, or in the air: only then it is one flight."""
+@mark.parametrize(
+    "before, after, is_new_flight",
+    [
+        (ReportedEvent.ON_GROUND, None, True),
+        (ReportedEvent.OFF_GROUND, None, False),
+        (ReportedEvent.OFF_GROUND, ReportedEvent.OFF_GROUND, True),
+    ],
+    ids=["landed", "flies on", "link lost in the air"],
+)
+def test_each_flight_of_a_vehicle_that_restarts_is_a_log(
+    idle, monkeypatch, before, after, is_new_flight
+):
+    """A restart in the air is one flight, unless another take-off is seen after it."""
     live, _ = idle
     vehicles = []
 
@@ -392,10 +402,12 @@ def test_each_flight_of_a_vehicle_that_restarts_after_landing_is_a_log(idle, mon
                 session.intake.recording.add(stamp, frames)
                 list(session.stream.process_frames(stamp, frames))
         assert session.stream.boot == 1
-        if lands:
-            live._take_event(HappenedEvent(90.0, Fact(ReportedEvent.ON_GROUND)))
+        live._take_event(HappenedEvent(90.0, Fact(before)))
         live._take_event(HappenedEvent(1.0, Fact(VehicleFact.VEHICLE_REBOOTED, clock=100.2)))
-        assert is_over() is lands
+        if after is not None:
+            assert not is_over()
+            live._take_event(HappenedEvent(4.0, Fact(after)))
+        assert is_over() is is_new_flight
 
     monkeypatch.setattr(live_pages, "live_page", Mock(return_value=""))
     monkeypatch.setattr(link_monitor, "run_session", fly)
@@ -404,12 +416,12 @@ def test_each_flight_of_a_vehicle_that_restarts_after_landing_is_a_log(idle, mon
     for _ in range(2):
         live._run_one_session(None)
     entries, _ = live._library.find("1", [], 10)
-    assert vehicles == ["", "1:1" if lands else ""]
+    assert vehicles == ["", "1:1" if is_new_flight else ""]
     attitudes = []
     for entry in entries:
         (vehicle,) = read_log(live._library.log_path(entry)).vehicles
         attitudes.append(len(vehicle.messages["ATTITUDE"]["time"]))
-    assert sorted(attitudes) == ([9, 9] if lands else [18])
+    assert sorted(attitudes) == ([9, 9] if is_new_flight else [18])
 
 
 @mark.skipif(not hasattr(signal, "SIGHUP"), reason="there are no terminals that hang up")

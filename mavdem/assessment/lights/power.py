@@ -301,10 +301,10 @@ def _first_time_below(evidence: Evidence, voltage: TimeSeries, limit: float) -> 
 
 
 def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterator[Fact]:
-    """Yields a fact for each battery whose charge fell below the autopilot's limits in flight.
+    """Yields a fact for each battery whose charge fell to the autopilot's limits in flight.
 
     The autopilot estimates the remaining charge. Its average over 2 s is compared with two parameters of the autopilot:
-    below the limit of a low battery (PX4: BAT_LOW_THR) the level is "watch", below the limit of a critical one
+    at the limit of a low battery (PX4: BAT_LOW_THR) or less the level is "watch", at the limit of a critical one
     (BAT_CRIT_THR) it is "bad". Where these parameters are not set, PX4 has defaults, and ArduPilot has no limits.
 
     ArduPilot counts the charge down from the capacity that is set, so that at 0 % all of it was used, even without
@@ -330,10 +330,13 @@ def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterat
         else:
             levels = _px4_charge_levels(telemetry)
         is_empty = is_ardupilot and lowest_fraction <= 0
-        is_above_limits = lowest_fraction >= max(levels.watch, levels.bad)
-        if is_above_limits and not is_empty:
+        # PX4 rounds the percentage up, so that it has warned already where its limit is reported. Without a limit,
+        # which is 0, no charge is low.
+        highest_limit = max(levels.watch, levels.bad)
+        is_low = highest_limit > 0 and lowest_fraction <= highest_limit
+        if not is_low and not is_empty:
             continue
-        is_critical = lowest_fraction < levels.bad
+        is_critical = levels.bad > 0 and lowest_fraction <= levels.bad
         charged_cell_voltage = None
         if is_empty and not is_critical:
             charged_cell_voltage = _charged_cell_voltage(evidence, battery)
@@ -350,7 +353,7 @@ def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterat
             Level.BAD if is_bad else None,
             subject=battery_name(battery.number) if has_several else "",
             share=lowest_fraction,
-            share_limit=share_limit if lowest_fraction < share_limit else None,
+            share_limit=share_limit if is_low else None,
             **optional_figures,
         )
 
