@@ -34,10 +34,11 @@ PAGE_FILE = "tune.html"
 
 GAIN_FILES = tuple(
     f"gains.{part}.{ending}"
-    for part in ("stage1", "stage2", "notch")
+    for part in ("stage1", "stage2", "notch", "before")
     for ending in ("params", "param")
 )
-"""Names of the files with the advised gains, for QGroundControl and for Mission Planner, by the stage of tuning."""
+"""Names of the files with the advised gains, by the stage of tuning, and with the present ones; for QGroundControl and
+for Mission Planner."""
 
 MARGIN_TARGETS_TEXT = "; ".join(
     f"{name}: phase {target.phase_margin:g}°, gain {target.gain_margin:g} dB, Ms {target.ms:g}"
@@ -87,7 +88,7 @@ def tune_command(
     with 20 % more or less thrust. Loops with enough margin keep their gains, unless --more is asked. With --filters a
     notch filter is advised on the motors' line in the gyro's spectrum, and gains have the margins with it. With
     --verbose it prints all margins, and what they rest on. Nothing is ever sent to a vehicle: --out writes the gains of
-    each stage for QGroundControl (.params) and Mission Planner (.param).
+    each stage for QGroundControl (.params) and Mission Planner (.param), and the present ones beside them (.before).
 
     Exit code: 1 if gains are neither advised nor kept, with the reason.
 
@@ -133,7 +134,9 @@ def _write_tuning(
         evidence: Evidence of the log, with the parameters that the vehicle has now.
     """
     texts = {PAGE_FILE: tune_page(Path(source).name, tuning, assessment)}
-    for ending, text in tuning.files(evidence.signals.telemetry).items():
+    vehicle = evidence.signals.telemetry
+    files = tuning.files(vehicle) | tuning.present_files(vehicle)
+    for ending, text in files.items():
         texts[f"gains{ending}"] = text
     with replaced_files(folder, list(texts), stale_names=GAIN_FILES) as paths:
         for path, text in zip(paths, texts.values(), strict=True):

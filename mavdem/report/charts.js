@@ -326,6 +326,12 @@
     chart.data_ = data;
     addLegend(figure, data, chart);
     followTouch(chart, group);
+    if (data.x.addresses) {
+      // A finger only moves the cursor.
+      const addressAtCursor = () => chart.cursor.idx == null ? "" : data.x.addresses[Math.round(data.columns[chart.cursor.idx])];
+      chart.over.addEventListener("click", event => { if (event.pointerType !== "touch" && addressAtCursor()) location.href = addressAtCursor(); });
+      chart.over.style.cursor = "pointer";
+    }
     if (group) {
       if (strip) group.modes = data.spans;
       group.charts.push(chart);

@@ -14,7 +14,7 @@ from mavdem.facts.online import DragSource
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.physical_constants import GRAVITY
 from mavdem.report.blocks import Blocks, Sentence, Table, caution
-from mavdem.report.templates import render_section
+from mavdem.report.templates import render_section, rounded_up
 from mavdem.wind_velocity.compass import compass_text, meteorological_direction
 from mavdem.wind_velocity.from_log import WindEvidence
 from mavdem.wind_velocity.vehicle_drag import LEAN_SD, Drag, ParameterValue
@@ -282,7 +282,7 @@ def wind_tables(wind: WindVelocity, max_rows: int | None = None) -> list[Table]:
     for mean_winds in mean_winds_of_tables:
         if len(mean_winds.rows) < 2:
             continue
-        header = [mean_winds.header, "Wind (m/s)"]
+        header = [mean_winds.header, "Vector mean (m/s)"]
         if wind.direction_identifiable:
             header.append("From")
         rows = []
@@ -290,13 +290,19 @@ def wind_tables(wind: WindVelocity, max_rows: int | None = None) -> list[Table]:
             mean_wind = mean_winds.rows[index]
             # Both ends of a part of time, or one height.
             first_cell = "–".join(f"{mean_wind[key]:.0f}" for key in mean_winds.keys)
-            speed = f"{mean_wind['speed']:.1f} ({mean_wind['low']:.1f} to {mean_wind['high']:.1f})"
-            row = [first_cell, speed]
+            row = [first_cell, _mean_speed_cell(mean_wind)]
             if wind.direction_identifiable:
                 row.append(compass_text(mean_wind["direction"]))
             rows.append(row)
         tables.append(Table(header, rows))
     return tables
+
+
+def _mean_speed_cell(mean_wind: Mapping[str, float]) -> str:
+    """Returns the speed of a mean wind with its 90 % interval, or its upper end where still air is likely as well."""
+    if not mean_wind["low"]:
+        return f"below {rounded_up(mean_wind['high'], 1)}"
+    return f"{mean_wind['speed']:.1f} ({mean_wind['low']:.1f} to {mean_wind['high']:.1f})"
 
 
 def _evenly_spaced(count: int, max_count: int | None) -> Sequence[int]:

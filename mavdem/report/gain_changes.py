@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 from urllib.parse import quote
 
-from mavdem.assessment.axis.tuning import STAGE_HEADINGS
+from mavdem.assessment.axis.tuning import PRESENT_HEADING, PRESENT_SUFFIX, STAGE_HEADINGS
 from mavdem.facts import Fact
 from mavdem.facts.loops import GainFact, LoopAction
 from mavdem.ingest.parameter_file import parameter_files
@@ -103,31 +103,49 @@ def gain_changes(
     else:
         gain_sets = [*_advised_gain_sets(advice)]
     rows = []
-    downloads = []
+    downloads: list[ParameterDownload] = []
+    present_values: dict[str, float] = {}
     remaining_notch = notch_parameters
     for gain_set in gain_sets:
         for name, gain in gain_set.gains.items():
+            present_values[name] = gain.now
             factor = gain.set / gain.now if gain.now else 1.0
             rows.append([name, f"{gain.now:.4g}", f"{gain.set:.4g}", f"{factor:.2f}"])
         values = {name: gain.set for name, gain in gain_set.gains.items()}
         for name, value in remaining_notch.items():
             present_value = vehicle.parameters.get(name)
+            if present_value is not None:
+                present_values[name] = present_value
             rows.append(
                 [name, "" if present_value is None else f"{present_value:.4g}", f"{value:.4g}", ""]
             )
         values |= remaining_notch
         remaining_notch = NO_PARAMETERS
         files = parameter_files(values, vehicle, gain_set.heading)
-        for ending in sorted(files):
-            name = f"{PurePath(log_name).stem}{gain_set.suffix}{ending}"
-            stage = gain_set.suffix.replace(".stage", "Stage ")
-            label = f"{stage} {ending} ({READERS[ending]})".strip()
-            address = f"data:text/plain;charset=utf-8,{quote(files[ending])}"
-            downloads.append(ParameterDownload(name, label, address))
+        stage = gain_set.suffix.replace(".stage", "Stage ")
+        downloads += _downloads(files, f"{PurePath(log_name).stem}{gain_set.suffix}", stage)
     if not rows:
         return None
+    present_files = parameter_files(present_values, vehicle, PRESENT_HEADING)
+    downloads += _downloads(
+        present_files, f"{PurePath(log_name).stem}{PRESENT_SUFFIX}", "To go back:"
+    )
     cautions = () if lowered_gains else tuple(_cautions_on_gains(advice))
     return GainChanges(Table(["gain", "now", "set", "times"], rows), tuple(downloads), cautions)
+
+
+def _downloads(files: Mapping[str, str], stem: str, purpose: str) -> Iterator[ParameterDownload]:
+    """Yields the links to the files that set some parameters, one for each kind of ground station.
+
+    Args:
+        files: text of each file, by the ending of its name.
+        stem: name of the files without the ending.
+        purpose: what the files are for, with which the text of each link begins; empty for none.
+    """
+    for ending in sorted(files):
+        label = f"{purpose} {ending} ({READERS[ending]})".strip()
+        address = f"data:text/plain;charset=utf-8,{quote(files[ending])}"
+        yield ParameterDownload(f"{stem}{ending}", label, address)
 
 
 def _cautions_on_gains(advice: AdviceByAxis) -> list[Sentence]:

@@ -90,8 +90,14 @@ def tune_blocks(
         report = " ".join(str(fact) for fact in _facts_on_axis(tuning, axis))
         remedies = _unstated_remedies(tuning, axis, report, stated_remedies)
         stated_remedies.update(remedies)
-        blocks.append(Sentence(" ".join([report, *remedies]), f"{listed(axes).capitalize()}:"))
         advice = tuning.axes[axis]
+        lead = f"{listed(axes).capitalize()}:"
+        if remedies and (isinstance(advice, Fact) or advice.refusals):
+            # Without gains the pilot wants to know above all what leads to some.
+            blocks.append(Sentence(report, lead))
+            blocks.append(Sentence(" ".join(remedies), f"To get gains of {listed(axes)}:"))
+        else:
+            blocks.append(Sentence(" ".join([report, *remedies]), lead))
         if isinstance(advice, Fact):
             continue
         is_doubtful = axis in tuning.doubtful_axes
@@ -589,14 +595,16 @@ def margin_overview(tuning: Tuning) -> Table | None:
     """
     rows = []
     for axis, advice in tuning.axes.items():
-        if isinstance(advice, Fact) or advice.refusals:
+        if isinstance(advice, Fact):
             continue
         loop_name = _tuned_loop_name(advice)
-        remark = "doubtful: " if axis in tuning.doubtful_axes else ""
+        # Where gains are withheld, the margins may be wrong for the same reason.
+        is_doubtful = axis in tuning.doubtful_axes or bool(advice.refusals)
+        remark = ", doubtful" if is_doubtful else ""
         for variant, loop in compared_loops(advice).items():
             open_loop = _open_loop(loop, loop_name)
-            cells = _margin_cells(open_loop, STEP_SECONDS[loop_name], remark)
-            name = f"{axis} {loop_name}, {variant}"
+            cells = _margin_cells(open_loop, STEP_SECONDS[loop_name])
+            name = f"{axis} {loop_name}, {variant}{remark}"
             rows.append([name, *cells, rounded(loop.lean_in_wind)])
     if not rows:
         return None
@@ -605,13 +613,12 @@ def margin_overview(tuning: Tuning) -> Table | None:
     return Table(["loop (90 % interval)", *margins, *steps], rows)
 
 
-def _margin_cells(open_loop: OpenLoop, step_seconds: float, remark: str) -> list[str]:
+def _margin_cells(open_loop: OpenLoop, step_seconds: float) -> list[str]:
     """Returns a row of the table of stability margins: the margins of a loop, then its predicted step response.
 
     Args:
         open_loop: open-loop response of the rate or attitude loop.
         step_seconds: duration of the predicted step response, s.
-        remark: text before each figure, such as "doubtful: "; empty for none.
 
     Returns:
         A cell for each of ``TUNED_FIGURES``, then overshoot and rise time, which are empty if they cannot be predicted.
@@ -619,10 +626,8 @@ def _margin_cells(open_loop: OpenLoop, step_seconds: float, remark: str) -> list
     cells = []
     for attribute in TUNED_FIGURES:
         scale = LOOP_FIGURES[attribute].scale
-        cells.append(f"{remark}{_figure_text(open_loop, attribute, scale)}")
-    for text in _step_texts(open_loop, step_seconds):
-        cells.append(f"{remark}{text}" if text else "")
-    return cells
+        cells.append(_figure_text(open_loop, attribute, scale))
+    return [*cells, *_step_texts(open_loop, step_seconds)]
 
 
 def _step_texts(loop: OpenLoop, duration: float) -> tuple[str, str]:

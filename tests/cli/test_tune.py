@@ -35,6 +35,8 @@ def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(
     written = out / "gains.stage1.params"
     assert read_parameters(written) == gains
     assert written.read_text().count("\t9\n1\t1\t") == len(gains) - 1
+    flown_gains = read_parameters(out / "gains.before.params")
+    assert flown_gains.keys() == gains.keys() and flown_gains != gains
     page = (out / "tune.html").read_text()
     assert page.count('<figure class="chart"') == 13 and 'class="headline"' in page
     assert "Stage 1 of 2, rate P, I and D" in page and roll["stage"] == 1

@@ -30,11 +30,14 @@ def test_gains_to_lower_are_a_table_and_files_within_the_page(tmp_path: Path):
     next_step = Fact(NextStep.DO_AS_ADVISED, reason=LOWER)
     changes = gain_changes("flight.bin", vehicle, {}, next_step)
     assert changes.table.rows == [["ATC_RAT_RLL_P", "0.135", "0.09", "0.67"]]
+    gains = {}
     for download in changes.downloads:
         path = tmp_path / download.name
         path.write_text(unquote(download.address.split(",", 1)[1]), encoding="utf-8")
-        assert read_parameters(path) == {"ATC_RAT_RLL_P": approx(0.09)}
-    assert "flight.params" in {download.name for download in changes.downloads}
+        gains[download.name] = read_parameters(path)["ATC_RAT_RLL_P"]
+    # The present gain is offered too, to go back to it.
+    assert gains["flight.params"] == approx(0.09)
+    assert gains["flight.before.params"] == approx(0.135)
 
 
 def test_a_notch_filter_is_set_with_the_first_gains(tmp_path: Path):

@@ -500,7 +500,10 @@ def test_axes_without_a_loop_for_the_same_reason_share_a_sentence(tunings):
     pitch = Fact(LoopFact.NO_LOOP, reasons=(Fact(LoopFact.NOT_STEERED, share=0.129),))
     judgement = replace(tuning.judgement, loop_decisions=ReadOnlyDict())
     report = tune_blocks(tuning._replace(axes={"roll": roll, "pitch": pitch}, judgement=judgement))
-    assert [block.lead for block in report] == ["Roll and pitch:"]
+    assert [block.lead for block in report] == [
+        "Roll and pitch:",
+        "To get gains of roll and pitch:",
+    ]
 
 
 @mark.slow

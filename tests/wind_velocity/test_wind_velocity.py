@@ -151,7 +151,7 @@ def test_band_holds_and_a_jump_is_followed():
     # A jump in a flight of little more than a minute is seen in its parts.
     short = mavdem.estimate_wind(*(values[200:1000] for values in (time, attitude, velocity)))
     assert [round(one["speed"] / 5) for one in short.minutes] == [1, 2]
-    assert "the mean from 0 to 119 s; each" in blocks[1].text
+    assert "the vector mean from 0 to 119 s; each" in blocks[1].text
     assert wind.gust > 9 and [round(one["speed"] / 5) for one in wind.minutes] == [1, 2]
     assert np.diff([(one["start"], one["end"]) for one in wind.minutes]) == approx(60.0, abs=1.0)
     layers = [(one["height"], round(one["speed"] / 5)) for one in wind.profile]
@@ -265,7 +265,7 @@ def test_calm_air_is_below_a_speed():
     (table,) = wind_tables(replace(wind, minutes=course, profile=()), max_rows=4)
     # The direction of a wind that may be still air is not shown, and the mounting is no reason for that.
     assert "Still air" in wind.reasons["direction"].sentence
-    assert table.header == ["Time (s)", "Wind (m/s)"]
+    assert table.header == ["Time (s)", "Vector mean (m/s)"]
     assert [row[0] for row in table.rows] == ["0–59", "180–239", "360–419", "540–599"]
     assert table.rows[1][1] == "3.0 (1.5 to 6.0)"
 
@@ -291,15 +291,15 @@ def test_a_wind_that_turned_is_told_with_its_speed_beside_that_of_its_mean():
         return wind_blocks(WindEvidence(turned, None, None))[0].text
 
     expected_text = (
-        "the mean of a wind that turned from the west-south-west (240°) to the "
-        "west-north-west (300°) at 5.2 m/s"
+        "5.2 m/s, which turned from the west-south-west (240°) to the west-north-west (300°), "
+        "so that its vector mean is only 4.7 m/s ("
     )
-    assert expected_text in lead_sentence(4.7, [5.3, 5.1])
+    assert lead_sentence(4.7, [5.3, 5.1]).startswith(expected_text)
     expected_text = (
-        "turned from the north (350°) to the east (90°) and then to the north (5°) at 5.2 m/s"
+        "5.2 m/s, which turned from the north (350°) to the east (90°) and then to the north (5°),"
     )
     assert expected_text in lead_sentence(2.0, [5.3, 5.2, 5.1], (350.0, 90.0, 5.0))
-    expected_text = "turned from the north (350°) to the south (175°) at 5.2 m/s"
+    expected_text = "5.2 m/s, which turned from the north (350°) to the south (175°),"
     assert expected_text in lead_sentence(2.0, [5.3, 5.2, 5.1], (350.0, 170.0, 175.0))
     assert "turned" not in lead_sentence(5.1, [5.3, 5.1])
     assert "turned" not in lead_sentence(4.7, [5.3])

@@ -39,6 +39,10 @@ STAGE_HEADINGS = {
 """First line of the parameter files of each stage."""
 NOTCH_HEADING = "Notch filter, with the gains of the log"
 """First line of the parameter files of a notch filter alone."""
+PRESENT_HEADING = "The values of the log, to go back to"
+"""First line of the parameter files with the values that advised ones replace."""
+PRESENT_SUFFIX = ".before"
+"""End of the name of these files, before the ending."""
 
 
 class Tuning(NamedTuple):
@@ -98,6 +102,23 @@ class Tuning(NamedTuple):
             for ending, text in texts.items():
                 text_by_ending[f".notch{ending}"] = text
         return text_by_ending
+
+    def present_files(self, vehicle: Telemetry) -> dict[str, str]:
+        """Returns the contents of the parameter files that set what the advised gains replace, to go back to it.
+
+        Args:
+            vehicle: vehicle that they are for, with its parameters at the end of the log.
+
+        Returns:
+            The text of each file by the ending of its name, such as ``.before.params``; empty if nothing changes.
+        """
+        values = {
+            name: vehicle.parameters[name] for name in self.parameters if name in vehicle.parameters
+        }
+        if not values:
+            return {}
+        texts = parameter_files(values, vehicle, PRESENT_HEADING)
+        return {f"{PRESENT_SUFFIX}{ending}": text for ending, text in texts.items()}
 
 
 def tune_loops(

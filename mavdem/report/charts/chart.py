@@ -77,14 +77,20 @@ class Axis(NamedTuple):
     names: Names = ()
     """Labels at 0, 1, 2, … where it counts things, such as motors."""
 
+    addresses: Names = ()
+    """Addresses of pages on these things, which a click opens; empty where there are none."""
+
     def as_json(self) -> JsonValues:
         """Returns the axis by the keys that ``charts.js`` reads."""
-        return {
+        values: JsonValues = {
             "label": self.label,
             "log": self.is_logarithmic,
             "ends": self.limits,
             "names": self.names,
         }
+        if any(self.addresses):
+            values["addresses"] = self.addresses
+        return values
 
 
 TIME = Axis("time since boot (s)")

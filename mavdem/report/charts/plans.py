@@ -269,6 +269,16 @@ class _Petal(NamedTuple):
     """The higher, the faster the wind."""
 
 
+class _SpeedClass(NamedTuple):
+    """A class of wind speed in the key of a wind rose."""
+
+    name: str
+    """Its limits, such as "2 to 4 m/s"."""
+
+    opacity: float
+    """Opacity of its petals."""
+
+
 def _wind_rose(
     description: str,
     direction: Array,
@@ -299,11 +309,16 @@ def _wind_rose(
     # The lower limit only avoids a division by zero where nothing is drawn.
     scale = RADIUS / max(edges.max(), 1e-9)
     petals = _petals(edges, scale)
+    classes = []
+    for speed_class in np.flatnonzero(counts.any(axis=1)).tolist():
+        low, high = SPEED_CLASS_LIMITS[speed_class], SPEED_CLASS_LIMITS[speed_class + 1]
+        name = f"{low} to {high} m/s" if np.isfinite(high) else f"above {low} m/s"
+        classes.append(_SpeedClass(name, _opacity(speed_class)))
     unit = " %" if weight != 1.0 else ""
     # If the outer ring is at more than 1, the labels are whole numbers.
     decimals = 0 if scale < RADIUS else 1
     rings = [(radius, f"{radius / scale:.{decimals}f}{unit}") for radius in (RADIUS / 2, RADIUS)]
-    svg = figure_as_svg("rose", petals=petals, rings=rings, arrow=mean_direction)
+    svg = figure_as_svg("rose", petals=petals, rings=rings, arrow=mean_direction, classes=classes)
     return Plan("Wind rose", description, svg)
 
 
@@ -316,13 +331,18 @@ def _petals(edges: Array, scale: float) -> list[_Petal]:
     """
     petals = []
     for speed_class, (inner_edges, outer_edges) in enumerate(pairwise(edges)):
-        opacity = LOWEST_OPACITY + OPACITY_PER_SPEED_CLASS * speed_class
+        opacity = _opacity(speed_class)
         for sector in range(SECTOR_COUNT):
             inner_radius = scale * inner_edges[sector]
             outer_radius = scale * outer_edges[sector]
             if outer_radius > inner_radius:
                 petals.append(_Petal(sector, inner_radius, outer_radius, opacity))
     return petals
+
+
+def _opacity(speed_class: int) -> float:
+    """Returns the opacity of the petals of a class of speed, from 0 for the slowest on."""
+    return LOWEST_OPACITY + OPACITY_PER_SPEED_CLASS * speed_class
 
 
 def figure_as_svg(macro: str, **values: Any) -> Markup:

@@ -24,6 +24,20 @@ PERCENT = 100
 """Percent of the whole."""
 
 
+ERROR_RATIO_TITLE = "Error ratio of the model (1: as the mean)"
+"""Title of the chart of how well the model of each flight predicts it."""
+
+FLIGHTS_CAPTION = "Points of one flight are drawn side by side, so that all are seen."
+"""What stands below the charts."""
+
+CLICK_CAPTION = " A click opens the flight."
+"""What is added where flights have pages."""
+
+ERROR_RATIO_CAPTION = """\
+ Error ratio: mean squared error of the model's predictions, over that of the mean: 0 is perfect, 1 no better."""
+"""What is added where that is drawn."""
+
+
 class AxisQuantity(NamedTuple):
     """A quantity of each flight that is drawn with a line for each axis."""
 
@@ -46,7 +60,7 @@ AXIS_QUANTITIES = (
     AxisQuantity("Rate damping (1/s)", "damping", 1.0, is_per_input=True),
     AxisQuantity("Motor time constant (ms)", "lag", 1e3, is_per_input=True),
     AxisQuantity(f"Wind torque, sd ({TORQUE_UNIT.name})", "wind_torque_sd", TORQUE_UNIT.scale),
-    AxisQuantity("Error ratio (1: as the mean)", "error_ratio", 1.0),
+    AxisQuantity(ERROR_RATIO_TITLE, "error_ratio", 1.0),
 )
 """The quantities that are drawn by axis, in the order of their charts."""
 
@@ -65,7 +79,7 @@ Estimates = dict[str, Array]
 """Estimates and half widths of their intervals (flights, 2) by name of the line; NaN where not known."""
 
 
-def vehicle_group(flights: Sequence[AxisRows]) -> Group | None:
+def vehicle_group(flights: Sequence[AxisRows], addresses: Sequence[str] = ()) -> Group | None:
     """Returns charts that show how the motors and other figures of one vehicle changed from flight to flight.
 
     Each quantity has a chart of estimates with 90 % intervals, over the number of the flight. Flights with a fault or a
@@ -73,11 +87,15 @@ def vehicle_group(flights: Sequence[AxisRows]) -> Group | None:
 
     Args:
         flights: rows of each flight in the fleet's table, one for each axis, in order of time; at least two flights.
+        addresses: address of the page of each flight, which a click opens; empty for a flight without a page.
 
     Returns:
         The charts; None if no quantity is known.
     """
-    flight_axis = _flight_axis(flights)
+    if len(flights) > MAX_DATED_FLIGHTS:
+        # Each chart has a copy of them, as of the dates.
+        addresses = ()
+    flight_axis = _flight_axis(flights)._replace(addresses=tuple(addresses))
     marks = []
     for number, flight in enumerate(flights):
         health = worst_health(flight)
@@ -92,7 +110,14 @@ def vehicle_group(flights: Sequence[AxisRows]) -> Group | None:
             lines = tuple(_lines_of_estimates(estimates, suspect_motor))
             levels = (0.0,) if title in TITLES_OF_DEVIATIONS else ()
             charts.append(Chart(title, flight_axis, Axis(""), lines, levels, marks=tuple(marks)))
-    return Group.side_by_side(charts) if charts else None
+    if not charts:
+        return None
+    caption = FLIGHTS_CAPTION
+    if any(addresses):
+        caption += CLICK_CAPTION
+    if any(chart.title == ERROR_RATIO_TITLE for chart in charts):
+        caption += ERROR_RATIO_CAPTION
+    return Group.side_by_side(charts, caption)
 
 
 def _known_flight_count(estimates: Estimates) -> int:

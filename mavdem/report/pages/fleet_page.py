@@ -29,7 +29,7 @@ from mavdem.report.fleet import (
     vehicle_name_or_type,
 )
 from mavdem.report.fleet_summary import fleet_blocks, vehicles_with_section
-from mavdem.report.flight_lines import COLUMNS, FlightLine
+from mavdem.report.flight_lines import COLUMNS, FlightLine, flight_line
 from mavdem.report.numbers import listed
 from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.vehicle_summary import LastFlight, VehicleFlights, VehicleSummary
@@ -153,7 +153,7 @@ def vehicle_charts(rows: FlightRows) -> str:
         HTML; empty if there is nothing to draw.
     """
     flights = group_into_flights(row for row in rows if row.has_flight)
-    charts = vehicle_group(flights)
+    charts = vehicle_group(flights, [flight_line(flight).link for flight in flights])
     if charts is None:
         return ""
     macros = environment().get_template("pictures.html").module

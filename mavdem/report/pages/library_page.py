@@ -22,8 +22,8 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorHealth
 from mavdem.files import load_adjacent_toml
-from mavdem.fleet.flights import AxisRows
-from mavdem.fleet.names import NO_NAMES
+from mavdem.fleet.flights import AxisRows, log_row
+from mavdem.fleet.names import NO_NAMES, content_hash
 from mavdem.fleet.row import FlightRow
 from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS
 from mavdem.report.blocks import Block
@@ -330,7 +330,12 @@ def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values
         next_step = texts.next_step
     groups = []
     if len(flights) > 1:
-        charts = vehicle_group(flights)
+        ids = {entry.content_hash: entry.id for entry in values.get("entries", ())}
+        addresses = []
+        for flight in flights:
+            flight_id = ids.get(content_hash(log_row(flight).key))
+            addresses.append("" if flight_id is None else f"/f/{flight_id}")
+        charts = vehicle_group(flights, addresses)
         if charts is not None:
             groups.append(charts)
     return render_server_page(

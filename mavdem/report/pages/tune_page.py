@@ -20,6 +20,7 @@ from mavdem.report.charts.gain_trial import CAPTION, predicted_step_chart, twin_
 from mavdem.report.gain_changes import gain_changes
 from mavdem.report.loops import (
     compared_loops,
+    is_about_loops,
     margin_overview,
     tune_blocks,
     tune_details,
@@ -28,7 +29,7 @@ from mavdem.report.loops import (
 from mavdem.report.pages.noise_chapters import gyro_chapter
 from mavdem.report.pages.page import Chapter, Head, render_document
 from mavdem.report.palette import MEASURED, PHYSICAL, PREDICTED
-from mavdem.report.templates import headline, sentences_by_axes
+from mavdem.report.templates import headline, render_section, sentences_by_axes
 
 SUBTITLE = "Margins of the loops, and gains to set. Nothing was sent to the vehicle."
 """What stands below the title."""
@@ -94,7 +95,16 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
         Chapter("All margins, and what they rest on", tune_details(tuning), folded=True),
     ]
     heading = tuning_result(tuning)
-    summary = [headline_sentence(headline(heading)), Sentence(str(judgement.next_step), "Next:")]
+    summary: Blocks = [
+        headline_sentence(headline(heading)),
+        Sentence(str(judgement.next_step), "Next:"),
+    ]
+    is_of_other_light = heading is judgement.headline and not is_about_loops(heading, judgement)
+    if is_of_other_light and not heading.is_bad:
+        # The page is about gains: why there are none comes first, then what else the flight shows.
+        (withheld,) = render_section("tune_withheld", axes=[*tuning.axes])
+        other_result = Sentence(headline(heading), "The flight:")
+        summary = [withheld, other_result, *summary[1:]]
     # The row of lights is left out: this page is only about the loops, whose margins it shows in full.
     head = Head(heading.level, lights={}, changes=changes)
     return render_document(name, SUBTITLE, summary, chapters, head=head)
