@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mavdem.arrays import Array
+from mavdem.assessment.battery_levels import cell_count, is_measured, voltage_levels
 from mavdem.assessment.doubted_heights import DOUBTS_ABOUT_BAROMETER
 from mavdem.assessment.flights import flights_in_boot
 from mavdem.assessment.height_disagreements import height_difference, initial_difference
@@ -117,6 +118,9 @@ class TimeHistory:
     """Outputs of the motors; None if they were not recorded."""
     voltages: Mapping[str, TimeSeries | None]
     """Voltage (N,), V, by name of the battery; empty if none was recorded."""
+    voltage_limits: Mapping[str, float]
+    """Limits, V, below which a battery fell in the log, by name: "low" and "critical", with the battery's name before
+    it if there are several."""
     axes: Mapping[str, AxisHistory | None]
     """Angle and rate by axis; None if no attitude was recorded."""
     wind: WindHistory | None
@@ -168,6 +172,7 @@ def time_history(
         satellite_height=shown_time.within(satellite_height),
         motors=_motor_history(signals, shown_time),
         voltages=_battery_voltages(signals, shown_time),
+        voltage_limits=_crossed_voltage_limits(signals),
         axes={axis: _axis_history(signals.for_axis(axis), shown_time) for axis in AXES},
         wind=wind_history(wind, segment),
         modes=_mode_intervals(signals, shown_time),
@@ -347,6 +352,32 @@ def _battery_voltages(signals: Signals, shown_time: ShownTime) -> dict[str, Time
     return {
         battery_name(battery.number): shown_time.within(battery.voltage) for battery in batteries
     }
+
+
+def _crossed_voltage_limits(signals: Signals) -> dict[str, float]:
+    """Returns the limits, V, below which the batteries of a vehicle fell, which charts show beside the voltages.
+
+    A limit that was never reached is left out: it would only compress the voltages above it.
+
+    Args:
+        signals: logged time series of the vehicle, with its batteries and parameters.
+
+    Returns:
+        The limits by names such as "low", or "battery 2 low" if there are several batteries.
+    """
+    parameters = signals.telemetry.parameters
+    limits_by_name = {}
+    for battery in signals.batteries:
+        if not is_measured(parameters, battery):
+            continue
+        cells = cell_count(parameters, battery) or 0
+        limits = voltage_levels(parameters, battery.number, cells)
+        prefix = f"{battery_name(battery.number)} " if len(signals.batteries) > 1 else ""
+        lowest_voltage = battery.voltage.values.min()
+        for name, limit in (("low", limits.watch), ("critical", limits.bad)):
+            if lowest_voltage < limit:
+                limits_by_name[f"{prefix}{name}"] = limit
+    return limits_by_name
 
 
 def _axis_history(signals: Signals, shown_time: ShownTime) -> AxisHistory | None:

@@ -168,14 +168,14 @@ def _refuse_option_as_value(context: click.Context, parameter: click.Parameter, 
 
 
 def looks_like_log_name(argument: str) -> bool:
-    """Returns whether an argument names an existing file or folder, or has the ending of a log.
+    """Returns whether an argument names an existing file or folder, has the ending of a log, or is a web address.
 
-    A log that does not exist counts too, so that the error says so instead of "No such command".
+    A log that does not exist and a web address count too, so that the error says so instead of "No such command".
 
     Args:
         argument: The argument, as the user gave it.
     """
-    if os.path.exists(argument):
+    if os.path.exists(argument) or "://" in argument:
         return True
     endings_of_logs = (*UNCOMPRESSED_ENDINGS, *UNREAD_LOG_ENDINGS, ZIP_ENDING)
     uncompressed_name = argument.lower().removesuffix(COMPRESSED_ENDING)

@@ -32,7 +32,7 @@ from mavdem.cli.streams import (
     text_columns,
 )
 from mavdem.processes import keep_freed_memory
-from mavdem.report.review import first_lines, further_lines, review_screen
+from mavdem.report.review import first_lines, further_lines, gain_lines, review_screen
 from mavdem.report.screen import analysis_blocks, instance_blocks
 from mavdem.results import PAGE_FILE, RESULT_FILES
 
@@ -118,6 +118,8 @@ def review_command(
             print_blocks([*analysis_blocks(assessment), *instance_blocks(assessment)])
         screen.show(assessment)
     assessment.compute_for_page()
+    if not as_json:
+        _print_lines("\n".join(gain_lines(assessment, text_columns())))
     # Imported here, so that the screen does not wait for the models of the documents.
     from mavdem.documents.review import review_document
 

@@ -26,6 +26,7 @@ class RefusalReason(Code):
     NOT_STARTED = "not_started"
     SESSION_FAILED = "session_failed"
     ANSWER_FAILED = "answer_failed"
+    RESULTS_DAMAGED = "results_damaged"
     NO_SUCH_FIELD = "no_such_field"
     LOG_NOT_READ = "log_not_read"
     VEHICLE_IDENTIFIED = "vehicle_identified"

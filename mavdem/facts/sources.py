@@ -11,6 +11,7 @@ class SourceFact(Code):
     FOLDER_GIVEN = "folder_given"
     SPECIAL_FILE = "special_file"
     FILE_MISSING = "file_missing"
+    WEB_ADDRESS = "web_address"
     FILE_NOT_OPENED = "file_not_opened"
     FILE_TOO_LARGE = "file_too_large"
     FILE_EMPTY = "file_empty"

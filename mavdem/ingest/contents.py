@@ -3,6 +3,7 @@
 import io
 import lzma
 import mmap
+import re
 import stat
 import zipfile
 import zlib
@@ -16,6 +17,9 @@ from mavdem.facts.sources import SourceFact
 from mavdem.files import PathName
 from mavdem.ingest.byte_rows import RESIDENT_BYTES, Bytes, release_pages
 from mavdem.log_formats import LOG_ENDINGS
+
+WEB_ADDRESS = re.compile(r"(?P<scheme>https?|ftp|s3|gs):/+(?P<rest>.*)", re.IGNORECASE)
+"""An address on the web; as a path it has one slash after the scheme."""
 
 RECOGNITION_BYTES = 4096
 """Number of a file's first bytes by which its format is recognised: a choice, with room for comments before it."""
@@ -198,6 +202,11 @@ def _read_unpacked(path: PathName, limit: int | None = None) -> bytes:
         if content.startswith(XZ_MAGIC):
             content = _content_of_xz(content, path, limit)
     except FileNotFoundError:
+        address = WEB_ADDRESS.fullmatch(str(path))
+        if address is not None:
+            raise Unreadable(
+                SourceFact.WEB_ADDRESS, path=f"{address['scheme']}://{address['rest']}"
+            ) from None
         raise Unreadable(SourceFact.FILE_MISSING, path=path) from None
     except MemoryError:
         raise Unreadable(

@@ -17,9 +17,11 @@ from mavdem.assessment.lights.log import simulation_fact
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.lights import Unjudged
+from mavdem.facts.loops import LoopAction
 from mavdem.ingest import Log
 from mavdem.report.blocks import SCREEN_LINES, Sentence, shortened
 from mavdem.report.brief_events import first_of_count, worst_events
+from mavdem.report.gain_changes import gain_changes
 from mavdem.report.lights import earlier_lights, lights_with_reason_once
 from mavdem.report.templates import headline, render_section
 from mavdem.report.why import cause_sentences
@@ -35,6 +37,9 @@ CLOCK_BEGINS_ANEW = f"{'restart':<20}The autopilot restarted: its clock begins a
 
 NO_LIGHTS: NamedFacts = MappingProxyType({})
 """Lights by name that are printed above others, where there are none."""
+
+ACTIONS_WITH_ADVISED_GAINS = (LoopAction.LOAD_ADVISED_GAINS, LoopAction.RAISE_AS_ADVISED)
+"""Next steps that refer to gains which ``mavdem tune`` advises."""
 
 HARD_SPACE = "\N{NO-BREAK SPACE}"
 """A space at which no line is broken."""
@@ -266,6 +271,36 @@ def _alarm_lines(assessment: Assessment, columns: int) -> Iterator[list[str]]:
         yield _wrapped_fact(label, event, columns, count_text=first_of_count(count))
 
 
+def gain_lines(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> list[str]:
+    """Returns the lines with the gains that ``mavdem tune`` advises, where the next step of a review is to load them.
+
+    They are computed after the screen is printed, since that takes seconds.
+
+    Args:
+        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
+        columns: number of characters in a line of the terminal.
+
+    Returns:
+        Each gain with its value now and the one to set; empty where the next step is another one.
+    """
+    reason = assessment.next_step.figures.get("reason")
+    action = reason.figures.get("action") if isinstance(reason, Fact) else None
+    loads_gains = isinstance(action, Fact) and action.code in ACTIONS_WITH_ADVISED_GAINS
+    if not loads_gains or assessment.evidence is None:
+        return []
+    vehicle = assessment.evidence.signals.telemetry
+    changes = gain_changes(
+        assessment.log.source, vehicle, assessment.advised_gains, assessment.next_step
+    )
+    if changes is None:
+        return []
+    texts = []
+    for name, present_value, advised_value, _ in changes.table.rows:
+        # A gain and its values stay on one line.
+        texts.append(f"{name} {present_value} → {advised_value}".replace(" ", HARD_SPACE))
+    return [*_wrapped_lines(f"Gains: {', '.join(texts)}.", columns)]
+
+
 def _lines_of_light(name: str, fact: Fact, columns: int) -> list[str]:
     """Returns the lines of one status light of a review for the terminal.
 
@@ -279,9 +314,12 @@ def _lines_of_light(name: str, fact: Fact, columns: int) -> list[str]:
     """
     may_be_shortened = fact.level == Level.GOOD or fact.code == Unjudged.NOT_JUDGED
     if may_be_shortened:
+        # Whether the main clauses fit is decided for a terminal that nobody has widened: the clauses that fit into the
+        # one line of a wider one may be fewer than those on several lines of a narrow one.
+        narrow_line = _shortened_fact(name, fact, min(columns, SCREEN_COLUMNS))
         line = _shortened_fact(name, fact, columns)
         # An ellipsis means that a clause is cut off in its middle.
-        if not line.endswith("…"):
+        if not narrow_line.endswith("…") and not line.endswith("…"):
             return [line]
     return _wrapped_fact(name, fact, columns)
 

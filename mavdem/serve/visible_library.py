@@ -221,13 +221,18 @@ class VisibleLibrary:
             The document; None before it is done, and for flights of ``mavdem track``.
 
         Raises:
-            Refusal: the flight is being deleted.
+            Refusal: the flight is being deleted, or its document is damaged.
         """
         path = self.library.results_folder(entry) / REPORT_FILE
         if not path.is_file():
             return None
         with refuse_missing_file():
-            return dict(json.loads(path.read_bytes()))
+            content = path.read_bytes()
+        try:
+            return dict(json.loads(content))
+        except (TypeError, ValueError):
+            # Text that is no JSON, or JSON that is no object.
+            raise Refusal(RefusalReason.RESULTS_DAMAGED, file=REPORT_FILE) from None
 
     def recordings(self, entry: LibraryEntry) -> Recordings:
         """Returns the JSON document that says how far the recordings of a flight are, which are made on request.

@@ -142,8 +142,9 @@ def test_a_light_that_has_no_short_sentence_is_shown_whole():
     assessment = assess(read_log(SLOW))
     reason = Fact(Unjudged.MULTIROTORS_ONLY, kind="a long type of vehicle " * 5)
     judgement = replace(assessment.judgement, lights={"wind": reason.replace(level=Level.GOOD)})
-    screen = review_screen(replace(assessment, judgement=judgement), columns=80)
-    assert "…" not in screen and reason.sentence in " ".join(screen.split())
+    for columns in (80, 160):
+        screen = review_screen(replace(assessment, judgement=judgement), columns=columns)
+        assert "…" not in screen and reason.sentence in " ".join(screen.split())
 
 
 def test_a_warning_of_two_lights_is_printed_once():

@@ -271,6 +271,9 @@ def test_what_is_no_file_is_said(tmp_path):
     folder = unreadable(tmp_path)
     assert (folder.code, folder.figures["count"]) == (SourceFact.FOLDER_GIVEN, 0)
     assert unreadable(tmp_path / "missing.tlog").code is SourceFact.FILE_MISSING
+    address = unreadable("https://logs.example.org/download?log=a")
+    assert address.code is SourceFact.WEB_ADDRESS
+    assert address.figures["path"] == "https://logs.example.org/download?log=a"
     pipe = tmp_path / "pipe.tlog"
     os.mkfifo(pipe)
     assert unreadable(pipe).code is SourceFact.SPECIAL_FILE

@@ -74,8 +74,8 @@ def test_motions_of_the_twin_stand_below_the_steps_with_their_errors(monkeypatch
     monkeypatch.setattr(gain_trial, "try_gains", lambda *_, **__: trial)
     groups = gain_trial_groups(WITHOUT_TWIN, {"roll": advise(made_up(4.5))})
     (_, tracking), (_, wind) = groups["roll"].columns
-    assert [line.name for line in tracking.lines] == ["setpoint", "now", "advised"]
-    assert [line.name for line in wind.lines] == ["now", "advised"]
+    assert [line.name for line in tracking.lines] == ["setpoint", "advised", "now"]
+    assert [line.name for line in wind.lines] == ["advised", "now"]
     assert tracking.lines[0].y.max() == approx(np.degrees(0.1))
     assert f"{motion.present_error:.2g} → {motion.expected_error:.2g}°" in tracking.title
 

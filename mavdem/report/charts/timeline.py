@@ -27,6 +27,7 @@ from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts.ending import Ending
 from mavdem.facts.event import Event
 from mavdem.report.charts.chart import (
+    CLIP_SPANS,
     MAX_GAP_STEPS,
     TIME,
     Axis,
@@ -34,6 +35,7 @@ from mavdem.report.charts.chart import (
     Charts,
     Group,
     Line,
+    LineStyle,
     Mark,
     Span,
     over_time,
@@ -69,6 +71,12 @@ FULL_WIDTH_CHARTS = 4
 
 MAX_COLUMNS = 3
 """Columns of the other charts over time: as many as can be read on a screen of 1280 pixels, a choice."""
+
+MAX_ESTIMATE_SPANS = 5.0
+"""Range of the estimated height, in ranges of the measured ones, up to which it determines the axis.
+
+A choice: beyond it the measured heights take less than a fifth of the plot.
+"""
 
 ANGLE_UNIT = display_unit("rad")
 """Unit in which angles and rates are shown: degrees."""
@@ -274,10 +282,14 @@ def _flight_charts(history: TimeHistory) -> Iterator[Chart]:
         history: signals of the flight over time.
     """
     # The barometer is drawn first, so that it lies behind the estimated height and shows where that diverged.
-    barometer = _lines_of_columns(history.barometer_height, ["barometer"], [MEASURED])
-    satellites = _lines_of_columns(history.satellite_height, ["satellites"], [COMMAND])
-    estimate = _lines_of_columns(history.height, ["estimate"])
-    yield over_time("Height", "m", [*barometer, *satellites, *estimate])
+    measured_heights = [
+        *_lines_of_columns(history.barometer_height, ["barometer"], [MEASURED]),
+        *_lines_of_columns(history.satellite_height, ["satellites"], [COMMAND]),
+    ]
+    estimated_height = [*_lines_of_columns(history.height, ["estimate"])]
+    chart = over_time("Height", "m", [*measured_heights, *estimated_height])
+    limits = _height_limits(measured_heights, estimated_height)
+    yield chart._replace(y=chart.y._replace(limits=limits))
     motors = history.motors
     if motors is not None:
         names = [without_remark(name) for name in motors.names]
@@ -287,7 +299,39 @@ def _flight_charts(history: TimeHistory) -> Iterator[Chart]:
     for number, (name, voltage) in enumerate(history.voltages.items()):
         colour = DISTINCT[number % len(DISTINCT)]
         voltage_lines += _lines_of_columns(voltage, [name], [colour])
+    if voltage_lines:
+        start_and_end = np.array([history.segment.start, history.segment.end])
+        for name, limit in history.voltage_limits.items():
+            colour = BAD if name.endswith("critical") else BASELINE
+            limit_line = Line(
+                name, colour, start_and_end, np.full(2, limit), style=LineStyle.DASHES
+            )
+            voltage_lines.append(limit_line)
     yield over_time("Battery", "V", voltage_lines)
+
+
+def _height_limits(
+    measured_lines: Sequence[Line], estimate_lines: Sequence[Line]
+) -> tuple[float, float] | None:
+    """Returns the limits, m, of the axis of heights where the autopilot's estimate diverged by far; otherwise None.
+
+    A lost estimate may fall by kilometres, on whose axis the flight would be a flat line. Then the measured heights
+    determine the axis, and the estimate leaves it.
+
+    Args:
+        measured_lines: heights by barometer and satellites, m.
+        estimate_lines: the estimated height, m, if it was recorded.
+    """
+    if not measured_lines or not estimate_lines:
+        return None
+    measured_heights = np.concatenate([line.y for line in measured_lines])
+    lowest, highest = float(np.nanmin(measured_heights)), float(np.nanmax(measured_heights))
+    span = highest - lowest
+    estimate_span = max(float(np.nanmax(line.y) - np.nanmin(line.y)) for line in estimate_lines)
+    if span == 0 or estimate_span <= MAX_ESTIMATE_SPANS * span:
+        return None
+    margin = CLIP_SPANS * span
+    return (lowest - margin, highest + margin)
 
 
 def axis_history_charts(axis: str, history: AxisHistory) -> Charts:

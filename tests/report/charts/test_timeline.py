@@ -6,7 +6,12 @@ import numpy as np
 from numpy.testing import assert_allclose
 from pytest import approx, mark
 
-from mavdem.assessment.time_history import AxisHistory, FollowedSetpoint, wind_history
+from mavdem.assessment.time_history import (
+    AxisHistory,
+    FollowedSetpoint,
+    TimeHistory,
+    wind_history,
+)
 from mavdem.dataset.segments import Segment
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact
@@ -17,6 +22,7 @@ from mavdem.report.charts.chart import over_time
 from mavdem.report.charts.timeline import (
     Timeline,
     axis_history_charts,
+    history_timeline,
     wind_speed_and_direction_charts,
 )
 from mavdem.wind_velocity.from_log import WindEvidence
@@ -134,3 +140,32 @@ def test_a_page_has_four_plots_over_time_at_full_width_and_the_others_beside_eac
     # A fifth plot alone stays with the first four.
     (group,) = timeline._replace(flight_charts=charts[:5]).overview_groups
     assert [len(column) for column in group.columns] == [5]
+
+
+def test_a_lost_height_leaves_the_plot_and_a_battery_has_the_limit_that_it_crossed():
+    boot = np.zeros(len(TIME), int)
+    measured = TimeSeries(TIME, boot, 10 * np.sin(TIME))
+    lost = TimeSeries(TIME, boot, -500 * TIME)
+    history = TimeHistory(
+        segment=Segment(0, TIME[0], TIME[-1]),
+        height=lost,
+        barometer_height=measured,
+        satellite_height=None,
+        motors=None,
+        voltages={"battery": TimeSeries(TIME, boot, 12 - 0.3 * TIME)},
+        voltage_limits={"critical": 10.5},
+        axes={},
+        wind=None,
+        modes=(),
+        events=(),
+        position=None,
+    )
+    height, battery = history_timeline(history).flight_charts
+    lowest, highest = height.y.limits
+    assert lost.values.min() < lowest < measured.values.min()
+    assert measured.values.max() < highest < 2 * measured.values.max()
+    assert [line.name for line in battery.lines] == ["battery", "critical"]
+    assert_allclose(battery.lines[1].y, 10.5)
+    # An estimate that is wrong by little determines the axis with the measured height.
+    near = history_timeline(replace(history, height=replace(lost, values=2 * measured.values)))
+    assert near.flight_charts[0].y.limits is None
