@@ -32,6 +32,7 @@ def test_the_density_of_student_s_distribution_is_that_of_scipy():
 
 @mark.slow
 def test_the_command_that_most_users_call_imports_no_slow_part_of_scipy():
+    """A new process imports the review command and lists the loaded modules."""
     slow_parts = {
         f"scipy.{name}"
         for name in (

@@ -47,6 +47,7 @@ PAGES |= {
     }.items(),
 )
 def test_examples_run(page, printed, here, monkeypatch, capsys):
+    """The Python examples of each page are executed in turn, with fewer methods and iterations than a user has."""
     (here / "logs").symlink_to(ROOT / "logs")
     (here / "flight.tlog").symlink_to(ROOT / "logs" / "ardupilot_wind5_steps.tlog")
     # All methods are in tests/cli/test_compare.py.

@@ -14,6 +14,7 @@ from mavdem.report.templates import sentence, sentence_and_remedy
 
 
 def test_a_fact_has_a_code_a_level_a_time_and_figures_with_units():
+    """A fact of NumPy numbers has plain Python numbers, and a figure knows its unit by its name."""
     fact = Fact(
         ForecastFact.FAILED,
         Level.WATCH,

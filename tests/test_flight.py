@@ -15,6 +15,7 @@ OUTPUTS = np.arange(6.0)
 
 
 def test_arrays_make_a_flight_and_slicing_gives_one():
+    """A flight of plain arrays has a sampling time and default names, which a slice of it keeps."""
     flight = Flight(
         TIME,
         INPUTS,
@@ -65,6 +66,7 @@ def test_arrays_make_a_flight_and_slicing_gives_one():
     }.items(),
 )
 def test_what_is_wrong_is_named(arguments, message):
+    """Each argument of a flight is wrong in turn, and the error names it."""
     with raises(ValueError, match=message):
         Flight(**{"time": TIME, "inputs": INPUTS, "outputs": OUTPUTS, **arguments})
 

@@ -39,6 +39,10 @@ def slow():
 
 @mark.slow
 def test_a_model_of_slow_motion_is_learned_if_it_predicts_better(slow):
+    """With slow messages (tier b) a model of the slow motion alone is learned.
+
+    It has neither physical quantities nor wind, states why, and refuses to be simulated.
+    """
     printed_report = plain_text(analysis_blocks(slow))
     slow = slow.analysis
     assert slow.tier.tier == "b" and slow.learned is not None and slow.held_out is not None

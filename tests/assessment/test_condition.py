@@ -252,6 +252,10 @@ def tier(telemetry):
     ],
 )
 def test_the_slower_stream_decides_the_tier(attitude, motors, name, following):
+    """The attitude and the motor outputs are recorded at different rates.
+
+    A tier below the best states that they are too slow, and what to do.
+    """
     tier_of_flight = tier(HOVER.telemetry(attitude, motors))
     assert (tier_of_flight.tier, tier_of_flight.next_tier and tier_of_flight.next_tier.tier) == (
         name,

@@ -312,6 +312,10 @@ FLIP, LOITER = 14, 5
 
 @mark.parametrize("mode, is_flip", [(FLIP, True), (LOITER, False)])
 def test_a_flip_that_the_vehicle_flies_on_from_explains_motors_at_their_limits(mode, is_flip):
+    """The vehicle turns once about its roll axis in two seconds with a motor at its limit.
+
+    This is good in the mode Flip, to be watched in another mode.
+    """
     telemetry = changed(flight(), "HEARTBEAT", custom_mode=mode)
     time = stamps(telemetry, "ATTITUDE")
     roll = np.angle(np.exp(2j * np.pi * np.clip((time - FAILS) / 2.0, 0, 1)))

@@ -71,6 +71,7 @@ def condition_with(oscillation=None, **hover):
 def test_prediction_is_good_only_beside_the_better_baseline_with_a_band_that_holds(
     figures, grade, ratio
 ):
+    """The error of the forecasts, the share within their band or their number differs in each case."""
     finding = purpose_finding_of(PREDICTION, model(physical()), held_out(**figures))
     assert (finding.grade, finding.reason.code) == (grade, GradeReason.FORECASTS_COMPARED)
     assert finding.reason.figures["ratio"] == (ratio and approx(ratio, abs=0.001))
@@ -194,6 +195,10 @@ TWISTED = Fact(
     ],
 )
 def test_what_overrides_leaves_nothing_good_and_decides_what_to_do(known, code, subject):
+    """A model is good for each purpose.
+
+    A fault of the vehicle or of the data limits every purpose and becomes the headline.
+    """
     free = {"condition": condition_with()}
     sound = model_findings(model(physical()), held_out(), **free)
     assert {purpose_finding.grade for purpose_finding in sound.purposes} == {GOOD}

@@ -95,6 +95,10 @@ WARNING = prose("A warning.").replace(Level.WATCH)
     ],
 )
 def test_the_headline_is_the_worst_that_was_found(levels, more, said):
+    """The headline names the worst of a loss, an alarm, lights, an oscillation and warnings.
+
+    The next step follows from it.
+    """
     status_lights = lights(**levels)
     worst = headline(status_lights, **more)
     assert worst.sentence == said
@@ -163,6 +167,10 @@ def test_after_a_loss_each_bad_light_is_in_the_next_step_and_a_bad_motor_first(c
     "cause_subject, is_added", [("", True), ("motor 3", True), ("motor 2 (left)", False)]
 )
 def test_the_headline_of_a_crash_has_a_motor_that_was_weak_before(cause_subject, is_added):
+    """A motor worked 10 % harder before a crash.
+
+    The headline adds this unless the cause of the crash is that same motor.
+    """
     status_lights = lights()
     # A trim is only to be watched, and no bad light.
     status_lights[Light.MOTORS] = Fact(
@@ -199,6 +207,10 @@ def test_without_a_flight_headline_and_next_step_have_the_reason():
 
 
 def test_nothing_wrong_is_said_of_what_was_checked_only():
+    """No light is bad, but some could not be judged.
+
+    The headline lists what was checked, and is unknown if that is too little.
+    """
     status_lights = lights(margins="unknown", log="watch", wind="watch")
     status_lights["motors"] = status_lights["motors"].replace(most_loss=0.36)
     sound = headline(status_lights)
@@ -272,6 +284,7 @@ def event(code, level=Level.WATCH, **figures):
     ],
 )
 def test_losses_failsafes_and_impacts_rank_above_trims_and_vibration(known, events, code):
+    """An event and a light are both found: the headline has the code of the event."""
     assert headline(lights(**known), events=events).code is code
 
 

@@ -83,6 +83,10 @@ def changed_gains(decision):
     ],
 )
 def test_an_error_of_a_swinging_attitude_is_remedied_as_the_swing(level, swing, advised):
+    """The attitude follows its setpoint badly.
+
+    The advice depends on whether the same axis swung, and on how far it was from its setpoint.
+    """
     event = None
     if swing is not None:
         figures = {"subject": "roll", "angle": 0.4, "count": 4, "period": 3.2, **swing}
@@ -119,6 +123,10 @@ def test_a_loop_below_the_goal_of_a_biased_effectiveness_gets_advised_gains():
 
 @mark.slow
 def test_a_flight_that_is_no_basis_for_the_advised_gains_is_flown_again_before_they_are_loaded():
+    """With 2.5 times the gains too few models lack margin for sound advice.
+
+    With 4.5 times the gains there are enough.
+    """
     advice = advise(made_up(2.5))
     assert advice.parameters and not advice.is_sound
     decision = decision_on_roll(made_up(2.5))

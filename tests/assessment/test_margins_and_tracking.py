@@ -150,6 +150,7 @@ def test_a_limit_cycle_decides_the_lights_of_motors_margins_and_tracking():
 
 
 def test_the_reason_for_unknown_margins_is_stated_at_any_message_rate():
+    """Messages are slow, and a loop has no margins for another reason. The light states that reason, once."""
     for refusal, statement in (
         (
             Fact(LoopFact.NOT_STEERED, share=0.3),
@@ -176,6 +177,10 @@ def test_the_reason_for_unknown_margins_is_stated_at_any_message_rate():
 
 @mark.slow
 def test_the_worst_loop_of_a_flight_is_rated():
+    """The loops of roll are taken for pitch too, with a gain that is 12 % higher.
+
+    The light names pitch, and its advice names the command with vehicle, file and axes.
+    """
     log = read_log(LOGS / "ardupilot_wind5_steps.tlog")
     loops, _ = loops_of_axes(log, Signals(log.vehicles[0]))
     assert list(loops) == ["roll", "pitch", "yaw"] and isinstance(loops["pitch"], Fact)

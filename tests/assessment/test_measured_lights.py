@@ -487,6 +487,10 @@ def test_wind_that_takes_half_of_the_most_lean_leaves_too_little():
     ],
 )
 def test_the_light_of_a_wind_that_turned_names_the_speed_that_blew(directions, last_speed, turn):
+    """The direction of the wind differs between minutes.
+
+    The light names the directions, with the mean speed of the minutes instead of that of the mean wind.
+    """
     minutes = [{"speed": 5.9, "direction": direction} for direction in directions]
     minutes[-1]["speed"] = last_speed
     wind = partial_record(
@@ -512,6 +516,10 @@ def test_the_light_of_a_wind_that_turned_names_the_speed_that_blew(directions, l
     "interval, level", [((4.6, 6.5), "good"), ((0.5, 3.3), "good"), ((3.4, 9.9), "unknown")]
 )
 def test_a_wind_is_good_if_its_interval_is_no_wider_than_one_beaufort_number(interval, level):
+    """The speed is biased, and its interval has a different width in each case.
+
+    A wide interval leaves the light unknown unless the lean of the vehicle is small.
+    """
     low, high = interval
     doubt = Fact(WindDoubt.SPEED_UNSURE, status=Status.BIASED, low=low, high=high, by_drag=True)
     figures = {
@@ -622,6 +630,10 @@ def test_damage_of_which_only_the_bytes_are_known_is_to_be_watched():
 
 @mark.slow
 def test_the_light_of_the_log_states_what_was_lost_by_damage():
+    """Logs with each kind of damage are judged as sound ones are, with the loss stated first.
+
+    A cut last message and a foreign dialect are no damage.
+    """
     damage = Fact(Repair.ULOG_DAMAGED, Level.WATCH, count=640, places=10, duration=0.25)
     slow = HOVER.telemetry(10.0, 50.0)
     for telemetry in (HOVER.telemetry(50.0, 50.0), slow, replace(slow, dropouts=3)):

@@ -467,6 +467,10 @@ def test_a_descent_faster_than_a_free_fall_from_that_height_is_no_witness():
     ],
 )
 def test_a_vehicle_that_an_automatic_mode_leans_to_and_fro_swings(mode, angle, period, swings):
+    """The setpoint and the attitude swing together about pitch.
+
+    A mode that a pilot steers, a small angle and a long period give no event.
+    """
     telemetry = instrumented(mode)
     elapsed = stamps(telemetry, "ATTITUDE") - EVENT
     is_swinging = (elapsed > 0) & (elapsed < 4 * period)

@@ -196,6 +196,10 @@ def test_a_motor_that_the_autopilot_names_by_its_number_is_in_the_light():
 
 
 def test_without_settled_flight_or_outputs_it_is_not_known():
+    """There is no hover to judge the motors by.
+
+    Only a motor at its limit for long, and not in a loss of control, makes the light known.
+    """
     flight = evidence()
     without_hover = replace(flight, condition=replace(flight.condition, hover=None), events=())
     light_fact = motors_light(without_hover)

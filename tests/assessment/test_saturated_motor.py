@@ -194,6 +194,10 @@ def test_a_saturated_motor_replaces_no_known_cause_and_no_impact():
 
 
 def test_a_limit_that_began_before_the_record_has_a_duration_but_no_start_in_words():
+    """A motor is at its upper limit from before the first record until 20 s.
+
+    The sentence states the end alone and never an infinite time.
+    """
     telemetry = flight()
     outputs = pulses(telemetry)
     time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]

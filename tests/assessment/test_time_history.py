@@ -81,6 +81,10 @@ def test_the_barometer_begins_at_the_height_and_shows_where_that_diverged():
 
 
 def test_the_flights_of_all_boots_are_drawn_one_after_the_other():
+    """The same flight is recorded in two boots.
+
+    The first one is drawn before the second, with a gap, and its events are shifted with it.
+    """
     # The same flight in two boots; the second is analysed.
     telemetry = armed_from_20_to_40_s()
     messages = {}

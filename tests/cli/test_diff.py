@@ -213,6 +213,7 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
     ],
 )
 def test_page_and_terminal_conclude_alike_where_nothing_changed(half_widths, conclusion):
+    """The wider the intervals of the compared figures are, the less the conclusion claims."""
     difference = vehicle_difference(
         rows_of_flights("alpha", [0]), rows_of_flights("alpha", [1], **half_widths)
     )

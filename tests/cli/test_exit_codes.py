@@ -91,6 +91,7 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
     }.items(),
 )
 def test_bad_usage_names_what_is_wrong(line, named, here, capsys):
+    """Each command line is refused with exit code 2 and a sentence that names the argument, and no file is written."""
     arguments = shlex.split(line.format(flight=FLIGHT, logs=LOGS))
     assert named in refused(capsys, 2, *arguments)
     assert list(here.iterdir()) == []
@@ -201,6 +202,10 @@ def test_commands_options_and_values_are_offered(monkeypatch, capsys):
     ],
 )
 def test_a_fault_and_an_interrupt_are_one_sentence(fault, code, told, monkeypatch, capsys):
+    """A command raises an exception.
+
+    One line is printed; the traceback only on demand, and only for an unexpected fault.
+    """
     monkeypatch.delenv("MAVDEM_TRACEBACK", raising=False)
     monkeypatch.setattr(command_line.mavdem, "invoke", Mock(side_effect=fault))
     assert run("info", FLIGHT) == code
@@ -230,6 +235,7 @@ def test_no_warning_about_numbers_reaches_the_terminal(monkeypatch, capsys, recw
     [(signal.SIGINT, KeyboardInterrupt, None), (signal.SIGTERM, SystemExit, 143)],
 )
 def test_the_first_signal_ends_a_command_and_later_ones_change_nothing(number, exception, code):
+    """A termination signal is raised twice: the first raises an exception, the second is ignored."""
     handlers = {
         signal_number: signal.getsignal(signal_number) for signal_number in TERMINATION_SIGNALS
     }

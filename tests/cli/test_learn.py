@@ -83,6 +83,10 @@ def test_people_see_one_screen_and_files_only_where_they_are_wanted(here, capsys
     }.items(),
 )
 def test_the_folder_is_named_after_the_log_and_has_no_results_of_another(source, folder, here):
+    """Folders f, g, h and deep exist with reports of other commands or logs.
+
+    Only a folder with results of the same log and command is used again.
+    """
     for name, report in (
         ("f", '{"document": "review", "source": "f.ulg"}'),
         ("g", '{"document": "learn", "source": "g.ulg"}'),

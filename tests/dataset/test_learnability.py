@@ -586,6 +586,10 @@ def test_rates_are_set_by_what_recorded_the_log_and_its_parameters(
 def test_a_demand_that_is_not_logged_takes_another_firmware_or_the_whole_log(
     firmware, bitmask, can_log, is_fast
 ):
+    """Versions and bitmasks of ArduCopter differ.
+
+    The remedy depends on whether this version can log the demand at all and whether it already logs fast.
+    """
     parameters = {"LOG_BITMASK": bitmask}
     remedy = remedy_for("DataFlash", has_demand=False, parameters=parameters, firmware=firmware)
     assert remedy.code is Remedy.DEMAND_NOT_LOGGED

@@ -88,6 +88,7 @@ def test_faster_rates_of_the_controller_give_the_angle_between_two_attitudes(per
 
 
 def test_slope_is_the_derivative_of_the_angle_in_a_banked_turn():
+    """Body rates are computed from known Euler angles. The Euler rates must be their derivatives again."""
     time = np.arange(0, 10, 1e-3)
     roll = 0.4 * np.sin(time)
     pitch = 0.5 + 0.1 * np.cos(2 * time)

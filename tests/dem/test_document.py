@@ -150,6 +150,7 @@ def test_paper_settings_are_those_of_section_v_d():
     ],
 )
 def test_a_wrong_value_is_named(name, value):
+    """Each setting of the learner is out of its range or of another type, and the error begins with its name."""
     with raises(ValueError, match=f"^{name} must "):
         Settings(**{name: value})
 

@@ -141,6 +141,10 @@ def test_an_error_in_a_second_process_and_its_end_leave_the_work_to_the_caller(t
 
 
 def test_a_second_process_ends_with_its_block_and_takes_no_interrupt(two_cores, tmp_path):
+    """The second process would sleep for an hour.
+
+    It must ignore an interrupt of its own and end as soon as the block is left.
+    """
     number = tmp_path / "pid"
 
     def work():

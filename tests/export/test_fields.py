@@ -77,6 +77,11 @@ def test_samples_ascend_in_time_where_messages_came_late(telemetry):
 
 
 def test_no_other_message_is_read_for_one_by_its_name_in_the_log(telemetry):
+    """AHR2 is the name in the log of ATTITUDE_QUATERNION.
+
+    Only that message may be read, and none for a name that does not exist.
+    """
+
     class CountedMessages(Mapping):
         """Messages that note which of them were read."""
 

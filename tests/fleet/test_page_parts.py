@@ -50,6 +50,7 @@ def test_a_summary_is_the_same_after_it_was_kept():
 
 @mark.slow
 def test_only_vehicles_that_were_judged_anew_are_summed_up_again(tmp_path):
+    """Each summary carries the number of the call that made it, so that a cached one is recognised."""
     summarised_names = []
 
     def make(vehicle):

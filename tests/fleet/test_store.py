@@ -359,6 +359,10 @@ def test_an_older_store_is_read_before_a_run_has_opened_it(tmp_path):
 
 @mark.slow
 def test_two_runs_may_open_an_older_store_at_a_time(tmp_path):
+    """One run is in the middle of converting an older store while a second one opens it.
+
+    The second waits and then succeeds.
+    """
     fleet_of(tmp_path, [FULL])
     make_older(tmp_path)
     with closing(sqlite3.connect(tmp_path / STORE, isolation_level=None)) as first_run:

@@ -259,6 +259,7 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
     ],
 )
 def test_a_cluster_that_cannot_read_logs_is_reported(monkeypatch, client, code):
+    """A Dask cluster has no workers, no mavdem or another version, or does not answer."""
     if client is not None:
         stand_in(monkeypatch, client)
     assert (

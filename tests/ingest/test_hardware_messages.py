@@ -57,6 +57,7 @@ def test_position_targets_are_unknown_while_their_axis_is_not_controlled():
 
 
 def test_px4_has_the_same():
+    """Topics of PX4 are translated to the messages and units that MAVLink has for the same hardware."""
     topics = {
         "vehicle_attitude": table(**{f"q[{n}]": float(n == 0) for n in range(4)}, rollspeed=0.0),
         "vehicle_acceleration": table(**{f"xyz[{n}]": 0.0 for n in range(3)}),

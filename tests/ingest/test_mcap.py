@@ -85,6 +85,10 @@ def test_a_stamp_that_mcap_cannot_hold_becomes_the_one_before(tmp_path):
 
 
 def test_blueos(recorder):
+    """BlueOS writes MAVLink messages as JSON into MCAP files.
+
+    Names in pieces, infinite numbers, missing values and flags in words are read.
+    """
     recorder.flight(TIMES)
     name = json.dumps([*"SERVO1_FUNCTION", "\0"])
     recorder.blueos(

@@ -63,6 +63,7 @@ def test_motors_are_read_from_every_output_of_a_dataflash_log(tmp_path, message,
 
 
 def test_an_ardupilot_port_has_16_outputs_though_only_the_second_port_is_used():
+    """Messages of two ports alternate, and the motors are the outputs 17 to 20, the first four of the second port."""
     count = len(PULSES)
     outputs = {f"servo{n}_raw": np.zeros(2 * count) for n in range(1, 17)}
     port = np.tile([0, 1], count)

@@ -151,6 +151,10 @@ WHOLE = {
 @given(st.integers(0, 2**32), st.sampled_from([*WHOLE]))
 @settings(max_examples=140)
 def test_damage_never_makes_an_error_or_a_false_message(tmp_path_factory, seed, kind):
+    """Logs of each format are damaged at random.
+
+    Each is read or refused with a sentence. Columns have equal lengths, and a tlog has no time that was not written.
+    """
     path = tmp_path_factory.mktemp("damaged") / f"flight.{kind}"
     path.write_bytes(WHOLE[kind])
     spoil(path, random.Random(seed))

@@ -62,6 +62,10 @@ def test_a_delay_that_doubles_is_reported_again(monkeypatch):
 
 
 def test_silence_does_not_show_that_the_computer_keeps_up(monkeypatch):
+    """The computer is two seconds behind when the messages cease.
+
+    Only messages that are processed without delay report that it keeps up.
+    """
     now = [100.0]
     monkeypatch.setattr("mavdem.live.clock.monotonic", lambda: now[0])
     backlog = Backlog()

@@ -45,6 +45,10 @@ def alarms_of(path):
 def test_a_vehicle_that_sinks_with_a_motor_at_its_limit_is_said_to_before_it_hits_the_ground(
     tmp_path,
 ):
+    """Motor 3 loses its thrust in a simulated flight.
+
+    The alarm that the vehicle sinks comes before the alarm of the crash, which is reported once.
+    """
     stream = StreamSpec(autopilot="ardupilot", rate=25.0, instruments=True)
     mishap = MotorFade(kind="motor_fade", start=10.0, motor=3, seconds=12.0, thrust=0.3)
     scenario = Scenario(duration=45.0, height=15.0, seed=3, stream=stream, mishap=mishap)

@@ -155,6 +155,7 @@ def test_without_a_host_only_this_machine_is_listened_to(form):
 
 
 def test_nothing_is_sent_by_opening_and_receiving():
+    """A UDP and a TCP link are opened and read. The other side receives nothing before send is called."""
     with udp() as peer, closing(Link(f"udpout:127.0.0.1:{port_of(peer)}")) as out:
         out.receive(0.05)
         assert_silent(peer)
@@ -206,6 +207,10 @@ def test_a_client_gives_way_to_another_when_it_closes():
 
 
 def test_a_serial_port_is_read_raw_silent_and_its_loss_is_reported():
+    """A pseudo-terminal stands in for a flight controller.
+
+    All 256 bytes pass unchanged, none is echoed, and no control line is dropped.
+    """
     controller, port = pty.openpty()
     link = Link(f"{os.ttyname(port)},57600")
     flags = termios.tcgetattr(port)[2]
@@ -248,6 +253,10 @@ def test_a_serial_port_is_read_raw_silent_and_its_loss_is_reported():
     }.items(),
 )
 def test_why_a_link_cannot_be_opened_is_said(name, code):
+    """Each name of a link is refused with its own code, in one line.
+
+    The placeholder is a port that is in use for UDP and not open for TCP.
+    """
     with udp() as vehicle_socket:
         fact = unreadable(Link, name.format(port_of(vehicle_socket)))
     assert code in (fact.code, fact.figures.get("cause"))

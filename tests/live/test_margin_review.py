@@ -171,6 +171,10 @@ def fly_live(path):
 @mark.usefixtures("coarse_physics")
 @mark.parametrize("table, is_given", [(STEERED, True), (STILL, False)])
 def test_margins_in_flight_are_given_and_withheld_as_by_the_review(tmp_path, table, is_given):
+    """A simulated flight is followed live and then reviewed.
+
+    A steered flight has margins in both, a still one in neither.
+    """
     scenario = scenario_from_table(table)
     path = tmp_path / "flight.tlog"
     write_log(path, scenario, fly(scenario))

@@ -212,6 +212,10 @@ def test_an_alarm_is_of_its_flight_and_of_its_boot():
 
 
 def test_a_weak_motor_of_an_earlier_flight_is_no_fault_of_the_next():
+    """A motor loses thrust in the first flight and is sound in the second.
+
+    The alarm must not count in the second flight, but counts again after the landing.
+    """
     replayed = replay(hovering(rise=150.0))
     assert (
         replayed.stream.status().overall_judgement.headline.code is MotorWatchFact.MOTOR_LOST_THRUST
@@ -274,6 +278,10 @@ def fading(tmp_path_factory, coarse_physics):
 
 
 def test_a_motor_that_fades_is_reported_early_and_its_light_follows_the_newest_estimate(fading):
+    """A motor loses its thrust slowly.
+
+    The alarm must come early, repeated only after large growth, while the light always has the latest estimate.
+    """
     stream = LiveStream()
     alarms = []
     rises = []

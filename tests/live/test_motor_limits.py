@@ -25,6 +25,10 @@ TIME = np.arange(0.0, DECISION_SECONDS, 0.05)
     ],
 )
 def test_a_motor_beside_which_another_works_as_hard_is_not_called_weak(commands, equally_loaded):
+    """A motor is at its upper limit.
+
+    With a second motor commanded nearly as high, the load and not the motor is the explanation.
+    """
     motors = partial_record(
         MotorOutputs,
         time=TIME,

@@ -62,6 +62,10 @@ def test_what_shows_nothing_is_not_called_the_ground():
 
 
 def test_a_take_off_is_seen_once_the_motors_are_known():
+    """The autopilot reports the take-off before any motor output is known, so that its time is only known later.
+
+    A vehicle in flight from the start has none.
+    """
     # The first review of the flight has the autopilot's report alone.
     recent = RecentMessages()
     recent.add("HEARTBEAT", 1.0, (2, 3, ARMED, 0, 4))

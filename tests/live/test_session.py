@@ -156,6 +156,10 @@ def run(session):
 
 @mark.slow
 def test_motion_motors_and_battery_are_plotted_though_messages_are_too_slow_for_rows():
+    """Messages at 25 Hz are too slow for a model.
+
+    The page and the dashboard nevertheless have all charts, without repeated samples or stale wind.
+    """
     slow = Flight(attitude=25.0, motors=25.0).frames(end=18.0)
     session, screen, _ = session_of([[frame] for frame in slow])
     run(session)

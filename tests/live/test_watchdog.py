@@ -595,6 +595,10 @@ def test_a_lasting_state_is_repeated_in_a_short_line_and_its_next_step_once(caps
 
 
 def test_alarms_and_their_ends_are_marked_in_lines_of_one_form(capsys):
+    """An alarm begins and ends, and a link is lost and returns.
+
+    Messages that resume end an alarm only if there was one.
+    """
     limit = Fact(ReportedEvent.BATTERY_ALARMED, Level.BAD)
     silent = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MOTION, duration=3.0)
     link_loss = SessionStatus("1:1", is_flying=True, no_model_reason=silent).link_loss
@@ -785,6 +789,10 @@ def test_the_headline_counts_lights_that_need_no_model():
     ],
 )
 def test_a_lost_link_heads_the_status_with_a_light_that_is_bad(obstacle):
+    """The link of a flying vehicle is lost, or it is not known whom to follow.
+
+    No light stays good, and a light that is bad is the headline or its cause.
+    """
     lights = {Light.MOTORS: Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)}
     status = SessionStatus(no_model_reason=obstacle, worst_lights=lights, is_flying=True)
     headline = status.overall_judgement.headline

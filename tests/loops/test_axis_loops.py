@@ -202,6 +202,7 @@ def test_the_frame_of_older_firmware_is_its_class():
     ],
 )
 def test_a_controller_that_is_not_known_says_why(parameters, weights, code, figures):
+    """Gains, the layout of the motors or valid values are missing among the parameters, and the refusal names them."""
     assert refused(controller_from_parameters, parameters, "roll", weights) == Fact(code, **figures)
 
 
@@ -367,6 +368,10 @@ def test_one_axis_without_a_loop_has_its_own_reason_and_several_have_theirs():
     ],
 )
 def test_a_loop_is_rated_by_its_weaker_margins(factor, level, lacking):
+    """The gains of a loop with good margins are multiplied.
+
+    The rating names the weaker loop and which of its margins is too small.
+    """
     rating = margin_rating(loop := made_up(factor))
     weak = getattr(loop, rating.subject)
     assert (rating.code, rating.level) == (LoopFact.MARGIN_RATING, level)

@@ -134,6 +134,7 @@ def refusal(signals, flights):
 
 
 def test_what_a_plant_in_its_loop_takes_is_said(log, monkeypatch):
+    """Each requirement of the identification is violated in turn by data that lack it or by a stricter limit."""
     signals, flights = flown(log)
     (flight,) = flights
     assert refusal(signals, [flight[:2000]]) is LoopFact.LOOP_TOO_SHORT

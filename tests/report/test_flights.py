@@ -36,6 +36,10 @@ def fleet_counts(rows):
 
 
 def test_the_next_step_of_a_fleet_is_that_of_its_most_urgent_vehicle():
+    """One vehicle has a weak motor, another oscillates, a third fell.
+
+    The most urgent one gives the next step, with its reason.
+    """
     inspect = "Inspect motor 2 and its propeller before the next flight."
     weak = flight_row("beta", 0, health="fault", suspect_motor=2, next_step="Fly longer.")
     assert f"Next: {inspect}" in plain_text(fleet_blocks([weak]))
@@ -243,6 +247,10 @@ def test_two_vehicles_differ_and_none_changed():
 
 
 def test_motors_are_not_checked_for_what_new_gains_explain():
+    """The phase margin fell between two flights.
+
+    With changed gains they are named as the cause, and a check of the motors is not advised.
+    """
     before = rows_of_flight(0, phase_margin=1.0, phase_margin_interval=0.05)
     after = rows_of_flight(1, phase_margin=0.3, phase_margin_interval=0.05)
     gains = [ParameterChange(f"ATC_RAT_{axis}_P", 0.1, 0.2) for axis in ("RLL", "PIT")]
@@ -340,6 +348,10 @@ def test_a_wind_that_is_known_only_roughly_is_an_interval_in_the_table(speed, in
 
 
 def test_a_headline_before_a_list_names_the_most_urgent_vehicle_alone():
+    """Three named vehicles fell, and two flights have no known vehicle.
+
+    Where a list follows, the headline is short.
+    """
     rows = [
         flight_row(f"quad {number}", 0, headline=f"Fell {number}.", headline_level="bad")
         for number in range(3)

@@ -48,6 +48,10 @@ def test_the_headline_of_a_live_flight_leaves_what_was_checked_to_the_lights_bes
 
 
 def test_an_alarm_that_is_over_is_neither_in_the_title_nor_beside_the_headline():
+    """Motors were at their limit and recovered.
+
+    The past alarm is an event of the page and no warning in its title.
+    """
     limit = Fact(MotorsLight.MOTORS_AT_LIMIT, Level.BAD, time=9.0, names=("motor 1", "motor 2"))
     alarm = Fact(SessionFact.ALARM, time=9.0, reason=limit)
     history = LiveHistory()

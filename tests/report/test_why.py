@@ -44,6 +44,10 @@ def test_witnesses_for_an_event_come_first_and_those_against_it_last():
 
 
 def test_what_shows_the_cause_comes_before_what_followed_and_alone_on_the_terminal():
+    """Control was lost because motor 2 reached its limit, and then the vehicle sank.
+
+    The page has both facts in this order, the terminal the first one.
+    """
     climb = supporting_fact(
         SensorFact.COMMANDS_CHANGED,
         subject="motor 2",
@@ -151,6 +155,10 @@ def test_a_rest_that_follows_every_flight_is_no_witness():
 
 
 def test_a_headline_on_margins_has_its_goal_crossover_and_the_other_axes_that_lack_it():
+    """Roll and pitch lack phase margin, yaw has enough.
+
+    The reason names the goal, the crossover and pitch. An axis whose loop is not known or good has none.
+    """
     figures = {"reason": None, "gain_margin": 9.0, "ms": 2.84, "lacking": "phase_margin"}
     roll, pitch, yaw = (
         Fact(

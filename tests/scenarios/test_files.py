@@ -34,6 +34,7 @@ def test_an_empty_file_is_the_default_scenario(tmp_path):
     }.items(),
 )
 def test_what_is_wrong_is_said_in_a_sentence_that_names_file_and_key(tmp_path, text, sentence):
+    """Each text is a faulty scenario file, and the error is one short line."""
     file = tmp_path / "own.toml"
     file.write_text(text)
     with raises(ValueError) as caught:

@@ -28,6 +28,7 @@ SHAKING = {"gyro": 0.05, "frame": 75.0, "frame_gyro": 0.02}
 
 
 def flight(shaking, **parameters):
+    """Returns a scenario whose vehicle is shaken and steered, with fast IMU messages and the given parameters."""
     return scenario_from_table(
         {
             "seed": 3,

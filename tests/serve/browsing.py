@@ -115,6 +115,7 @@ class Browser:
     """A process of Chromium, whose files are in a ``folder``."""
 
     def __init__(self, folder):
+        """Starts a headless Chromium with a profile in ``folder`` and connects to it, or skips the test without one."""
         if CHROMIUM is None:
             skip("there is no Chromium")
         options = ("--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0")

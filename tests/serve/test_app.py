@@ -191,6 +191,10 @@ def total(served, search):
 
 @mark.slow
 def test_a_flight_is_changed_found_and_deleted(served):
+    """Searches by note, tag, mode, light, motor, parameter, date and wind find what was stored.
+
+    A deleted flight leaves no file.
+    """
     id = served.add("a.ulg", "One.")
     served.add("b.ulg", "Two.")
     tags = ["race", "new"]
@@ -302,6 +306,10 @@ def test_two_flights_are_compared_and_a_vehicle_has_its_page_and_baseline(served
 
 @mark.slow
 def test_a_flight_that_differs_from_the_others_is_compared_with_the_last_sound_one(served):
+    """Two flights of a vehicle have a weak motor.
+
+    All pages link from them to the comparison with the last sound flight before.
+    """
     dates = {"first": "19T10", "sound": "20T10", "weak before": "20T11", "weak": "20T12"}
     ids = {}
     for name, hour in dates.items():
@@ -384,6 +392,10 @@ def test_damaged_results_are_said_to_be_and_odd_values_are_as_if_not_there(serve
 
 @mark.slow
 def test_who_has_no_right_sees_what_is_shared_and_no_more(guarded):
+    """One flight is private, one is shared by its link, one is public.
+
+    A visitor without a token reads the latter two and changes nothing.
+    """
     private = guarded.add("a.ulg", "Private.", token=TOKEN)
     link, public = (
         guarded.upload(
@@ -419,6 +431,10 @@ def test_who_has_no_right_sees_what_is_shared_and_no_more(guarded):
 
 @mark.slow
 def test_a_cookie_reads_and_only_the_key_of_a_page_writes(guarded):
+    """A user signs in with the token.
+
+    The cookie alone does not delete, the key in the page does, and the upload key does nothing but upload.
+    """
     id = guarded.add("a.ulg", "One.", token=TOKEN)
     wrong = guarded.ask("POST", "/enter", "token=guess")
     assert wrong.status == 401 and "Set-Cookie" not in wrong.headers
@@ -554,6 +570,10 @@ def numbered(count):
 
 
 def test_size_number_queue_and_patience_have_limits(tmp_path, monkeypatch):
+    """Each limit of uploads is lowered and exceeded in turn.
+
+    Size, number of files, delay, waiting logs and simultaneous uploads.
+    """
     monkeypatch.setattr(uploads, "MAX_LOG_BYTES", 1000)
     monkeypatch.setattr(uploads, "MAX_FILES", 2)
     monkeypatch.setattr(uploads, "SPACE_CHECK_BYTES", 200)
@@ -616,6 +636,10 @@ def test_a_form_of_many_files_needs_few_descriptors(served):
 
 
 def test_a_full_disk_and_a_full_quota_are_507_and_break_nothing(tmp_path, monkeypatch):
+    """Uploads exceed the quota and the disk.
+
+    Each is refused without leftovers, and the server works on afterwards.
+    """
     with serving(tmp_path, quota=1000) as server:
         id = server.add("a.ulg", "One.")
         refused = server.upload(("b.ulg", log("Two.", 2000)))

@@ -77,6 +77,10 @@ def test_logs_are_dropped_followed_found_compared_and_deleted(tmp_path, browser)
 
 
 def test_a_link_is_shared_and_opened_in_another_profile(tmp_path, browser):
+    """The owner signs in, shares a flight by its link and deletes it.
+
+    The other browser profile sees it only in between.
+    """
     with (
         serving(tmp_path / "served", TOKEN, is_eager=False) as server,
         browser.tab() as own_tab,
@@ -124,6 +128,10 @@ def test_a_link_is_shared_and_opened_in_another_profile(tmp_path, browser):
 
 
 def test_pages_fit_a_telephone_and_are_used_by_keyboard(tmp_path, browser):
+    """Each page is opened at several widths, light and dark.
+
+    No page may be wider than the screen, and Tab and Enter open a flight.
+    """
     with serving(tmp_path / "served") as server, browser.tab() as page:
         id = server.add("a_log_with_a_very_long_name_that_does_not_break_" * 3 + ".ulg", "One.")
         failed = server.add("b.ulg", "damaged")

@@ -409,6 +409,10 @@ def test_a_library_of_an_earlier_version_knows_which_vehicles_are_unnamed(tmp_pa
 
 
 def test_an_altered_index_removes_and_shows_nothing_outside(tmp_path):
+    """The index of the library is altered to name files outside its folder.
+
+    They are neither deleted nor shown, and the entries are mended.
+    """
     (tmp_path / "photos" / "mine").mkdir(parents=True)
     (tmp_path / "secret.html").write_text("<main>\nSecret")
     library = Library(tmp_path / "served")
@@ -531,6 +535,10 @@ def test_a_library_of_an_earlier_version_opens_and_what_is_new_stands_first(libr
 
 
 def test_stored_file_names_cannot_leave_their_folder():
+    """Names with paths, control characters, excessive length or reserved words become plain names.
+
+    Others stay as they are.
+    """
     for name in (
         "../../x",
         "..",

@@ -175,6 +175,10 @@ def test_the_page_has_an_alarm_at_once_and_other_changes_every_five_seconds(idle
 
 
 def test_a_finished_flight_is_shown_until_the_next_vehicle_comes(idle, monkeypatch):
+    """A session without a vehicle follows a finished flight.
+
+    Its page replaces the finished one only when a vehicle is known.
+    """
     live, _ = idle
     monkeypatch.setattr(live_pages, "live_page", Mock(return_value="running"))
     live._finished_page = "finished"
@@ -388,6 +392,7 @@ def test_each_flight_of_a_vehicle_that_restarts_is_a_log(
     vehicles = []
 
     def fly(session, is_over, *_):
+        """Feeds the first session a flight, a restart of the vehicle and another flight. Ends any later one at once."""
         vehicles.append(session.stream.status().no_model_reason.subject)
         if len(vehicles) > 1:
             return

@@ -252,6 +252,10 @@ TONES = """(() => {
 def test_an_alarm_is_first_in_the_tab_colours_its_sign_and_sounds_where_that_is_wanted(
     session, tab
 ):
+    """Motors become weak one after the other.
+
+    A tone sounds only while the sound is on. Title and icon return once the status has no alarm.
+    """
     tab.run(TONES)
     session.weaken(1)
     tab.until("document.title === '⚠ Motor 1: land now — No vehicle yet on udp'")

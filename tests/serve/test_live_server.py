@@ -220,6 +220,7 @@ def test_a_browser_runs_the_viewer_on_a_wide_screen_and_cannot_report_its_use(vi
 def test_the_headline_of_the_session_stands_above_its_dashboard_until_nothing_answers(
     viewer, browser
 ):
+    """A browser shows the dashboard while a motor alarm begins, and then the server closes."""
     loss = MotorChange(58.0, 56.0, 2, "motor 2", 0.3, 0.99, loss=(0.2, 0.4))
     alarmed = replace(STATUS, motor_alarms=(loss,), motor_alarms_of_flight=(loss,))
     headline = "document.getElementById('session_headline')"
@@ -241,6 +242,10 @@ def test_the_headline_of_the_session_stands_above_its_dashboard_until_nothing_an
 
 @mark.slow
 def test_a_dashboard_whose_session_is_not_shown_says_so_and_asks_once_a_second(viewer, browser):
+    """The page of the session becomes old, recovers, and then fails.
+
+    The browser shows the silence and asks about once a second.
+    """
     silence = "document.getElementById('silence')"
     with live_server(viewer) as server, browser.tab() as tab:
         server.report(flying_session(), STATUS)

@@ -68,6 +68,7 @@ def test_while_it_is_made_the_answer_is_202_and_says_how_far_it_is(tmp_path, mon
 
 
 def test_a_download_waits_for_the_recording(tmp_path, monkeypatch):
+    """Two clients request a recording that is not yet written. Both wait, and both receive it."""
     monkeypatch.setattr("mavdem.serve.pages.POLL_SECONDS", 0.02)
     with serving(tmp_path, is_eager=False) as server:
         id = server.add("a.ulg", MODEL)
@@ -228,6 +229,10 @@ def test_both_recordings_of_a_real_log_show_what_its_page_shows(tmp_path, monkey
 
 @mark.slow
 def test_the_browser_waits_and_then_downloads(tmp_path, browser):
+    """A browser requests a recording that is written later, and one that cannot be written.
+
+    It shows the reason of the latter.
+    """
     with serving(tmp_path / "served", is_eager=False) as server, browser.tab() as page:
         id = server.add("a.ulg", MODEL)
         server.work.run()

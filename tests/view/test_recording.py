@@ -123,6 +123,7 @@ def test_a_forecast_is_drawn_with_the_name_of_its_model():
 def test_the_one_blueprint_in_the_file_shows_what_is_there_in_the_screen_s_words(
     recording, assessed
 ):
+    """Each view of the recording has data to show, and its texts are those of the report on the terminal."""
     texts_by_path = documents(recording)
     shown_views = views(recording)
     analysis = assessed.analysis

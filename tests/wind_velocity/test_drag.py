@@ -117,6 +117,7 @@ def test_errors_that_are_alike_count_for_fewer_independent_ones():
     ],
 )
 def test_a_search_ends_where_it_repeats_itself_or_hardly_changes(values, has_settled):
+    """The values are log posteriors of the iterations so far, of searches that settle, climb, turn or fail."""
     assert drag_identification._has_settled(values) == has_settled
 
 

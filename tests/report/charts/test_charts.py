@@ -90,6 +90,7 @@ def test_a_chart_says_in_words_what_it_shows():
 
 
 def response():
+    """Returns the step and frequency response of a made-up rate loop about roll."""
     time = np.arange(1, 101) / 200
     frequency = np.linspace(0.5, 80, 200)
     estimate = IntervalEstimate(0.1, 0.05, 0.15)
@@ -146,6 +147,10 @@ def test_a_step_of_the_identified_loop_is_not_called_measured():
 
 
 def test_spectra_have_their_lines_and_the_filters_over_them():
+    """The noise before and after the filters is drawn with the motor line, the crossover and the gain of the filters.
+
+    The spectrogram is an image in the page.
+    """
     line = SpectralLine(LineCause.MOTOR, 140.0, 100.0, 1.0, 5.0, 0.5)
     spectra = {name: spectrum(name) for name in ("gyro_before", "gyro")}
     loop = partial_record(

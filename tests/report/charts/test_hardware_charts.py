@@ -25,6 +25,10 @@ def charts_by_title(telemetry):
 
 
 def test_speeds_compasses_and_reported_quantities_are_drawn_in_plain_units():
+    """Raw values of ESCs, compass, battery and barometer are converted.
+
+    Values that stand for unknown ones are left out.
+    """
     telemetry = HOVER.telemetry(20.0, 20.0)
     controllers = columns(
         np.repeat(TIME, 2),

@@ -76,6 +76,10 @@ def test_a_line_of_one_side_alone_is_named_by_the_title():
 
 
 def test_lights_that_are_equal_are_one_sentence():
+    """Two reviews differ in one light.
+
+    The table has that light alone, and margins of different axes are not equal.
+    """
     lights = {
         name: {"level": level, "sentence": f"{name} is {level}."}
         for name, level in {"motors": "good", "power": "unknown", "log": "good"}.items()
@@ -305,6 +309,11 @@ def test_the_next_step_of_an_earlier_bad_light_stays_until_it_is_good(difference
 
 
 def test_the_vibration_of_each_imu_is_compared_with_its_own(difference):
+    """The worst vibration was measured by different IMUs in the two flights.
+
+    That difference is no change, unless the same IMU is known in both.
+    """
+
     def review(imu, vibration, level):
         """Returns a review whose light of the vibration is of an IMU, and whose first IMU has 5 m/s²."""
         light = {"level": level, "subject": imu, "figures": {"vibration": vibration}}

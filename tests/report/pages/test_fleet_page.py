@@ -220,6 +220,7 @@ def test_time_constants_of_motors_and_of_the_demand_are_not_one_line():
 
 
 def hostile():
+    """Returns rows of flights whose every text contains HTML, and one of an unknown state."""
     names = {
         "motors": tuple(rf"{HOSTILE}$\nothing{{$ {number}" for number in range(4)),
         "health_reason": HOSTILE,

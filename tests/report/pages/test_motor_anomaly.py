@@ -92,6 +92,10 @@ def test_a_drift_stands_below_the_headline_of_a_log_that_shows_worse():
 
 @mark.parametrize("health, level", [("fault", "bad"), ("drift", "watch")])
 def test_a_comparison_shows_the_motors_as_they_are_beside_other_flights(health, level):
+    """Flight B by itself has good motors, but beside other flights of the vehicle motor 1 is weak.
+
+    Headline, table and next step have that judgement.
+    """
     motors = {"level": "good", "sentence": "No motor lost over 32 %."}
     review = {
         "lights": {"motors": motors},
@@ -153,6 +157,10 @@ def texts(sentences):
 
 
 def test_a_doubtful_figure_of_the_motor_that_is_weak_is_evidence_and_no_second_verdict():
+    """Motor 1 is weak beside other flights, and its trim changed doubtfully.
+
+    The trim is named as agreement, once, and only if it has the same direction.
+    """
     difference = doubtful_trim(1, 0.08)
     reviews = judged_reviews(health="drift", suspect_motor=1, fault_probability=0.6)
     headline = headline_of_comparison(reviewed_difference(difference, reviews))
@@ -176,6 +184,7 @@ def test_a_doubtful_figure_of_the_motor_that_is_weak_is_evidence_and_no_second_v
 
 
 def test_flights_of_a_fleet_which_has_no_reviews_have_one_verdict_too():
+    """The rows of a fleet alone are compared, without lights, and the judgement of the motors still comes first."""
     sound = flight_row("quad", 1, health_reason="No change.", fault_probability=0.01)
     weak = flight_row(
         "quad",
@@ -210,6 +219,10 @@ def test_a_sure_change_of_the_weak_motor_is_evidence_too():
 
 
 def test_a_doubtful_trim_names_no_motor_where_all_together_show_none_that_is_weak():
+    """All flights together show no weak motor.
+
+    The doubtful trim of motor 4 is then no headline, as it is without that judgement.
+    """
     difference = doubtful_trim(4, 0.08)
     reviews = judged_reviews(
         health="unknown", fault_probability=0.01, health_reason="Not enough flights."

@@ -185,6 +185,7 @@ return [zoomed, wider, await spans(), figure.ariaLabel ?? figure.getAttribute("a
 def test_dragging_over_one_plot_zooms_all_and_a_button_shows_the_whole_flight(
     flight, tmp_path, browser
 ):
+    """A browser drags over one chart of the page of a flight, widens the range, and resets it."""
     # The window is that of a telephone, in the dark.
     title, (zoomed, wider, whole_range, label, fits) = browser.shown(
         flight, ZOOM, tmp_path, 500, dark=True
@@ -378,6 +379,10 @@ return { ...result, screen: getComputedStyle(document.querySelector(".contents")
 def test_a_page_is_laid_out_anew_for_light_paper_and_prints_all_of_its_chapters(
     flight, tmp_path, browser
 ):
+    """A browser in dark mode prints the page of a flight.
+
+    The paper is white, nothing is folded or too wide, and no chart is divided.
+    """
     assert len(flight.encode()) < 720_000
     (tmp_path / "page.html").write_text(flight)
     with browser.tab() as tab:
@@ -409,6 +414,10 @@ def test_a_page_is_laid_out_anew_for_light_paper_and_prints_all_of_its_chapters(
 
 
 def test_a_live_flight_has_what_was_trained_on_its_events_and_no_wind_below_0():
+    """The history of a live session has trained intervals, an event and poses.
+
+    With a new boot the map begins anew.
+    """
     history = LiveHistory()
     add_flight(history, 2.0)
     add_flight(history, 2.0, segment=1, start=105.0, learnt=False)
@@ -460,6 +469,10 @@ def test_a_session_that_goes_on_lists_each_event_once_and_offers_no_fields_of_a_
 
 
 def test_events_of_a_live_page_have_the_same_numbers_in_its_list_and_in_its_charts():
+    """A crash and seven other events are numbered by time in the list and in the charts.
+
+    What the session itself does has no number.
+    """
     history = LiveHistory()
     early = Event(nan, Fact(VehicleFact.NO_VEHICLE_YET), reception=0.0)
     add_flight(history, 2.0)
@@ -499,6 +512,10 @@ def test_a_table_of_many_columns_is_on_a_telephone_too(tmp_path, browser):
 
 @mark.slow
 def test_a_live_page_on_a_telephone_has_lights_and_events_before_plots_and_map(tmp_path, browser):
+    """A browser as wide as a telephone measures the order and places of the parts.
+
+    The axis of a constant voltage must be narrow.
+    """
     history = LiveHistory()
     for time in np.arange(100.0, 130.0):
         pose = (0.5, 2.0, 0.0, 0.1, 0.0, 0.1, 0.2, time / 100.0, 4.0, 12.0)
@@ -643,6 +660,7 @@ def test_the_numbers_of_events_stand_above_a_plot_that_can_be_read(tmp_path, bro
 
 
 def test_a_section_shows_its_sentence_and_opens_where_it_is_to_be_watched():
+    """Of two sections one has a rating to be watched, which is open and shows the rating."""
     warm = Fact(
         HardwareFact.TEMPERATURES_MEASURED,
         Level.UNKNOWN,
@@ -698,6 +716,10 @@ def test_the_plots_of_a_lost_flight_open_around_the_loss(tmp_path, browser):
 
 @mark.slow
 def test_what_happened_comes_before_plots_and_a_phone_closes_further_plots(tmp_path, browser):
+    """A browser opens a page with six charts with the width of a telephone and of a desktop.
+
+    The events stand above the charts in both.
+    """
     time = np.linspace(0.0, 10.0, 50)
     charts = [
         over_time(f"Battery {n}", "V", [Line("voltage", "#1f7ad6", time, time)]) for n in range(6)

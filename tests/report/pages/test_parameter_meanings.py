@@ -36,6 +36,10 @@ def test_meanings_are_a_few_words_without_a_full_stop():
 
 
 def test_what_differs_from_the_default_is_listed_with_its_meaning():
+    """The log has the default values too.
+
+    Parameters that differ from them are listed with meaning and link; FRAME_TYPE, which equals its default, is not.
+    """
     telemetry = Telemetry(
         system=1,
         component=1,
