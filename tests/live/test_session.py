@@ -563,8 +563,10 @@ def test_motion_is_missed_of_a_followed_vehicle_or_if_none_sends(now, vehicle, i
     silence = session._report.silence
     silence.note_messages(now[0], now[0])
     silence.note_samples(1)
-    now[0] += 10.0
-    silence.note_messages(now[0], now[0])
+    # Other messages, which come all the time: after a silence the motion is awaited a while longer.
+    for _ in range(10):
+        now[0] += 1.0
+        silence.note_messages(now[0], now[0])
     silence.note_attitudes(int(is_sending))
     status = SessionStatus(vehicle=vehicle, no_model_reason=two_vehicles)
     report = replace(session._report, stream=Mock(now=1.0, status=lambda: status))
