@@ -41,8 +41,8 @@ PARTIAL_CHECKS = (WatchFact.NO_MOTOR_AT_LIMIT, WatchFact.NO_OSCILLATION)
 """Lights of a live flight that say what one check has shown so far; their figure ``reason`` is why the rest of the
 light is unknown."""
 
-MIN_CHECKED_LIGHTS = 3
-"""Lights of the vehicle that must be good before a flight is called sound: half of them, a choice."""
+MIN_CHECKED_LIGHTS = 4
+"""Lights of the vehicle that must be good before a flight is called sound: more than half of the six, a choice."""
 
 
 def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:

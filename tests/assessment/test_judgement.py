@@ -223,8 +223,8 @@ def test_nothing_wrong_is_said_of_what_was_checked_only():
     dark = dict.fromkeys(Light, "unknown")
     little = headline(lights(**dark | {"tracking": "good"}))
     assert (little.code, little.level) == (Headline.NOTHING_WRONG, "unknown")
-    # Motors alone, or with one light more, are too little as well.
-    status_lights = dark | {"motors": "good", "margins": "good"}
+    # Three good lights of six, the motors among them, are too little as well: as many are unknown.
+    status_lights = dark | {"motors": "good", "margins": "good", "tracking": "good"}
     assert headline(lights(**status_lights)).level == "unknown"
     assert headline(lights(**status_lights | {"power": "good"})).level == "good"
     nothing = headline(lights(**dark | {"log": "good"}))
