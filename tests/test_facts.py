@@ -71,4 +71,6 @@ def test_several_doubts_have_one_remedy_and_a_slow_log_is_first_to_be_mended():
     }
     for doubts, remedy in remedies.items():
         assert Fact(ParameterDoubt.SEVERAL_DOUBTS, reason=doubts).remedy == remedy
-    assert not Fact(ParameterDoubt.SEVERAL_DOUBTS, reason=(wind, short)).grounded.remedy
+    assert not Fact(
+        ParameterDoubt.SEVERAL_DOUBTS, reason=(wind, short)
+    ).without_flight_advice.remedy

@@ -424,13 +424,14 @@ def without_flight_advice(wind: WindEvidence) -> WindEvidence:
         wind: the wind in m/s, or the reason why it is not known.
 
     Returns:
-        The same evidence with every such fact replaced by its form without advice (:attr:`mavdem.facts.Fact.grounded`).
+        The same evidence with every such fact replaced by its form without advice
+        (:attr:`mavdem.facts.Fact.without_flight_advice`).
     """
     estimate = wind.estimate
     reason_unknown = wind.reason
     if estimate is not None:
-        reasons = {name: fact.grounded for name, fact in estimate.reasons.items()}
+        reasons = {name: fact.without_flight_advice for name, fact in estimate.reasons.items()}
         estimate = replace(estimate, reasons=reasons, advice=None)
     if reason_unknown is not None:
-        reason_unknown = reason_unknown.grounded
+        reason_unknown = reason_unknown.without_flight_advice
     return wind._replace(estimate=estimate, reason=reason_unknown)

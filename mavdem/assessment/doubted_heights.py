@@ -42,7 +42,7 @@ def events_with_checked_heights(
     barometer_faults = []
     for event in flight_events:
         # A disagreement whose level is good is the satellites' own: the barometer was right.
-        if event.code in DOUBTS_ABOUT_BAROMETER and event.warns:
+        if event.code in DOUBTS_ABOUT_BAROMETER and event.is_watch_or_bad:
             barometer_faults.append(event)
     if not barometer_faults or isinf(sensors.take_off):
         return list(events)

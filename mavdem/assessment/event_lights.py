@@ -72,7 +72,7 @@ def lights_with_event(lights: NamedFacts, headline: Fact) -> dict[str, Fact]:
     """
     name = light_of_event(headline)
     lights_to_show = dict(lights)
-    if name is not None and headline.warns:
+    if name is not None and headline.is_watch_or_bad:
         lights_to_show[name] = worst_fact([lights[name], headline])
     return lights_to_show
 

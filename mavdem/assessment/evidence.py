@@ -174,7 +174,7 @@ class Evidence:
 
         A motor counts as at its limit by its fraction of the time in the hover or, if no hover was measured, by any
         moment at the limit. The reasons are empty if there are none, or the vehicle never flew. Facts about a vehicle
-        that must not fly are shown without advice to fly (:attr:`mavdem.facts.Fact.grounded`).
+        that must not fly are shown without advice to fly (:attr:`mavdem.facts.Fact.without_flight_advice`).
         """
         if self.not_flown is not None:
             return ()
@@ -319,7 +319,7 @@ class Evidence:
             Facts whose level is bad or to be watched, in the order of time.
         """
         for event in self.events:
-            if event.code not in codes or not event.warns:
+            if event.code not in codes or not event.is_watch_or_bad:
                 continue
             if in_intervals(event.start_time, self.flights(event.figures["boot"])):
                 yield event

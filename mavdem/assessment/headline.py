@@ -191,7 +191,7 @@ def _headline_without_flight(evidence: Evidence) -> Fact:
     signals_of_flight = (signals.motors, signals.landed_state, signals.armed)
     if all(signal is None for signal in signals_of_flight):
         for event in evidence.events:
-            if event.warns and isinstance(event.code, ReportedEvent):
+            if event.is_watch_or_bad and isinstance(event.code, ReportedEvent):
                 return event
     return evidence.learnability.reason
 

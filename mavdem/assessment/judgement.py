@@ -59,7 +59,8 @@ def judge(
     A light is a fact that judges one subject, such as the motors or the vibration, by its level: good, watch, bad or
     unknown. Each result needs the ones before it: the lights; the decisions on the loops, whose advice the lights of
     tracking and margins show; the headline, which also depends on the events; and the next step, which follows from the
-    headline. If the vehicle must not fly as it is, advice to fly is removed from the lights (``Fact.grounded``).
+    headline. If the vehicle must not fly as it is, advice to fly is removed from the lights
+    (``Fact.without_flight_advice``).
 
     Args:
         evidence: events, condition and loops of the vehicle.
@@ -77,7 +78,7 @@ def judge(
     for name in (Light.TRACKING, Light.MARGINS):
         lights[name] = with_action_on_loops(lights[name], decisions)
     if evidence.reasons_not_to_fly:
-        lights = {name: fact.grounded for name, fact in lights.items()}
+        lights = {name: fact.without_flight_advice for name, fact in lights.items()}
     headline = headline_of(evidence, lights)
     model_step = None
     if headline.code is Headline.NOTHING_WRONG:
@@ -92,7 +93,7 @@ def judge(
 def lights_without_loops(evidence: Evidence) -> dict[str, Fact]:
     """Judges the status lights that do not depend on the control loops, such as power, as :func:`judge` shows them.
 
-    If the vehicle must not fly as it is, the lights are shown without advice to fly (``Fact.grounded``).
+    If the vehicle must not fly as it is, the lights are shown without advice to fly (``Fact.without_flight_advice``).
 
     Args:
         evidence: signals, events and measurements of the vehicle; its loops need not be known yet.
@@ -106,7 +107,7 @@ def lights_without_loops(evidence: Evidence) -> dict[str, Fact]:
         if not light.is_of_loops:
             lights[str(light.name)] = _judged_light(evidence, light, lights)
     if evidence.reasons_not_to_fly:
-        lights = {name: fact.grounded for name, fact in lights.items()}
+        lights = {name: fact.without_flight_advice for name, fact in lights.items()}
     return lights
 
 

@@ -265,7 +265,7 @@ class StatusLines:
         elif fact.code in SESSION_STATES:
             return
         else:
-            has_remedy = fact.warns
+            has_remedy = fact.is_watch_or_bad
         if fact.code not in LEARNING_STATES:
             line = event_line(event, has_remedy=has_remedy, ends_alarm=ends_alarm)
             self._print(line, style_of_facts(fact))

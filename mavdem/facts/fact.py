@@ -158,12 +158,12 @@ class Fact:
         return self.level is Level.BAD
 
     @property
-    def warns(self) -> bool:
+    def is_watch_or_bad(self) -> bool:
         """Whether its level is "watch" or "bad"."""
         return self.level in (Level.WATCH, Level.BAD)
 
     @property
-    def grounded(self) -> Fact:
+    def without_flight_advice(self) -> Fact:
         """The fact for a vehicle that must not fly: no remedy, also of the facts in its figures, advises to fly."""
         grounded_figures = {name: _grounded(figure) for name, figure in self.figures.items()}
         return self.replace(**grounded_figures | {"is_grounded": True})
@@ -234,10 +234,10 @@ def plain(value: Any) -> Figure:
 
 
 def _grounded(figure: Figure) -> Figure:
-    """Returns a figure of a fact in which all facts advise no flight (``Fact.grounded``)."""
+    """Returns a figure of a fact in which all facts advise no flight (``Fact.without_flight_advice``)."""
     if isinstance(figure, tuple):
         return tuple(map(_grounded, figure))
-    return figure.grounded if isinstance(figure, Fact) else figure
+    return figure.without_flight_advice if isinstance(figure, Fact) else figure
 
 
 Facts = tuple[Fact, ...]

@@ -1,6 +1,7 @@
 """Loss of control of a live vehicle, judged as in logs: the attitude leaves its setpoint, the vehicle falls or crashes.
 
-The functions that judge a log judge the last seconds, so that an alarm in flight and the review of the recording agree.
+The functions that judge a whole log are called with the messages of the last seconds, in the form that a log has. So an
+alarm in flight and the review of the recording agree.
 """
 
 from collections import deque
@@ -51,14 +52,14 @@ from mavdem.live.samples import DECISION_SECONDS
 from mavdem.witnesses.boot_sensors import MIN_SINK_RATE, BootSensors
 from mavdem.witnesses.sensors import BAROMETERS, throttle_stick
 
-SLOW_MESSAGES = (
+FLIGHT_STATE_MESSAGES = (
     "HEARTBEAT",
     "EXTENDED_SYS_STATE",
     "AVAILABLE_MODES",
     *CLIMB_RATE_FIELDS,
     *STICK_MESSAGES,
 )
-"""Messages besides attitudes and setpoints by which a loss is judged: mode, landed state, height, speed, throttle."""
+"""Messages of mode, landed state, height, speed and throttle, by which a loss is judged besides attitude and setpoint."""
 
 MEMORY_SECONDS = 2 * RECOVERY_SECONDS + MAX_SETPOINT_DELAY
 """Attitudes and setpoints that are kept, s: an onset is looked for ``RECOVERY_SECONDS`` before a loss, which is serious
@@ -96,15 +97,15 @@ class FlightEnd(NamedTuple):
 class ControlWatch:
     """Watches one boot of a vehicle for a loss of control: that it no longer follows its setpoint, or tips over."""
 
-    def __init__(self, recent: RecentMessages) -> None:
+    def __init__(self, slow_messages: RecentMessages) -> None:
         """Begins the watch of a boot, without a sample of the attitude.
 
         Args:
-            recent: the slow messages of the boot, among them heights and speeds.
+            slow_messages: the slow messages of the boot, among them heights and speeds.
         """
-        self._recent = recent
-        # Attitudes, setpoints and specific forces of the last seconds, by the name of their message.
-        self._samples: dict[str, deque[TimedValues]] = {}
+        self._slow_messages = slow_messages
+        # Attitudes, setpoints and specific forces of the last ``MEMORY_SECONDS``, by the name of their message.
+        self._fast_messages: dict[str, deque[TimedValues]] = {}
         # The event that the attitudes are NaN; None while they are numbers.
         self._invalid_attitude: Fact | None = None
         # When the attitude last had an error from its setpoint with which control may be lost, and since when it has
@@ -125,15 +126,24 @@ class ControlWatch:
             time: time on the boot clock, s.
         """
         if message.name in ATTITUDE_MESSAGES:
-            self._attitude_time = time
-            # The sum is NaN if any of the angles, or of three components of the quaternion, is.
-            is_valid = isfinite(sum(message.values[:3]))
-            if is_valid:
-                self._valid_attitude_time = time
-        samples = self._samples.setdefault(message.name, deque(maxlen=MAX_SAMPLES))
+            self._note_validity(message, time)
+        samples = self._fast_messages.setdefault(message.name, deque(maxlen=MAX_SAMPLES))
         samples.append(TimedValues(time, message.values))
         while samples[0].time < time - MEMORY_SECONDS:
             samples.popleft()
+
+    def _note_validity(self, attitude: Message, time: float) -> None:
+        """Notes the time of an attitude, and whether it is valid, that is not NaN; :meth:`invalid_attitude` needs both.
+
+        Args:
+            attitude: ATTITUDE or ATTITUDE_QUATERNION, whose values begin with the angles or the quaternion.
+            time: time on the boot clock, s.
+        """
+        self._attitude_time = time
+        # The sum is NaN if any of the angles, or of three components of the quaternion, is.
+        is_valid = isfinite(sum(attitude.values[:3]))
+        if is_valid:
+            self._valid_attitude_time = time
 
     def invalid_attitude(self, vehicle: Telemetry) -> Fact | None:
         """Returns the event that the attitudes have been NaN for ``MIN_INVALID_SECONDS``: the estimator has failed.
@@ -150,9 +160,9 @@ class ControlWatch:
         if invalid_seconds < MIN_INVALID_SECONDS:
             self._invalid_attitude = None
         elif self._invalid_attitude is None:
-            signals = self.signals(vehicle, None)
+            signals = self.recent_signals(vehicle, None)
             any_time = (-inf, inf)
-            for event in invalid_attitudes(signals, self._recent.boot, any_time):
+            for event in invalid_attitudes(signals, self._slow_messages.boot, any_time):
                 is_ongoing = event.end_time is None
                 if is_ongoing:
                     self._invalid_attitude = event
@@ -190,7 +200,9 @@ class ControlWatch:
     def loss(self, moment: FlightMoment) -> Fact | None:
         """Judges whether control of the flight has been lost, as the review of its recording would.
 
-        The judgement takes long. So it is made only if a recent attitude was far from its setpoint (:meth:`add_pose`).
+        The judgement takes long. So it is made only if an attitude of the last ``RECOVERY_SECONDS`` was far from its
+        setpoint, which :meth:`add_pose` notes of each attitude. A loss that is found is also kept, for
+        :meth:`flight_end`.
 
         Args:
             moment: present time, with the motor outputs, which show what failed first.
@@ -200,24 +212,22 @@ class ControlWatch:
             if the vehicle is so low that a parachute does not help. None if control is not lost, if the loss is not
             serious yet, if the vehicle has recovered from it, or if no second sensor confirms it.
         """
-        if moment.time - self._large_error_time > RECOVERY_SECONDS:
+        seconds_near_setpoint = moment.time - self._large_error_time
+        if seconds_near_setpoint > RECOVERY_SECONDS:
             return None
-        signals = self.signals(moment.vehicle, moment.motion)
-        error = attitude_error(signals, self._recent.boot)
+        boot = self._slow_messages.boot
+        signals = self.recent_signals(moment.vehicle, moment.motion)
+        error = attitude_error(signals, boot)
         if error is None:
             return None
-        sensors = BootSensors(signals, self._recent.boot, moment.takeoff_time)
-        events = attitude_losses(sensors, error, (moment.takeoff_time, inf), is_ongoing=True)
-        # After a caught loss of attitude the vehicle flies on.
-        losses = [event for event in events if event.code is not MotionEvent.ATTITUDE_CAUGHT]
-        if losses:
-            self._attitude_loss = losses[-1]
-        ending = find_ending(signals, losses)
-        if ending is None:
+        sensors = BootSensors(signals, boot, moment.takeoff_time)
+        attitude_loss = _lasting_attitude_loss(sensors, error, (moment.takeoff_time, inf))
+        if attitude_loss is None:
             return None
-        height = sensors.height_at(moment.time)
-        is_too_low_for_parachute = height is not None and height < MIN_PARACHUTE_HEIGHT
-        if is_too_low_for_parachute:
+        self._attitude_loss = attitude_loss
+        # The ending is the loss with its cause; it is None if the loss is not confirmed.
+        ending = find_ending(signals, [attitude_loss])
+        if ending is not None and _is_too_low_for_parachute(sensors.height_at(moment.time)):
             return ending.replace(is_low=True)
         return ending
 
@@ -241,9 +251,9 @@ class ControlWatch:
             idle_start = _idle_start(moment.motion.motors, moment.vehicle.parameters)
         if idle_start is None or now - idle_start < MIN_IDLE_SECONDS:
             return None
-        signals = self.signals(moment.vehicle, moment.motion)
-        sensors = BootSensors(signals, self._recent.boot, moment.takeoff_time)
-        climb_rate = series_of_boot(signals.climb_rate, self._recent.boot)
+        signals = self.recent_signals(moment.vehicle, moment.motion)
+        sensors = BootSensors(signals, self._slow_messages.boot, moment.takeoff_time)
+        climb_rate = series_of_boot(signals.climb_rate, self._slow_messages.boot)
         height = sensors.height_at(now)
         if climb_rate is None or height is None or height <= MAX_GROUND_HEIGHT:
             return None
@@ -274,9 +284,7 @@ class ControlWatch:
             moment: present time on the vehicle's clock.
         """
         is_new = moment.time - loss.start_time < MAX_IMPACT_WAIT
-        height = loss.figures.get("height")
-        is_too_low_for_parachute = height is not None and height < MIN_PARACHUTE_HEIGHT
-        return is_new and is_too_low_for_parachute
+        return is_new and _is_too_low_for_parachute(loss.figures.get("height"))
 
     def held_climb_rate(self, moment: FlightMoment) -> TimeSeries | None:
         """Returns the climb rate of a vehicle whose autopilot holds its height, so that it should not sink.
@@ -289,10 +297,10 @@ class ControlWatch:
             pilot, if the sensors of the height contradict each other, or if no climb rate comes.
         """
         start_time = moment.time - MEMORY_SECONDS
-        signals = self.signals(
-            moment.vehicle, moment.motion, (BAROMETERS[0],), start_time, has_accelerometer=False
+        signals = self.recent_signals(
+            moment.vehicle, moment.motion, (BAROMETERS[0],), start_time, uses_accelerometer=False
         )
-        boot = self._recent.boot
+        boot = self._slow_messages.boot
         landing_mode = signals.landing
         is_landing = landing_mode is not None and bool(landing_mode.values[-1])
         has_manual_throttle = signals.mode_at(boot, moment.time) in MANUAL_THROTTLE_MODES
@@ -312,8 +320,10 @@ class ControlWatch:
             moment: present time.
         """
         start_time = moment.time - DECISION_SECONDS
-        signals = self.signals(moment.vehicle, None, start_time=start_time, has_accelerometer=False)
-        boot = self._recent.boot
+        signals = self.recent_signals(
+            moment.vehicle, None, start_time=start_time, uses_accelerometer=False
+        )
+        boot = self._slow_messages.boot
         stick = series_of_boot(throttle_stick(signals), boot)
         commands_climb_rate = signals.mode_at(boot, moment.time) in CLIMB_STICK_MODES
         if stick is None or not commands_climb_rate:
@@ -332,8 +342,8 @@ class ControlWatch:
         Returns:
             How the flight ended; None while the vehicle is in the air, or if its height is not known.
         """
-        signals = self.signals(moment.vehicle, moment.motion)
-        sensors = BootSensors(signals, self._recent.boot, moment.takeoff_time)
+        signals = self.recent_signals(moment.vehicle, moment.motion)
+        sensors = BootSensors(signals, self._slow_messages.boot, moment.takeoff_time)
         height = sensors.height_at(moment.time)
         if height is None or height > MAX_GROUND_HEIGHT:
             return None
@@ -359,8 +369,8 @@ class ControlWatch:
             Whether the motors stopped in the air, whether the vehicle has sunk since, and how it was lost, as the
             review of its recording would find; no loss before it has met the ground.
         """
-        signals = self.signals(moment.vehicle, moment.motion, (BAROMETERS[0],))
-        boot = self._recent.boot
+        signals = self.recent_signals(moment.vehicle, moment.motion, (BAROMETERS[0],))
+        boot = self._slow_messages.boot
         takeoff_time = moment.takeoff_time
         flight_interval = (takeoff_time, end_time)
         sensors = BootSensors(signals, boot, takeoff_time)
@@ -404,11 +414,7 @@ class ControlWatch:
         was_upright = self._large_error_time < end_time - RECOVERY_SECONDS
         if was_upright:
             return None
-        # The search also yields losses from which the vehicle recovered: ATTITUDE_CAUGHT.
-        for event in attitude_losses(sensors, error, flight_interval, is_ongoing=True):
-            if event.code is not MotionEvent.ATTITUDE_CAUGHT:
-                return event
-        return None
+        return _lasting_attitude_loss(sensors, error, flight_interval)
 
     def lower_unconfirmed_crash_reports(
         self, vehicle: Telemetry, reports: Sequence[Fact]
@@ -422,7 +428,7 @@ class ControlWatch:
         Returns:
             All events, in the same order, as in the review of the recording.
         """
-        return lower_unconfirmed_crash_reports(self.signals(vehicle, None), reports)
+        return lower_unconfirmed_crash_reports(self.recent_signals(vehicle, None), reports)
 
     def setpoints(self, vehicle: Telemetry) -> dict[str, TimeSeries]:
         """Returns the setpoints of roll and pitch in the last seconds, rad, by axis; empty if none were received.
@@ -430,11 +436,11 @@ class ControlWatch:
         Args:
             vehicle: identity and parameters of the vehicle, without messages.
         """
-        samples = self._samples.get(SETPOINT_MESSAGE)
+        samples = self._fast_messages.get(SETPOINT_MESSAGE)
         if not samples:
             return {}
         fields = MESSAGE_FIELDS[SETPOINT_MESSAGE]
-        columns = {SETPOINT_MESSAGE: columns_from(fields, samples, self._recent.boot)}
+        columns = {SETPOINT_MESSAGE: columns_from(fields, samples, self._slow_messages.boot)}
         signals = Signals(replace(vehicle, messages=columns))
         setpoints = {}
         for axis in TILT_AXES:
@@ -443,48 +449,77 @@ class ControlWatch:
                 setpoints[axis] = setpoint
         return setpoints
 
-    def signals(
+    def recent_signals(
         self,
         vehicle: Telemetry,
         motion: RecentMotion | None,
-        more_messages: Names = (),
+        other_names: Names = (),
         start_time: float = -inf,
         *,
-        has_accelerometer: bool = True,
+        uses_accelerometer: bool = True,
     ) -> LiveSignals:
-        """Returns the latest messages as signals of a log, so that the functions that judge logs can judge them.
+        """Returns the latest messages as ``Signals``, which the functions that judge a whole log take as their input.
+
+        Motor outputs are not read from messages, as they are for a log: ``motion`` already has those that drive motors.
 
         Args:
             vehicle: identity and parameters of the vehicle, without messages.
             motion: motor outputs of the last seconds; None if they do not come.
-            more_messages: names of messages that are needed besides attitude, setpoints and ``SLOW_MESSAGES``.
+            other_names: names of slow messages that are needed besides the ``FLIGHT_STATE_MESSAGES``.
             start_time: slow messages before it are left out, s of the boot clock.
-            has_accelerometer: whether the specific force is among them.
+            uses_accelerometer: whether the specific force is included.
 
         Returns:
-            The signals. Attitude and setpoints are of the last ``MEMORY_SECONDS``, the others since ``start_time``.
+            The signals. Attitude, setpoints and specific force are of the last ``MEMORY_SECONDS``; those of slow
+            messages begin at ``start_time``.
         """
-        boot = self._recent.boot
-        columns = self._recent.columns((*SLOW_MESSAGES, *more_messages), start_time)
-        for name, samples in self._samples.items():
-            if name in IMU_MESSAGES and not has_accelerometer:
-                continue
-            columns[name] = columns_from(MESSAGE_FIELDS[name], samples, boot)
+        boot = self._slow_messages.boot
+        slow_names = (*FLIGHT_STATE_MESSAGES, *other_names)
+        # Columns as in a log, by the name of their message: first the slow messages, then the fast ones.
+        columns = self._slow_messages.columns(slow_names, start_time)
+        for name, samples in self._fast_messages.items():
+            is_left_out = name in IMU_MESSAGES and not uses_accelerometer
+            if not is_left_out:
+                columns[name] = columns_from(MESSAGE_FIELDS[name], samples, boot)
         telemetry = replace(vehicle, messages=columns)
         signals_of_messages = Signals(telemetry)
-        motors = None
-        collective = None
-        if motion is not None:
-            # The motors were chosen among all outputs before, which need not be searched again.
-            motors = motion.motors
-            collective = motors.collective
+        motors = None if motion is None else motion.motors
         return LiveSignals(
             telemetry,
             motors=motors,
-            collective=collective,
+            collective=None if motors is None else motors.collective,
             landed_state=signals_of_messages.landed_state,
             tilts=signals_of_messages.tilts,
         )
+
+
+def _lasting_attitude_loss(
+    sensors: BootSensors, error: AttitudeError, flight_interval: TimeInterval
+) -> Fact | None:
+    """Returns the loss of attitude from which the vehicle has not recovered, as an event of the motion.
+
+    Args:
+        sensors: sensors of the boot, by the messages of the last seconds.
+        error: error of the attitude in the last seconds.
+        flight_interval: take-off and end of the flight, s of the boot clock; the end is infinite while it goes on.
+
+    Returns:
+        The event; None if the vehicle kept its attitude, or got it back.
+    """
+    for event in attitude_losses(sensors, error, flight_interval, is_ongoing=True):
+        has_recovered = event.code is MotionEvent.ATTITUDE_CAUGHT
+        if not has_recovered:
+            return event
+    return None
+
+
+def _is_too_low_for_parachute(height: float | None) -> bool:
+    """Returns whether a vehicle is so low that a parachute cannot open any more.
+
+    Args:
+        height: height above the take-off, m; None if it is not known, which does not count as low.
+    """
+    return height is not None and height < MIN_PARACHUTE_HEIGHT
 
 
 def carries_vehicle(motion: RecentMotion | None, parameters: Parameters) -> bool:

@@ -58,16 +58,16 @@ class FlightPhase:
         motors_are_idle: whether outputs come and none has moved so far.
     """
 
-    def __init__(self, recent: RecentMessages) -> None:
+    def __init__(self, slow_messages: RecentMessages) -> None:
         """Begins a boot with the vehicle on the ground.
 
         Args:
-            recent: messages of the boot.
+            slow_messages: messages of the boot.
         """
         self.is_flying = False
         self.is_in_air = False
         self.motors_are_idle = False
-        self._recent = recent
+        self._slow_messages = slow_messages
         # Whether any message shows whether the vehicle flies.
         self._is_flying_known = False
         # Times of the boot clock, s: of the take-off, of the latest review, and until when the latest report of the
@@ -161,7 +161,7 @@ class FlightPhase:
             vehicle: identity and parameters of the vehicle, without messages.
             collective: mean of the motors in the last seconds, as a fraction of their range; None if it is unknown.
         """
-        boot = self._recent.boot
+        boot = self._slow_messages.boot
         telemetry = self._recent_telemetry(now, vehicle)
         reports = recorded_series(telemetry, LANDED_STATE_MESSAGE, "landed_state")
         self._landed_state_end = _end_of_validity(reports, now)
@@ -249,7 +249,7 @@ class FlightPhase:
             The vehicle with these messages alone.
         """
         # Two intervals, so that at least one report is there wherever they come at all.
-        columns = self._recent.columns(PHASE_MESSAGES, now - 2 * MAX_REPORT_INTERVAL)
+        columns = self._slow_messages.columns(PHASE_MESSAGES, now - 2 * MAX_REPORT_INTERVAL)
         return replace(vehicle, messages=columns)
 
     def _update_settled_start(self, now: float, climb_rate: TimeSeries | None) -> None:

@@ -24,6 +24,7 @@ from mavdem.assessment.height_divergence import height_divergences
 from mavdem.dataset.intervals import TimeInterval
 from mavdem.dataset.position_fix import RECEIVER_MESSAGES
 from mavdem.dataset.signals import CLIMB_RATE_FIELDS, Signals
+from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Level
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.live.control_watch import ControlWatch
@@ -47,14 +48,14 @@ MEMORY_SECONDS = 15.0
 class HeightWatch:
     """Watches the heights of a vehicle since its autopilot started: estimated, by barometer, and by satellites."""
 
-    def __init__(self, recent: RecentMessages, control: ControlWatch) -> None:
+    def __init__(self, slow_messages: RecentMessages, control: ControlWatch) -> None:
         """Begins the watch of heights in a boot, before the vehicle was found at rest.
 
         Args:
-            recent: the slow messages of the boot, among them heights, pressures and positions.
+            slow_messages: the slow messages of the boot, among them heights, pressures and positions.
             control: has the attitudes of the last seconds.
         """
-        self._recent = recent
+        self._slow_messages = slow_messages
         self._control = control
         # The latest rest on the ground and that before the latest flight, s of the boot clock; None before any.
         self._latest_rest: TimeInterval | None = None
@@ -80,21 +81,21 @@ class HeightWatch:
         start_time = moment.time - MEMORY_SECONDS
         # This comparison of the climb rates is quick. The full judgement below takes much longer, and is needed only if
         # they contradict each other.
-        columns = self._recent.columns((BAROMETER_MESSAGE, *CLIMB_RATE_FIELDS), start_time)
+        columns = self._slow_messages.columns((BAROMETER_MESSAGE, *CLIMB_RATE_FIELDS), start_time)
         height_signals = Signals(replace(moment.vehicle, messages=columns))
-        comparison = height_comparison(height_signals, self._recent.boot)
+        comparison = height_comparison(height_signals, self._slow_messages.boot)
         if not comparison.contradictions:
             return None
         # The accelerometer is left out: its offset is known only from a rest on the ground, and the seconds that are
         # kept contain none.
-        signals = self._control.signals(
+        signals = self._control.recent_signals(
             moment.vehicle,
             moment.motion,
             (BAROMETER_MESSAGE, "VIBRATION"),
             start_time,
-            has_accelerometer=False,
+            uses_accelerometer=False,
         )
-        sensors = BootSensors(signals, self._recent.boot, moment.takeoff_time)
+        sensors = BootSensors(signals, self._slow_messages.boot, moment.takeoff_time)
         flight_interval = (max(moment.takeoff_time, start_time), moment.time)
         divergences = list(height_divergences(sensors, flight_interval))
         if not divergences:
@@ -105,7 +106,9 @@ class HeightWatch:
     def disagreement(self, moment: FlightMoment) -> Fact | None:
         """Returns the event that barometer and satellite receiver disagree about the height, if they do.
 
-        They disagree if the difference of their heights has changed since the take-off by more than their errors.
+        They disagree if the difference of their heights has changed since the take-off by more than their errors. That
+        is judged by the last seconds, which is quick. An event that is new is judged again by the whole flight, since a
+        slow drift began long before the last seconds.
 
         Args:
             moment: present time, with the vehicle's parameters, time of take-off, and motion of the last seconds.
@@ -115,20 +118,34 @@ class HeightWatch:
             the last ``MEMORY_SECONDS``.
         """
         flight_start = moment.takeoff_time - SECONDS_BEFORE_TAKE_OFF
-        # The last seconds are enough, except before the difference at the take-off is known.
+        flight_interval = (moment.takeoff_time, moment.time)
+        # The difference at the take-off is not among the last seconds.
         search_start = moment.time - MEMORY_SECONDS
         if self._takeoff_difference is None:
             search_start = flight_start
+        difference = self._height_difference_since(search_start, moment.vehicle)
+        if difference is None:
+            return None
+        if self._takeoff_difference is None:
+            self._takeoff_difference = initial_difference(difference, moment.takeoff_time)
+        if self._takeoff_difference is None:
+            return None
         former_event = self._latest_disagreement
         is_ongoing = former_event is not None and former_event.end_time is None
-        recent_event = self._disagreement_since(search_start, moment, is_ongoing=is_ongoing)
+        recent_event = disagreement(
+            difference, self._takeoff_difference, flight_interval, is_known=is_ongoing
+        )
         if recent_event is None:
             return None
         event = _with_known_start(recent_event, former_event)
-        continues_former_event = event is not recent_event
-        if not continues_former_event:
-            # A slow drift began long before the last seconds: its start is found in the whole flight.
-            event = self._disagreement_since(flight_start, moment) or recent_event
+        is_new = event is recent_event
+        if is_new:
+            difference_in_flight = self._height_difference_since(flight_start, moment.vehicle)
+            if difference_in_flight is not None:
+                event_in_flight = disagreement(
+                    difference_in_flight, self._takeoff_difference, flight_interval
+                )
+                event = event_in_flight or recent_event
         # Either event may have the larger difference, which may be negative.
         largest_difference = event.figures["height"]
         recent_difference = recent_event.figures["height"]
@@ -137,33 +154,19 @@ class HeightWatch:
         self._latest_disagreement = event.replace(height=largest_difference)
         return self._latest_disagreement
 
-    def _disagreement_since(
-        self, start_time: float, moment: FlightMoment, *, is_ongoing: bool = False
-    ) -> Fact | None:
-        """Returns the latest event that barometer and satellites disagree about the height, since a given time.
-
-        It also notes the difference of their heights at the take-off, once the messages show it.
+    def _height_difference_since(self, start_time: float, vehicle: Telemetry) -> TimeSeries | None:
+        """Returns how much higher the barometer reads than the satellites, since a given time.
 
         Args:
             start_time: time of the first message that is used, s of the boot clock.
-            moment: present time, with the vehicle's parameters, time of take-off, and motion of the last seconds.
-            is_ongoing: whether they disagreed when they were compared last.
+            vehicle: identity and parameters of the vehicle, without messages.
 
         Returns:
-            The event; None if they agree, or if the difference at the take-off is not known.
+            The difference (N,), m, up to a constant; None if one of the two does not come.
         """
-        columns = self._recent.columns((BAROMETER_MESSAGE, RECEIVER_MESSAGE), start_time)
-        signals = Signals(replace(moment.vehicle, messages=columns))
-        difference = height_difference(signals, self._recent.boot)
-        if difference is None:
-            return None
-        if self._takeoff_difference is None:
-            self._takeoff_difference = initial_difference(difference, moment.takeoff_time)
-        if self._takeoff_difference is None:
-            return None
-        flight_interval = (moment.takeoff_time, moment.time)
-        return disagreement(
-            difference, self._takeoff_difference, flight_interval, is_known=is_ongoing
+        columns = self._slow_messages.columns((BAROMETER_MESSAGE, RECEIVER_MESSAGE), start_time)
+        return height_difference(
+            Signals(replace(vehicle, messages=columns)), self._slow_messages.boot
         )
 
     def add_rest(self, vehicle: Telemetry, motion: RecentMotion | None) -> None:
@@ -173,7 +176,9 @@ class HeightWatch:
             vehicle: identity and parameters of the vehicle, without messages.
             motion: motor outputs of the last seconds; None if they do not come.
         """
-        rests = rest_intervals(self._control.signals(vehicle, motion), self._recent.boot)
+        rests = rest_intervals(
+            self._control.recent_signals(vehicle, motion), self._slow_messages.boot
+        )
         if rests:
             self._latest_rest = rests[-1]
 
@@ -219,10 +224,10 @@ class HeightWatch:
         if self._rest_before_flight is None or not isfinite(takeoff_time):
             return None
         height_messages = (BAROMETER_MESSAGE, RECEIVER_MESSAGE)
-        signals = self._control.signals(vehicle, motion, height_messages)
+        signals = self._control.recent_signals(vehicle, motion, height_messages)
         rests = [self._rest_before_flight]
-        rests += rest_intervals(signals, self._recent.boot)
-        sensors = BootSensors(signals, self._recent.boot, takeoff_time)
+        rests += rest_intervals(signals, self._slow_messages.boot)
+        sensors = BootSensors(signals, self._slow_messages.boot, takeoff_time)
         barometer_drift = next(barometer_drifts(sensors, flight_interval, rests), None)
         disagreement_in_flight = self._latest_disagreement
         if barometer_drift is not None:

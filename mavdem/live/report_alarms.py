@@ -118,7 +118,7 @@ def is_alarming(report: Fact) -> bool:
     Args:
         report: the text of a message, which has a severity, or the interval of a state, which has none.
     """
-    if not report.warns:
+    if not report.is_watch_or_bad:
         return False
     severity = report.figures.get("severity")
     is_critical_text = severity in CRITICAL_SEVERITIES

@@ -544,7 +544,7 @@ class LiveSession:
         is_alarmed = any(alarm.is_bad for alarm in status.active_alarms)
         if is_alarmed:
             # During an alarm, the report must not advise the pilot to fly on: ``grounded`` is without such advice.
-            report = report.grounded
+            report = report.without_flight_advice
         self._presentation.log(report)
 
     def _is_reported_otherwise(

@@ -340,7 +340,7 @@ class SessionStatus(ImmutableResult):
         if self._is_urgent(headline):
             return headline
         power = judgement.lights[Light.POWER]
-        if power.warns:
+        if power.is_watch_or_bad:
             return power
         return None
 
@@ -414,7 +414,7 @@ class SessionStatus(ImmutableResult):
         is_shown = self._is_received or self.is_over or self._is_silent_after_flight
         if self.model_judgement is None and has_judged_light and is_shown:
             headline = headline_by_lights(lights)
-            if headline.warns or not self._is_received:
+            if headline.is_watch_or_bad or not self._is_received:
                 return _judgement_with_headline(headline, lights)
             # The next step stays, since it says what has to happen before a model can be learned.
             return Judgement(headline, judgement.next_step, lights)
@@ -422,7 +422,7 @@ class SessionStatus(ImmutableResult):
         is_without_fault = isinstance(judgement.headline.code, HeadlineCode)
         if is_without_fault and lights != by_model.lights:
             headline = headline_by_lights(lights)
-            if headline.warns:
+            if headline.is_watch_or_bad:
                 return _judgement_with_headline(headline, lights)
             return Judgement(headline, judgement.next_step, lights)
         return Judgement(judgement.headline, judgement.next_step, lights)
@@ -467,7 +467,7 @@ class SessionStatus(ImmutableResult):
             light = lights_without_model.get(name)
             if light is None:
                 continue
-            if light.warns or not self.is_recording_judged:
+            if light.is_watch_or_bad or not self.is_recording_judged:
                 worst_lights[name] = worst_fact([light, light_by_model])
         return worst_lights
 
@@ -577,7 +577,7 @@ class SessionStatus(ImmutableResult):
             return Fact(NextStep.LAND_SOON)
         if self.analysis_delay >= MAX_ALARM_DELAY:
             return Fact(NextStep.FLY_BY_SIGHT, delay=self.analysis_delay)
-        if headline.warns:
+        if headline.is_watch_or_bad:
             advice_after_landing = choose_next_step(headline, judgement.lights, None)
             step_until_landing = NextStep.FLY_ON
             if is_landing:

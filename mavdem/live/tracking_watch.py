@@ -31,9 +31,9 @@ MODE_MESSAGES = ("HEARTBEAT", "AVAILABLE_MODES")
 class TrackingWatch:
     """Keeps attitudes and setpoints of the latest minute of one boot, and judges how well the angles follow."""
 
-    def __init__(self, recent: RecentMessages) -> None:
+    def __init__(self, slow_messages: RecentMessages) -> None:
         """Begins without a sample; ``recent`` has the slow messages of the boot, among them the flight mode."""
-        self._recent = recent
+        self._slow_messages = slow_messages
         self._samples: dict[str, deque[TimedValues]] = {
             name: deque(maxlen=round(MEMORY_SECONDS / SAMPLE_PERIOD))
             for name in (*ATTITUDE_MESSAGES, SETPOINT_MESSAGE)
@@ -68,7 +68,7 @@ class TrackingWatch:
         samples = self._samples[SETPOINT_MESSAGE]
         if not samples:
             return False
-        columns = columns_from(MESSAGE_FIELDS[SETPOINT_MESSAGE], samples, self._recent.boot)
+        columns = columns_from(MESSAGE_FIELDS[SETPOINT_MESSAGE], samples, self._slow_messages.boot)
         telemetry = replace(vehicle, messages={SETPOINT_MESSAGE: columns})
         for setpoint in recorded_setpoints(telemetry, axis):
             is_of_angle = setpoint.unit != "rad/s"
@@ -98,8 +98,8 @@ class TrackingWatch:
         has_setpoints = bool(self._samples[SETPOINT_MESSAGE])
         if duration < MIN_SETTLED_SECONDS or not has_setpoints:
             return None
-        boot = self._recent.boot
-        columns = self._recent.columns(MODE_MESSAGES)
+        boot = self._slow_messages.boot
+        columns = self._slow_messages.columns(MODE_MESSAGES)
         for name, samples in self._samples.items():
             if samples:
                 columns[name] = columns_from(MESSAGE_FIELDS[name], samples, boot)
@@ -110,7 +110,7 @@ class TrackingWatch:
         )
         evidence = live_evidence(signals, Condition(duration=duration))
         tracking = tracking_light(evidence)
-        is_judged = tracking.is_good or tracking.warns
+        is_judged = tracking.is_good or tracking.is_watch_or_bad
         if not is_judged:
             # Its level is "unknown".
             return None

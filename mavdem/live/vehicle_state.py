@@ -53,16 +53,16 @@ class VehicleState(NamedTuple):
     """Name by which its logs are recognised, from the calibration of a sensor; empty where that is not known."""
 
 
-def vehicle_state(recent: RecentMessages, vehicle: Telemetry, now: float) -> VehicleState:
+def vehicle_state(slow_messages: RecentMessages, vehicle: Telemetry, now: float) -> VehicleState:
     """Returns the state of a vehicle by its latest messages: flight mode, arming, battery and name.
 
     Args:
-        recent: slow messages of the present boot, such as battery and position.
+        slow_messages: slow messages of the present boot, such as battery and position.
         vehicle: identity and parameters of the vehicle, without messages.
         now: present time on the boot clock, s.
     """
-    columns = recent.columns(("HEARTBEAT", *BATTERY_MESSAGES), now - STATE_SECONDS)
-    columns |= recent.columns(["AVAILABLE_MODES"])
+    columns = slow_messages.columns(("HEARTBEAT", *BATTERY_MESSAGES), now - STATE_SECONDS)
+    columns |= slow_messages.columns(["AVAILABLE_MODES"])
     signals = Signals(replace(vehicle, messages=columns))
     armed = signals.armed
     landing_mode = signals.landing
@@ -82,7 +82,7 @@ def vehicle_state(recent: RecentMessages, vehicle: Telemetry, now: float) -> Veh
             number_of_emptiest = battery.number
     name, basis = vehicle_name(vehicle)
     return VehicleState(
-        signals.mode_at(recent.boot, now),
+        signals.mode_at(slow_messages.boot, now),
         lands_by_itself=landing_mode is not None and bool(landing_mode.values[-1]),
         is_armed=None if armed is None else bool(armed.values[-1]),
         voltage=voltage_of_emptiest,

@@ -74,7 +74,7 @@ from mavdem.live.watch_list import (
 )
 from mavdem.loops.advice import gain_reduction_advice
 from mavdem.loops.limit_cycles import detect_starting_limit_cycle
-from mavdem.motors.motor_changes import event_or_alarm
+from mavdem.motors.motor_changes import alarm_if_bad
 from mavdem.plant.online_wind_torque import MEMORY_SECONDS
 from mavdem.vibration.vibration_message import reported_vibration
 from mavdem.wind_velocity.from_log import ESTIMATOR_FLAG_MESSAGES
@@ -203,12 +203,16 @@ class Watchdog:
     """
 
     def __init__(
-        self, recent: RecentMessages, former: Watchdog | None = None, *, was_flying: bool = False
+        self,
+        slow_messages: RecentMessages,
+        former: Watchdog | None = None,
+        *,
+        was_flying: bool = False,
     ) -> None:
         """Begins without a review.
 
         Args:
-            recent: messages of the boot.
+            slow_messages: messages of the boot.
             former: the watchdog of the former boot, whose loss and lights are kept; None for the first boot.
             was_flying: whether the vehicle flew when the former boot ended.
         """
@@ -218,19 +222,19 @@ class Watchdog:
         self.status_lights: FlightLights = FlightLights(
             None if former is None else former.status_lights, has_flight_gone_on=was_flying
         )
-        self.control = ControlWatch(recent)
-        self.drift = WindDriftDetector(recent.boot)
-        self._height = HeightWatch(recent, self.control)
+        self.control = ControlWatch(slow_messages)
+        self.drift = WindDriftDetector(slow_messages.boot)
+        self._height = HeightWatch(slow_messages, self.control)
         # Whether the heights at rest before and after the latest flight have shown what drifted.
         self._are_heights_judged = False
-        self._tracking = TrackingWatch(recent)
+        self._tracking = TrackingWatch(slow_messages)
         # The event that the vehicle was lost, such as a crash; None as long as it is not.
         self.loss: Fact | None = None if former is None else former.loss
         self.ground_contact: Fact | None = None if former is None else former.ground_contact
         # A contact with the ground after a loss in the air, until it is reported.
         self._unreported_contact: Fact | None = None
         self.has_landed = True
-        self._recent = recent
+        self._slow_messages = slow_messages
         self._landed_states = LandedStates()
         # Whether the vehicle flew when the former boot ended.
         self._was_flying = was_flying
@@ -325,7 +329,7 @@ class Watchdog:
         if settled_start is not None:
             settled_intervals = [(settled_start, now)]
         # How often an urgent message has differed from the one before, in the whole boot.
-        change_count = sum(self._recent.changes[name] for name in URGENT_MESSAGES)
+        change_count = sum(self._slow_messages.changes[name] for name in URGENT_MESSAGES)
         has_urgent_change = change_count > self._change_count
         self._change_count = change_count
         # Collecting the messages takes most of the time of a review, so it is done only if something may be found.
@@ -346,67 +350,89 @@ class Watchdog:
         if not is_flying:
             self._report_alarms.end_flight()
             return reports
-        reported_facts = [self._take_report(report, now) for report in reports]
+        reported_facts = []
+        for report in reports:
+            is_restart_alarm = report.code is SessionFact.ALARM
+            if is_restart_alarm:
+                # ``_update_restart`` has set its status light.
+                reported_facts.append(report)
+                continue
+            report_in_flight = _with_level_in_flight(report)
+            self._store_warning(report_in_flight)
+            reported_facts.append(self._alarm_or_report(report_in_flight, now))
         self._report_alarms.update(self._report_search.reports, now)
         return reported_facts
 
-    def _take_report(self, report: Fact, now: float) -> Fact:
-        """Judges a new report of the autopilot in flight, such as a failsafe; a warning is stored, and may be an alarm.
+    def _store_warning(self, report: Fact) -> None:
+        """Stores a warning of the autopilot, by which power and estimator are judged, and adds it to its status light.
 
         Args:
-            report: a new report of the autopilot, on any part of the vehicle.
+            report: a new report of the autopilot in flight; one that is no warning (level "watch" or "bad") is ignored.
+        """
+        if not report.is_watch_or_bad:
+            return
+        self._warnings.append(report)
+        part = light_of_event(report)
+        if part is not None:
+            self.status_lights.add(part, report)
+
+    def _alarm_or_report(self, report: Fact, now: float) -> Fact:
+        """Decides whether a new report of the autopilot in flight becomes an alarm, and makes that alarm active.
+
+        1. A report on the power belongs to the alarm of the battery.
+        2. The report of a crash is an alarm if only it shows that the vehicle was lost. If the motion has shown that
+           before, that was the alarm.
+        3. All other reports are decided on by ``ReportAlarms``.
+
+        Args:
+            report: the report, on any part of the vehicle.
             now: present time on the boot clock, s.
 
         Returns:
-            What is reported to the user: an alarm, or the report itself. A reported crash is an alarm only if nothing
-            else has shown the loss before.
+            What the user is told: the alarm, or the report itself.
         """
-        if report.code is SessionFact.ALARM:
-            # The alarm of a restart in flight, whose status light ``_update_restart`` has set.
-            return report
-        if report.code is ReportedEvent.BOARD_VOLTAGE_LOW:
-            # A moment below the limit is a warning in a log. In flight nobody knows whether the autopilot survives it.
-            report = report.replace(Level.BAD)
-        if report.warns:
-            self._warnings.append(report)
-            part = light_of_event(report)
-            if part is not None:
-                self.status_lights.add(part, report)
         if report.code in POWER_REPORTS:
-            return self._take_power_report(report, now)
+            self._raise_battery_alarm(report, now)
+            return self._told_power_report(report)
         if report.code in REPORTS_OF_LOSS and report.is_bad:
-            # Where the motion has shown the loss before, that was the alarm.
-            is_known_by_report_alone = (
+            is_loss_known_by_report_alone = (
                 self.loss is not None and self.loss.code is Ending.LOSS_REPORTED
             )
-            if is_known_by_report_alone:
-                return event_or_alarm(report, report.start_time)
+            if is_loss_known_by_report_alone:
+                return alarm_if_bad(report, report.start_time)
             return report
         return self._report_alarms.add_report(report, now)
 
-    def _take_power_report(self, report: Fact, now: float) -> Fact:
-        """Raises the battery's alarm at once if the autopilot warns of its power, such as of a low battery.
+    def _raise_battery_alarm(self, report: Fact, now: float) -> None:
+        """Makes the battery's alarm active at once if the autopilot warns of its power, such as of a low battery.
 
-        The next review of the battery, which judges the power by this warning too, then finds the alarm active and does
-        not report it again.
+        The next review judges the battery by this warning too, finds the alarm active, and does not report it again. A
+        worse alarm that is active already stays.
 
         Args:
             report: a new report of the autopilot on the power.
             now: present time on the boot clock, s.
-
-        Returns:
-            What is reported to the user: an alarm if the report is bad, otherwise the report itself.
         """
-        if not report.warns:
-            return report
-        # A worse alarm that is active already stays.
+        if not report.is_watch_or_bad:
+            return
         active_alarm = self.alarms.facts.get(WatchedQuantity.BATTERY, report)
-        alarm = worst_fact([active_alarm, report])
-        self.alarms.raise_alarm(WatchedQuantity.BATTERY, alarm, now)
+        worse_fact = worst_fact([active_alarm, report])
+        self.alarms.raise_alarm(WatchedQuantity.BATTERY, worse_fact, now)
+
+    def _told_power_report(self, report: Fact) -> Fact:
+        """Returns what the user is told of a report on the power: an alarm if it is bad, otherwise the report itself.
+
+        Args:
+            report: a new report of the autopilot on the power, which is among the active alarms if it is a warning.
+        """
         if report.is_bad:
-            return event_or_alarm(report, report.start_time)
-        # A warning that comes after an alarm to land now must not advise to land earlier next time.
-        return report.grounded if alarm.is_bad else report
+            return alarm_if_bad(report, report.start_time)
+        active_alarm = self.alarms.facts.get(WatchedQuantity.BATTERY)
+        is_alarm_bad = active_alarm is not None and active_alarm.is_bad
+        if report.is_watch_or_bad and is_alarm_bad:
+            # The alarm said to land now: this later warning must not advise to land earlier in the next flight.
+            return report.without_flight_advice
+        return report
 
     def _update_phase(self, now: float, landed_state: int, takeoff_time: float) -> None:
         """Begins another phase, in the air or on the ground, if the landed state has changed.
@@ -498,7 +524,7 @@ class Watchdog:
         ended_drift = self.drift.latest
         if ended_drift is not None:
             self.status_lights.replace(Light.WIND, ended_drift.code, ended_drift)
-        self.drift = WindDriftDetector(self._recent.boot)
+        self.drift = WindDriftDetector(self._slow_messages.boot)
 
     def review_lights(self) -> None:
         """Judges battery, estimator and, in settled flight, vibration, by the functions that judge a log.
@@ -520,13 +546,17 @@ class Watchdog:
         estimator = estimator_light(evidence)
         if estimator.code is not EstimatorLight.ESTIMATOR_UNMEASURED:
             review.facts[WatchedQuantity.ESTIMATOR] = estimator
-            if estimator.warns and estimator.time is not None and not is_lasting_state(estimator):
+            if (
+                estimator.is_watch_or_bad
+                and estimator.time is not None
+                and not is_lasting_state(estimator)
+            ):
                 fault_time = latest_estimator_time(signals, estimator)
                 review.last_found_times[WatchedQuantity.ESTIMATOR] = fault_time
         if review.has_settled:
             vibration = vibration_light(evidence)
             review.facts[WatchedQuantity.VIBRATION] = vibration
-            if vibration.warns:
+            if vibration.is_watch_or_bad:
                 limit = vibration.figures["acceptable_vibration"]
                 fault_time = latest_vibration_time(signals, limit)
                 review.last_found_times[WatchedQuantity.VIBRATION] = fault_time
@@ -652,7 +682,7 @@ class Watchdog:
         self._unreported_contact = None
         if contact is None:
             return []
-        return [event_or_alarm(contact, now)]
+        return [alarm_if_bad(contact, now)]
 
     def _judge_flight(self, review: _Review, moment: FlightMoment) -> list[Fact]:
         """Judges in flight control, height, drift in wind, oscillation, and motors at their limits.
@@ -779,7 +809,7 @@ class Watchdog:
         if present_fall is not None:
             self._ongoing_fall = present_fall
             if former_fall is None:
-                return [event_or_alarm(present_fall, review.now)]
+                return [alarm_if_bad(present_fall, review.now)]
             return []
         do_motors_carry = carries_vehicle(moment.motion, review.vehicle.parameters)
         if former_fall is not None and do_motors_carry:
@@ -939,7 +969,7 @@ class Watchdog:
             motion.motors,
             motion.tilts,
             self.control.setpoints(review.vehicle),
-            self._recent.boot,
+            self._slow_messages.boot,
             review.phase_start,
             review.now,
         )
@@ -1071,11 +1101,11 @@ class Watchdog:
             The signals. Their landed state is what the reviews so far have found, until ``now``.
         """
         repeated_messages = (*STATUS_MESSAGES, *ESTIMATOR_FLAG_MESSAGES)
-        columns = self._recent.columns(repeated_messages, start_time)
+        columns = self._slow_messages.columns(repeated_messages, start_time)
         # The names of flight modes and the firmware's version come once, when a ground station asks for them.
-        columns |= self._recent.columns(["AVAILABLE_MODES", "AUTOPILOT_VERSION"])
+        columns |= self._slow_messages.columns(["AVAILABLE_MODES", "AUTOPILOT_VERSION"])
         landed_state = self._landed_states.series(
-            now, self._recent.boot, was_flying=self._was_flying
+            now, self._slow_messages.boot, was_flying=self._was_flying
         )
         return LiveSignals(
             replace(vehicle, messages=columns),
@@ -1097,7 +1127,7 @@ class Watchdog:
         reports = []
         for report in self._report_search.new_reports(signals, now):
             if report.code is ReportedEvent.RESTARTED_IN_FLIGHT:
-                reports.append(event_or_alarm(report, report.start_time))
+                reports.append(alarm_if_bad(report, report.start_time))
             elif report.code is ReportedEvent.ON_GROUND and not self.has_landed:
                 # The landing is not certain yet.
                 self._landing_report = report
@@ -1169,7 +1199,7 @@ class Watchdog:
         """
         alarms = []
         for quantity, fact in review.facts.items():
-            if not fact.warns:
+            if not fact.is_watch_or_bad:
                 continue
             if quantity is WatchedQuantity.BATTERY:
                 # A battery does not recover in flight: what is found later and is less bad replaces no worse alarm.
@@ -1180,7 +1210,7 @@ class Watchdog:
             is_autopilot_report = isinstance(fact.code, ReportedEvent)
             was_reported = quantity is WatchedQuantity.ESTIMATOR and is_autopilot_report
             if is_new and not was_reported:
-                alarms.append(event_or_alarm(fact, review.now))
+                alarms.append(alarm_if_bad(fact, review.now))
         return alarms
 
     def _end_alarms(self, review: _Review) -> list[Fact]:
@@ -1267,7 +1297,7 @@ class Watchdog:
             The reason as a fact (a coded finding), by quantity; quantities that can be watched are left out.
         """
         reasons = quantities_without_motion(motion)
-        received_names = self._recent.names_since(now - MEMORY_SECONDS)
+        received_names = self._slow_messages.names_since(now - MEMORY_SECONDS)
         reasons |= quantities_without_message(received_names, vehicle.autopilot)
         if not self._tracking.has_setpoints(now):
             reasons[WatchedQuantity.TRACKING] = Fact(
@@ -1302,6 +1332,17 @@ class Watchdog:
             self.status_lights.add_first(
                 Light.MOTORS, Fact(MotorWatchFact.NO_LOSS_FOUND, clock=now)
             )
+
+
+def _with_level_in_flight(report: Fact) -> Fact:
+    """Returns a report of the autopilot with the level that it has in flight.
+
+    A moment of low voltage of the board is a warning in a log. In flight it is bad: nobody knows whether the autopilot
+    survives it.
+    """
+    if report.code is ReportedEvent.BOARD_VOLTAGE_LOW:
+        return report.replace(Level.BAD)
+    return report
 
 
 def latest_estimator_time(signals: Signals, estimator: Fact) -> float:

@@ -108,10 +108,10 @@ class MotorChange(NamedTuple):
     @property
     def event(self) -> Fact:
         """The fact as an event in flight, an alarm where a motor lost thrust."""
-        return event_or_alarm(self.fact, self.onset_time)
+        return alarm_if_bad(self.fact, self.onset_time)
 
 
-def event_or_alarm(fact: Fact, time: float) -> Fact:
+def alarm_if_bad(fact: Fact, time: float) -> Fact:
     """Returns what a live session reports of a finding in flight, such as the fault of a motor: an event or an alarm.
 
     Args:

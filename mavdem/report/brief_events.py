@@ -36,7 +36,7 @@ def worst_events(events: Sequence[Fact]) -> list[CountedEvent]:
     first_indices: dict[tuple[str, str, str], int] = {}
     for index, event in enumerate(events):
         has_ending = (ENDINGS.get(event.code), event.time) in codes_and_times
-        if not event.warns or has_ending:
+        if not event.is_watch_or_bad or has_ending:
             continue
         kind = (str(event.code), str(event.level), event.subject)
         counts[kind] += 1

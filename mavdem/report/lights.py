@@ -47,6 +47,6 @@ def earlier_lights(lights: NamedFacts) -> dict[str, str]:
     repeated_lights = {}
     for name, fact in lights.items():
         first_light = first_light_by_sentence.setdefault(fact.sentence, name)
-        if fact.warns and first_light != name:
+        if fact.is_watch_or_bad and first_light != name:
             repeated_lights[name] = first_light
     return repeated_lights

@@ -230,7 +230,7 @@ def judgement_sentences(judgement: Judgement) -> JudgementSentences:
     """
     light_sentences = []
     for name, light in judgement.lights.items():
-        if light.warns and light != judgement.headline:
+        if light.is_watch_or_bad and light != judgement.headline:
             light_sentences.append(Sentence(str(light), lead=f"{name.capitalize()}:"))
     heading = headline_sentence(headline(judgement.headline))
     next_step = Sentence(str(judgement.next_step), lead="Next:")
@@ -250,7 +250,7 @@ def warnings_of_lights(judgement: Judgement, names: Sequence[Light]) -> list[Sen
     sentences = []
     for name in names:
         light = judgement.lights[name]
-        if light.warns:
+        if light.is_watch_or_bad:
             sentences.append(Sentence(light.sentence_and_remedy, f"{name.capitalize()}:"))
     return sentences
 

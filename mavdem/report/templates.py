@@ -251,8 +251,9 @@ def _template_values(fact: Fact) -> dict[str, Any]:
     Templates must not use undefined names, so that figures which most facts do not have get a default here.
 
     Args:
-        fact: the fact. Its figure ``is_grounded`` means that the vehicle must not fly (:attr:`Fact.grounded`), and
-            ``is_added`` that its text follows another one which has said already not to fly.
+        fact: the fact. Its figure ``is_grounded`` means that the vehicle must not fly
+            (:attr:`Fact.without_flight_advice`), and ``is_added`` that its text follows another one which has said
+            already not to fly.
     """
     medium = MEDIUM.get()
     defaults = {"remedy": "", "action": None, "is_grounded": False, "is_added": False}

@@ -120,7 +120,7 @@ def headline_evidence(fact: Fact, lights: NamedFacts) -> list[Sentence]:
     light_name = light_of_event(fact)
     light = None if light_name is None else lights.get(light_name)
     # A light that states the event itself is no further evidence for it.
-    if light is None or not light.warns or light.code is fact.code:
+    if light is None or not light.is_watch_or_bad or light.code is fact.code:
         return []
     return [Sentence(light.sentence, lead="Why:")]
 
@@ -148,14 +148,14 @@ def margin_sentences(fact: Fact, loops: "LoopsByAxis", margins: Iterable[Fact]) 
     from mavdem.loops.axis_loops import MARGIN_TARGETS
 
     axis_loop = loops.get(str(fact.figures.get("axis")))
-    if fact.code is not MarginsLight.LOOP_MARGINS or not fact.warns or axis_loop is None:
+    if fact.code is not MarginsLight.LOOP_MARGINS or not fact.is_watch_or_bad or axis_loop is None:
         return []
     other_axes = []
     for other_margins in margins:
         is_of_other_axis = (
             other_margins.code is fact.code and other_margins.figures["axis"] != axis_loop.axis
         )
-        if is_of_other_axis and other_margins.warns:
+        if is_of_other_axis and other_margins.is_watch_or_bad:
             other_axes.append(other_margins.figures)
     open_loop = axis_loop.attitude if fact.subject == "attitude" else axis_loop.rate
     return render_section(

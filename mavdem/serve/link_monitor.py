@@ -393,7 +393,7 @@ class LinkMonitor:
             # restarted on the ground, after the link was lost in the air.
             self._has_restarted = self._has_landed
             self._has_restarted_in_air = self._is_in_air
-        if fact.warns or fact.code in REPORTED_CODES:
+        if fact.is_watch_or_bad or fact.code in REPORTED_CODES:
             # The sentences must not advise options of `mavdem live`, which this server does not have.
             with sentences_for(Medium(has_terminal=False)):
                 self._report_event(event)

@@ -337,7 +337,7 @@ def test_a_charge_that_jumps_to_nothing_was_not_used(parameters):
     charge = np.where(TIME < 20.0, 85, 0)
     status = columns(TIME, voltage_battery=1000 * FULL, battery_remaining=charge)
     fact = power_light(evidence(changed(telemetry, "SYS_STATUS", **status)))
-    assert fact.code is PowerLight.CHARGE_LOW and fact.warns
+    assert fact.code is PowerLight.CHARGE_LOW and fact.is_watch_or_bad
     assert fact.sentence.endswith("estimate: it fell from 85 % at once, as no battery does.")
     assert fact.remedy == "Check the power module of the battery."
 

@@ -24,7 +24,7 @@ def event(*knots):
 @mark.parametrize("drift", [10.0, -10.0])
 def test_a_drift_by_more_than_receivers_wander_is_an_event(drift):
     disagreement = event((20.0, 0.0), (40.0, drift))
-    assert disagreement.warns and disagreement.end_time is None
+    assert disagreement.is_watch_or_bad and disagreement.end_time is None
     assert disagreement.figures["height"] == approx(drift, abs=0.5)
     assert disagreement.time == approx(20.0, abs=2.0)
     assert "judge the height by eye" in disagreement.sentence

@@ -303,7 +303,7 @@ def test_a_peak_of_the_spectrum_alone_decides_nothing():
     assert logging.startswith("Log the rate setpoint")
     without_gains = decision_on_roll(NOT_STEERED, peak=PEAK, parameters={})
     assert "with P and D of the roll rate controller a third lower:" in without_gains.fact.remedy
-    assert not decision.fact.grounded.remedy
+    assert not decision.fact.without_flight_advice.remedy
     repaired = decision_on_roll(NOT_STEERED, peak=PEAK, doubts=(Fact(Ending.CRASHED, time=9.0),))
     assert repaired.action.code is LoopAction.DO_FIRST
 

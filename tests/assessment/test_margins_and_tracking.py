@@ -458,4 +458,4 @@ def test_oscillation_a_loss_or_a_motor_at_its_stop_without_hover_grounds_a_vehic
     assert reason.code is Override.OSCILLATION and reason.figures["turn_rate"] < 1
     doubt = Fact(NoWind.STUCK, lean=0.5, duration=9.0)
     grounded = without_flight_advice(WindEvidence(None, None, doubt, "PX4"))
-    assert grounded == WindEvidence(None, None, doubt.grounded, "PX4")
+    assert grounded == WindEvidence(None, None, doubt.without_flight_advice, "PX4")

@@ -204,7 +204,9 @@ def test_without_settled_flight_or_outputs_it_is_not_known():
     without_hover = replace(flight, condition=replace(flight.condition, hover=None), events=())
     light_fact = motors_light(without_hover)
     assert (light_fact.code, light_fact.level) == (MotorsLight.MOTORS_NOT_SEEN, "unknown")
-    assert "10 s" in light_fact.sentence and light_fact.grounded.remedy.startswith("Check motors")
+    assert "10 s" in light_fact.sentence and light_fact.without_flight_advice.remedy.startswith(
+        "Check motors"
+    )
     stop, shorter, longer = (
         Fact(MotionEvent.MOTOR_AT_ITS_STOP, Level.WATCH, subject=FRONT_LEFT, boot=0, **times)
         for times in (

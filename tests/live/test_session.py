@@ -486,7 +486,7 @@ def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
     )
     awaited = session.judging.judgement.lights["margins"]
     assert awaited.code is Unjudged.JUDGED_LATER and "`mavdem 'my flight.tlog'`" in awaited.remedy
-    assert not session.judging.judgement.headline.warns
+    assert not session.judging.judgement.headline.is_watch_or_bad
     # In flight it is identified by another review.
     with ThreadPoolExecutor(1) as session.judging._executor:
         session.judging._next_time = 0.0

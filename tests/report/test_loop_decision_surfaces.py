@@ -397,7 +397,7 @@ def test_the_lights_show_the_action_of_the_axis_that_they_name(assessments):
         roll = assessment.loop_decisions["roll"]
         for name in ("margins", "tracking"):
             light = assessment.lights[name]
-            if light.warns and light.figures.get("axis") == "roll":
+            if light.is_watch_or_bad and light.figures.get("axis") == "roll":
                 assert light.remedy == roll.fact.remedy
 
 

@@ -210,7 +210,7 @@ def _decision_by_margins(observations: LoopObservations) -> LoopDecision | None:
     margins = observations.margins
     facts_by_code = {fact.code: fact for fact in margins.facts}
     injected = facts_by_code.get(MarginsLight.LOOP_MEASURED)
-    if injected is not None and injected.warns:
+    if injected is not None and injected.is_watch_or_bad:
         return _decision_by_measurement(observations, injected)
     loop_fact = facts_by_code.get(MarginsLight.LOOP_MARGINS)
     if isinstance(margins.loop, Loop) and loop_fact is not None:
@@ -219,7 +219,7 @@ def _decision_by_margins(observations: LoopObservations) -> LoopDecision | None:
     resonance = facts_by_code.get(MarginsLight.RESONATES)
     if resonance is not None:
         return _decision_by_measurement(observations, resonance)
-    if loop_fact is not None and loop_fact.warns:
+    if loop_fact is not None and loop_fact.is_watch_or_bad:
         return _decision_on_uncertain_loop(observations, loop_fact)
     return None
 
@@ -241,7 +241,7 @@ def _decision_on_uncertain_loop(
         setpoint badly: then the tracking, which is measured, decides.
     """
     margins = observations.margins
-    if margins.contradiction is not None and observations.tracking.warns:
+    if margins.contradiction is not None and observations.tracking.is_watch_or_bad:
         return None
     action = _advice_to_fly_doublets(margins.axis, loop_fact)
     reason = loop_fact.replace(action=action)
@@ -370,7 +370,7 @@ def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None
     """
     axis = observations.margins.axis
     tracking = observations.tracking
-    if not tracking.warns:
+    if not tracking.is_watch_or_bad:
         return None
     if tracking.code is TrackingLight.RATE_FALLS_SHORT:
         return _decision_on_slow_rate(observations)

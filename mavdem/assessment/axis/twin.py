@@ -69,7 +69,9 @@ def build_assessed_twin(evidence: Evidence, mass: float | None = None) -> Assess
     for axis, loop in evidence.loops.items():
         if isinstance(loop, Fact):
             # A vehicle that must not fly is not advised to fly for a loop.
-            missing_loops[axis] = loop.grounded if evidence.reasons_not_to_fly else loop
+            missing_loops[axis] = (
+                loop.without_flight_advice if evidence.reasons_not_to_fly else loop
+            )
     if "roll" in missing_loops:
         if evidence.reasons_not_to_fly:
             raise NotLearnable(evidence.reasons_not_to_fly[0])

@@ -35,7 +35,7 @@ def margins_light(evidence: Evidence) -> Fact:
     facts = _facts_by_margin(evidence)
     if facts:
         worst = worst_fact(facts)
-        if worst.warns:
+        if worst.is_watch_or_bad:
             return worst
     # The facts are in the order of their margins, so that the first good one has the smallest of the good margins.
     smallest_good_margin = None

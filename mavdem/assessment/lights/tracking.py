@@ -31,7 +31,7 @@ def tracking_light(evidence: Evidence) -> Fact:
     if not judged_facts:
         return evidence.tracking[TILT_AXES[0]]
     yaw_fact = evidence.tracking["yaw"]
-    if yaw_fact.warns:
+    if yaw_fact.is_watch_or_bad:
         judged_facts.append(yaw_fact)
     # The function ``worst_fact`` returns the first of several facts with the same level, so the order decides.
     largest_error_first = sorted(judged_facts, key=_error_relative_to_limit, reverse=True)

@@ -198,7 +198,7 @@ def motor_levels(light: Fact, imbalance: Array) -> list[Level]:
         imbalance: (M,) trim deviation of each motor, percent.
     """
     motor_count = len(imbalance)
-    if not light.warns:
+    if not light.is_watch_or_bad:
         return [light.level] * motor_count
     named_motor = motor_number(light.subject)
     if named_motor is not None:

@@ -502,7 +502,7 @@ def _trust_chapter(trust_of_boots: Sequence[SensorTrust]) -> Chapter:
     """
     level = None
     for trust in trust_of_boots:
-        if any(check.warns for check in trust.checks):
+        if any(check.is_watch_or_bad for check in trust.checks):
             level = Level.WATCH
     return Chapter("What can be trusted", [trust_table(trust_of_boots)], level=level)
 
