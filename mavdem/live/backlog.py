@@ -46,7 +46,7 @@ class Backlog:
     """The queue of received frames in the order of arrival, and the tasks that are put off while they wait for long.
 
     Attributes:
-        postponed: the tasks that are put off now.
+        postponed_tasks: the tasks that are put off now.
         longest_delay: the longest time that frames have waited, s.
         suspends_learning: whether the process that learns is to be paused, so that the analysis has its time.
     """
@@ -57,15 +57,15 @@ class Backlog:
         Args:
             begins_late: whether the session first analyses frames from before its beginning.
         """
-        self.postponed = set[DelayedWork]()
+        self.postponed_tasks = set[DelayedWork]()
         self.longest_delay = 0.0
         self.suspends_learning = False
         self._batches: deque[FrameBatch] = deque()
         # When the latest frames arrived, s of the monotonic clock.
         self._latest_arrival = -inf
-        # When the analysis was last too late, s of the monotonic clock; None while it keeps up. When that was reported
-        # last, s of that clock, and with which delay, s.
-        self._behind_time: float | None = None
+        # When the analysis was last late by ``BEHIND_DELAY``, s of the monotonic clock; None while it keeps up. When a
+        # delay was reported last, s of that clock, and which one, s.
+        self._latest_late_time: float | None = None
         self._report_time = 0.0
         self._reported_delay = 0.0
         # A delay until this time, s of that clock, is due to frames that were sent before the session.
@@ -100,7 +100,7 @@ class Backlog:
     @property
     def is_late(self) -> bool:
         """Whether any task is put off."""
-        return bool(self.postponed)
+        return bool(self.postponed_tasks)
 
     @property
     def delay(self) -> float:
@@ -128,84 +128,101 @@ class Backlog:
             batches.append(self._batches.popleft())
         return batches
 
-    def _postpone_tasks(self, delay: float) -> None:
-        """Decides which tasks are postponed, and whether learning is suspended, by the delay of the analysis.
+    def postpones(self, task: DelayedWork) -> bool:
+        """Returns whether a task is put off now."""
+        return task in self.postponed_tasks
 
-        A postponed task waits until the delay is half of its limit: with one limit for both, tasks would be stopped and
-        resumed all the time.
+    def update(self, dropped_datagrams: int) -> Fact | None:
+        """Measures the present delay of the analysis, decides by it which tasks wait, and reports a change.
 
         Args:
-            delay: how long the oldest frame that is not analysed has waited, s.
+            dropped_datagrams: number of datagrams lost so far, because they were not read in time.
+
+        Returns:
+            The fact that the computer is too slow, or that it keeps up again; None if neither is to be reported now.
         """
-        postponed_tasks = set()
-        for task, limit in POSTPONING_DELAYS.items():
-            threshold = limit
-            if task in self.postponed:
-                threshold = limit / 2
-            if delay >= threshold:
-                postponed_tasks.add(task)
-        self.postponed = postponed_tasks
-        # Between both limits it stays as it is.
+        now = clock.monotonic()
+        # ``self.analysed_until`` is the time of arrival up to which all frames are analysed.
+        delay = now - self.analysed_until
+        self.longest_delay = max(self.longest_delay, delay)
+        self.postponed_tasks = _tasks_to_postpone(delay, self.postponed_tasks)
+        # Between both limits, learning stays as it is.
         if delay >= SUSPENSION_DELAY:
             self.suspends_learning = True
         elif delay < STEP_SECONDS:
             self.suspends_learning = False
+        is_delay_expected = now < self._catch_up_end
+        if is_delay_expected:
+            return None
+        if delay >= BEHIND_DELAY:
+            return self._report_of_delay(delay, now)
+        return self._report_of_recovery(dropped_datagrams, now)
 
     def _report_of_delay(self, delay: float, now: float) -> Fact | None:
         """Returns the report that the analysis is late, if that is new or the delay has doubled since the last report.
+
+        A doubled delay is reported at most once in ``REPEAT_SECONDS``: the user must know that alarms come so late. The
+        delay is stored, for the next call.
 
         Args:
             delay: present delay of the analysis, s, which is at least ``BEHIND_DELAY``.
             now: present time, s of the monotonic clock.
         """
-        is_new = self._behind_time is None
+        is_new = self._latest_late_time is None
         has_doubled = delay >= 2 * self._reported_delay
         is_repetition_due = now - self._report_time >= REPEAT_SECONDS
-        self._behind_time = now
+        self._latest_late_time = now
         if not is_new and not (has_doubled and is_repetition_due):
             return None
         self._report_time = now
         self._reported_delay = delay
         return Fact(SessionFact.COMPUTER_BEHIND, delay=delay)
 
-    def update(self, dropped_datagrams: int) -> Fact | None:
-        """Decides by the present delay of the analysis which tasks are postponed (``POSTPONING_DELAYS``).
+    def _report_of_recovery(self, dropped_datagrams: int, now: float) -> Fact | None:
+        """Returns the report that the analysis keeps up again, once, after ``REPEAT_SECONDS`` without a long delay.
 
-        A delay that has doubled since its last report is reported again, at most once in ``REPEAT_SECONDS``: alarms
-        come so much later. Recovery is reported only after ``REPEAT_SECONDS`` of messages without a long delay, so that
-        a delay around the limit is not reported all the time. In a session that begins late, a delay is reported only
-        if it lasts for longer than ``CATCH_UP_SECONDS``.
+        Messages must come in that time: a silent link does not show whether this computer would keep up. So in a
+        silence the time begins again. With the wait, a delay around the limit is not reported again and again.
 
         Args:
             dropped_datagrams: number of datagrams lost so far, because they were not read in time.
-
-        Returns:
-            The fact that the computer is too slow, once for each doubling of the delay; the fact that it keeps up
-            again, after ``REPEAT_SECONDS`` of messages that were analysed in time; otherwise None.
+            now: present time, s of the monotonic clock, at which the analysis is not late.
         """
-        now = clock.monotonic()
-        # ``self.analysed_until`` is the time of arrival up to which all frames are analysed.
-        delay = now - self.analysed_until
-        self._postpone_tasks(delay)
-        self.longest_delay = max(self.longest_delay, delay)
-        if now < self._catch_up_end:
-            return None
-        if delay >= BEHIND_DELAY:
-            return self._report_of_delay(delay, now)
-        if self._behind_time is None:
+        if self._latest_late_time is None:
+            # The analysis was not late since the last such report.
             return None
         is_silent = now - self._latest_arrival > SILENCE_SECONDS
         if is_silent:
-            # Where nothing comes, nothing shows whether this computer would keep up.
-            self._behind_time = now
-        elif now - self._behind_time >= REPEAT_SECONDS:
-            self._behind_time = None
-            return Fact(
-                SessionFact.COMPUTER_KEEPS_UP,
-                delay=self.longest_delay,
-                datagrams=dropped_datagrams,
-            )
-        return None
+            self._latest_late_time = now
+            return None
+        if now - self._latest_late_time < REPEAT_SECONDS:
+            return None
+        self._latest_late_time = None
+        return Fact(
+            SessionFact.COMPUTER_KEEPS_UP,
+            delay=self.longest_delay,
+            datagrams=dropped_datagrams,
+        )
+
+
+def _tasks_to_postpone(delay: float, postponed_tasks: set[DelayedWork]) -> set[DelayedWork]:
+    """Decides which tasks are postponed by the delay of the analysis: those whose ``POSTPONING_DELAYS`` it has reached.
+
+    A task that is postponed already waits until the delay is half of its limit: with one limit for both, tasks would be
+    stopped and resumed all the time.
+
+    Args:
+        delay: how long the oldest frame that is not analysed has waited, s.
+        postponed_tasks: the tasks that are postponed so far.
+    """
+    tasks = set()
+    for task, limit in POSTPONING_DELAYS.items():
+        threshold = limit
+        if task in postponed_tasks:
+            threshold = limit / 2
+        if delay >= threshold:
+            tasks.add(task)
+    return tasks
 
 
 class LatencyMeter:

@@ -59,7 +59,7 @@ FLIGHT_STATE_MESSAGES = (
     *CLIMB_RATE_FIELDS,
     *STICK_MESSAGES,
 )
-"""Messages of mode, landed state, height, speed and throttle; a loss is judged by them, the attitude and its setpoint."""
+"""Messages of mode, landed state, height, speed and throttle, by which a loss is judged, besides attitude messages."""
 
 MEMORY_SECONDS = 2 * RECOVERY_SECONDS + MAX_SETPOINT_DELAY
 """Attitudes and setpoints that are kept, s: an onset is looked for ``RECOVERY_SECONDS`` before a loss, which is serious

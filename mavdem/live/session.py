@@ -175,7 +175,7 @@ class LiveSession:
         self._postponed_rows = 0
 
     def step(self, timeout: float = 0.1) -> None:
-        """Performs one iteration of the session: receives and records, analyses for a while, and reports.
+        """Performs one iteration of the session: receives and records messages, analyses them for a while, and reports.
 
         The link is emptied first, since its buffer is small. Analysis then goes on for ``STEP_SECONDS`` only, even if
         more messages wait, so that the link is emptied again soon.
@@ -206,7 +206,7 @@ class LiveSession:
         has_alarm = any(event.fact.is_bad for event in events)
         if has_alarm:
             # An alarm must not stand beside a status of up to a second before, which calls the vehicle sound.
-            self._report_alarmed_status()
+            self._report_status_unless_late(self.status)
         for event in events:
             # A vehicle that is to be followed after a silent one has been reported as its successor.
             is_other_vehicle = event.fact.code is VehicleFact.OTHER_VEHICLE
@@ -216,10 +216,13 @@ class LiveSession:
         for fact in self.link.drain_events():
             self._presentation.log(fact)
 
-    def _report_alarmed_status(self) -> None:
-        """Reports the status at once, unless the computer is so late that even estimates are postponed."""
-        if DelayedWork.ESTIMATES not in self.backlog.postponed:
-            self._report_status(self.status)
+    def _report_status_unless_late(self, status: SessionStatus) -> None:
+        """Reports a status, which is displayed, unless this computer is too slow to analyse the messages in time.
+
+        Then estimates are postponed, and so is the drawing of the status: the time is needed for the analysis.
+        """
+        if not self.backlog.postpones(DelayedWork.ESTIMATES):
+            self._report_status(status)
 
     def _request_rates(self) -> None:
         """Requests message rates from the vehicle, by the rates of the messages that are analysed so far.
@@ -244,7 +247,7 @@ class LiveSession:
         # After a landing a model is learned from the samples before it; it becomes the latest model when it is ready.
         self._learning.adopt_model_before_landing()
         # A computer that has no time for fits has no time to judge a model either.
-        is_busy = DelayedWork.PHYSICAL_FITS in self.backlog.postponed
+        is_busy = self.backlog.postpones(DelayedWork.PHYSICAL_FITS)
         self._margin_review.update(
             now,
             self.stream,
@@ -261,7 +264,13 @@ class LiveSession:
         )
         self.report_gain_advice()
         self._presentation.report_left_out_texts()
-        status = self._update_status(now)
+        status = self.status
+        self._keep_flight_data(status)
+        self._report_status_unless_late(status)
+        self._report_no_model_reason(status)
+        if not self.backlog:
+            # While messages wait, ``_analyse`` adds the time until their arrival to the time account.
+            self._report.account_for(now)
         # Advice on gains comes with the margins of the recording, so that margins by the model alone are not reported.
         self._milestone_reporter.margins_follow = self.gain_adviser is not None
         self._milestone_reporter.update(self._learning, status, self.stream.now, self.stream.boot)
@@ -276,11 +285,10 @@ class LiveSession:
         delay_report = self.backlog.update(self.link.dropped_datagrams)
         if isinstance(self._executor, LearningProcess):
             self._executor.suspend(self.backlog.suspends_learning)
-        postponed_tasks = self.backlog.postponed
-        self._presentation.pause(DelayedWork.PLOTS in postponed_tasks)
+        self._presentation.pause(self.backlog.postpones(DelayedWork.PLOTS))
         self._learning.allow_fits(
-            of_parameters=DelayedWork.PHYSICAL_FITS not in postponed_tasks,
-            of_model=DelayedWork.REFITS not in postponed_tasks,
+            of_parameters=not self.backlog.postpones(DelayedWork.PHYSICAL_FITS),
+            of_model=not self.backlog.postpones(DelayedWork.REFITS),
         )
         if delay_report is None:
             return
@@ -461,7 +469,7 @@ class LiveSession:
             self._presentation.open(row_format)
         learning.is_free_flight = row.is_free_flight
         estimate: Estimate | None = None
-        if row.is_free_flight and DelayedWork.ESTIMATES in self.backlog.postponed:
+        if row.is_free_flight and self.backlog.postpones(DelayedWork.ESTIMATES):
             self._postponed_rows += 1
         elif row.is_free_flight:
             # While a motor is weak, the other motors balance its missing thrust, and that torque is not the wind's.
@@ -489,31 +497,16 @@ class LiveSession:
         if self._learning.learner is not None:
             self._learning.withdraw_since(onset)
 
-    def _update_status(self, now: float) -> SessionStatus:
-        """Determines the status and reports it; called once a second.
-
-        In flight the voltages are added to the history. The status is not reported while the computer is so late that
-        even estimates are postponed.
+    def _keep_flight_data(self, status: SessionStatus) -> None:
+        """Adds the battery's voltages in flight to the history, and notes the end of free flight on the ground.
 
         Args:
-            now: present time, s of the monotonic clock.
-
-        Returns:
-            The status.
+            status: the present status, once a second.
         """
-        status = self.status
         if status.is_flying and status.state is not None:
             self.history.add_voltages(status.state.voltages)
-        if DelayedWork.ESTIMATES not in self.backlog.postponed:
-            self._report_status(status)
         if not status.is_flying:
             self._learning.is_free_flight = False
-        self._report_no_model_reason(status)
-        # The account has the seconds of the session by their use, such as flight or learning. While messages wait to be
-        # analysed, ``_analyse`` adds the time until their arrival to it.
-        if not self.backlog:
-            self._report.account_for(now)
-        return status
 
     def _report_no_model_reason(self, status: SessionStatus) -> None:
         """Reports why no model is learned, or that one is being learned again, whenever that changes.

@@ -23,7 +23,7 @@ def test_learning_is_suspended_until_the_analysis_has_caught_up(monkeypatch):
         suspended.append(backlog.suspends_learning)
         backlog.pop_simultaneous()
     assert suspended == [False, True, True, False]
-    assert not backlog.postponed
+    assert not backlog.postponed_tasks
 
 
 def test_a_session_that_begins_late_is_too_slow_only_where_it_does_not_catch_up(monkeypatch):

@@ -324,7 +324,7 @@ def test_an_obstacle_with_another_reason_is_news_and_why_there_is_no_model_at_th
         status = SessionStatus(vehicle="1:1", no_model_reason=obstacle, is_flying=True)
         monkeypatch.setattr(LiveSession, "status", status)
         monkeypatch.setattr(session._presentation, "log", told.append)
-        session._update_status(0.0)
+        session._report_no_model_reason(status)
         counts.append(len(told))
     assert counts == [1, 1, 2]
     assert refused(session.final_model) == slow[1]
