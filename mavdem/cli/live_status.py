@@ -201,7 +201,7 @@ class StatusLines:
         self._print_time = -inf
         # The fact printed last, without its numbers, for each watched quantity; keys are its vehicle and name.
         self._printed_watch_facts: dict[Hashable, Hashable] = {}
-        self._watch_changes = ChangeDebouncer()
+        self._watch_change_debouncer = ChangeDebouncer()
 
     def start_in_place(self) -> None:
         """Starts to update the status in its place on the terminal, on standard error."""
@@ -255,20 +255,31 @@ class StatusLines:
             event: What was found, and when.
         """
         fact = event.fact
-        ends_alarm = self._ends_link_alarm(event)
-        has_remedy = True
+        ends_alarm = self._is_link_alarmed and fact.code is RowsFact.MESSAGES_RESUMED
+        self._note_link_alarm(event)
         if self.terminal_text is None:
             self._advised_text = fact.remedy
         elif event.is_alarm:
             with suppress(OSError):
                 STDERR.bell()
-        elif fact.code in SESSION_STATES:
+        if not self._has_line(event):
             return
-        else:
+        has_remedy = True
+        if self.terminal_text is not None and not event.is_alarm:
             has_remedy = fact.is_watch_or_bad
-        if fact.code not in LEARNING_STATES:
-            line = event_line(event, has_remedy=has_remedy, ends_alarm=ends_alarm)
-            self._print(line, style_of_facts(fact))
+        line = event_line(event, has_remedy=has_remedy, ends_alarm=ends_alarm)
+        self._print(line, style_of_facts(fact))
+
+    def _has_line(self, event: Event) -> bool:
+        """Returns whether an event is printed: not if it only states how far the model is, or what the status shows.
+
+        Args:
+            event: What was found, and when. An alarm is printed always, unless it is about learning.
+        """
+        is_in_status = self.terminal_text is not None and event.fact.code in SESSION_STATES
+        if is_in_status and not event.is_alarm:
+            return False
+        return event.fact.code not in LEARNING_STATES
 
     def _print(self, line: str, style: str = "") -> None:
         """Prints a line: above the status that is updated in its place, or else below the line before.
@@ -301,19 +312,16 @@ class StatusLines:
         for line, style in reversed(shown_lines):
             print_line(line, STDERR, style)
 
-    def _ends_link_alarm(self, event: Event) -> bool:
-        """Notes alarms about the link, and returns whether an event is the end of one: messages come again.
+    def _note_link_alarm(self, event: Event) -> None:
+        """Notes whether an alarm about the link lasts: from its loss in flight until messages come again.
 
         Args:
             event: What was found, and when.
         """
-        code = event.fact.code
-        if code is LinkFact.LOST_IN_FLIGHT and event.is_alarm:
+        if event.fact.code is LinkFact.LOST_IN_FLIGHT and event.is_alarm:
             self._is_link_alarmed = True
-        ends_alarm = code is RowsFact.MESSAGES_RESUMED and self._is_link_alarmed
-        if ends_alarm:
+        elif event.fact.code is RowsFact.MESSAGES_RESUMED:
             self._is_link_alarmed = False
-        return ends_alarm
 
     def update_in_place(self, status: SessionStatus) -> None:
         """Updates the status on a terminal; does nothing elsewhere.
@@ -356,25 +364,23 @@ class StatusLines:
                 not.
             boot_clock: Time of the vehicle's boot clock, s; NaN before that is known.
         """
+        reportable_facts = _facts_to_report(watch_facts)
         is_updated_in_place = self.terminal_text is not None
+        if is_updated_in_place:
+            # A status that is updated in place names all that is not watched: what is watched again needs no line.
+            for quantity, fact in list(reportable_facts.items()):
+                if _is_watched(fact):
+                    self._printed_watch_facts.pop(quantity, None)
+                    del reportable_facts[quantity]
         changed_facts = []
         changes: dict[Hashable, Hashable] = {}
-        for fact in watch_facts:
-            quantity = (fact.figures.get("vehicle"), fact.subject)
-            reason = fact.figures.get("reason")
-            is_watched = reason is None
-            if isinstance(reason, Fact) and reason.code in UNREPORTED_REASONS:
-                continue
-            if is_watched and is_updated_in_place:
-                # A status that is updated in place names all that is not watched: the rest needs no line.
-                self._printed_watch_facts.pop(quantity, None)
-                continue
+        for quantity, fact in reportable_facts.items():
             # Measured numbers in a fact change all the time, which is no change to report.
             content = fact.without_measurements
             if self._printed_watch_facts.get(quantity) != content:
                 changes[quantity] = content
                 changed_facts.append(fact)
-        has_settled = self._watch_changes.update(changes, monotonic())
+        has_settled = self._watch_change_debouncer.update(changes, monotonic())
         if changed_facts and (has_settled or not is_updated_in_place):
             self._printed_watch_facts.update(changes)
             text = escape_unprintable(watched_quantities_text(changed_facts))
@@ -424,6 +430,28 @@ class StatusLines:
         if text and text not in escape_unprintable(self._advised_text):
             line = stamped_line(f"Next: {text}", boot_clock=status.boot_clock)
             self._print(line)
+
+
+def _facts_to_report(watch_facts: Facts) -> dict[Hashable, Fact]:
+    """Returns the facts on watched quantities that may be printed, by vehicle and quantity.
+
+    Args:
+        watch_facts: A fact for each quantity: since when it is watched, or why it is not. Those with
+            ``UNREPORTED_REASONS`` are left out.
+    """
+    reportable_facts: dict[Hashable, Fact] = {}
+    for fact in watch_facts:
+        reason = fact.figures.get("reason")
+        is_unreported = isinstance(reason, Fact) and reason.code in UNREPORTED_REASONS
+        if not is_unreported:
+            vehicle = fact.figures.get("vehicle")
+            reportable_facts[vehicle, fact.subject] = fact
+    return reportable_facts
+
+
+def _is_watched(watch_fact: Fact) -> bool:
+    """Returns whether a fact on a quantity says that it is watched: then it has no reason why not."""
+    return watch_fact.figures.get("reason") is None
 
 
 def _unwatched_names(watch_facts: Facts) -> list[str]:

@@ -70,10 +70,11 @@ class FlightPhase:
         self._slow_messages = slow_messages
         # Whether any message shows whether the vehicle flies.
         self._is_flying_known = False
-        # Times of the boot clock, s: of the take-off, of the latest review, and until when the latest report of the
-        # landed state counts; minus infinity where none does.
-        self._takeoff_time = -inf
-        self._airborne_since = -inf
+        # Times of the boot clock, s; minus infinity where they are not known: when the vehicle left the ground, when it
+        # was in the air after its take-off, when it was reviewed last, and until when the latest report of the landed
+        # state counts.
+        self._airborne_start = -inf
+        self._in_air_start = -inf
         self._review_time = -inf
         self._landed_state_end = -inf
         # The time since which the flight is settled, s; None while it is not.
@@ -115,11 +116,11 @@ class FlightPhase:
     @property
     def takeoff_time(self) -> float:
         """When the vehicle left the ground last, s of the boot clock; minus infinity where that was not seen."""
-        return self._airborne_since
+        return self._airborne_start
 
     @property
-    def may_have_free_rows(self) -> bool:
-        """Whether rows can be of free flight."""
+    def may_fly_freely(self) -> bool:
+        """Whether the next samples may be of free flight: in the air, or in a take-off that nothing holds any more."""
         return self.is_in_air or (self.is_flying and self._free_climb_start < inf)
 
     def settled_start(self, now: float) -> float | None:
@@ -195,10 +196,10 @@ class FlightPhase:
         is_new_flight = not self.is_flying
         # The first review of a flight sees its beginning, unless the motors were not known yet: then a later one does.
         # In a flight that began before the first message all reviews find minus infinity.
-        is_takeoff_unseen = self._airborne_since == -inf
+        is_takeoff_unseen = self._airborne_start == -inf
         if present_flight is not None and (is_new_flight or is_takeoff_unseen):
             takeoff_time, _ = present_flight
-            self._airborne_since = takeoff_time
+            self._airborne_start = takeoff_time
         self.is_flying = present_flight is not None
 
     def _update_flight(self, now: float, flights: Intervals, climb_rate: TimeSeries | None) -> None:
@@ -222,10 +223,10 @@ class FlightPhase:
             # The begin of a flight follows from the mean collective around it, a centred average, which is known for
             # certain only half of its window later. Until then each review corrects the time of the take-off; after
             # that, the last seconds no longer contain it.
-            is_just_begun = now < self._takeoff_time + AVERAGING_SECONDS
+            is_just_begun = now < self._in_air_start + AVERAGING_SECONDS
             is_correction = isfinite(takeoff_time) and is_just_begun
             if not self.is_in_air or is_correction:
-                self._takeoff_time = takeoff_time
+                self._in_air_start = takeoff_time
             self.is_in_air = True
             self._update_settled_start(now, climb_rate)
         self._update_free_climb_start(now, climb_rate)
@@ -289,7 +290,7 @@ class FlightPhase:
         known_end = now
         if climb_rate is not None:
             known_end = now - AVERAGING_DELAY
-        level_flight = phases.without_transients((self._takeoff_time, inf), climb_rate)
+        level_flight = phases.without_transients((self._in_air_start, inf), climb_rate)
         if level_flight is None:
             return
         level_start, _ = level_flight

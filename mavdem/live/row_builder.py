@@ -153,29 +153,28 @@ class RowBuilder:
         return outputs
 
     def completed_rows(self, name: str, stream: SampleStream) -> list[AlignedRow]:
-        """Makes the rows that the latest sample of a stream completes.
+        """Makes the rows that the latest sample of a stream completes, on the uniform time grid of a segment of rows.
 
-        First the segment of rows ends if this sample follows a gap, or shows that a rate has changed. Then, if no
-        segment is running, one begins as soon as the flight and the streams allow it. Finally every point of the time
-        grid that all streams have passed becomes a row. Inputs must have been chosen (:meth:`choose_inputs`): before
-        that, no stream is one that rows are made of.
+        1. The running segment ends if this sample follows a gap, or shows that a rate has changed.
+        2. If no segment is running, one begins as soon as the vehicle may fly freely and the streams allow it.
+        3. Each point of the running segment's grid that all streams have passed becomes a row.
 
         Args:
             name: name of the stream's message, for the reported facts.
-            stream: stream of attitude or motor outputs that rows are made of.
+            stream: one of the streams of attitude and motor outputs that rows are made of, with the sample added. Such
+                streams exist only once inputs were chosen (:meth:`choose_inputs`).
 
         Returns:
-            Rows in the order of time.
+            Rows in the order of time; none while no segment is running.
         """
         inputs = self.inputs
         assert inputs is not None
         if self._grid.is_running:
             self._end_at_interruption(name, stream)
-        may_begin = not self._grid.is_running and self._phase.may_have_free_rows
-        if may_begin:
+        if not self._grid.is_running and self._phase.may_fly_freely:
             has_begun = self._grid.begin(self._row_streams)
             if has_begun:
-                self._begin_segment(inputs)
+                self._set_row_format(inputs)
         if not self._grid.is_running:
             return []
         return [self._row(point, inputs) for point in self._grid.completed_points()]
@@ -184,7 +183,8 @@ class RowBuilder:
         """Ends the segment where the latest sample of a stream follows a gap, or shows that its rate has changed.
 
         Either is reported. After a gap the next segment has the same time step, so that the learner goes on. After a
-        change of the rate the step is decided again.
+        change of the rate the step is decided again, from samples at the new rate only. The rate is checked with every
+        ``RATE_CHECK_SAMPLES``-th sample, to save computing time.
 
         Args:
             name: name of the stream's message.
@@ -208,10 +208,10 @@ class RowBuilder:
 
     def end_segment_unless_free(self) -> None:
         """Ends the segment where no row can be of free flight any more."""
-        if self._grid.is_running and not self._phase.may_have_free_rows:
+        if self._grid.is_running and not self._phase.may_fly_freely:
             self._grid.end()
 
-    def _begin_segment(self, inputs: MotorInputs) -> None:
+    def _set_row_format(self, inputs: MotorInputs) -> None:
         """Sets the format of the rows of a new segment, and reports it if it differs from the one before.
 
         A segment is a series of rows on one uniform time grid, without a gap. The format of its rows is the time step,

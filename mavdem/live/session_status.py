@@ -6,6 +6,7 @@ on one part of the vehicle, such as its motors.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import hypot, nan
@@ -249,14 +250,16 @@ class SessionStatus(ImmutableResult):
 
     @property
     def displacement_from_takeoff(self) -> Displacement | None:
-        """How far a flying vehicle is from the place of its take-off.
+        """Distance and height, m, of a flying vehicle from the place of its take-off.
 
-        None if it does not fly, has met the ground in a lost flight, or if its position or that place is not known.
+        They are the difference of two estimated positions. If the autopilot has restarted in flight, the take-off has
+        no position in the present coordinates: then satellites and barometer give ``displacement``. None if the vehicle
+        does not fly, has met the ground in a lost flight, or if neither is known.
         """
-        if not self.is_flying or self.ground_contact is not None:
+        has_crashed = self.ground_contact is not None
+        if not self.is_flying or has_crashed:
             return None
         if self.position is None or self.takeoff_position is None:
-            # After a reboot in flight the positions have no common origin; satellites and barometer may know it.
             return self.displacement
         north, east, down = np.subtract(self.position, self.takeoff_position).tolist()
         return Displacement(distance=hypot(north, east), height=-down)
@@ -305,8 +308,10 @@ class SessionStatus(ImmutableResult):
         A vehicle whose loss is known is not missed: it has met the ground, or is about to.
         """
         reason = self.no_model_reason
-        is_silent = reason is not None and reason.code in SILENT_LINK
-        if reason is None or not is_silent or not self.is_flying or self.loss is not None:
+        if reason is None or reason.code not in SILENT_LINK:
+            # Messages come; another reason may prevent learning.
+            return None
+        if not self.is_flying or self.loss is not None:
             return None
         voltage = None
         if self.state is not None:
@@ -620,29 +625,33 @@ class SessionStatus(ImmutableResult):
     def _lights_without_model(self) -> dict[str, Fact]:
         """The status lights (judgements of one part of the vehicle each) that need no model, by the name of the part.
 
-        They are the facts of the watchdog. Where they are worse, the alarms of weak motors, the mean wind and, unless
-        the recording is judged, the margins that were identified in flight replace them.
+        Several findings may concern one part; its light is the worst of them, and of equally bad ones the first:
+
+        - motors: losses of thrust, then what the watchdog has found;
+        - margins: what the watchdog has found, such as an oscillation, then the margins that were identified in flight,
+          unless those of the recording are known;
+        - wind: what the watchdog has found, such as a drift, then the mean wind;
+        - all other parts: what the watchdog has found.
         """
-        lights = dict(self.worst_lights)
-        weak_motors = self._weak_motors
-        if weak_motors:
-            watched_motors = lights.get(Light.MOTORS, weak_motors[0])
-            lights[Light.MOTORS] = worst_fact([*weak_motors, watched_motors])
+        findings: dict[str, list[Fact]] = defaultdict(list)
+        findings[Light.MOTORS] += self._weak_motors
+        for part, watchdog_light in self.worst_lights.items():
+            findings[part].append(watchdog_light)
         if self.margins is not None and not self.is_recording_judged:
-            # The watchdog may have found an oscillation.
-            watched_margins = lights.get(Light.MARGINS, self.margins)
-            lights[Light.MARGINS] = worst_fact([watched_margins, self.margins])
+            findings[Light.MARGINS].append(self.margins)
         if self.mean_wind is not None:
-            mean_wind = self.mean_wind.light
-            if self.no_wind_reason is not None:
-                # The wind was known until something prevented another estimate.
-                mean_wind = mean_wind.replace(
-                    known_until=self.mean_wind.time, obstacle=self.no_wind_reason
-                )
-            # The watchdog may have found a drift in wind.
-            watched_wind = lights.get(Light.WIND, mean_wind)
-            lights[Light.WIND] = worst_fact([watched_wind, mean_wind])
-        return lights
+            findings[Light.WIND].append(self._light_of_mean_wind(self.mean_wind))
+        return {part: worst_fact(facts) for part, facts in findings.items() if facts}
+
+    def _light_of_mean_wind(self, mean_wind: WindEstimate) -> Fact:
+        """Returns the light of the mean wind, with the time until which the wind was known if it is no longer.
+
+        Args:
+            mean_wind: mean wind of the flight so far.
+        """
+        if self.no_wind_reason is None:
+            return mean_wind.light
+        return mean_wind.light.replace(known_until=mean_wind.time, obstacle=self.no_wind_reason)
 
     @property
     def _is_received(self) -> bool:

@@ -295,17 +295,18 @@ class LiveWind:
         # The mean of the estimates, and their number, until free flight was checked last with success.
         self._checked_mean: WindEstimate | None = None
         self._checked_count = 0
-        self._is_reported = False
+        self._is_first_estimate_reported = False
         sample_count = round(KEPT_SECONDS / MIN_SAMPLE_STEP)
         self._attitudes = deque[_AttitudeSample](maxlen=sample_count)
         self._velocities = deque[_VelocitySample](maxlen=sample_count)
         self._filter: AirflowFilter | None = None
         self._step = GRID_STEP
-        # Times of the latest velocity messages, the end of the next step, and the next check, s of the boot clock.
-        self._velocity_time = -inf
-        self._preferred_time = -inf
-        self._step_end = inf
-        self._check_time = -inf
+        # Times of the boot clock, s: when a velocity was used last, when the preferred message came last, when the next
+        # step of the filter ends, and when free flight is checked next.
+        self._used_velocity_time = -inf
+        self._preferred_message_time = -inf
+        self._next_step_end = inf
+        self._next_check_time = -inf
 
     def stop(self) -> None:
         """Ends the estimates of a flight that was lost; its mean stays, which is of the motion before."""
@@ -334,9 +335,7 @@ class LiveWind:
     def add_velocity(self, name: str, time: float, values: Sequence[float]) -> Fact | None:
         """Adds a velocity, and estimates the wind at the steps of the filter that it completes.
 
-        Velocities are taken from one message at a time, at most every ``MIN_SAMPLE_STEP``, and only while they are
-        possible and the estimator calls them valid. Every ``FIRST_FIT_SECONDS`` it is checked that the vehicle flies
-        freely, which also begins the filter.
+        Every ``FIRST_FIT_SECONDS`` it is checked that the vehicle flies freely, which also begins the filter.
 
         Args:
             name: name of the message, one of ``VELOCITY_MESSAGES``.
@@ -344,28 +343,33 @@ class LiveWind:
             values: velocity down, north and east in the unit of the message.
 
         Returns:
-            The wind with the flight's first estimate; None otherwise.
+            The wind with the flight's first estimate, once; None otherwise.
         """
-        if not self._selects_velocity(name, time):
-            return None
+        is_selected = self._selects_velocity(name, time)
         unit = VELOCITY_MESSAGES[name]
         down, north, east = (unit * value for value in values)
-        is_possible = all(abs(component) < MAX_SPEED for component in (down, north, east))
-        is_valid = horizontal_velocity_valid(self.estimator_flags)
+        velocity = _VelocitySample(time, north, east, down)
+        # Velocity and lean together show the wind.
         has_attitude = bool(self._attitudes)
-        if not is_possible or not is_valid or not has_attitude:
+        if not is_selected or not has_attitude or not self._is_credible(velocity):
             return None
         if self._velocities and time - self._velocities[-1].time > SILENCE_SECONDS:
             self._end_filter_after_silence(time)
-        self._velocities.append(_VelocitySample(time, north, east, down))
-        if time >= self._check_time:
-            self._check_time = time + FIRST_FIT_SECONDS
+        self._velocities.append(velocity)
+        if time >= self._next_check_time:
+            self._next_check_time = time + FIRST_FIT_SECONDS
             self._check_free_flight(time)
         self._estimate_complete_steps(time)
-        if self.latest is None or self._is_reported:
+        if self.latest is None or self._is_first_estimate_reported:
             return None
-        self._is_reported = True
+        self._is_first_estimate_reported = True
         return Fact(SessionFact.WIND_KNOWN, reason=self.latest.facts)
+
+    def _is_credible(self, velocity: _VelocitySample) -> bool:
+        """Returns whether a velocity is possible, by ``MAX_SPEED``, and valid by the flags of the estimator."""
+        components = (velocity.north, velocity.east, velocity.down)
+        is_possible = all(abs(component) < MAX_SPEED for component in components)
+        return is_possible and horizontal_velocity_valid(self.estimator_flags)
 
     def _end_filter_after_silence(self, time: float) -> None:
         """Ends the filter after a silence, in which the wind may have changed.
@@ -377,7 +381,7 @@ class LiveWind:
         """
         self._filter = None
         self.latest = None
-        self._check_time = time + FIRST_FIT_SECONDS
+        self._next_check_time = time + FIRST_FIT_SECONDS
 
     def _estimate_complete_steps(self, time: float) -> None:
         """Estimates the wind at the steps of the filter that both velocity and attitude have reached.
@@ -389,31 +393,31 @@ class LiveWind:
         """
         attitude_time = self._attitudes[-1].time
         reached_time = min(time, attitude_time + MIN_SAMPLE_STEP)
-        while self._step_end <= reached_time:
-            self._estimate_step(self._step_end)
-            self._step_end += self._step
+        while self._next_step_end <= reached_time:
+            self._estimate_step(self._next_step_end)
+            self._next_step_end += self._step
 
     def _selects_velocity(self, name: str, time: float) -> bool:
         """Returns whether a velocity is to be used, by its message and its time, and stores the time if so.
 
         Several messages carry the same velocity, and all but the preferred one round it. The others are used only while
-        the preferred one does not come. A velocity that follows another one too soon is not needed.
+        the preferred one does not come. A velocity less than ``MIN_SAMPLE_STEP`` after the last one is not needed.
 
         Args:
             name: name of the message, one of ``VELOCITY_MESSAGES``.
             time: time on the boot clock, s.
         """
         if name == PREFERRED_MESSAGE:
-            self._preferred_time = time
+            self._preferred_message_time = time
         else:
-            is_preferred_received = time - self._preferred_time < SILENCE_SECONDS
+            is_preferred_received = time - self._preferred_message_time < SILENCE_SECONDS
             if is_preferred_received:
                 return False
         # Time stamps jitter, so that a step may be a little shorter.
         min_step = MIN_SAMPLE_STEP - STAMP_TOLERANCE
-        if time - self._velocity_time < min_step:
+        if time - self._used_velocity_time < min_step:
             return False
-        self._velocity_time = time
+        self._used_velocity_time = time
         return True
 
     def _motion(self, start_time: float, end_time: float) -> _Motion:
@@ -469,7 +473,7 @@ class LiveWind:
         stamps = motion.time
         is_short = len(stamps) < MIN_CHECKED_SAMPLES
         if is_short or stamps[-1] - stamps[0] < FIRST_FIT_SECONDS / 2:
-            self._check_time = time + self._step
+            self._next_check_time = time + self._step
             return
         try:
             self._require_measured(motion)
@@ -498,7 +502,7 @@ class LiveWind:
                 ]
             )
             self._filter = AirflowFilter(filter_parameters(parameters, grid), grid)
-            self._step_end = time
+            self._next_step_end = time
 
     @staticmethod
     def _require_measured(motion: _Motion) -> None:

@@ -119,7 +119,7 @@ def test_a_long_climb_is_free_flight_before_it_is_settled():
     landing_vehicle.fly(1.5, climb=0.05, landed=LANDING)
     assert (
         not landing_vehicle.phase.is_free(landing_vehicle.time)
-        and not landing_vehicle.phase.may_have_free_rows
+        and not landing_vehicle.phase.may_fly_freely
     )
 
 
