@@ -127,8 +127,8 @@ def lower_unconfirmed_crash_reports(signals: Signals, events: Sequence[Fact]) ->
     """Lowers the level of each report of a crash to "watch" unless sensors confirm it.
 
     ArduPilot's crash check also reports vehicles that never moved. So the report alone is not enough: a sensor must
-    confirm it (:func:`mavdem.witnesses.sensor_facts.checked_event`), by a knock, a tumble, a fast descent or a rest on
-    the side near the report. If no sensor was recorded that could show any of these, the report keeps its level.
+    confirm it, by a knock, a tumble, a fast descent or a rest on the side near the report. If no sensor was recorded
+    that could show any of these, the report keeps its level.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -137,19 +137,36 @@ def lower_unconfirmed_crash_reports(signals: Signals, events: Sequence[Fact]) ->
     Returns:
         All events, in the same order.
     """
-    losses_by_motion = [event for event in events if event.code in ENDINGS]
+    # Events of the motion with which a flight may have been lost, such as an impact on the ground.
+    losses = [event for event in events if event.code in ENDINGS]
     checked_events = []
     for event in events:
-        is_crash = event.code is ReportedEvent.CRASH_DETECTED and event.is_bad
-        if is_crash and _has_measurements(signals, event):
-            # The report supports the crash too. It is quoted without the sensor facts that the event gets itself.
-            quoted_report = supporting_fact(
-                SensorFact.AUTOPILOT_REPORTED, cause=event.replace(witnesses=())
-            )
-            signs = _signs_of_crash(signals, event, losses_by_motion)
-            event = checked_event(event, (quoted_report, *signs))
+        is_crash_report = event.code is ReportedEvent.CRASH_DETECTED and event.is_bad
+        if is_crash_report and _has_measurements(signals, event):
+            event = _checked_crash_report(event, _signs_of_crash(signals, event, losses))
         checked_events.append(event)
     return checked_events
+
+
+def _checked_crash_report(report: Fact, signs_of_crash: Facts) -> Fact:
+    """Returns an autopilot's report of a crash, with level "watch" if no sensor confirms it.
+
+    An event needs the support of two independent sources (:func:`mavdem.witnesses.sensor_facts.checked_event`). The
+    autopilot is one of them, so that one sensor is enough.
+
+    Args:
+        report: the report, a bad event.
+        signs_of_crash: facts of the sensors about the time of the report.
+
+    Returns:
+        A copy of the report, whose figure ``witnesses`` has the fact that the autopilot reported the crash, and the
+        facts of the sensors.
+    """
+    # The fact about the report contains the report itself, whose text its sentence quotes, but no further witnesses.
+    report_as_witness = supporting_fact(
+        SensorFact.AUTOPILOT_REPORTED, cause=report.replace(witnesses=())
+    )
+    return checked_event(report, (report_as_witness, *signs_of_crash))
 
 
 def _interval_of_crash(report: Fact) -> TimeInterval:
@@ -165,14 +182,17 @@ def _interval_of_crash(report: Fact) -> TimeInterval:
 
 
 def _has_measurements(signals: Signals, report: Fact) -> bool:
-    """Returns whether gyro, accelerometer or a height were recorded around a report of a crash, and can confirm it.
+    """Returns whether gyro, accelerometer or a height were recorded around a report of a crash.
+
+    Without any of them nothing can confirm the report, and nothing contradict it.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        report: fact (a coded finding) that the autopilot reported something, with its time.
+        report: fact (a coded finding) that the autopilot reported a crash, with its time and boot.
     """
     interval = _interval_of_crash(report)
     sensors = BootSensors(signals, report.figures["boot"])
+    # A boot without heights has no sink rates.
     if sensors.sink_rates(interval):
         return True
     if sensors.accelerometer is not None and sensors.accelerometer.peak(interval) is not None:

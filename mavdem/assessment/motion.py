@@ -172,8 +172,13 @@ def _times_out_of_control(
 ) -> Intervals:
     """Returns the intervals of a flight in which motors reach their limits because the vehicle is out of control.
 
-    Each begins with an event such as a fall, a flight on its back, or a height estimate that diverged, and lasts until
-    the end of the flight. A motor at its limit in such an interval is not a fault of the motor.
+    A motor at its limit in such an interval is not a fault of the motor. Each interval lasts until the end of the
+    flight, since a vehicle that was lost hardly flies on as before. Where it begins depends on the event:
+
+    - A height estimate that diverged drives all motors to a limit, and none of them is its cause: at the event.
+    - Any other bad event, such as a fall or a flight on the back, may be caused by a motor that reaches its limit as
+      the event begins. The interval begins ``LASTING_SECONDS`` later, so that such a limit is still reported.
+    - A vehicle that wind carries away is under control: no interval.
 
     Args:
         flight_events: events of the flight, each a fact (a coded finding) with its time.
@@ -185,12 +190,10 @@ def _times_out_of_control(
     intervals = []
     _, flight_end = flight_interval
     for event in flight_events:
-        start = event.start_time
         if event.code is MotionEvent.HEIGHT_DIVERGED:
-            intervals.append((start, flight_end))
+            intervals.append((event.start_time, flight_end))
         elif event.is_bad and event.code is not MotionEvent.CARRIED_AWAY:
-            # A motor may reach its limit as the loss begins and be its cause: such a limit is still reported.
-            intervals.append((start + LASTING_SECONDS, flight_end))
+            intervals.append((event.start_time + LASTING_SECONDS, flight_end))
     return intervals
 
 

@@ -70,26 +70,35 @@ class DriftSample(NamedTuple):
 
 
 def drift_sample(time: float, angles: Numbers, velocity: Numbers) -> DriftSample:
-    """Returns the lean of a vehicle, and the horizontal speed at which it moves against its thrust.
+    """Returns the lean of a multirotor, and the horizontal speed at which it moves against its thrust.
+
+    The thrust points along the body's upward axis. Its direction on the earth (north, east, down) is therefore minus
+    the third column of the rotation matrix R from body to earth, of the angles yaw, pitch and roll. The lean is the
+    angle between the thrust and the vertical.
 
     Args:
         time: time on the boot clock, s.
         angles: roll, pitch and yaw, rad.
-        velocity: north and east, m/s.
+        velocity: velocity to the north and east, m/s.
+
+    Returns:
+        The sample. Its speed is negative if the vehicle moves with its thrust, and 0 if the thrust is vertical.
     """
     roll, pitch, yaw = angles
-    north, east = velocity
-    # Rounding may take the cosine of the lean beyond 1, for which it has no angle.
+    speed_north, speed_east = velocity
+    # Rounding may take the cosine, element (3, 3) of R, beyond 1, for which there is no angle.
     cosine_of_lean = min(max(cos(roll) * cos(pitch), -1.0), 1.0)
     lean = acos(cosine_of_lean)
-    # The horizontal part of a thrust of size 1, which points against the body's downward axis.
+    # The horizontal part of the unit vector along the thrust: minus the elements (1, 3) and (2, 3) of R.
     thrust_north = -(cos(yaw) * sin(pitch) * cos(roll) + sin(yaw) * sin(roll))
     thrust_east = -(sin(yaw) * sin(pitch) * cos(roll) - cos(yaw) * sin(roll))
     horizontal_thrust = hypot(thrust_north, thrust_east)
     opposing_speed = 0.0
     if horizontal_thrust > 0:
-        # The component of the velocity in the direction of the thrust is negative if the vehicle moves against it.
-        opposing_speed = -(north * thrust_north + east * thrust_east) / horizontal_thrust
+        speed_along_thrust = (
+            speed_north * thrust_north + speed_east * thrust_east
+        ) / horizontal_thrust
+        opposing_speed = -speed_along_thrust
     return DriftSample(time, lean, opposing_speed)
 
 

@@ -21,35 +21,39 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 """The function of a command, or the command that Click has made of it."""
 
 
-class ModelOrders(NamedTuple):
-    """The numbers of states that --order accepts for one --preset."""
+OUTPUT_COUNT = 2
+"""Number of outputs of a model of a real flight, angle and rate, each of which is a state as well."""
 
-    numbers: range
-    """The numbers."""
-
-    @property
-    def text(self) -> str:
-        """The numbers in words, for the help and for error messages."""
-        return f"{self.numbers[0]} to {self.numbers[-1]}"
+MAX_PAPER_ORDER = 10
+"""Largest number of states of a model of --preset paper: a choice, since the memory of a fit with n grows with n⁴."""
 
 
-def model_orders() -> dict[str, ModelOrders]:
-    """Returns the numbers of states that --order accepts, by the value of --preset.
+class OrderRange(NamedTuple):
+    """The range of orders, which are numbers of states of a model, that a user may choose."""
 
-    A model of "real" has its two outputs, angle and rate, as states, and at most p hidden states, where p is the number
-    of time derivatives that DEM tracks of each state (``Settings.p``). Models of "paper" end at 10 states, since the
-    memory of a fit with n states grows with n⁴.
+    smallest: int
+    """Smallest order."""
+
+    largest: int
+    """Largest order."""
+
+    def __str__(self) -> str:
+        """Returns the range in words, such as "2 to 8", for the help and for error messages."""
+        return f"{self.smallest} to {self.largest}"
+
+
+def allowed_orders() -> dict[str, OrderRange]:
+    """Returns the orders that --order accepts, by the value of --preset: "real" or "paper".
+
+    The states of a model of a real flight are its outputs and a chain of hidden states. Each hidden state needs one
+    more derivative of the outputs, of which DEM tracks ``Settings.p``.
     """
     # Commands without a model need not wait for the import.
     from mavdem.dem import Settings
 
-    output_count = 2
-    max_hidden_count = Settings().p
-    max_real_order = output_count + max_hidden_count
-    max_paper_order = 10
     return {
-        "real": ModelOrders(range(output_count, max_real_order + 1)),
-        "paper": ModelOrders(range(1, max_paper_order + 1)),
+        "real": OrderRange(OUTPUT_COUNT, OUTPUT_COUNT + Settings().p),
+        "paper": OrderRange(1, MAX_PAPER_ORDER),
     }
 
 
@@ -234,7 +238,7 @@ def model_options(command: Command) -> Command:
     Returns:
         The command with both options.
     """
-    orders = model_orders()
+    orders = allowed_orders()
     add_options = _combined_options(
         click.option(
             "--preset",
@@ -249,7 +253,7 @@ def model_options(command: Command) -> Command:
             "settings",
             type=int,
             callback=_settings_from_options,
-            help=f"Number of states, {orders['real'].text}; for paper {orders['paper'].text}. "
+            help=f"Number of states, {orders['real']}; for paper {orders['paper']}. "
             "[default: 3 (angle, rate, and a hidden state for the motors' lag); for paper 2]",
         ),
     )
@@ -276,10 +280,10 @@ def _settings_from_options(
     settings = Settings.paper() if preset == "paper" else Settings()
     if order is None:
         return settings
-    orders = model_orders()[preset]
-    if order not in orders.numbers:
+    orders = allowed_orders()[preset]
+    if not orders.smallest <= order <= orders.largest:
         raise click.BadParameter(
-            f"{order} is not in {orders.text}, the numbers of states of --preset {preset}.",
+            f"{order} is not in {orders}, the numbers of states of --preset {preset}.",
             param_hint="--order",
         )
     return replace(settings, order=order)

@@ -49,7 +49,9 @@ def cached_per_vehicle(*attributes: str) -> Callable[[CachedFunction], CachedFun
             dependencies = [getattr(signals, name) for name in attributes]
             key = _cache_key(function, signals, dependencies, arguments, keywords)
             if key not in signals.cache:
-                signals.cache[key] = _result_or_exception(function, signals, arguments, keywords)
+                signals.cache[key] = _result_or_not_learnable(
+                    function, signals, arguments, keywords
+                )
             result = signals.cache[key]
             if isinstance(result, NotLearnable):
                 # A new exception each time, since one that is raised again accumulates tracebacks.
@@ -84,13 +86,16 @@ def _cache_key(
     return (*name, signals.telemetry, *dependencies, *arguments, *keywords.items())
 
 
-def _result_or_exception(
+def _result_or_not_learnable(
     function: Callable[..., Any],
     signals: HasCache,
     arguments: tuple[Hashable, ...],
     keywords: Mapping[str, Hashable],
 ) -> Any:
-    """Calls a function, and returns its result, made immutable since all callers share it.
+    """Calls a function, and returns what the cache stores of the call: its result, or its ``NotLearnable``.
+
+    ``NotLearnable`` says why the data determine no result. The same data would give it again, so that it is stored like
+    a result. Other exceptions are errors, and are not caught.
 
     Args:
         function: The function whose results are cached.
@@ -99,7 +104,8 @@ def _result_or_exception(
         keywords: Further keyword arguments of the function.
 
     Returns:
-        The result; a ``NotLearnable`` if the function raises one.
+        The result, whose arrays are made read-only, since all later callers get the same object; or a new
+        ``NotLearnable`` without the traceback of the one that was raised.
     """
     try:
         return freeze(function(signals, *arguments, **keywords))

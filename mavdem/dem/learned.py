@@ -258,8 +258,8 @@ class Learned(ImmutableResult, ForecasterBase):
         return PlantForecasts(self.record, self.scaling, self.predictor)
 
     @property
-    def _forecaster(self) -> JointModel | PlantForecasts:
-        """The model that forecasts with given inputs.
+    def _known_input_forecaster(self) -> JointModel | PlantForecasts:
+        """The model of all forecasts in which the inputs of the forecast samples are known.
 
         This is the joint model of outputs and motors. It is the plant A, B, C if ``Settings.forecasts`` is "plant", or
         if the settings do not use the recorded inputs.
@@ -270,8 +270,8 @@ class Learned(ImmutableResult, ForecasterBase):
 
     @property
     def forecast_model(self) -> ModelName:
-        """Name of the model that forecasts with given inputs: the joint VAR, or DEM's own A, B and C."""
-        return ModelName.JOINT_VAR if self._forecaster is self.joint else ModelName.DEM
+        """Name of the model that forecasts with known inputs: the joint VAR, or DEM's own A, B and C."""
+        return ModelName.JOINT_VAR if self._known_input_forecaster is self.joint else ModelName.DEM
 
     @may_overflow
     def rolling_forecast_known_inputs(
@@ -292,7 +292,9 @@ class Learned(ImmutableResult, ForecasterBase):
         Returns:
             Forecast outputs and their expected squared errors, (H, m) each.
         """
-        return self._forecaster.rolling_forecast_known_inputs(steps, inputs, outputs, smooth)
+        return self._known_input_forecaster.rolling_forecast_known_inputs(
+            steps, inputs, outputs, smooth
+        )
 
     def rolling_forecast_unknown_inputs(
         self, steps: int, inputs: Array, outputs: Array
@@ -319,18 +321,22 @@ class Learned(ImmutableResult, ForecasterBase):
         return self.plant.forecast_from_zero_state(inputs)
 
     def half_widths(self, variance: Array, level: float, steps: int) -> Array:
-        """Returns half widths of the band of forecasts of the model that forecasts with given inputs.
+        """Returns half widths of the band around the forecasts of :meth:`rolling_forecast_known_inputs`.
+
+        The band of the plant A, B, C is that of normally distributed errors. The joint model uses Student's t: its
+        variances were estimated from forecasts within the training data, of which fewer are independent, the longer a
+        forecast is. So the band of the same variance is wider for samples further ahead.
 
         Args:
             variance: Expected squared errors of the forecasts, (H, m).
             level: Probability that a sample lies in the band.
-            steps: Number of samples from the beginning of one forecast to the next, by which the joint model knows how
-                far ahead each sample is forecast.
+            steps: Number of samples of each forecast, as it was given for the forecasts. A new one begins at the rows
+                0, ``steps``, 2 ``steps``, …, so that row i is forecast i mod ``steps`` + 1 samples ahead.
 
         Returns:
             Half widths, (H, m), in the units of the outputs.
         """
-        return self._forecaster.half_widths(variance, level, steps)
+        return self._known_input_forecaster.half_widths(variance, level, steps)
 
     @may_overflow
     def one_step(self) -> Array:
@@ -344,16 +350,19 @@ class Learned(ImmutableResult, ForecasterBase):
     @cached_property
     def _one_step(self) -> Array:
         """The one-step predictions (T, m), of which callers get a copy that they may change."""
-        return self._forecaster.one_step_predictions(self.record)
+        return self._known_input_forecaster.one_step_predictions(self.record)
 
     @property
     def spectral_radius(self) -> float:
-        """Largest magnitude of the eigenvalues of the transition to the next sample, of the model that forecasts."""
-        return self._forecaster.process.spectral_radius
+        """Largest magnitude of the eigenvalues of the transition to the next sample.
+
+        It is that of the model that forecasts with known inputs (:attr:`forecast_model`).
+        """
+        return self._known_input_forecaster.process.spectral_radius
 
     @property
     def stable(self) -> bool:
-        """Whether no mode of the model that forecasts grows, apart from rounding."""
+        """Whether no mode of the model that forecasts with known inputs grows, apart from rounding."""
         return self.spectral_radius <= 1 + ROUNDING_TOLERANCE
 
     def predict_band(self, steps: int, level: float = CONFIDENCE_LEVEL) -> Array:
@@ -407,8 +416,8 @@ class Learned(ImmutableResult, ForecasterBase):
             Half widths, (H, m), in the units of the m outputs.
         """
         variance = self.forecast_variance(inputs)
-        steps = len(variance)
-        return self.half_widths(variance, level, steps)
+        # All samples belong to a single forecast.
+        return self.half_widths(variance, level, steps=len(variance))
 
     def simulate(self, inputs: ArrayLike) -> Array:
         """Simulates the vehicle's response to given inputs by the :attr:`physical` plant, without an autopilot.

@@ -327,10 +327,9 @@ def _content_of_zip(path: Path, limit: int | None) -> bytes:
     """
     try:
         with (
-            _ArchiveFile(io.FileIO(path)) as archive_file,
-            zipfile.ZipFile(archive_file) as archive,
+            _LimitedReader(io.FileIO(path)) as archive_file,
+            _open_zip(archive_file) as archive,
         ):
-            archive_file.is_directory_read = True
             member = _only_log(archive, path)
             # A malicious directory may state a packed size that is larger than the file.
             packed_size = min(member.compress_size, path.stat().st_size)
@@ -339,7 +338,7 @@ def _content_of_zip(path: Path, limit: int | None) -> bytes:
             with archive.open(member) as file:
                 # One byte more than allowed shows that the log is too large.
                 content = file.read(max_size + 1 if limit is None else limit)
-    except _DirectoryTooLarge:
+    except _ReadTooLarge:
         raise Unreadable(
             SourceFact.ARCHIVE_DAMAGED, path=path, reason="directory", kind="zip"
         ) from None
@@ -357,34 +356,55 @@ def _content_of_zip(path: Path, limit: int | None) -> bytes:
     return content
 
 
-class _DirectoryTooLarge(Exception):
-    """The directory of a zip archive is longer than ``MAX_DIRECTORY_BYTES``."""
+class _ReadTooLarge(Exception):
+    """One call would read more bytes than a :class:`_LimitedReader` allows."""
 
 
-class _ArchiveFile(io.BufferedReader):
-    """The file of a zip archive, which refuses to read a directory of more than ``MAX_DIRECTORY_BYTES``.
-
-    As an archive is opened, zipfile reads the whole directory at once and makes an object for each name, however many
-    there are.
+class _LimitedReader(io.BufferedReader):
+    """A file that can refuse to read many bytes at once.
 
     Attributes:
-        is_directory_read: whether zipfile has read the directory, so that it now reads the files in the archive.
+        max_read_size: Largest number of bytes that one call of ``read`` may ask for; None for no limit.
     """
 
-    is_directory_read = False
+    max_read_size: int | None = None
 
     def read(self, size: int | None = -1, /) -> bytes:
         """Returns the next bytes of the file.
 
         Args:
-            size: largest number of bytes; None or -1 for all that follow.
+            size: Largest number of bytes; None or -1 for all that follow, to which the limit does not apply.
 
         Raises:
-            _DirectoryTooLarge: the directory has not been read yet, and is too large.
+            _ReadTooLarge: The number is larger than ``max_read_size``.
         """
-        if not self.is_directory_read and size is not None and size > MAX_DIRECTORY_BYTES:
-            raise _DirectoryTooLarge
+        if self.max_read_size is not None and size is not None and size > self.max_read_size:
+            raise _ReadTooLarge
         return super().read(size)
+
+
+def _open_zip(file: _LimitedReader) -> zipfile.ZipFile:
+    """Opens a zip archive and reads its directory, unless this is longer than ``MAX_DIRECTORY_BYTES``.
+
+    zipfile has no limit of its own: it makes an object for each name in the directory, however many there are. But it
+    reads the directory with a single call of ``read``, before it makes any object. All its other reads on opening are
+    shorter than the limit. So a limit of each read on opening is one of the directory.
+
+    Args:
+        file: The file of the archive. Once the archive is open, its reads are not limited: those of the archive's
+            content are bounded elsewhere.
+
+    Returns:
+        The open archive.
+
+    Raises:
+        _ReadTooLarge: The directory is too long.
+        zipfile.BadZipFile: The directory is damaged or missing.
+    """
+    file.max_read_size = MAX_DIRECTORY_BYTES
+    archive = zipfile.ZipFile(file)
+    file.max_read_size = None
+    return archive
 
 
 def _only_log(archive: zipfile.ZipFile, path: Path) -> zipfile.ZipInfo:

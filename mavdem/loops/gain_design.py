@@ -232,22 +232,37 @@ class GainSearch:
 
         Args:
             stage: stage of tuning.
-            may_lower_bandwidth: whether the rate loop may lose more than a fifth of its bandwidth, since the logged
-                gains lack margin.
+            may_lower_bandwidth: whether the rate loop may become much slower, because the logged gains lack margin.
+                Where they have it, a design that is much slower than they are is not followed.
 
         Returns:
             The step; it has no gains if the logged ones should be kept.
         """
         if stage is Stage.RATE:
             design = self.rate_design()
-            bandwidth = bandwidth_of_estimate(self.models.with_parameters(design).rate)
-            logged_bandwidth = bandwidth_of_estimate(self.models.rate)
-            is_much_slower = bandwidth < MIN_BANDWIDTH_RATIO * logged_bandwidth
-            if is_much_slower and not may_lower_bandwidth:
+            if self._is_much_slower(design) and not may_lower_bandwidth:
                 return NO_STEP
         else:
             design = self.angle_design()
-        design = self._without_small_changes(design)
+        return self._step_towards(self._without_small_changes(design), stage)
+
+    def _is_much_slower(self, design: Parameters) -> bool:
+        """Returns whether the rate loop has less than ``MIN_BANDWIDTH_RATIO`` of its bandwidth with other gains.
+
+        Args:
+            design: the other gains of the rate controller, by the autopilot's name.
+        """
+        bandwidth = bandwidth_of_estimate(self.models.with_parameters(design).rate)
+        logged_bandwidth = bandwidth_of_estimate(self.models.rate)
+        return bandwidth < MIN_BANDWIDTH_RATIO * logged_bandwidth
+
+    def _step_towards(self, design: Parameters, stage: Stage) -> GainStep:
+        """Returns the step from the logged gains towards a design, with notes on what is unusual about it.
+
+        Args:
+            design: gains at the end of the stage, by the autopilot's name; empty to keep the logged ones.
+            stage: stage of tuning.
+        """
         gains = self._gains_for_next_flight(stage, design)
         bounds = self._bound_on_higher_gains(stage, design)
         notes = (*bounds, *self._notes_on_gains(stage, gains))

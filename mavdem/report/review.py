@@ -201,16 +201,17 @@ def review_title(assessment: Assessment) -> Sentence:
 def vehicle_title(log: Log, signals: Signals, analysis: LogAnalysis) -> Sentence:
     """Returns the title of a report on a vehicle: name of the log, vehicle, number of flights, duration and date.
 
+    An example is "00000012.BIN: quadrotor, 85 s armed, 2 flights, 2026-01-05, ArduPilot 4.5.1.".
+
     Args:
         log: the log of a flight, with the messages of each vehicle.
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         analysis: analysis of the vehicle, with its identity and the time that it was armed.
 
     Returns:
-        The title, with the name of the log as its lead.
+        The title as a sentence, with the name of the log as its lead, which is set off before the text.
     """
-    # An autopilot that restarts in a log begins a new boot; flights are found boot by boot.
-    flights = flown_flights(signals)
+    # The template sections/review.toml makes the words. If the log has no date, they use that in its file's name.
     sentences = render_section(
         "review",
         analysis.identity,
@@ -218,10 +219,11 @@ def vehicle_title(log: Log, signals: Signals, analysis: LogAnalysis) -> Sentence
         telemetry=signals.telemetry,
         condition=analysis.condition,
         is_simulated=simulation_fact(signals) is not None,
-        flight_count=len(flights),
+        flight_count=len(flown_flights(signals)),
         day_in_name=day_in_file_name(Path(log.source).name),
     )
-    return Sentence(" ".join(sentence.text for sentence in sentences), _log_name(log))
+    text = " ".join(sentence.text for sentence in sentences)
+    return Sentence(text, lead=_log_name(log))
 
 
 def _log_name(log: Log) -> str:

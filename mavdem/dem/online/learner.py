@@ -492,20 +492,15 @@ class OnlineLearner:
     def _start_fit_when_due(self) -> None:
         """Starts a fit of the model to the samples in the memory, when it is due and no other is running.
 
-        With an executor the result is adopted at a later sample; without one, this function computes the fit and adopts
-        its result. The next fit is due when the number of new samples is ``NEW_SAMPLE_FRACTION`` of the samples of this
-        fit, but not before ``LEARNING_SECONDS`` have passed. If the memory holds more than ``FULL_RATE_SAMPLES``, this
-        time is longer in proportion to the number of samples.
+        With an executor the fit is computed by it, and its result is adopted at a later sample. Without one, this
+        function computes the fit and adopts its result, so that it returns only then.
         """
         is_due = self.refits and self._sample_count >= self._next_fit_sample
         if not is_due or self._pending_fit is not None or not self._memory.blocks:
             return
         record = self._memory.record()
         end_time = self._memory.blocks[-1].end_time
-        least_pause = round(LEARNING_SECONDS / self._dt * max(len(record) / FULL_RATE_SAMPLES, 1.0))
-        self._pause_end_sample = self._sample_count + least_pause
-        new_samples = round(NEW_SAMPLE_FRACTION * len(record))
-        self._next_fit_sample = self._sample_count + max(least_pause, new_samples)
+        self._schedule_next_fit(len(record))
         if self._executor is None:
             self._adopt_fit_result(lambda: _learn_and_monitor(record, self._settings, end_time))
             return
@@ -518,6 +513,23 @@ class OnlineLearner:
             self._retry_later(error)
         if self.no_model_reason == TOO_FEW_SAMPLES:
             self.no_model_reason = self._reason_before_first_model()
+
+    def _schedule_next_fit(self, fitted_samples: int) -> None:
+        """Sets the numbers of the samples at which the pause after a fit ends, and at which the next fit is due.
+
+        A fit to many samples takes long. So the pause is ``LEARNING_SECONDS`` or, of more than ``FULL_RATE_SAMPLES``,
+        longer in proportion to their number. After the pause a fit may start early, for instance after a surprise.
+        Otherwise it starts when the new samples are ``NEW_SAMPLE_FRACTION`` of the fitted ones: fewer would change the
+        model little.
+
+        Args:
+            fitted_samples: number of samples of the fit that begins now.
+        """
+        pause_factor = max(fitted_samples / FULL_RATE_SAMPLES, 1.0)
+        pause_samples = round(LEARNING_SECONDS / self._dt * pause_factor)
+        new_samples = round(NEW_SAMPLE_FRACTION * fitted_samples)
+        self._pause_end_sample = self._sample_count + pause_samples
+        self._next_fit_sample = self._sample_count + max(pause_samples, new_samples)
 
     def _adopt_fit_result(self, result: Callable[[], FreeEnergyMonitor]) -> None:
         """Adopts the model of a finished fit; if the fit failed, keeps the old one and sets ``no_model_reason``.

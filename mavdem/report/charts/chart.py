@@ -81,7 +81,13 @@ class Axis(NamedTuple):
     """Addresses of pages on these things, which a click opens; empty where there are none."""
 
     def as_json(self) -> JsonValues:
-        """Returns the axis by the keys that ``charts.js`` reads."""
+        """Returns the axis as JSON for ``charts.js``, the script that draws the charts of a page.
+
+        Returns:
+            The label, the names and the addresses under their own names, the last only if a thing has one; ``log``,
+            whether the scale is logarithmic; and ``ends``, the limits, whose unknown end the script takes from the
+            lines.
+        """
         values: JsonValues = {
             "label": self.label,
             "log": self.is_logarithmic,

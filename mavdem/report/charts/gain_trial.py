@@ -116,23 +116,23 @@ def twin_charts(axis: str, trial: GainTrial) -> list[Chart]:
 def predicted_step_chart(loops: LoopsByAxis, loop_name: str) -> Chart:
     """Returns the chart of the predicted step responses of one loop, with the gains that flew and any advised ones.
 
-    A step response is computed from the closed-loop frequency response, from setpoint to rate or angle.
+    A step response is computed from the closed-loop frequency response of the estimated plant, from the setpoint to the
+    rate or angle, for ``STEP_SECONDS`` after the step.
 
     Args:
-        loops: loops of one axis, by "now" (with the gains that flew) and, where gains change, "advised".
-        loop_name: "rate" or "attitude".
+        loops: rate and attitude loop of one axis with the gains that flew, under "now"; and with the advised gains,
+            under "advised", if gains change.
+        loop_name: "rate" or "attitude", the loop of which steps are drawn.
     """
     duration = STEP_SECONDS[loop_name]
     time = np.linspace(duration / STEP_POINTS, duration, STEP_POINTS)
     lines = []
     # The line of the present gains is dashed and drawn last, so that both are seen where they are equal.
-    for name, loop in reversed(loops.items()):
-        rate_or_attitude_loop = loop.rate if loop_name == "rate" else loop.attitude
-        closed_loop_response = rate_or_attitude_loop.closed_loop_of_estimate
-        frequency = rate_or_attitude_loop.frequency
-        step = step_from_frequency_response(frequency, closed_loop_response, time)
-        style = LineStyle.DASHES if name == "now" else LineStyle.LINE
-        lines.append(Line(name, GAIN_COLOURS[name], time, step, style=style))
+    for gains, style in (("advised", LineStyle.LINE), ("now", LineStyle.DASHES)):
+        if gains in loops:
+            loop = loops[gains].rate if loop_name == "rate" else loops[gains].attitude
+            step = step_from_frequency_response(loop.frequency, loop.closed_loop_of_estimate, time)
+            lines.append(Line(gains, GAIN_COLOURS[gains], time, step, style=style))
     title = f"{loops['now'].axis.capitalize()} {loop_name}: step"
     return step_chart(title, lines)
 

@@ -232,22 +232,41 @@ def _charted_quantities(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Esti
 
 
 def _motor_deviations(flights: Sequence[AxisRows]) -> tuple[str, Estimates]:
-    """Returns the title and the lines of the chart of how much each motor deviates from the mean of all, %.
+    """Returns the title and the lines of the chart of how much each motor's output deviates from the mean of all, %.
+
+    In wind a vehicle leans, for which its motors must differ. Where the effect of lean is known, it is subtracted
+    (:func:`_trims_without_lean`), so that flights in different winds can be compared. If it is known of no flight, the
+    chart has the deviations that were measured.
 
     Args:
         flights: rows of the vehicle's flights, one for each axis, in the order of date.
 
     Returns:
-        The deviations without lean or, if no flight has them, the deviations of the outputs as they were.
+        Title of the chart, which says whether the effect of lean was subtracted; and the deviation of each motor with
+        the half width of its 90 % interval.
     """
-    trims = _trims_without_lean(flights)
-    if trims:
-        return TRIM_WITHOUT_LEAN_TITLE, trims
+    trims_without_lean = _trims_without_lean(flights)
+    if trims_without_lean:
+        return TRIM_WITHOUT_LEAN_TITLE, trims_without_lean
+    return TRIM_TITLE, _measured_trims(flights)
+
+
+def _measured_trims(flights: Sequence[AxisRows]) -> Estimates:
+    """Returns how much the mean output of each motor in hover deviates from the mean of all motors, %.
+
+    Args:
+        flights: rows of the vehicle's flights, one for each axis, in the order of date.
+
+    Returns:
+        Deviation and half width of its 90 % interval (flights, 2) by the name of the motor, NaN where not known.
+    """
     motors = _motor_names(flights)
+    # The column has the output of each motor, divided by the mean of all motors: 1 is no deviation.
     relative_outputs = _estimates_of_column(flights, "trim_share", len(motors))
-    # The outputs are relative to their mean, so that 1 is no deviation. The half width stays the same.
-    deviations = PERCENT * (relative_outputs - [1.0, 0.0])
-    return TRIM_TITLE, dict(zip(motors, deviations, strict=True))
+    trims: Estimates = {}
+    for motor, (outputs, half_widths) in zip(motors, relative_outputs.swapaxes(1, 2), strict=True):
+        trims[motor] = PERCENT * np.column_stack([outputs - 1.0, half_widths])
+    return trims
 
 
 def _trims_without_lean(flights: Sequence[AxisRows]) -> Estimates:

@@ -7,6 +7,7 @@ import numpy as np
 
 from mavdem.dataset.axes import AXES
 from mavdem.facts.fleet import QuantityOutcome
+from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.quantities import LOOP_KINDS, SHARE
 from mavdem.fleet.report_columns import NOT_IDENTIFIABLE, value_at
@@ -376,22 +377,25 @@ def _paired_groups(charts: Sequence[Chart], caption: str = "") -> list[Group]:
 def _series_chapter(
     flights: tuple[FlightSeries | None, FlightSeries | None], series_charts: Sequence[Chart]
 ) -> Chapter:
-    """Returns the chapter with the charts over time that the page does not show elsewhere, roll beside pitch.
+    """Returns the chapter with the charts over time that are in no other part of the page.
 
-    The row at the top of the page, and the chapter of the motors, show the others. A sentence names each side whose
-    time series were not stored.
+    The charts of ``OVERVIEW_SERIES`` stand at the top of the page, and those of ``MOTOR_OUTPUTS`` in the chapter of the
+    motors. The others stand here in pairs, such as roll beside pitch. A sentence above them names each side whose time
+    series were not stored, so that its lines are missing.
 
     Args:
         flights: time series of flight A and of flight B; None where they were not stored with the flight.
-        series_charts: charts of the time series of both flights.
+        series_charts: all charts of the time series of both flights.
     """
     sides_without_series = []
-    for side, series in zip(SIDE_COLOURS, flights, strict=True):
+    for side, series in zip(STATE_NAMES, flights, strict=True):
         if series is None:
             sides_without_series.append(side)
     remarks = render_section("difference_series", lacking=sides_without_series)
-    titles_shown_elsewhere = (*OVERVIEW_SERIES, *MOTOR_OUTPUTS)
-    charts = [chart for chart in series_charts if chart.title not in titles_shown_elsewhere]
+    charts = []
+    for chart in series_charts:
+        if chart.title not in OVERVIEW_SERIES and chart.title not in MOTOR_OUTPUTS:
+            charts.append(chart)
     return Chapter("Attitude, tracking and more over time", remarks, _paired_groups(charts))
 
 

@@ -228,9 +228,10 @@ def render_server_page(name: str, /, **values: Any) -> str:
 
 
 def first_plots(history: TimeHistory) -> str:
-    """Renders the plots that a flight's page shows while its log is still being read, with the events in them.
+    """Renders the plots of a flight that are shown before its full page is ready, and a table of its events.
 
-    They are the charts over time that need no identified model, such as angles with their setpoints.
+    Learning a model takes much longer than reading a log. So visitors first see the plots that need no model: charts
+    over time, such as the motors, and the angles with their setpoints. Lines in them mark the events.
 
     Args:
         history: signals and events of the flight over time.
@@ -239,12 +240,12 @@ def first_plots(history: TimeHistory) -> str:
         Part of a page as HTML.
     """
     timeline = history_timeline(history)
-    charts_by_axis = {}
+    marked_charts_by_axis = {}
     for axis, charts in timeline.axis_charts.items():
         if charts:
-            # All charts get the time axis and the event lines of the flight.
-            charts_by_axis[axis] = [timeline.marked(chart) for chart in charts]
-    groups = [Group((timeline.overview,)), Group.of_axes(charts_by_axis)]
+            marked_charts_by_axis[axis] = [timeline.marked(chart) for chart in charts]
+    # The charts of the whole vehicle are above each other, below them the axes are side by side.
+    groups = [Group((timeline.overview,)), Group.of_axes(marked_charts_by_axis)]
     # A flight without attitudes has no charts of axes.
     groups_with_charts = [group for group in groups if any(group.columns)]
     return render_server_page(

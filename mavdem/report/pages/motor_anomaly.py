@@ -53,12 +53,15 @@ SECTION_CLASSES = {Level.BAD: "doubted", Level.WATCH: "lacking"}
 """The class of a section with a result, by the level of the result."""
 
 MOTORS_LIGHT = re.compile(
-    r'(<div data-light="motors"><dt>.*?</dt>)'
-    r'<dd class="(\w+)"(?: data-alone="(\w+)")?>\w+</dd><dd class="soft">(?:<b>[^<]*</b> )?'
+    r'(?P<heading><div data-light="motors"><dt>.*?</dt>)'
+    r'<dd class="(?P<level>\w+)"(?: data-alone="(?P<level_of_log>\w+)")?>\w+</dd>'
+    r'<dd class="soft">(?:<b>[^<]*</b> )?(?P<sentence>.*?)</dd>',
+    re.DOTALL,
 )
-"""The light of the motors on a flight's page: its heading, the shown level, and the level by the log alone.
+"""The light of the motors on a flight's page: its heading, its level, and the sentence that explains the level.
 
-The third group is empty if both levels are the same. The last part is a note that the levels differ, if they do.
+``level_of_log`` is the level by this log alone. The page states it, as ``data-alone`` and in a note before the
+sentence, only if an anomaly has changed the level. The template ``motors_light.html`` writes this part of a page.
 """
 
 
@@ -235,24 +238,22 @@ def _result_html(result: re.Match[str], anomaly: MotorAnomaly | None) -> str:
 
 
 def _light_html(light: re.Match[str], anomaly: MotorAnomaly | None) -> str:
-    """Returns the beginning of the HTML of the motors' status light, with the worse of two levels.
+    """Returns the HTML of the motors' status light with the worse of two levels.
 
-    One level is by the log of the flight alone. The other is the level of the anomaly, which only a comparison with
-    other flights shows. If the anomaly is worse, the attribute ``data-alone`` keeps the level by the log alone, so that
-    the change can be undone.
+    One is the level that the flight's own log shows. The other is the level of the anomaly, which only a comparison
+    with other flights shows. If the anomaly is worse, the HTML states the level of the log too, from which a later call
+    restores the light.
 
     Args:
-        light: match of ``MOTORS_LIGHT`` in the page: the heading, the shown level, and the level by the log alone,
-            which is None if the shown level is that.
+        light: match of ``MOTORS_LIGHT`` in the page, in which an earlier call may have changed the level.
         anomaly: the anomaly of the motors; None without any.
     """
-    heading, shown_level, level_alone = light.groups()
-    level_of_log = Level(level_alone or shown_level)
+    level_of_log = Level(light["level_of_log"] or light["level"])
     level = level_of_log if anomaly is None else motors_level(level_of_log, anomaly.level)
-    if level is level_of_log:
-        return f'{heading}<dd class="{level}">{level}</dd><dd class="soft">'
-    note = f"Beside other flights {level} (above), by this log alone {level_of_log}:"
-    return (
-        f'{heading}<dd class="{level}" data-alone="{level_of_log}">{level}</dd>'
-        f'<dd class="soft"><b>{note}</b> '
+    return render_page(
+        environment().get_template("motors_light.html"),
+        heading=light["heading"],
+        level=level,
+        level_of_log=level_of_log,
+        sentence=light["sentence"],
     )
