@@ -118,14 +118,25 @@ class BootClock:
         Returns:
             The time, s of the boot clock; None if the stamp does not continue the clock, and no new clock is proven.
         """
-        time = self._unwrapped_time(message)
+        unwrapped_time = self._unwrapped_time(message)
         has_caught_up = self._restarted_clock_has_caught_up(message.stamp)
-        continues_clock = _continues(time, self.now) and not has_caught_up
-        if not continues_clock:
-            if not self._begins_new_clock(message.stamp):
-                return None
+        if _continues(unwrapped_time, self.now) and not has_caught_up:
+            time = unwrapped_time
+        elif self._begins_new_clock(message.stamp):
             # A new clock has not wrapped yet.
             time = message.stamp
+        else:
+            return None
+        self._continue_from(time, message)
+        return time
+
+    def _continue_from(self, time: float, message: Message) -> None:
+        """Updates the clock, and what is measured of it, by an attitude that belongs to it.
+
+        Args:
+            time: time of the attitude, s of the boot clock.
+            message: the attitude, with its stamp, whose counter begins again after ``wrap_period``, s.
+        """
         # The two attitude messages may wrap differently, so the wraps are counted again from the time that was found.
         self._wraps = 0
         if isfinite(message.wrap_period):
@@ -138,7 +149,6 @@ class BootClock:
         self._boot_time = self._reception_time - time
         # The present clock is still in use, so that the stamps of another one were none of this vehicle's.
         self._stamps_of_new_clock.clear()
-        return time
 
     def _begins_new_clock(self, stamp: float) -> bool:
         """Collects a stamp that does not continue the clock, and restarts the clock if a new clock is proven by it.

@@ -86,9 +86,16 @@ class GradualLossWatch:
             return
         self._blocks.append(completed_block)
         is_search_due = time - self._search_time >= SEARCH_PERIOD
-        if not is_search_due:
-            return
-        self._search_time = time
+        if is_search_due:
+            self._search_time = time
+            self._search(time)
+
+    def _search(self, time: float) -> None:
+        """Searches the blocks of the latest two minutes for a slow loss, which begins, is confirmed, or is over.
+
+        Args:
+            time: time of the search, s of the boot clock.
+        """
         # Blocks are means over a short time: B of them, of k motors.
         block_ends = np.array([block.end for block in self._blocks])
         block_commands = np.array([block.commands for block in self._blocks])
@@ -102,7 +109,8 @@ class GradualLossWatch:
             recent_command = self._relative_command(self.loss, block_commands, is_recent)
             rise_by_loss = self._weak_command - self._sound_command
             recent_rise = recent_command - self._sound_command
-            if recent_rise < HALF_CHANGE * rise_by_loss:
+            is_nearer_to_sound = recent_rise < HALF_CHANGE * rise_by_loss
+            if is_nearer_to_sound:
                 self.loss = None
 
     def _update_loss(self, loss: MotorChange, block_ends: Array, block_commands: Array) -> None:

@@ -56,7 +56,7 @@ class ModelJudging:
         self._executor = executor
         self._recording_name = recording_name
         self._pending: Future[JudgedModel] | None = None
-        self._next_time = 0.0
+        self._next_judging_time = 0.0
 
     def update(
         self,
@@ -84,16 +84,17 @@ class ModelJudging:
         if self._pending is not None:
             self._take_result(self._pending)
             return
+        is_due = now >= self._next_judging_time
+        if self._executor is None or is_busy or not is_due:
+            return
         model = learning.newest_model
         row_format = learning.row_format
-        if self._executor is None or model is None or row_format is None:
-            return
         has_physical_parameters = (
             learning.estimate is not None and learning.estimate.physical is not None
         )
-        if not has_physical_parameters or is_busy or now < self._next_time:
+        if model is None or row_format is None or not has_physical_parameters:
             return
-        self._next_time = now + JUDGING_PERIOD
+        self._next_judging_time = now + JUDGING_PERIOD
         named_model = learning.named_model(model, stream.parameters)
         if not _has_same_motors(row_format, named_model):
             return

@@ -213,10 +213,10 @@ class FlightLearning:
             row: the sample, of one time, that the learner was updated with.
             model: the learner's latest model; None before any.
         """
-        if row.is_settled:
-            self.has_settled = True
-        else:
+        if not row.is_settled:
             self._climb_model = model
+            return
+        self.has_settled = True
         is_known_model = model in (self.newest_model, self._climb_model)
         if model is not None and not is_known_model:
             self.newest_model = model

@@ -154,6 +154,19 @@ class ReceivedPiece(NamedTuple):
     """The bytes."""
 
 
+class _ReadPiece(NamedTuple):
+    """A datagram, or the bytes that a stream had at one moment, before it is decided whether it may be used."""
+
+    arrival_time: float
+    """Time of arrival, UNIX s."""
+
+    data: bytes
+    """The bytes; none for an empty datagram, or where the other side of a stream has closed."""
+
+    address: Any = None
+    """The address that it came from, as the socket module gives it; None unless ``udpin`` receives from many."""
+
+
 class Link:
     """A link to a MAVLink vehicle or router: one socket or serial port, which receives and sends bytes.
 
@@ -186,9 +199,6 @@ class Link:
         self._refused_addresses: dict[bytes, Any] = {}
         self._reported_ids = set[bytes]()
         self._reopen_time = 0.0
-        # Arrival of the latest piece, UNIX s, and the address that it came from.
-        self._arrival = 0.0
-        self._piece_address: Any = None
         # What is open: of a TCP server the listening socket, and with a client the client's; else one of the others.
         self._server: socket.socket | None = None
         self._socket: socket.socket | None = None
@@ -228,30 +238,28 @@ class Link:
                 is_readable = source.wait(timeout)
             if not is_readable:
                 return received
-            # It holds for all pieces of this call that the kernel does not stamp.
-            self._arrival = time.time()
+            read_time = time.time()
             if self._server is not None and self._socket is None:
                 # What became readable is the listening socket: its client connects.
-                self._socket, _ = self._server.accept()
-                _enable_probes(self._socket)
-                self._socket.setblocking(False)
+                self._socket = _accepted_client(self._server)
             while len(received) < MAX_PIECES:
-                piece = self._read_piece()
+                piece = self._read_piece(read_time)
                 if piece is None:
                     break
-                if not piece:
-                    # An empty datagram means nothing, an empty read of a stream that it has ended.
-                    if self.has_datagrams:
-                        continue
-                    # The other side has closed. What came before is returned first, and the next call raises.
-                    if received:
-                        break
+                is_end_of_stream = not piece.data and not self.has_datagrams
+                if is_end_of_stream and not received:
                     self._raise_lost(LinkError.CLOSED)
+                if is_end_of_stream:
+                    # What came before is returned first, and the next call raises.
+                    break
+                is_empty_datagram = not piece.data
+                if is_empty_datagram:
+                    continue
                 if self._is_admitted(piece):
-                    received.append(ReceivedPiece(self._arrival, piece))
+                    received.append(ReceivedPiece(piece.arrival_time, piece.data))
                 else:
                     # Nothing is sent to a vehicle that only shares the ids.
-                    self._peers.pop(self._piece_address, None)
+                    self._peers.pop(piece.address, None)
         except OSError as error:
             # What came before the error is returned first; a lasting error comes again in the next call.
             if not received:
@@ -415,28 +423,32 @@ class Link:
         """What becomes readable when something comes; None while the link is not open."""
         return self._socket or self._server or self._serial
 
-    def _read_piece(self) -> bytes | None:
-        """Reads the next piece from whatever is open, without waiting, and notes its arrival and sender.
+    def _read_piece(self, read_time: float) -> _ReadPiece | None:
+        """Reads the next piece from whatever is open, without waiting.
 
-        Only ``udpin`` has more than one possible sender. Its address is noted for replies (``send``), and to tell
-        apart two autopilots with the same ids (``_is_admitted``).
+        Only ``udpin`` has more than one possible sender. Its address is also noted for replies (``send``).
+
+        Args:
+            read_time: present time, UNIX s: the time of arrival of a piece that the kernel does not stamp.
 
         Returns:
-            A datagram or some bytes of a stream; empty bytes for an empty datagram, or where the other side of a stream
-            has closed; None if nothing waits.
+            A datagram or some bytes of a stream; None if nothing waits.
         """
         try:
             if self._serial is not None:
-                return self._serial.read()
+                data = self._serial.read()
+                return None if data is None else _ReadPiece(read_time, data)
             if self._socket is None:
                 return None
             if self.has_datagrams and SO_TIMESTAMPNS:
-                piece, address = self._read_stamped_datagram(self._socket)
+                piece = self._read_stamped_datagram(self._socket, read_time)
             else:
-                piece, address = self._socket.recvfrom(MAX_PIECE_BYTES)
+                data, address = self._socket.recvfrom(MAX_PIECE_BYTES)
+                piece = _ReadPiece(read_time, data, address)
             if self._kind is LinkKind.UDP_IN:
-                self._remember_peer(address)
-            return piece
+                self._remember_peer(piece.address)
+                return piece
+            return piece._replace(address=None)
         except (BlockingIOError, ConnectionRefusedError):
             # A datagram is refused where the last one sent had no receiver.
             return None
@@ -446,7 +458,7 @@ class Link:
                 return None
             raise
 
-    def _read_stamped_datagram(self, opened: socket.socket) -> tuple[bytes, Any]:
+    def _read_stamped_datagram(self, opened: socket.socket, read_time: float) -> _ReadPiece:
         """Reads a datagram with its arrival by the kernel, which is exact even if it has waited to be read.
 
         It also takes the kernel's count of datagrams that were dropped since the socket was opened. Both come with the
@@ -454,20 +466,22 @@ class Link:
 
         Args:
             opened: a UDP socket with the options ``SO_TIMESTAMPNS`` and ``SO_RXQ_OVFL``.
+            read_time: present time, UNIX s, for a datagram without a stamp.
 
         Returns:
-            The datagram, and the address of its sender.
+            The datagram, with the address of its sender.
         """
         # Windows has no such method, nor such options of sockets.
         receive_message: Any = getattr(opened, "recvmsg", None)
-        piece, ancillary, _, address = receive_message(MAX_PIECE_BYTES, ANCILLARY_BYTES)
+        data, ancillary, _, address = receive_message(MAX_PIECE_BYTES, ANCILLARY_BYTES)
+        arrival_time = read_time
         for _, option, value in ancillary:
             if option == SO_TIMESTAMPNS:
                 seconds, nanoseconds = struct.unpack("@2l", value)
-                self._arrival = seconds + 1e-9 * nanoseconds
+                arrival_time = seconds + 1e-9 * nanoseconds
             elif option == SO_RXQ_OVFL:
                 self.dropped_datagrams = struct.unpack("@I", value)[0]
-        return piece, address
+        return _ReadPiece(arrival_time, data, address)
 
     def _remember_peer(self, address: Any) -> None:
         """Notes that a datagram came from ``address``, so that ``send`` replies to it.
@@ -482,10 +496,9 @@ class Link:
             oldest_address = min(self._peers, key=lambda peer: self._peers[peer])
             del self._peers[oldest_address]
         self._peers[address] = time.monotonic()
-        self._piece_address = address
 
-    def _is_admitted(self, datagram: bytes) -> bool:
-        """Returns whether the latest datagram may be used: each autopilot is accepted from one network address only.
+    def _is_admitted(self, piece: _ReadPiece) -> bool:
+        """Returns whether a datagram may be used: each autopilot is accepted from one network address only.
 
         Two vehicles with the same MAVLink ids, a common mistake with new autopilots, would be read as one vehicle that
         jumps between two attitudes. The address that was heard first counts until it is silent for ``SILENCE_SECONDS``,
@@ -493,11 +506,11 @@ class Link:
         refused are there really two senders, which is reported once for each pair of ids.
 
         Args:
-            datagram: the latest piece; its sender is ``_piece_address``. Only its first frame is looked at. Frames of
-                other components than autopilots are always accepted.
+            piece: the datagram, with the address of its sender. Only its first frame is looked at. Frames of other
+                components than autopilots are always accepted, and so is what has no address.
         """
-        address = self._piece_address
-        ids = _ids_of_autopilot(datagram)
+        address = piece.address
+        ids = _ids_of_autopilot(piece.data)
         if ids is None or address is None:
             return True
         now = time.monotonic()
@@ -665,6 +678,18 @@ def _cannot_open(
         error=message,
         duration=float(CONNECT_SECONDS),
     )
+
+
+def _accepted_client(server: socket.socket) -> socket.socket:
+    """Accepts the client that connects to a TCP server, and returns its socket, which never waits.
+
+    Args:
+        server: the listening socket, which has become readable.
+    """
+    client, _ = server.accept()
+    _enable_probes(client)
+    client.setblocking(False)
+    return client
 
 
 def _enable_probes(connection: socket.socket) -> None:

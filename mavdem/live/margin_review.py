@@ -230,7 +230,7 @@ class MarginReview:
         self._has_new_messages = False
         # When the latest review began, and when the next one may begin, s of the monotonic clock.
         self._start_time = -inf
-        self._next_time = inf
+        self._next_review_time = inf
 
     def add_messages(
         self, stamp: float, frames: Sequence[Frame], vehicle: Component | None
@@ -262,6 +262,24 @@ class MarginReview:
             is_busy: whether this computer has no time for a review now.
             is_recording_assessed: whether the recording of the flight is assessed after its landing.
         """
+        self._note_phase(now, stream)
+        if self._pending is not None:
+            self._take_result(self._pending)
+            return
+        is_due = now >= self._next_review_time and not is_busy
+        is_left_to_assessment = is_recording_assessed and not stream.is_flying
+        # Without setpoints of the body rate a review would show no more than the model does.
+        is_needed = self.has_rate_setpoint and self._has_new_messages
+        if is_due and is_needed and not is_left_to_assessment:
+            self._start_review(now, stream)
+
+    def _note_phase(self, now: float, stream: LiveStream) -> None:
+        """Notes a take-off, which begins the reviews of another flight, and what has come for the next review.
+
+        Args:
+            now: present time, s of the monotonic clock.
+            stream: stream of the vehicle.
+        """
         has_taken_off = stream.is_flying and not self._was_flying
         has_just_landed = self._was_flying and not stream.is_flying
         self._was_flying = stream.is_flying
@@ -271,17 +289,16 @@ class MarginReview:
             self._has_new_messages = True
         if stream.is_flying and stream.has_rate_setpoint:
             self.has_rate_setpoint = True
-        if self._pending is not None:
-            self._take_result(self._pending)
-            return
-        if is_recording_assessed and not stream.is_flying:
-            return
+
+    def _start_review(self, now: float, stream: LiveStream) -> None:
+        """Starts a review of the messages so far in the executor, if there is one and the vehicle is known.
+
+        Args:
+            now: present time, s of the monotonic clock.
+            stream: stream of the vehicle.
+        """
         vehicle = stream.followed_vehicle
-        # Without setpoints of the body rate a review would show no more than the model does.
-        is_needed = self.has_rate_setpoint and self._has_new_messages
-        if self._executor is None or vehicle is None or not is_needed:
-            return
-        if is_busy or now < self._next_time:
+        if self._executor is None or vehicle is None:
             return
         self._has_new_messages = False
         self._start_time = now
@@ -307,7 +324,7 @@ class MarginReview:
         self.has_rate_setpoint = False
         # A review of the flight before is given up.
         self._pending = None
-        self._next_time = now + FIRST_REVIEW_SECONDS
+        self._next_review_time = now + FIRST_REVIEW_SECONDS
 
     def _take_result(self, pending: Future[ReviewedMargins]) -> None:
         """Takes the result of a review that the executor has finished, and sets when the next one may begin.
@@ -327,4 +344,4 @@ class MarginReview:
             self.margins, processor_seconds = pending.result()
             # After a long review the next one begins later, so that reviews take a small share of the processor.
             period = max(period, processor_seconds / MAX_PROCESSOR_SHARE)
-        self._next_time = self._start_time + period
+        self._next_review_time = self._start_time + period

@@ -77,11 +77,13 @@ class Milestones:
         # Whether the vehicle has flown since a flight was reported last, and why there was no wind in that flight.
         self._has_flown = False
         self._no_wind_reason: Fact | None = None
-        # Whether the vehicle flew at the latest update; when the flight ended that is not reported yet, s of the boot
-        # clock; how many rows had been learned from at the last report of a flight; and the mean wind of the flight.
-        self._was_flying = False
+        # The mean wind of the latest flight; None without an estimate.
         self._mean_wind: WindEstimate | None = None
+        # Whether the vehicle flew at the latest update.
+        self._was_flying = False
+        # When the flight ended that is not reported yet, s of the boot clock; None without one.
         self._unreported_end: float | None = None
+        # How many rows had been learned from at the last report of a flight.
         self._reported_rows = 0
         # The flight whose verdict is reported when another one begins; None before any.
         self._latest_flight: _FlightSummary | None = None
@@ -129,11 +131,7 @@ class Milestones:
             boot: number of the present boot.
         """
         if boot != self._boot:
-            self._boot = boot
-            if self._latest_flight is not None and self._was_flying:
-                self._latest_flight = self._latest_flight._replace(is_lost_in_air=True)
-            # Just after a restart it is not known whether the vehicle flies; that is no landing.
-            self._was_flying = False
+            self._note_restart(boot)
         self._summarise_flight(status)
         physical = _latest_physical(learning)
         are_parameters_known = physical is not None and physical.identifiable
@@ -148,6 +146,18 @@ class Milestones:
         if self._unreported_end is not None and is_end_known:
             self._report_flight(learning, status, self._unreported_end, physical)
             self._unreported_end = None
+
+    def _note_restart(self, boot: int) -> None:
+        """Notes that the autopilot has restarted: where it did so in flight, the end of that flight is not known.
+
+        Args:
+            boot: number of the new boot.
+        """
+        self._boot = boot
+        if self._latest_flight is not None and self._was_flying:
+            self._latest_flight = self._latest_flight._replace(is_lost_in_air=True)
+        # Just after a restart it is not known whether the vehicle flies; that is no landing.
+        self._was_flying = False
 
     def _summarise_flight(self, status: SessionStatus) -> None:
         """Notes the verdict on the latest flight, and reports it when another flight has begun.

@@ -193,7 +193,7 @@ class _MessageInterval:
     """Rate that was accepted last, Hz: the requested one, or a lower one after ``MAX_TRIES`` settings in vain."""
 
     may_have_changed: bool = False
-    """Whether the vehicle may have changed it on request."""
+    """Whether the vehicle may have changed it on request: a setting was sent, and none was refused."""
 
     may_be_forgotten: bool = False
     """Whether the vehicle may have rebooted since the interval was set last, and have forgotten it."""
@@ -220,6 +220,42 @@ class _MessageInterval:
         self.may_be_forgotten = self.may_have_changed
         self.request_time = NEVER
         self.needed_rate = MIN_RATE_RATIO * self.rate
+
+    def note_rate(self, rate: float) -> None:
+        """Takes the measured rate of the message, Hz: whether it comes, and whether it is fast enough.
+
+        If it is, the settings are counted anew. It was reached because of a setting only if there was one.
+        """
+        self.was_received = self.was_received or rate > 0
+        self.is_absent = self.is_absent and rate == 0
+        if rate >= self.needed_rate:
+            self.set_count = 0
+            self.was_reached = self.may_have_changed
+
+    def note_setting(self, now: float, rate: float) -> None:
+        """Notes that the requested rate is set now, since the measured one is too low.
+
+        If the vehicle has not reported its own interval when it was queried, the measured one is restored at the end in
+        its place; at a rate of 0 the message was not sent.
+
+        Args:
+            now: s of a monotonic clock.
+            rate: measured rate, Hz.
+        """
+        if self.former_interval is None:
+            self.former_interval = round(MICROSECONDS / rate) if rate else STOPPED
+        self.reachable_rate = self.rate
+        self.needed_rate = MIN_RATE_RATIO * self.rate
+        self.may_be_forgotten = False
+        self.was_reached = False
+        self.set_count += 1
+        self.may_have_changed = True
+        self.request_time = now
+
+    def accept_present_rate(self, rate: float) -> None:
+        """Ends the settings, which did not help: a little less than the present rate, Hz, is enough from now on."""
+        self.reachable_rate = rate
+        self.needed_rate = MIN_RATE_RATIO * rate
 
     def leave_as_it_is(self) -> None:
         """Ends all settings of the interval, which the vehicle has refused to change."""
@@ -375,30 +411,22 @@ class RateRequest:
            restored at the end of the session. If the rate had been reached before, its fall is reported.
 
         Args:
-            interval: the message, and what became of its earlier settings; it is updated. Of its fields,
-                ``may_have_changed`` says that a setting was sent and not refused, and ``was_reached`` that the rate was
-                enough afterwards.
+            interval: the message, and what became of its earlier settings; it is updated.
             now: s of a monotonic clock.
             rate: measured rate of the message, Hz; 0 where none came.
 
         Returns:
             A frame with MAV_CMD_SET_MESSAGE_INTERVAL, or nothing.
         """
-        interval.was_received = interval.was_received or rate > 0
-        interval.is_absent = interval.is_absent and rate == 0
+        interval.note_rate(rate)
         if rate >= interval.needed_rate:
-            interval.set_count = 0
-            # It was reached because of a setting only if there was one.
-            interval.was_reached = interval.may_have_changed
             return []
         # Against another ground station that sets rates back, requests are rarer than while a rate is first reached.
         pause = REPEAT_SECONDS if interval.was_reached else RATE_WINDOW_SECONDS
         if interval.may_have_changed and now - interval.request_time < pause:
             return []
         if interval.set_count == MAX_TRIES:
-            # A little less than the present rate is enough from now on, so that this branch is not entered again.
-            interval.reachable_rate = rate
-            interval.needed_rate = MIN_RATE_RATIO * rate
+            interval.accept_present_rate(rate)
             self._report_message(
                 interval, RateFact.RATE_BELOW_ASKED, rate=rate, needed_rate=interval.rate
             )
@@ -407,17 +435,7 @@ class RateRequest:
             return []
         if interval.was_reached:
             self._report_fall(interval, rate)
-        # The vehicle did not report its interval when it was queried: the measured one is restored in its place. At a
-        # rate of 0 the message was not sent.
-        if interval.former_interval is None:
-            interval.former_interval = round(MICROSECONDS / rate) if rate else STOPPED
-        interval.reachable_rate = interval.rate
-        interval.needed_rate = MIN_RATE_RATIO * interval.rate
-        interval.may_be_forgotten = False
-        interval.was_reached = False
-        interval.set_count += 1
-        interval.may_have_changed = True
-        interval.request_time = now
+        interval.note_setting(now, rate)
         # Confirmations do not name the message, so the next setting waits for this one's, or until it is lost.
         self._next_setting_time = now + RETRY_SECONDS
         microseconds = round(MICROSECONDS / interval.rate)

@@ -43,7 +43,7 @@ from mavdem.live.milestones import Milestones
 from mavdem.live.presentation import OpenDisplay, Presentation
 from mavdem.live.rate_negotiation import RateNegotiation
 from mavdem.live.raw_recording import RawRecording
-from mavdem.live.rows import AlignedRow
+from mavdem.live.rows import AlignedRow, RowFormat
 from mavdem.live.session_status import STATUS_PERIOD, SessionStatus
 from mavdem.live.silence import SUCCESSION_SECONDS, SilenceMonitor, resumption
 from mavdem.live.status_report import StatusReport
@@ -450,36 +450,54 @@ class LiveSession:
         """Trains the model with one row, that is one sample of motor outputs and motion at one time, and shows it.
 
         All rows are shown. The learner gets rows of free flight only, in which the vehicle is in the air and nothing
-        holds it, unless this computer is so late that estimates are postponed. The latency is the time from the
-        packet's arrival to the estimate, without the time for drawing.
+        holds it. The latency is the time from the packet's arrival to the estimate, without the time for drawing.
 
         Args:
             row: motor outputs and motion at one time on the boot clock.
             arrival_time: arrival of the packet that completed the row, s of the monotonic clock.
         """
-        # The stream sets the format before its first row.
+        # The stream sets the format before its first row. Each segment of rows has a format object of its own.
         row_format = self.stream.row_format
         assert row_format is not None
         learning = self._learning
         is_new_segment = row_format is not learning.row_format
         if is_new_segment:
-            # A segment of the stream has a format object of its own; its rows may have other motors or another step.
-            learning.begin(row_format)
-            self.history.motor_names = row_format.geometry.names
-            self._presentation.open(row_format)
+            self._begin_segment(row_format)
         learning.is_free_flight = row.is_free_flight
-        estimate: Estimate | None = None
-        if row.is_free_flight and self.backlog.postpones(DelayedWork.ESTIMATES):
-            self._postponed_rows += 1
-        elif row.is_free_flight:
-            # While a motor is weak, the other motors balance its missing thrust, and that torque is not the wind's.
-            estimate = learning.learn_row(row, self.stream.motor_alarms.weak_since)
+        estimate = self._learn_row(row)
         self._latencies.add(clock.monotonic() - arrival_time)
         learning.note_estimate(estimate)
         wind = self.stream.wind.latest
         self._presentation.add_to_history(row, row_format, estimate, wind, self.stream.pose)
         model = None if learning.learner is None else learning.learner.learned
         self._presentation.show(row, self.stream.pose, estimate, model, wind)
+
+    def _begin_segment(self, row_format: RowFormat) -> None:
+        """Prepares learner, history and display for a new segment, whose rows may have other motors or another step.
+
+        Args:
+            row_format: names of motors and outputs, units and time step of the rows that follow.
+        """
+        self._learning.begin(row_format)
+        self.history.motor_names = row_format.geometry.names
+        self._presentation.open(row_format)
+
+    def _learn_row(self, row: AlignedRow) -> Estimate | None:
+        """Passes a row of free flight to the learner, or counts it if this computer has no time for estimates.
+
+        Args:
+            row: motor outputs and motion at one time on the boot clock.
+
+        Returns:
+            The learner's estimate; None if the learner did not get the row or could not use it.
+        """
+        if not row.is_free_flight:
+            return None
+        if self.backlog.postpones(DelayedWork.ESTIMATES):
+            self._postponed_rows += 1
+            return None
+        # While a motor is weak, the other motors balance its missing thrust, and that torque is not the wind's.
+        return self._learning.learn_row(row, self.stream.motor_alarms.weak_since)
 
     def _withdraw_landing_or_loss(self) -> None:
         """Removes a landing or a loss of control, once it is recognised, from the samples that the model is trained on.
@@ -525,20 +543,8 @@ class LiveSession:
         if _without_measurements(reason) == _without_measurements(former_reason):
             return
         self._reported_reason = reason
-        if self._is_reported_otherwise(reason, former_reason, status):
-            return
-        if reason is None:
-            report = Fact(SessionFact.BEING_LEARNED, Level.GOOD)
-        elif reason.code is SessionFact.FLIGHT_OVER and status.loss is not None:
-            # The loss was an alarm, which said what to do: that is not repeated as the reason of the end.
-            report = reason.replace(reason=None)
-        else:
-            report = reason
-        is_alarmed = any(alarm.is_bad for alarm in status.active_alarms)
-        if is_alarmed:
-            # During an alarm, the report must not advise the pilot to fly on: ``grounded`` is without such advice.
-            report = report.without_flight_advice
-        self._presentation.log(report)
+        if not self._is_reported_otherwise(reason, former_reason, status):
+            self._presentation.log(_report_on_learning(reason, status))
 
     def _is_reported_otherwise(
         self, reason: Fact | None, former_reason: Fact | None, status: SessionStatus
@@ -687,12 +693,7 @@ class LiveSession:
             # The recording would end in the air, before the landing is complete: the advice has to wait.
             return
         if is_at_end:
-            has_flown = self._learning.has_settled or self.stream.is_flying
-            if has_flown and not self._learning.has_landed:
-                # After a landing the advice is due anyway.
-                adviser.is_due = True
-            if adviser.is_awaited:
-                self._presentation.log(Fact(GainFact.ADVICE_AWAITED, duration=MAX_WAIT_SECONDS))
+            self._announce_final_advice(adviser)
         advice = adviser.update(vehicle.name, is_busy=self.backlog.is_late, is_at_end=is_at_end)
         self._log_advice(advice, adviser.judgement)
         # The judgement of the recording says more than the judgement of the live model, and replaces it. But in flight
@@ -700,6 +701,18 @@ class LiveSession:
         is_of_latest_flight = is_at_end or not self.stream.is_flying
         if adviser.judgement is not None and is_of_latest_flight:
             self.judging.use_judgement_of_recording(adviser.judgement)
+
+    def _announce_final_advice(self, adviser: GainAdviser) -> None:
+        """Makes advice due at the end of a session in flight, and reports if the end will wait for advice.
+
+        Args:
+            adviser: computes the advice. After a landing it is due anyway, or has been given.
+        """
+        has_flown = self._learning.has_settled or self.stream.is_flying
+        if has_flown and not self._learning.has_landed:
+            adviser.is_due = True
+        if adviser.is_awaited:
+            self._presentation.log(Fact(GainFact.ADVICE_AWAITED, duration=MAX_WAIT_SECONDS))
 
     def _log_advice(self, advice: Facts, judgement: Judgement | None) -> None:
         """Reports the stability margins that the recording shows, if they are known, and then the advice on gains.
@@ -740,6 +753,27 @@ class LiveSession:
         """Restores the vehicle's rates, which it must confirm, and ends the recording."""
         self._rates.restore()
         self.intake.end_recording()
+
+
+def _report_on_learning(reason: Fact | None, status: SessionStatus) -> Fact:
+    """Returns the report why no model is learned now, or that one is, in the form that fits the present status.
+
+    Args:
+        reason: why no model is learned now; None if one is.
+        status: the present status of the session, with its alarms and the loss of the vehicle.
+    """
+    if reason is None:
+        report = Fact(SessionFact.BEING_LEARNED, Level.GOOD)
+    elif reason.code is SessionFact.FLIGHT_OVER and status.loss is not None:
+        # The loss was an alarm, which said what to do: that is not repeated as the reason of the end.
+        report = reason.replace(reason=None)
+    else:
+        report = reason
+    is_alarmed = any(alarm.is_bad for alarm in status.active_alarms)
+    if is_alarmed:
+        # During an alarm, no report must advise the pilot to fly on.
+        return report.without_flight_advice
+    return report
 
 
 def _without_measurements(reason: Fact | None) -> Hashable:

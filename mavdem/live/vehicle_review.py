@@ -110,15 +110,17 @@ class VehicleReview:
         self._loss_of_former_boot = self.watchdog.loss
         # The steps of the present review that are not done yet.
         self._pending_steps: deque[Callable[[], None]] = deque()
-        # Times of the boot clock, s: of the latest message, of the present review, of its latest step, and since when
-        # reviews have followed each other.
+        # Times of the boot clock, s: of the latest message, of the present review, and of its latest step.
         self._message_time = -inf
         self._review_time = -inf
         self._step_time = -inf
         # When the control was judged last between two reviews, s of the boot clock.
         self._control_time = -inf
+        # Since when reviews have followed each other, so that the vehicle has been heard without a pause, s of the boot
+        # clock.
         self._connection_start = inf
-        # Results of a step that later steps use.
+        # Results of a step that later steps use: messages with motor outputs, identity and parameters of the vehicle,
+        # and attitude and motor outputs of the last seconds.
         self._candidate_messages: dict[str, Fields] = {}
         self.telemetry: Telemetry | None = None
         self._motion: RecentMotion | None = None
@@ -287,23 +289,26 @@ class VehicleReview:
 
         Neither is decided before the vehicle has been heard without a pause for some seconds.
         """
-        now = self._review_time
-        inputs = self._rows.inputs
+        are_motors_chosen = self._rows.inputs is not None
         # How long the vehicle has been heard without a pause.
-        connected_seconds = now - self._connection_start
+        connected_seconds = self._review_time - self._connection_start
         if connected_seconds >= DECISION_SECONDS:
             self.no_rows_reason = self._check_messages() or self.phase.not_flying_reason
-        if inputs is None and connected_seconds >= AVERAGING_SECONDS / 2:
+        if not are_motors_chosen and connected_seconds >= AVERAGING_SECONDS / 2:
             # Motors are recognised by their outputs, which change. If outputs come, and no motors are recognised among
             # them, the motors are idle, and the vehicle is on the ground.
             self.phase.motors_are_idle = self._rows.has_motor_messages
+        self._update_phase()
+
+    def _update_phase(self) -> None:
+        """Decides whether the vehicle flies; a take-off begins the estimation of another wind."""
         self.telemetry = self._vehicle_telemetry()
         # The mean of all motor outputs, as a fraction of their range.
         collective = None
-        if inputs is not None:
-            collective = inputs.collective
+        if self._rows.inputs is not None:
+            collective = self._rows.inputs.collective
         was_flying = self.phase.is_flying
-        self.phase.review(now, self.telemetry, collective)
+        self.phase.review(self._review_time, self.telemetry, collective)
         has_taken_off = self.phase.is_flying and not was_flying
         if has_taken_off:
             # Each flight has its own wind.

@@ -1,12 +1,12 @@
 """The state of a live vehicle that a pilot looks for first: flight mode, arming and battery."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
 
 from mavdem.assessment.identity import vehicle_name
-from mavdem.dataset.batteries import BATTERY_MESSAGES, FIRST_BATTERY, Battery, battery_name
+from mavdem.dataset.batteries import BATTERY_MESSAGES, Battery, battery_name
 from mavdem.dataset.signals import Signals
 from mavdem.facts.vehicle import Basis
 from mavdem.ingest.telemetry import Telemetry
@@ -66,28 +66,26 @@ def vehicle_state(slow_messages: RecentMessages, vehicle: Telemetry, now: float)
     signals = Signals(replace(vehicle, messages=columns))
     armed = signals.armed
     landing_mode = signals.landing
-    # The emptiest battery is shown, or the first one if no charge is known.
-    lowest_charge = None
-    number_of_emptiest = FIRST_BATTERY
-    voltage_of_emptiest = None
     voltages = {}
     for battery in signals.batteries:
-        voltage = float(battery.voltage.values[-1])
-        voltages[battery.number] = voltage
-        charge = _latest_charge(battery)
-        is_emptier = charge is not None and (lowest_charge is None or charge < lowest_charge)
-        if voltage_of_emptiest is None or is_emptier:
-            voltage_of_emptiest = voltage
-            lowest_charge = charge
-            number_of_emptiest = battery.number
+        voltages[battery.number] = float(battery.voltage.values[-1])
+    shown_battery = _emptiest_battery(signals.batteries)
+    voltage = None
+    charge = None
+    shown_name = ""
+    if shown_battery is not None:
+        voltage = voltages[shown_battery.number]
+        charge = _latest_charge(shown_battery)
+        if len(voltages) > 1:
+            shown_name = battery_name(shown_battery.number)
     name, basis = vehicle_name(vehicle)
     return VehicleState(
         signals.mode_at(slow_messages.boot, now),
         lands_by_itself=landing_mode is not None and bool(landing_mode.values[-1]),
         is_armed=None if armed is None else bool(armed.values[-1]),
-        voltage=voltage_of_emptiest,
-        charge=lowest_charge,
-        battery=battery_name(number_of_emptiest) if len(voltages) > 1 else "",
+        voltage=voltage,
+        charge=charge,
+        battery=shown_name,
         voltages=voltages,
         system=vehicle.system,
         frame=vehicle.vehicle,
@@ -95,6 +93,23 @@ def vehicle_state(slow_messages: RecentMessages, vehicle: Telemetry, now: float)
         # Several vehicles may have the same system id.
         name_in_logs="" if basis is Basis.SYSTEM_ID else name,
     )
+
+
+def _emptiest_battery(batteries: Iterable[Battery]) -> Battery | None:
+    """Returns the battery with the least remaining charge, or the first one if no charge is known.
+
+    Args:
+        batteries: voltage and charge of each battery in the last seconds; None is returned if there are none.
+    """
+    emptiest_battery = None
+    lowest_charge = None
+    for battery in batteries:
+        charge = _latest_charge(battery)
+        is_emptier = charge is not None and (lowest_charge is None or charge < lowest_charge)
+        if emptiest_battery is None or is_emptier:
+            emptiest_battery = battery
+            lowest_charge = charge
+    return emptiest_battery
 
 
 def _latest_charge(battery: Battery) -> float | None:

@@ -18,6 +18,7 @@ from mavdem.arrays import Flags
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.ending import REPORTS_OF_LOSS, find_ending
 from mavdem.assessment.event_lights import light_of_event
+from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.assessment.innovations import INNOVATION_LIMIT, INNOVATIONS, latest_time_above
 from mavdem.assessment.lights.estimator import estimator_light
@@ -158,6 +159,8 @@ class _Review:
     """Identity and parameters of the vehicle."""
 
     is_flying: bool
+    """Whether the vehicle is airborne and armed."""
+
     has_settled: bool
     """Whether the flight is settled: vibration counts only then."""
 
@@ -335,7 +338,9 @@ class Watchdog:
         # Collecting the messages takes most of the time of a review, so it is done only if something may be found.
         recent_signals = None
         if self.is_thorough or has_urgent_change:
-            recent_signals = self._signals(vehicle, now, now - MEMORY_SECONDS, settled_intervals)
+            recent_signals = self._status_signals(
+                vehicle, now, now - MEMORY_SECONDS, settled_intervals
+            )
         self._review = _Review(
             now,
             vehicle,
@@ -538,28 +543,15 @@ class Watchdog:
         assert signals is not None
         condition = Condition(duration=review.now - review.phase_start)
         self._judge_battery(review, condition)
-        # The estimator is judged by the last minute alone, since it may recover: earlier warnings must not last.
+        # Estimator and vibration are judged by the last minute alone, since they may recover: earlier warnings of the
+        # autopilot must not last.
         first_time = review.now - MEMORY_SECONDS
         recent_warnings = [warning for warning in self._warnings if warning.start_time > first_time]
         findings = LiveFindings(events=tuple(recent_warnings), ending=self._loss_that_ended_flight)
         evidence = live_evidence(signals, condition, findings)
-        estimator = estimator_light(evidence)
-        if estimator.code is not EstimatorLight.ESTIMATOR_UNMEASURED:
-            review.facts[WatchedQuantity.ESTIMATOR] = estimator
-            if (
-                estimator.is_watch_or_bad
-                and estimator.time is not None
-                and not is_lasting_state(estimator)
-            ):
-                fault_time = latest_estimator_time(signals, estimator)
-                review.last_found_times[WatchedQuantity.ESTIMATOR] = fault_time
+        _judge_estimator(review, signals, evidence)
         if review.has_settled:
-            vibration = vibration_light(evidence)
-            review.facts[WatchedQuantity.VIBRATION] = vibration
-            if vibration.is_watch_or_bad:
-                limit = vibration.figures["acceptable_vibration"]
-                fault_time = latest_vibration_time(signals, limit)
-                review.last_found_times[WatchedQuantity.VIBRATION] = fault_time
+            _judge_vibration(review, signals, evidence)
 
     @property
     def _loss_that_ended_flight(self) -> Fact | None:
@@ -578,7 +570,7 @@ class Watchdog:
             review: the review, whose ``facts`` get the judgement.
             condition: figures of the vehicle, with the duration of the flight so far.
         """
-        all_signals = self._signals(review.vehicle, review.now, start_time=-inf)
+        all_signals = self._status_signals(review.vehicle, review.now, start_time=-inf)
         # The current that a crashed vehicle draws is no fault of its battery: the light gets the crash with its time.
         findings = LiveFindings(events=tuple(self._warnings), ending=self._loss_that_ended_flight)
         power = power_light(live_evidence(all_signals, condition, findings))
@@ -638,7 +630,7 @@ class Watchdog:
         reasons_not_watched = self._reasons_not_watched(review.now, review.vehicle, motion)
         self.watch_list.update(review.now, reasons_not_watched, is_flying=review.is_flying)
         reported_facts += self._update_alarms(review)
-        reported_facts += self._take_contact_report(review.now)
+        reported_facts += self._pop_contact_report(review.now)
         self._review_time = review.now
         return reported_facts
 
@@ -669,10 +661,10 @@ class Watchdog:
         for quantity, fact in review.facts.items():
             self.status_lights.add(PART_OF_QUANTITY[quantity], fact)
         reported_facts += self._raise_alarms(review)
-        reported_facts += self._take_contact_report(moment.time)
+        reported_facts += self._pop_contact_report(moment.time)
         return reported_facts
 
-    def _take_contact_report(self, now: float) -> list[Fact]:
+    def _pop_contact_report(self, now: float) -> list[Fact]:
         """Returns the report of a contact with the ground that followed a loss in the air, once; otherwise nothing.
 
         Args:
@@ -743,6 +735,9 @@ class Watchdog:
     def _judge_control(self, review: _Review, moment: FlightMoment) -> list[Fact]:
         """Judges in flight whether control was lost, and whether the vehicle falls or has met the ground.
 
+        While a loss lasts, the vehicle may seem to be lost in other ways: what was found first is kept. The contact
+        with the ground is looked for until it is found, since it shows when the vehicle hit the ground, and how fast.
+
         Args:
             review: the review, whose ``facts`` get the loss.
             moment: present time, and the motion.
@@ -752,47 +747,39 @@ class Watchdog:
             is no loss yet: the pilot may catch the vehicle. Empty if control was lost, which is an alarm of its own.
         """
         present_loss = self.control.loss(moment)
-        if present_loss is not None:
-            is_impact_awaited = self._judge_loss(present_loss, review, moment)
-            if is_impact_awaited:
-                return []
-        elif self.loss is None and self._is_sinking:
-            # A vehicle that sinks at full throttle may hit the ground although its attitude follows the setpoint.
+        # A vehicle that sinks at full throttle may hit the ground although its attitude follows the setpoint.
+        is_sinking = self.loss is None and self._has_sinking_alarm
+        flight_end = None
+        if self.ground_contact is None and (present_loss is not None or is_sinking):
             flight_end = self.control.crash_after_loss(moment)
-            if flight_end is not None and flight_end.loss is not None:
-                self._record_loss(flight_end.loss, flight_end, review)
+        if present_loss is not None:
+            if self._awaits_impact(present_loss, flight_end, moment):
+                return []
+            first_loss = self.alarms.facts.get(WatchedQuantity.CONTROL)
+            self._record_loss(first_loss or present_loss, flight_end, review)
+        elif flight_end is not None and flight_end.loss is not None:
+            self._record_loss(flight_end.loss, flight_end, review)
         if self.loss is not None:
             self._ongoing_fall = None
             return []
         return self._judge_fall(review, moment)
 
-    def _judge_loss(self, present_loss: Fact, review: _Review, moment: FlightMoment) -> bool:
-        """Records a loss of control and, if the vehicle has hit the ground since, the crash.
+    def _awaits_impact(
+        self, loss: Fact, flight_end: FlightEnd | None, moment: FlightMoment
+    ) -> bool:
+        """Returns whether a loss of control is recorded only after the impact, which is a moment away.
 
-        A new loss near the ground is not recorded before the impact, which is only a moment away and shows what
-        happened. While a loss lasts, the vehicle may seem to be lost in other ways; what was found first is kept.
+        The impact shows what happened. It is awaited only after a new loss near the ground.
 
         Args:
-            present_loss: loss of control that the latest messages show.
-            review: the review, whose ``facts`` get the loss.
-            moment: present time, and the motion.
-
-        Returns:
-            Whether nothing was recorded because the impact is awaited.
+            loss: loss of control that the latest messages show.
+            flight_end: how the flight ended; None before the vehicle has met the ground.
+            moment: present time.
         """
-        first_loss = self.alarms.facts.get(WatchedQuantity.CONTROL)
-        loss = present_loss if first_loss is None else first_loss
-        if self.ground_contact is not None:
-            # The contact shows more exactly than the attitude when the vehicle hit the ground, and how fast.
-            self._record_loss(loss, None, review)
-            return False
-        flight_end = self.control.crash_after_loss(moment)
-        is_still_in_air = loss.code in LOSSES_IN_AIR and flight_end is None
-        is_new = first_loss is None
-        if is_new and is_still_in_air and self.control.awaits_impact(loss, moment):
-            return True
-        self._record_loss(loss, flight_end, review)
-        return False
+        is_new = WatchedQuantity.CONTROL not in self.alarms.facts
+        has_met_ground = self.ground_contact is not None or flight_end is not None
+        is_still_in_air = loss.code in LOSSES_IN_AIR and not has_met_ground
+        return is_new and is_still_in_air and self.control.awaits_impact(loss, moment)
 
     def _judge_fall(self, review: _Review, moment: FlightMoment) -> list[Fact]:
         """Judges in flight whether the vehicle falls with its motors at idle, or has been caught.
@@ -818,7 +805,7 @@ class Watchdog:
         return []
 
     @property
-    def _is_sinking(self) -> bool:
+    def _has_sinking_alarm(self) -> bool:
         """Whether the alarm is active that the vehicle cannot hold its height."""
         alarm = self.alarms.facts.get(WatchedQuantity.MOTOR_LIMITS)
         return alarm is not None and alarm.code is WatchFact.SINKS_AT_LIMIT
@@ -832,25 +819,32 @@ class Watchdog:
                 a crash, replaces ``loss``.
             review: the review, whose ``facts`` get the loss.
         """
-        contact_after_loss = None
+        contact = None
         if flight_end is not None:
             loss = flight_end.loss or loss
-            contact_after_loss = flight_end.contact
+            contact = flight_end.contact
         loss = self._with_motor_at_limit(loss)
-        is_loss_in_air = loss.code in LOSSES_IN_AIR
-        if not is_loss_in_air:
-            # The vehicle was lost by the contact itself, as in a crash.
-            self.ground_contact = loss
-        elif contact_after_loss is not None:
-            # The loss in the air came first, and stays what the flight is judged by.
-            if self.ground_contact is None:
-                self.ground_contact = contact_after_loss.replace(Level.BAD)
-                self._unreported_contact = self.ground_contact
+        self._store_ground_contact(loss, contact)
+        if contact is not None and loss.code in LOSSES_IN_AIR:
             # No parachute helps a vehicle that has already struck the ground.
             loss = loss.replace(is_low=True)
         self.loss = loss
         review.facts[WatchedQuantity.CONTROL] = loss
         self._judge_motors_after_loss(loss)
+
+    def _store_ground_contact(self, loss: Fact, contact: Fact | None) -> None:
+        """Stores how the lost vehicle met the ground, if it has; a contact after a loss in the air is to be reported.
+
+        Args:
+            loss: how the vehicle was lost. The loss is the contact itself if it is none in the air, such as a crash.
+            contact: the contact with the ground that the end of the flight shows; None for none.
+        """
+        if loss.code not in LOSSES_IN_AIR:
+            self.ground_contact = loss
+        elif contact is not None and self.ground_contact is None:
+            # The loss in the air came first, and stays what the flight is judged by.
+            self.ground_contact = contact.replace(Level.BAD)
+            self._unreported_contact = self.ground_contact
 
     def _with_motor_at_limit(self, loss: Fact) -> Fact:
         """Names a motor that was at its upper limit as the cause of the loss of a vehicle, if no cause is known.
@@ -921,12 +915,14 @@ class Watchdog:
             self._judge_oscillation(review, motion)
         has_just_taken_off = review.now - review.phase_start < DECISION_SECONDS
         limited_motor = motor_at_upper_limit(motors, is_at_upper, review.now)
-        alarm = self.alarms.facts.get(WatchedQuantity.MOTOR_LIMITS)
+        active_alarm = self.alarms.facts.get(WatchedQuantity.MOTOR_LIMITS)
         if limited_motor is not None and not has_just_taken_off:
-            # A vehicle that could not hold its height has not become sound while a motor is at its limit.
-            if alarm is None or not self._is_sinking:
-                alarm = with_earlier_motors(limited_motor, alarm)
-            review.facts[WatchedQuantity.MOTOR_LIMITS] = alarm
+            if active_alarm is not None and self._has_sinking_alarm:
+                # A vehicle that could not hold its height has not become sound while a motor is at its limit.
+                fault = active_alarm
+            else:
+                fault = with_earlier_motors(limited_motor, active_alarm)
+            review.facts[WatchedQuantity.MOTOR_LIMITS] = fault
         if is_at_upper.any():
             sinking = self._sinking_at_limit(review, moment, motors, is_at_upper)
             if sinking is not None:
@@ -1082,7 +1078,7 @@ class Watchdog:
             self.status_lights.add(Light.MOTORS, loss)
         self.status_lights.remove_good(Light.MOTORS)
 
-    def _signals(
+    def _status_signals(
         self,
         vehicle: Telemetry,
         now: float,
@@ -1158,25 +1154,31 @@ class Watchdog:
         self._restart = restart
 
     def _update_alarms(self, review: _Review) -> list[Fact]:
-        """Compares the facts of a review with the active alarms, updates these, and returns what changed.
+        """Begins and ends alarms by the facts of a review, and adds these to the status lights.
 
         There is at most one alarm for each watched quantity, such as the vibration:
 
-        - It begins, or is reported again, when a fact warns with another level or code than the active alarm. Other
-          figures only update it.
+        - It begins, or is reported again, when a fact of level "watch" or "bad" has another level or code than the
+          active alarm. Other figures only update it.
         - It ends after the landing, or when its fault has not been found for ``CALM_SECONDS``, so that a fault that
           comes and goes gives one alarm. :meth:`_end_alarms` has the exceptions.
 
-        The worst fact on each part of the vehicle (motors, vibration, power, …) is kept for the judgement of the
-        flight.
-
         Args:
-            review: the review that ends, with all its facts. A fact about an event more than ``CALM_SECONDS`` ago that
-                has no active alarm is dropped.
+            review: the review that ends, with all its facts.
 
         Returns:
             Alarms, with the time of the review, and ends of alarms, with the time at which the fault was found last;
             s of the boot clock.
+        """
+        self._drop_past_faults(review)
+        for quantity, fact in review.facts.items():
+            self.status_lights.add(PART_OF_QUANTITY[quantity], fact)
+        return [*self._raise_alarms(review), *self._end_alarms(review)]
+
+    def _drop_past_faults(self, review: _Review) -> None:
+        """Removes from a review the facts on faults more than ``CALM_SECONDS`` ago that have no active alarm.
+
+        They are among the messages of the last minute, but an alarm on them would begin after they are over.
         """
         for quantity, last_found_time in review.last_found_times.items():
             is_past_fault = review.now - last_found_time >= CALM_SECONDS
@@ -1184,9 +1186,6 @@ class Watchdog:
             if is_past_fault and not has_active_alarm:
                 # After a loss of control, the fact may have been removed already (``NOT_JUDGED_AFTER_LOSS``).
                 review.facts.pop(quantity, None)
-        for quantity, fact in review.facts.items():
-            self.status_lights.add(PART_OF_QUANTITY[quantity], fact)
-        return [*self._raise_alarms(review), *self._end_alarms(review)]
 
     def _raise_alarms(self, review: _Review) -> list[Fact]:
         """Turns the warnings of a review into active alarms, and returns those that are new to the user.
@@ -1332,6 +1331,40 @@ class Watchdog:
             self.status_lights.add_first(
                 Light.MOTORS, Fact(MotorWatchFact.NO_LOSS_FOUND, clock=now)
             )
+
+
+def _judge_estimator(review: _Review, signals: Signals, evidence: Evidence) -> None:
+    """Judges the state estimator by the last minute.
+
+    Args:
+        review: the review, to which the fact is added, with the time when a fault that has an end was there last.
+        signals: signals of the last minute.
+        evidence: these signals, with the autopilot's warnings of the last minute, in the form by which a log is judged.
+    """
+    estimator = estimator_light(evidence)
+    if estimator.code is EstimatorLight.ESTIMATOR_UNMEASURED:
+        return
+    review.facts[WatchedQuantity.ESTIMATOR] = estimator
+    is_fault_with_time = estimator.is_watch_or_bad and estimator.time is not None
+    if is_fault_with_time and not is_lasting_state(estimator):
+        fault_time = latest_estimator_time(signals, estimator)
+        review.last_found_times[WatchedQuantity.ESTIMATOR] = fault_time
+
+
+def _judge_vibration(review: _Review, signals: Signals, evidence: Evidence) -> None:
+    """Judges the vibration in the settled flight of the last minute.
+
+    Args:
+        review: the review, to which the fact is added, with the time when too strong a vibration was there last.
+        signals: signals of the last minute, with the intervals of settled flight.
+        evidence: these signals in the form by which a log is judged.
+    """
+    vibration = vibration_light(evidence)
+    review.facts[WatchedQuantity.VIBRATION] = vibration
+    if vibration.is_watch_or_bad:
+        limit = vibration.figures["acceptable_vibration"]
+        fault_time = latest_vibration_time(signals, limit)
+        review.last_found_times[WatchedQuantity.VIBRATION] = fault_time
 
 
 def _with_level_in_flight(report: Fact) -> Fact:

@@ -489,7 +489,7 @@ def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
     assert not session.judging.judgement.headline.is_watch_or_bad
     # In flight it is identified by another review.
     with ThreadPoolExecutor(1) as session.judging._executor:
-        session.judging._next_time = 0.0
+        session.judging._next_judging_time = 0.0
         update(has_rate_setpoint=True)
     update(has_rate_setpoint=True)
     in_flight = session.judging.judgement.lights["margins"]
