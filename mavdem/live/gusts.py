@@ -90,11 +90,25 @@ class GustDetector:
             return ()
         self._torques.append((estimate.wind_time, estimate.wind_torque, estimate.wind_torque_band))
         is_long_enough = len(self._torques) * self._dt >= 2 * RUNNING_LEVEL_SECONDS
-        if not is_long_enough or estimate.wind_time < self._search_time + SEARCH_PERIOD:
+        is_search_due = estimate.wind_time >= self._search_time + SEARCH_PERIOD
+        if not is_long_enough or not is_search_due:
             return ()
-        time, torque, band = np.array(self._torques).T
         former_search_time = self._search_time
-        self._search_time = time[-1]
+        self._search_time = estimate.wind_time
+        return self._ended_gusts(estimate, former_search_time)
+
+    def _ended_gusts(self, estimate: Estimate, former_search_time: float) -> Facts:
+        """Searches the last minute for gusts, and returns those that have ended since the former search.
+
+        Args:
+            estimate: the latest estimate, whose physical parameters bound how short a gust can be.
+            former_search_time: time of the latest torque in the former search, s of the boot clock.
+
+        Returns:
+            One fact for each gust, with its beginning, s of the boot clock, duration and size.
+        """
+        # Arrays (N,): times, s of the boot clock, wind torques and half widths of their bands, rad/s².
+        time, torque, band = np.array(self._torques).T
         min_duration = 0.0
         if estimate.physical is not None:
             min_duration = min_gust_duration(estimate.physical, self._dt)

@@ -27,7 +27,10 @@ class QuotedTexts:
         self._left_out_time = 0.0
 
     def admits(self, fact: Fact, now: float) -> bool:
-        """Returns whether a fact is to be reported; if it is not, it is counted.
+        """Returns whether a fact is to be reported; a text that is not is counted, for a later report.
+
+        A text of the autopilot is reported unless ``MAX_QUOTED_TEXTS`` others were in the last ``REPEAT_SECONDS``. All
+        other facts are reported.
 
         Args:
             fact: a fact (coded finding) of the session, such as an alarm whose reason is a text.

@@ -1,6 +1,6 @@
 """Negotiation of message rates with the vehicle of a live session, if the user wants it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from math import inf
 
 from mavdem.facts import Fact
@@ -85,11 +85,28 @@ class RateNegotiation:
             return
         if self._request is None:
             self._request = self._request_to(vehicle, self._requested_rate)
-        for message in self._stream.drain_replies():
-            self._request.add_reply(message)
         rates = self._arrival_rates.update(now, vehicle.message_counts, vehicle_seconds)
-        self._intake.send(self._request.frames_due(now, rates, vehicle.parameters))
-        for fact in self._request.drain_events():
+        self._exchange(self._request, vehicle, rates, now)
+
+    def _exchange(
+        self,
+        request: RateRequest,
+        vehicle: Component,
+        rates: Mapping[int, float] | None,
+        now: float,
+    ) -> None:
+        """Takes the vehicle's replies to a request, sends the frames that are due then, and reports what came of it.
+
+        Args:
+            request: the request for message rates and parameters.
+            vehicle: the followed vehicle, with the parameters that have come.
+            rates: measured rates, Hz, by message id; None while they are unknown.
+            now: s of the monotonic clock.
+        """
+        for message in self._stream.drain_replies():
+            request.add_reply(message)
+        self._intake.send(request.frames_due(now, rates, vehicle.parameters))
+        for fact in request.drain_events():
             self._log(fact)
 
     @staticmethod

@@ -278,8 +278,8 @@ class LiveSession:
     def _postpone_tasks(self) -> None:
         """Puts off tasks if this computer is too slow to analyse the messages of the link as they come.
 
-        By the delay of the analysis, ``Backlog.update`` decides which tasks wait: first the drawing of plots, then new
-        fits, and in the end estimates. Before any of them, the process that learns is suspended for a moment.
+        By the delay of the analysis, ``Backlog.update`` decides which tasks wait: first new fits, then the drawing of
+        plots, and in the end estimates. Before any of them, the process that learns is suspended for a moment.
         """
         # The report that this computer begins to be too slow, or keeps up again; None where neither has changed.
         delay_report = self.backlog.update(self.link.dropped_datagrams)

@@ -404,12 +404,13 @@ class SessionStatus(ImmutableResult):
         by_model = self._judgement_by_model
         lights_without_model = self._lights_without_model
         worst_lights = self._worst_lights_of_both(by_model.lights, lights_without_model)
-        judgement = self._with_failed_request(replace(by_model, lights=worst_lights))
-        lights = judgement.lights
+        completed = self._with_failed_request(replace(by_model, lights=worst_lights))
+        lights = completed.lights
+        judgement = Judgement(completed.headline, completed.next_step, lights)
         bad_lights = [fact for fact in lights.values() if fact.is_bad]
+        if bad_lights and judgement.headline.is_bad:
+            return judgement
         if bad_lights:
-            if judgement.headline.is_bad:
-                return Judgement(judgement.headline, judgement.next_step, lights)
             # An event precedes what lasts, as for a log: a diverging height precedes the vibration that causes it.
             bad_events = [fact for fact in bad_lights if _is_event(fact)]
             most_important = bad_events[0] if bad_events else bad_lights[0]
@@ -418,19 +419,14 @@ class SessionStatus(ImmutableResult):
         # Once the flight or the session is over, no message need come any more; the lights still judge what was seen.
         is_shown = self._is_received or self.is_over or self._is_silent_after_flight
         if self.model_judgement is None and has_judged_light and is_shown:
-            headline = headline_by_lights(lights)
-            if headline.is_watch_or_bad or not self._is_received:
-                return _judgement_with_headline(headline, lights)
-            # The next step stays, since it says what has to happen before a model can be learned.
-            return Judgement(headline, judgement.next_step, lights)
+            # While messages come, the next step says what has to happen before a model can be learned.
+            return _judgement_by_lights(judgement, keeps_next_step=self._is_received)
         # Headlines with codes of this enumeration are not about a fault.
         is_without_fault = isinstance(judgement.headline.code, HeadlineCode)
-        if is_without_fault and lights != by_model.lights:
-            headline = headline_by_lights(lights)
-            if headline.is_watch_or_bad:
-                return _judgement_with_headline(headline, lights)
-            return Judgement(headline, judgement.next_step, lights)
-        return Judgement(judgement.headline, judgement.next_step, lights)
+        is_light_replaced = lights != by_model.lights
+        if is_without_fault and is_light_replaced:
+            return _judgement_by_lights(judgement, keeps_next_step=True)
+        return judgement
 
     def _with_failed_request(self, judgement: Judgement) -> Judgement:
         """Removes the advice to request the message VIBRATION, if the vehicle was asked for it and did not send it.
@@ -753,6 +749,20 @@ def _is_event(fact: Fact) -> bool:
         fact = fact.figures["reason"]
     is_fall = fact.code in FALLS
     return is_fall or isinstance(fact.code, (Ending, MotionEvent, ReportedEvent))
+
+
+def _judgement_by_lights(judgement: Judgement, *, keeps_next_step: bool) -> Judgement:
+    """Returns a judgement whose headline sums up its lights.
+
+    Args:
+        judgement: headline, next step, and a light for each part of the vehicle.
+        keeps_next_step: whether the next step stays if the new headline has neither the level "watch" nor "bad".
+            Otherwise the next step follows from the new headline.
+    """
+    headline = headline_by_lights(judgement.lights)
+    if headline.is_watch_or_bad or not keeps_next_step:
+        return _judgement_with_headline(headline, judgement.lights)
+    return replace(judgement, headline=headline)
 
 
 def _judgement_with_headline(headline: Fact, lights: NamedFacts) -> Judgement:
