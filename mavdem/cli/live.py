@@ -363,16 +363,8 @@ def _follow_vehicle(
         record = paths.record
         recording = None if record is None else RawRecording(record)
         first_pieces: list[ReceivedPiece] = []
-        if former_flight is not None and recording is not None:
-            try:
-                first_pieces = former_flight.move_frames_of_next_vehicle(recording)
-            except OSError as error:
-                recording.close()
-                assert record is not None
-                record.unlink()
-                raise Unreadable(
-                    LinkFact.STREAM_FILE_FAILED, path=record, error=error_message(error)
-                ) from None
+        if former_flight is not None and recording is not None and record is not None:
+            first_pieces = _moved_first_frames(former_flight, recording, record)
         # With --json, standard output has the document and nothing else.
         console = STDERR if options.as_json else STDOUT
         status_lines = StatusLines(console=console)
@@ -483,6 +475,32 @@ def _follow_vehicle(
         vehicle=session.stream.followed_vehicle,
         next_vehicle=None if successor is None or is_ended_by_user else successor.name,
     )
+
+
+def _moved_first_frames(
+    former_flight: FollowedFlight, recording: RawRecording, path: Path
+) -> list[ReceivedPiece]:
+    """Moves the first frames of a vehicle from the recording of the vehicle before to its own.
+
+    Args:
+        former_flight: Flight of the vehicle before, at the end of whose recording these frames are.
+        recording: The new, empty recording of the vehicle.
+        path: Its file, which is deleted if the frames cannot be moved.
+
+    Returns:
+        The frames with their times of arrival.
+
+    Raises:
+        Unreadable: One of the files cannot be read or written.
+    """
+    try:
+        return former_flight.move_frames_of_next_vehicle(recording)
+    except OSError as error:
+        recording.close()
+        path.unlink()
+        raise Unreadable(
+            LinkFact.STREAM_FILE_FAILED, path=path, error=error_message(error)
+        ) from None
 
 
 def _document_of_flights(flights: Sequence[FollowedFlight]) -> LiveDocument:
