@@ -252,6 +252,33 @@
     },
   });
 
+  // Paper cannot be zoomed. Where single peaks, such as those of an impact, would leave a line less than a fifth of the
+  // height of its plot over the flight, the plot ends a quarter beyond the line on paper, and its title says how far the
+  // peaks go.
+  const PEAK_RATIO = 5, PEAK_SHARE = 0.02, BEYOND_LINE = 0.25;
+  const rangeWithoutPeaks = chart => {
+    // A chart that is drawn for paper has no scale yet, but its group has a span.
+    const [min, max] = groups.flight.span ?? groups.flight.whole, data = chart.data_;
+    const isShown = data.columns.map(x => x >= min && x <= max);
+    const values = data.lines.flatMap(line => line.right ? [] : [...line.y].filter((value, i) => value != null && isShown[i])).sort((one, other) => one - other);
+    if (!values.length || data.y.log || data.y.ends) return null;
+    const at = share => values[Math.round(share * (values.length - 1))], low = at(PEAK_SHARE), high = at(1 - PEAK_SHARE), size = high - low;
+    if (!size || values.at(-1) - values[0] <= PEAK_RATIO * size) return null;
+    return { range: [low - BEYOND_LINE * size, high + BEYOND_LINE * size], ends: [values[0], values.at(-1)] };
+  };
+  const cutPeaks = (figure, chart) => {
+    if (chart.data_.group !== "flight" || !chart.data_.lines.length || chart.data_.picture) return;
+    const isForPaper = root.classList.contains("printing"), cut = isForPaper ? rangeWithoutPeaks(chart) : null;
+    figure.querySelector("header > .cut")?.remove();
+    if (cut) figure.querySelector("header > h3").after(Object.assign(element("span", "cut"), { textContent: `cut, peaks from ${digits(Math.round(cut.ends[0]))} to ${digits(Math.round(cut.ends[1]))}` }));
+    if (cut || chart.data_.wasCut) {
+      const [min, max] = groups.flight.span ?? groups.flight.whole;
+      chart.data_.cut = cut?.range;
+      chart.setScale("x", { min, max });
+    }
+    chart.data_.wasCut = !!cut;
+  };
+
   // Whether names fit below the things that they name; otherwise only the first and the last one are written.
   const hasRoom = (chart, names) => Math.max(...names.map(name => name.length)) * 6.5 < chart.bbox.width / devicePixelRatio / names.length;
 
@@ -290,6 +317,7 @@
   // The span of the common axis that the data of a chart have.
   const wholeOf = data => data.x.ends || [data.columns[0], data.columns.at(-1)];
 
+  const withCut = (data, options) => ({ ...options, range: (...limits) => data.cut ?? options.range(...limits) });
   const draw = figure => {
     const { data, columns, drawn, bands } = contentOf(figure), group = data.group && (groups[data.group] ??= { charts: [] });
     const strip = !data.lines.length, bare = figure.dataset.bare != null || strip;
@@ -305,7 +333,7 @@
     const options = {
       width: figure.clientWidth, height: height(figure, data), series: drawn, bands,
       padding: [strip ? 2 : above(data), rightPadding, bare ? (strip ? 0 : 6) : 0, 0],
-      scales: { x: scale(data.x, false), y: scale(data.y, true), ...(data.beside ? { beside: scale(data.beside, true) } : {}) },
+      scales: { x: scale(data.x, false), y: withCut(data, scale(data.y, true)), ...(data.beside ? { beside: scale(data.beside, true) } : {}) },
       axes: [
         { ...base, ...shown(data.x), size: bare ? 0 : () => root.classList.contains("printing") ? 32 : 40, show: !strip, label: bare ? undefined : data.x.label, ...(bare ? { values: noLabels } : {}) },
         { ...base, ...(strip ? { values: noLabels, grid: { show: false }, ticks: { show: false } } : shown(data.y)), size: width, space },
@@ -368,8 +396,6 @@
     const commonWord = /^\S+ (?=\S)/.exec(named ? data.lines[0].name : "")?.[0], isCommon = commonWord && data.lines.every(line => line.name.startsWith(commonWord));
     const letters = data.lines.map(line => isCommon ? line.name.slice(commonWord.length) : line.name).join("").length;
     if (letters <= 24) legend.classList.add("short");
-    if (named) legend.classList.add("named");
-    if (isCommon && letters <= 2 * data.lines.length) legend.classList.add("numbered");
     if (isCommon) legend.append(Object.assign(element("span", "common"), { textContent: commonWord.trim() }));
     data.values = data.picture ? [] : data.lines.map(line => {
       const hides = named && !isDots(line) && line.kind !== "stems";
@@ -388,6 +414,12 @@
       return value;
     });
     data.at = at;
+    if (data.picture) {
+      // The colours of a spectrogram, from the least power to the highest, to which the values under the cursor relate.
+      const colours = element("span", "colours"), scale = element("i");
+      colours.append(`${digits(Math.round(-data.lines[0].range))} `, scale, "0 dB");
+      legend.append(colours);
+    }
     if (data.x.names.length) {
       // Where things are counted, the words on a line stand beside the title, since in the plot they would lie over lines;
       // the thing under the cursor has their place.
@@ -498,6 +530,7 @@
       const chart = charts.get(figure);
       if (!chart) continue; // it is folded away
       for (const axis of chart.axes) for (const one of [axis.font, axis.labelFont]) one[0] = font().replace(/\d+/, size => size * devicePixelRatio);
+      cutPeaks(figure, chart);
       fit(figure, true);
       chart.redraw(false, true);
     }

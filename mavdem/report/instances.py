@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 
 from mavdem.assessment.instances import Instance
+from mavdem.facts import Fact
 from mavdem.facts.instances import InstanceState
 from mavdem.report.blocks import Rated, Table
 from mavdem.report.numbers import rounded
-from mavdem.report.templates import without_full_stop
+from mavdem.report.templates import capitalize_first, without_full_stop
 
 HEADER = ["instance", "used", "quantity", "range in flight", "state"]
 """Header of the table of a vehicle that flew."""
@@ -21,11 +22,13 @@ SHOWN_DIGITS = 3
 """Significant digits of the range: those of a battery's voltage."""
 
 
-def instance_table(instances: Sequence[Instance], *, has_flown: bool) -> Table:
+def instance_table(instances: Sequence[Instance], vibration: Fact, *, has_flown: bool) -> Table:
     """Returns a table with a row for each instance: whether it is used, its range in flight, and its state.
 
     Args:
         instances: at least one, in the order of the rows.
+        vibration: the light of the vibration, whose subject is the IMU that vibrates most. If it warns, so does the
+            row of that IMU.
         has_flown: whether the vehicle flew; otherwise the ranges are taken from the whole log.
 
     Returns:
@@ -35,8 +38,12 @@ def instance_table(instances: Sequence[Instance], *, has_flown: bool) -> Table:
     for instance in instances:
         # A plain "Measured" is not coloured, so that warnings stand out.
         state = without_full_stop(str(instance.state))
-        if instance.state.code is not InstanceState.MEASURED:
+        is_measured = instance.state.code is InstanceState.MEASURED
+        is_judged_by_light = instance.quantity == "vibration" and instance.name == vibration.subject
+        if not is_measured:
             state = Rated(state, instance.state.level)
+        elif is_judged_by_light and vibration.is_watch_or_bad:
+            state = Rated(f"{capitalize_first(vibration.level)}: see vibration", vibration.level)
         rows.append(
             [
                 instance.name,

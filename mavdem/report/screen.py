@@ -145,7 +145,8 @@ def instance_blocks(assessment: Assessment) -> Blocks:
     if evidence.trust:
         blocks.append(trust_table(evidence.trust))
     if assessment.instances:
-        blocks.append(instance_table(assessment.instances, has_flown=evidence.has_flown))
+        vibration = assessment.lights[Light.VIBRATION]
+        blocks.append(instance_table(assessment.instances, vibration, has_flown=evidence.has_flown))
     return blocks
 
 

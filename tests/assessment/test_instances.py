@@ -8,11 +8,14 @@ from hover import Hover, changed, columns, evidence_of, pulses, with_pulses
 from instrumented import instrumented
 from pytest import approx, mark
 
-from mavdem.assessment.instances import list_instances
+from mavdem.assessment.instances import Instance, list_instances
 from mavdem.assessment.lights.estimator import estimator_light
 from mavdem.dataset.intervals import in_intervals
 from mavdem.dataset.signals import Signals
+from mavdem.facts import Fact, Level
 from mavdem.facts.estimator import EstimatorLight
+from mavdem.facts.instances import InstanceState
+from mavdem.facts.vibration import VibrationLight
 from mavdem.ingest import read_log
 from mavdem.ingest.px4_instances import further_sensors
 from mavdem.ingest.vocabulary import (
@@ -123,7 +126,7 @@ def test_the_share_of_an_estimator_counts_the_flight_alone():
 
 def test_the_table_has_a_row_for_each_instance():
     instances = list_instances(evidence_of(Signals(with_sensors())))
-    table = instance_table(instances, has_flown=True)
+    table = instance_table(instances, Fact(VibrationLight.VIBRATION_UNKNOWN), has_flown=True)
     assert [row[0] for row in table.rows] == [instance.name for instance in instances]
     rows = {row[0]: row for row in table.rows}
     assert rows["barometer 1"][1] == "no" and rows["barometer 2"][1] == "yes"
@@ -131,10 +134,19 @@ def test_the_table_has_a_row_for_each_instance():
     assert rows["GPS 2"][4].level == "watch"
 
 
+def test_the_row_of_an_imu_warns_as_the_light_of_the_vibration_does():
+    measured = Fact(InstanceState.MEASURED)
+    imus = [Instance("IMU", f"IMU {n}", "vibration", "m/s²", 5.0, 25.0, measured) for n in (1, 2)]
+    light = Fact(VibrationLight.VIBRATION_MEASURED, Level.BAD, subject="IMU 1")
+    first, second = instance_table(imus, light, has_flown=True).rows
+    assert (first[4], first[4].level, second[4]) == ("Bad: see vibration", "bad", "Measured")
+
+
 def test_ranges_of_a_log_without_flight_are_not_called_ranges_in_flight():
     instances = list_instances(evidence_of(Signals(with_sensors())))
-    assert "range in flight" in instance_table(instances, has_flown=True).header
-    assert "range" in instance_table(instances, has_flown=False).header
+    unknown = Fact(VibrationLight.VIBRATION_UNKNOWN)
+    assert "range in flight" in instance_table(instances, unknown, has_flown=True).header
+    assert "range" in instance_table(instances, unknown, has_flown=False).header
 
 
 def test_further_sensors_of_a_dataflash_log_have_messages_of_their_own(tmp_path, monkeypatch):

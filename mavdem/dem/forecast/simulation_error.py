@@ -189,29 +189,23 @@ def _piece_starts(length: int, horizon: int) -> range:
 
 
 def effective_piece_count(lengths: Sequence[int], horizon: int) -> float:
-    """Returns how many independent simulations have as much information as all simulations of a fit.
+    """Returns the effective number of simulations, from which the effective sample size of the fit follows.
 
-    Each simulation is the second half of a piece of two horizons. As pieces overlap, their errors are not independent.
-    The effective number is that of the simulations that fit into the samples without overlap, and at most the number of
-    simulations, of which a fit uses ``MAX_PIECES``. The effective sample size of the fit follows from it.
+    As pieces overlap, their errors are not independent. The effective number is the number of simulations that fit into
+    the samples without overlap, and at most the number of pieces.
 
     Args:
-        lengths: numbers of samples of the segments.
+        lengths: numbers of samples of the segments; segments too short for a piece of two horizons are left out.
         horizon: number of samples of each simulation.
 
     Returns:
         The effective number, not necessarily an integer.
     """
-    piece_count = 0
-    usable_samples = 0
-    for length in lengths:
-        pieces_of_segment = len(_piece_starts(length, horizon))
-        # A short segment has no piece, so that its samples are not used.
-        if pieces_of_segment:
-            piece_count += pieces_of_segment
-            usable_samples += length
+    # Shorter segments have no piece.
+    usable_samples = sum(length for length in lengths if length > 2 * horizon)
     simulations_without_overlap = usable_samples / horizon
-    return float(min(simulations_without_overlap, piece_count, MAX_PIECES))
+    pieces = sum(len(_piece_starts(length, horizon)) for length in lengths)
+    return min(simulations_without_overlap, float(MAX_PIECES), float(pieces))
 
 
 def simulation_horizon(

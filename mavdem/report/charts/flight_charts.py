@@ -1,6 +1,6 @@
 """Charts of a flight: step responses, open loops with their margins, and the spectra and spectrograms of sensors."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -83,13 +83,10 @@ def step_charts(
 ) -> dict[str, Charts]:
     """Returns charts of how the closed loops of each axis respond to their setpoints, measured and predicted.
 
-    Each measured loop has a chart of its response to a step of the setpoint: the measured response with its 90 % band,
-    the prediction of the identified loop, and that with the advised gains. A rate loop also has a chart of the gain |T|
-    over frequency, where T is the closed-loop frequency response from the setpoint to the rate.
+    An axis has the step responses of rate and angle, and over frequency the gain |T| of its closed rate loop.
 
     Args:
-        responses: responses by axis ("roll") and loop ("rate" or "attitude"). Those without a measured response, which
-            have the reason instead, are left out.
+        responses: responses by axis and loop.
         advised_steps_by_loop: predicted step responses with the advised gains, by axis and loop.
         has_gain: whether the gain |T| is among the charts.
 
@@ -97,36 +94,42 @@ def step_charts(
         The charts by axis; axes without a measured response are left out.
     """
     charts_by_axis = {}
-    for axis, responses_of_axis in responses.items():
-        charts: list[Chart] = []
-        for loop_name, response in responses_of_axis.items():
-            measured_response = response.measured
-            if not isinstance(measured_response, StepResponse):
+    for axis, loops in responses.items():
+        charts_of_axis: list[Chart] = []
+        for loop_name, response in loops.items():
+            if not isinstance(response.measured, StepResponse):
                 continue
             title = f"{axis.capitalize()} {loop_name}"
             advised_step = advised_steps_by_loop.get(axis, {}).get(loop_name)
-            step_lines = _step_lines(response, measured_response, advised_step)
-            charts.append(step_chart(f"{title}: step", step_lines))
-            if has_gain and loop_name == "rate":
-                charts.append(_gain_chart(title, response, measured_response))
-        if charts:
-            charts_by_axis[axis] = tuple(charts)
+            charts = list(_response_charts(title, response, response.measured, advised_step))
+            # The step response comes first, and the gain of a rate loop after it.
+            charts_of_axis += charts if has_gain else charts[:1]
+        if charts_of_axis:
+            charts_by_axis[axis] = tuple(charts_of_axis)
     return charts_by_axis
 
 
-def _gain_chart(title: str, response: LoopResponse, measured_response: StepResponse) -> Chart:
-    """Returns the chart of the gain |T| of a closed rate loop over frequency, measured and predicted.
+def _response_charts(
+    title: str, response: LoopResponse, measured_response: StepResponse, advised_step: Array | None
+) -> Iterator[Chart]:
+    """Yields the chart of a step response and, for a rate loop, a chart of its gain |T| over frequency.
 
-    T is the frequency response from the setpoint to the rate. A horizontal line at 1 marks perfect tracking.
+    T is the closed-loop frequency response from setpoint to rate or angle. Each chart has up to three lines: the
+    measured response with its 90 % band, the prediction of the identified loop, dashed, and, for steps, the prediction
+    with the advised gains. A level at 1 marks the setpoint.
 
     Args:
         title: axis and loop, such as "Roll rate".
         response: the response with its prediction, if the loop is identified.
         measured_response: the measured response, which is ``response.measured``. The caller has checked that it is a
             response, and not the reason why there is none.
+        advised_step: (N,) predicted response to a step with the advised gains, at the times of the measured one; None
+            if the gains are kept.
     """
-    lines = tuple(_gain_lines(response, measured_response))
-    return Chart(f"{title}: |T|", FREQUENCY, CLOSED_LOOP_GAIN, lines, levels=(1.0,))
+    yield step_chart(f"{title}: step", _step_lines(response, measured_response, advised_step))
+    if measured_response.loop == "rate":
+        gain_lines = tuple(_gain_lines(response, measured_response))
+        yield Chart(f"{title}: |T|", FREQUENCY, CLOSED_LOOP_GAIN, gain_lines, (1.0,))
 
 
 def _step_lines(
@@ -257,7 +260,36 @@ def _unwrapped_phase(response: Complex) -> Array:
     return np.degrees(phase)
 
 
-def spectrum_chart(noise: MeasuredNoise, loop: Loop | None = None, name: str = GYRO) -> Chart:
+def axis_spectrum_charts(
+    noise: MeasuredNoise, loop: Loop | None, name: str, axes: Sequence[str]
+) -> dict[str, Chart]:
+    """Draws the power spectrum of each axis of a sensor (``spectrum_chart``), all with the same range of power.
+
+    Args:
+        noise: spectra and spectral lines of the sensors; there is at least one of this sensor.
+        loop: control loop whose gyro filters are drawn; None without.
+        name: name of the sensor in ``noise``.
+        axes: names of the axes of its spectra, such as roll, pitch and yaw.
+
+    Returns:
+        A chart over frequency, Hz, for each axis.
+    """
+    charts = {}
+    powers = []
+    for index, axis in enumerate(axes):
+        chart = spectrum_chart(noise, loop, name, index)
+        charts[axis] = chart._replace(title=f"{axis.capitalize()}: {chart.title}")
+        powers += [line.y for line in chart.lines if not line.is_on_right_axis]
+    all_powers = np.concatenate(powers)
+    limits = (float(all_powers.min()), float(all_powers.max()))
+    for axis, chart in charts.items():
+        charts[axis] = chart._replace(y=chart.y._replace(limits=limits))
+    return charts
+
+
+def spectrum_chart(
+    noise: MeasuredNoise, loop: Loop | None = None, name: str = GYRO, axis: int | None = None
+) -> Chart:
     """Draws a sensor's power spectrum before and after its filters, with a mark at each spectral line and its cause.
 
     Args:
@@ -265,11 +297,12 @@ def spectrum_chart(noise: MeasuredNoise, loop: Loop | None = None, name: str = G
         loop: control loop whose gyro filters are drawn as a gain in dB, and whose crossover frequency is marked; None
             without.
         name: name of the sensor in ``noise``.
+        axis: number of the axis whose spectrum is drawn, from 0; None for the sum of all axes.
 
     Returns:
         The chart over frequency, Hz.
     """
-    lines, unit = _spectrum_lines(noise, name)
+    lines, unit = _spectrum_lines(noise, name, axis)
     # Spectral lines are found before the filters if that was logged, otherwise after them.
     spectral_lines = noise.peaks.get(f"{name}_before", noise.peaks.get(name, ()))
     marks = []
@@ -304,15 +337,15 @@ class _SpectrumLines(NamedTuple):
     """Unit of the power."""
 
 
-def _spectrum_lines(noise: MeasuredNoise, name: str) -> _SpectrumLines:
+def _spectrum_lines(noise: MeasuredNoise, name: str, axis: int | None) -> _SpectrumLines:
     """Returns the power spectral density of a sensor as lines, one before and one after its filters, where measured.
 
-    The densities of the three axes are added up. Of neighbouring frequencies the largest density is drawn, so that no
-    narrow peak is lost.
+    Of neighbouring frequencies the largest density is drawn, so that no narrow peak is lost.
 
     Args:
         noise: spectra of all sensors.
         name: name of the sensor, such as "gyro".
+        axis: number of the axis, from 0; None to add up the densities of all axes.
 
     Returns:
         The lines, with the unit of the density: the square of the sensor's unit per Hz.
@@ -326,7 +359,8 @@ def _spectrum_lines(noise: MeasuredNoise, name: str) -> _SpectrumLines:
             continue
         if spectrum.unit != "1":
             unit = f"({spectrum.unit})²/Hz"
-        density = spectrum.mean_density.sum(axis=0)
+        density_of_axes = spectrum.mean_density
+        density = density_of_axes.sum(axis=0) if axis is None else density_of_axes[axis]
         # The first frequency, 0 Hz, is the mean and no vibration.
         frequency, density = max_decimated(spectrum.frequency[1:], density[1:], MAX_BINS)
         power = np.maximum(density, MIN_DENSITY)

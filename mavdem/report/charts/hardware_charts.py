@@ -10,6 +10,7 @@ from mavdem.arrays import Array
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.hardware.commands import POSITION_MESSAGE, POSITION_TARGET_MESSAGE
 from mavdem.assessment.hardware.recording import is_attitude_resampled
+from mavdem.assessment.lights.vibration import CLIP_LIMITS, vibration_limits
 from mavdem.containers import Names
 from mavdem.dataset.hardware_quantities import (
     BATTERY_CURRENT,
@@ -31,11 +32,14 @@ from mavdem.dataset.pilot_input import pilot_input
 from mavdem.dataset.position_fix import RECEIVER_MESSAGES, UNKNOWN_SATELLITES
 from mavdem.dataset.speed_controllers import speed_controllers
 from mavdem.dataset.time_series import TimeSeries, recorded_series, series_of_boot
+from mavdem.facts import Fact
 from mavdem.facts.hardware import HardwarePart
 from mavdem.facts.setpoints import CommandPart
-from mavdem.report.charts.chart import Axis, Chart, Group, Line, over_time
+from mavdem.facts.vibration import VibrationLight
+from mavdem.report.charts.chart import Axis, Chart, Group, Line, LineStyle, over_time
 from mavdem.report.charts.timeline import Timeline
-from mavdem.report.palette import DISTINCT, MEASURED, PREDICTED, TRUTH
+from mavdem.report.palette import BAD, DISTINCT, LIMITED, MEASURED, PREDICTED, TRUTH
+from mavdem.vibration.vibration_message import ReportedVibration, reported_vibration
 from mavdem.witnesses.sensors import compass_fields
 
 MIN_SAMPLES = 2
@@ -84,6 +88,83 @@ def hardware_groups(evidence: Evidence, timeline: Timeline) -> dict[str, list[Gr
         if columns:
             groups[str(subject)] = [Group(columns)]
     return groups
+
+
+def vibration_charts(evidence: Evidence, timeline: Timeline, light: Fact) -> list[Chart]:
+    """Returns charts of the vibration that the autopilot reports of its IMUs, and of their clips.
+
+    ArduPilot reports three axes of each IMU, which has a chart of its own; PX4 one level of each IMU, which are drawn
+    in one chart. Clips are counted from the beginning of the charts on.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+        timeline: charts of the flight over the same time, whose events are marked.
+        light: the judgement of the vibration; its limits are drawn if the vibration was judged.
+
+    Returns:
+        The charts; none if vibration was not recorded. IMUs that never clipped have no line.
+    """
+    vibration = reported_vibration(evidence.signals)
+    if vibration is None:
+        return []
+    levels = vibration.levels
+    level_limits: tuple[Line, ...] = ()
+    clip_limits: tuple[Line, ...] = ()
+    if light.code is VibrationLight.VIBRATION_MEASURED:
+        limits = vibration_limits(evidence.signals.telemetry)
+        level_limits = (
+            _limit_line("watch", limits.watch, LIMITED, timeline),
+            _limit_line("bad", limits.bad, BAD, timeline),
+        )
+        clip_limits = (_limit_line("bad", CLIP_LIMITS.bad, BAD, timeline),)
+    charts = []
+    for title, series_by_name in _vibration_by_imu(vibration).items():
+        lines = _lines_of_series(series_by_name, timeline)
+        if lines:
+            charts.append(over_time(title, "m/s²", (*lines, *level_limits)))
+    counts_by_imu: dict[str, TimeSeries | None] = {}
+    start, end = timeline.span
+    is_shown = (levels.boot == timeline.boot) & (levels.time >= start) & (levels.time <= end)
+    counts = np.cumsum(np.where(is_shown[:, None], vibration.clips, 0), axis=0)
+    for number, count in enumerate(counts.T, start=1):
+        if count.any():
+            counts_by_imu[f"IMU {number}"] = replace(levels, values=count)
+    clip_lines = _lines_of_series(counts_by_imu, timeline)
+    if clip_lines:
+        charts.append(over_time("Clips so far", "", (*clip_lines, *clip_limits)))
+    return [timeline.marked(chart) for chart in charts]
+
+
+def _vibration_by_imu(vibration: ReportedVibration) -> dict[str, dict[str, TimeSeries | None]]:
+    """Returns the series of reported vibration, m/s², by the name of the line, by the title of the chart.
+
+    Args:
+        vibration: levels of all axes of all IMUs; the axes of the first IMU come first.
+    """
+    axis_count = len(vibration.axes)
+    imu_count = vibration.levels.values.shape[1] // axis_count
+    charts: dict[str, dict[str, TimeSeries | None]] = {}
+    for column, values in enumerate(vibration.levels.values.T):
+        imu, axis = divmod(column, axis_count)
+        title, name = "Vibration", f"IMU {imu + 1}"
+        if axis_count > 1:
+            title = f"Vibration of IMU {imu + 1}" if imu_count > 1 else title
+            name = vibration.axes[axis]
+        charts.setdefault(title, {})[name] = replace(vibration.levels, values=values)
+    return charts
+
+
+def _limit_line(level: str, limit: float, colour: str, timeline: Timeline) -> Line:
+    """Returns the dashed line of a limit over the whole time of the charts, whose name says what is beyond it.
+
+    Args:
+        level: level beyond the limit, such as "watch".
+        limit: the limit, in the unit of the chart.
+        colour: colour from ``mavdem.report.palette``.
+        timeline: charts of the flight over time, whose time range is used.
+    """
+    name = f"{level} above {limit:.3g}"
+    return Line(name, colour, np.array(timeline.span), np.full(2, limit), style=LineStyle.DASHES)
 
 
 def _power_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:

@@ -57,9 +57,9 @@ from mavdem.report.pages.loop_chapters import (
     tuning_chapter,
 )
 from mavdem.report.pages.noise_chapters import (
+    controller_spectra_chapter,
     fastest_loop,
-    gyro_chapter,
-    other_sensors_chapter,
+    vibration_chapter,
 )
 from mavdem.report.pages.page import (
     Chapter,
@@ -111,7 +111,7 @@ MOTOR_LEADS = ("Motors:", "Steady command:")
 
 CHAPTER_OF_LIGHT = {
     Light.MOTORS: "Motors",
-    Light.VIBRATION: "Spectra",
+    Light.VIBRATION: "Vibration",
     Light.TRACKING: "Three axes",
     Light.MARGINS: "Control loops",
     Light.POWER: INSTANCES_TITLE,
@@ -472,20 +472,24 @@ def _flight_chapters(
     steps = advised_steps(assessment.responses, advice)
     yield responses_chapter(assessment.responses, steps, assessment.lights[Light.MARGINS])
     yield from loops_chapters(assessment, evidence, advice)
-    gyro = gyro_chapter(assessment, timeline, has_spectrograms=is_full)
+    vibration = vibration_chapter(assessment, timeline, has_spectrograms=is_full)
     if is_full:
         trial = _notch_trial(name, assessment, evidence)
-        gyro = gyro._replace(notch_trial=trial)
-    yield gyro
-    yield other_sensors_chapter(assessment.noise, timeline, has_spectrograms=is_full)
+        vibration = vibration._replace(notch_trial=trial)
+    yield vibration
+    yield controller_spectra_chapter(assessment.noise, timeline, has_spectrograms=is_full)
     yield _motors_chapter(analysis, evidence, assessment.lights["motors"])
     yield _condition_chapter(analysis)
     yield _wind_chapter(assessment, analysis)
     if evidence.trust:
         yield _trust_chapter(evidence.trust)
     if assessment.instances:
-        instances = instance_table(assessment.instances, has_flown=evidence.has_flown)
-        yield Chapter(INSTANCES_TITLE, [instances])
+        instances = instance_table(
+            assessment.instances, assessment.lights[Light.VIBRATION], has_flown=evidence.has_flown
+        )
+        # The vibration of the IMUs in the table has a light and a chapter of its own.
+        level_scope = " (power and estimator)"
+        yield Chapter(INSTANCES_TITLE, [instances], level_scope=level_scope)
     if is_full:
         yield from hardware_chapters(evidence, assessment.lights, timeline)
     yield parameters_chapter(evidence.signals.telemetry, is_full=is_full)
@@ -749,7 +753,7 @@ def live_page(
     axis: str,
     history: LiveHistory,
     status: SessionStatus,
-    seconds_by_use: Mapping[TimeUse, float],
+    account: Mapping[TimeUse, float],
     learned: Learned | None,
     back: PageLink | None = None,
     links: Sequence[PageLink] = (),
@@ -764,7 +768,7 @@ def live_page(
         axis: axis that was learned.
         history: events and signals of the live flight on one timeline.
         status: state of the session now, or at its end.
-        seconds_by_use: seconds of the flight by what they were used for.
+        account: seconds of the flight by what they were used for.
         learned: the latest model; None if there is none.
         back: the page that leads here, if any.
         links: other pages at the top, such as that of the flight before.
@@ -779,7 +783,7 @@ def live_page(
     timeline = live_timeline(history, axis)
     if timeline is not None:
         timeline = timeline._replace(takeoff=status.takeoff_position)
-    chapters = _live_chapters(axis, history, status, seconds_by_use, learned)
+    chapters = _live_chapters(axis, history, status, account, learned)
     page_events = _numbered_live_events(history.events, judgement, status.alarms)
     if timeline is not None:
         numbered_events = [event for event in page_events if event.number is not None]
@@ -850,7 +854,7 @@ def _live_chapters(
     axis: str,
     history: LiveHistory,
     status: SessionStatus,
-    seconds_by_use: Mapping[TimeUse, float],
+    account: Mapping[TimeUse, float],
     learned: Learned | None,
 ) -> list[Chapter]:
     """Returns the chapters of a live page: motors, advised gains, predictions and link, and the model.
@@ -859,7 +863,7 @@ def _live_chapters(
         axis: axis whose model was learned.
         history: events and signals of the live flight on one timeline.
         status: state of the session now, or at its end.
-        seconds_by_use: seconds of the flight by what they were used for, such as learning.
+        account: seconds of the flight by what they were used for, such as learning.
         learned: the latest model; None if there is none, and then there are no chapters on motors and model.
     """
     # Imported here: a page of a log needs nothing of live sessions.
@@ -877,7 +881,7 @@ def _live_chapters(
     if gain_sentences:
         chapters.append(Chapter(GAINS_TITLE, gain_sentences))
     learned_seconds = 0.0 if learned is None else len(learned.record) * learned.dt
-    report = live_report(history, status, seconds_by_use, axis, learned_seconds)
+    report = live_report(history, status, account, axis, learned_seconds)
     title = f"Prediction of {axis} in flight, and the link"
     chapters.append(Chapter(title, report, folded=True))
     if learned is not None:

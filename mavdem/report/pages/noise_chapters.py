@@ -1,25 +1,65 @@
-"""Chapters of the spectra of gyro, accelerometer, motors' demand and D term, with the filters of the fastest loop."""
+"""Chapters of vibration: over time, and as spectra of gyro, accelerometer, motors' demand and D term, with filters."""
 
 from collections.abc import Iterator
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
+from mavdem.dataset.axes import AXES
+from mavdem.facts.lights import Light
 from mavdem.loops.axis_loops import Loop
 from mavdem.report.blocks import Blocks, Sentence
 from mavdem.report.charts.chart import Group
-from mavdem.report.charts.flight_charts import spectrogram_charts, spectrum_chart
+from mavdem.report.charts.flight_charts import axis_spectrum_charts, spectrogram_charts
+from mavdem.report.charts.hardware_charts import vibration_charts
 from mavdem.report.charts.timeline import Timeline
 from mavdem.report.loops import filter_sentences
 from mavdem.report.pages.page import Chapter
 
-OTHER_SENSORS = "accelerometer", "demand", "d_term"
-"""Signals besides the gyro whose spectra are shown, by their names in ``MeasuredNoise``."""
+ACCELEROMETER = "accelerometer"
+"""Name of the accelerometer in ``MeasuredNoise``."""
+
+CONTROLLER_SIGNALS = "demand", "d_term"
+"""Signals of the controllers whose spectra are shown, by their names in ``MeasuredNoise``."""
+
+AXES_OF_SENSORS = {ACCELEROMETER: ("forward", "right", "down")}
+"""Names of the three axes of a spectrum, by the sensor. All others are about roll, pitch and yaw."""
+
+VIBRATION_CAPTION = """\
+The light judges the mean of settled flight, not single peaks. Clips add up from the left edge on; those of an impact\
+ are drawn, but not judged."""
+"""What stands below the charts of vibration and clips."""
+
+
+def vibration_chapter(
+    assessment: Assessment, timeline: Timeline | None, *, has_spectrograms: bool
+) -> Chapter:
+    """Returns the chapter to which the light of the vibration leads: vibration, clips and spectra of gyro and IMU.
+
+    Vibration and clips over time come first, with the limits of the light. The spectra show where they come from.
+
+    Args:
+        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
+        timeline: charts over time, whose events are marked; None if no vehicle flew.
+        has_spectrograms: whether there are spectrograms, which take much of a page.
+    """
+    gyro = gyro_chapter(assessment, timeline, has_spectrograms=has_spectrograms)
+    groups: list[Group] = []
+    if timeline is not None and assessment.evidence is not None:
+        light = assessment.lights[Light.VIBRATION]
+        charts = vibration_charts(assessment.evidence, timeline, light)
+        if charts:
+            groups.append(Group.side_by_side(charts, VIBRATION_CAPTION))
+    groups += gyro.groups
+    groups += _spectrum_groups(
+        assessment.noise, ACCELEROMETER, timeline, has_spectrograms=has_spectrograms
+    )
+    return gyro._replace(title="Vibration", groups=groups)
 
 
 def gyro_chapter(
     assessment: Assessment, timeline: Timeline | None, *, has_spectrograms: bool
 ) -> Chapter:
-    """Returns the chapter of the gyro's vibration: its spectrum, the filters of the fastest loop, and spectrograms.
+    """Returns the chapter of the gyro's vibration: its spectra, the filters of the fastest loop, and spectrograms.
 
     The fastest loop is the one with the highest crossover frequency, which the filters' delay concerns most.
 
@@ -45,20 +85,20 @@ def fastest_loop(assessment: Assessment) -> Loop | None:
     return max(loops, key=lambda loop: loop.crossover, default=None)
 
 
-def other_sensors_chapter(
+def controller_spectra_chapter(
     noise: MeasuredNoise, timeline: Timeline | None, *, has_spectrograms: bool
 ) -> Chapter:
-    """Returns the folded chapter of the spectra of accelerometer, motors' demand and D term, as far as logged.
+    """Returns the folded chapter of the spectra of the motors' demand and of the D term, as far as logged.
 
     Args:
-        noise: spectra of all sensors.
+        noise: spectra of all signals.
         timeline: timeline of the flight; None if no vehicle flew.
         has_spectrograms: whether there are spectrograms, which take much of a page.
     """
     groups: list[Group] = []
-    for sensor in OTHER_SENSORS:
-        groups += _spectrum_groups(noise, sensor, timeline, has_spectrograms=has_spectrograms)
-    title = "Other spectra"
+    for signal in CONTROLLER_SIGNALS:
+        groups += _spectrum_groups(noise, signal, timeline, has_spectrograms=has_spectrograms)
+    title = "Spectra of the controllers"
     return Chapter(title, (), groups, folded=True, is_printed_closed=False)
 
 
@@ -70,7 +110,9 @@ def _spectrum_groups(
     has_spectrograms: bool,
     loop: Loop | None = None,
 ) -> Iterator[Group]:
-    """Yields the spectrum of a sensor before and after its filters, and its spectrograms; nothing if not logged.
+    """Yields the spectra of the three axes of a sensor before and after its filters, and its spectrograms.
+
+    A sensor that was not logged yields nothing.
 
     Args:
         noise: spectra of all sensors.
@@ -82,10 +124,13 @@ def _spectrum_groups(
     spectrum = noise.spectra.get(f"{sensor}_before", noise.spectra.get(sensor))
     if spectrum is None:
         return
-    yield Group.side_by_side([spectrum_chart(noise, loop, sensor)])
+    charts = axis_spectrum_charts(noise, loop, sensor, AXES_OF_SENSORS.get(sensor, AXES))
+    yield Group.of_axes({axis: [chart] for axis, chart in charts.items()})
     if has_spectrograms:
-        charts = [*spectrogram_charts(spectrum)]
+        spectrograms = [*spectrogram_charts(spectrum)]
         # The first spectrogram is over time; a second one, over throttle, has no place for events.
         if timeline is not None:
-            charts[0] = timeline.marked(charts[0])._replace(spans=())
-        yield Group.side_by_side(charts, "The stronger the blue, the higher the power.")
+            spectrograms[0] = timeline.marked(spectrograms[0])._replace(spans=())
+        yield Group.side_by_side(
+            spectrograms, "All axes together; 0 dB is the highest power in the plot."
+        )

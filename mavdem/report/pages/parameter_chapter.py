@@ -32,12 +32,12 @@ MEANINGS = {
     re.compile(pattern): meaning
     for pattern, meaning in load_adjacent_toml(__file__, "../parameter_meanings.toml").items()
 }
-"""Meanings of parameters by a pattern of their whole name, of which the first that fits counts."""
+"""What parameters set or are about, by a pattern of their whole name; the first that fits counts."""
 
 
 @cache
 def meaning_of(name: str) -> str:
-    """Returns the meaning of a parameter, in a few words; empty if ``parameter_meanings.toml`` does not have it."""
+    """Returns what a parameter sets or is about, in a few words; empty if ``parameter_meanings.toml`` lacks it."""
     for pattern, meaning in MEANINGS.items():
         if pattern.fullmatch(name):
             return meaning
@@ -118,7 +118,7 @@ def _changed_defaults(telemetry: Telemetry) -> Blocks:
     ]
     rows = _changed_default_rows(telemetry)
     if rows:
-        header = ["not the default", "value", "default", "meaning"]
+        header = ["not the default", "value", "default", "about"]
         blocks.append(Table(header, rows, words=True, is_printed=False))
     return blocks
 
@@ -169,7 +169,7 @@ def _all_parameters(telemetry: Telemetry) -> Table:
         if has_changed_in_flight:
             remark = Rated(remark, Level.WATCH)
         rows.append([name, parameter_value_text(value), remark, meaning_of(name)])
-    return Table(["parameter", "value", "remark", "meaning"], rows, words=True)
+    return Table(["parameter", "value", "remark", "about"], rows, words=True)
 
 
 def _control_parameter_rows(telemetry: Telemetry) -> list[list[str]]:

@@ -16,6 +16,7 @@ import mavdem
 from mavdem.assessment.axis.residuals import lagged_correlation
 from mavdem.assessment.axis.responses import LoopResponse
 from mavdem.assessment.noise_spectra import MeasuredNoise
+from mavdem.dataset.axes import AXES
 from mavdem.evaluate import held_out_test, held_out_windows
 from mavdem.facts import Fact
 from mavdem.facts.loops import StepResponseFact
@@ -25,7 +26,12 @@ from mavdem.loops.step_figures import IntervalEstimate
 from mavdem.loops.step_response import StepResponse
 from mavdem.report.charts import model_charts
 from mavdem.report.charts.chart import TIME, Axis, Chart, Group, Line, LineStyle
-from mavdem.report.charts.flight_charts import spectrogram_charts, spectrum_chart, step_charts
+from mavdem.report.charts.flight_charts import (
+    axis_spectrum_charts,
+    spectrogram_charts,
+    spectrum_chart,
+    step_charts,
+)
 from mavdem.report.charts.frequency_responses import model_response, plant_response
 from mavdem.report.labels import AxisCommand, Labels
 from mavdem.report.pages.loop_chapters import responses_chapter
@@ -164,6 +170,10 @@ def test_spectra_have_their_lines_and_the_filters_over_them():
         "filters",
     ]
     assert chart.lines[2].is_on_right_axis and chart.lines[2].y[0] == approx(0.0, abs=0.1)
+    axes = axis_spectrum_charts(MeasuredNoise(spectra, {}), None, "gyro", AXES)
+    assert [axis.title.split(":")[0] for axis in axes.values()] == ["Roll", "Pitch", "Yaw"]
+    for axis in axes.values():
+        assert (axis.lines[0].y < chart.lines[0].y).all() and axis.y.limits == axes["roll"].y.limits
     over_time, over_throttle = spectrogram_charts(spectra["gyro"])
     assert over_time.spectrogram.power.shape == (40, 171) and over_throttle.spectrogram is not None
     (pixels,) = over_time.as_json(100)["lines"]

@@ -4,8 +4,12 @@ import numpy as np
 from hover import Hover, changed, columns, evidence_of
 
 from mavdem.dataset.signals import Signals
-from mavdem.report.charts.hardware_charts import hardware_groups
+from mavdem.facts import Fact, Level
+from mavdem.facts.lights import Unjudged
+from mavdem.facts.vibration import VibrationLight
+from mavdem.report.charts.hardware_charts import hardware_groups, vibration_charts
 from mavdem.report.charts.timeline import history_timeline
+from mavdem.vibration.vibration_message import CLIPPING_FIELDS, LEVEL_FIELDS
 
 HOVER = Hover()
 TIME = HOVER.stamps(5.0)
@@ -84,3 +88,20 @@ def test_a_log_without_such_messages_has_charts_of_its_sampling_alone():
         telemetry = changed(telemetry, message, time=np.zeros(0), boot=np.zeros(0, int))
     _, parts, _ = charts_by_title(telemetry)
     assert parts == {"recording"}
+
+
+def test_vibration_and_clips_are_drawn_with_the_limits_of_a_light_that_judged_them():
+    fields = dict.fromkeys(LEVEL_FIELDS, 5.0) | dict.fromkeys(CLIPPING_FIELDS, 0)
+    # The first IMU clips three times a second apart, the others never.
+    fields["clipping_0"] = np.searchsorted((20.0, 21.0, 22.0), TIME)
+    telemetry = changed(HOVER.telemetry(20.0, 20.0), "VIBRATION", **columns(TIME, **fields))
+    evidence = evidence_of(Signals(telemetry))
+    timeline = history_timeline(evidence.time_history)
+    judged = Fact(VibrationLight.VIBRATION_MEASURED, Level.WATCH)
+    vibration, clips = vibration_charts(evidence, timeline, judged)
+    names = [line.name for line in vibration.lines]
+    assert names == ["x", "y", "z", "watch above 15", "bad above 30"]
+    counted, limit = clips.lines
+    assert counted.name == "IMU 1" and counted.y[-1] == 3 and limit.name == "bad above 100"
+    unjudged = Fact(Unjudged.MULTIROTORS_ONLY)
+    assert len(vibration_charts(evidence, timeline, unjudged)[0].lines) == 3

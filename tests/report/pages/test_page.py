@@ -583,7 +583,7 @@ def test_of_chapters_to_be_watched_the_one_of_the_headline_is_open():
         Light.TRACKING: Fact(Unjudged.NOT_JUDGED, Level.WATCH),
         Light.WIND: Fact(Unjudged.MULTIROTORS_ONLY, Level.WATCH),
     }
-    chapters = [Chapter(title) for title in ("Three axes", "Spectra", "Wind", "Motors")]
+    chapters = [Chapter(title) for title in ("Three axes", "Vibration", "Wind", "Motors")]
     opened = [*unfold_chapters_of_warnings(chapters, lights, lights[Light.WIND])]
     assert [chapter.title for chapter in opened if not chapter.folded] == ["Wind"]
     assert [chapter.level for chapter in opened] == [*3 * [Level.WATCH], None]
@@ -608,16 +608,16 @@ def test_what_a_chart_or_light_above_shows_opens_no_chapter():
     section = Section("Vibration", vibration)
     chapters = [
         Chapter("Three axes"),
-        Chapter("Spectra"),
+        Chapter("Vibration"),
         Chapter("Hardware", level=Level.BAD, sections=[section]),
     ]
     opened = [*unfold_chapters_of_warnings(chapters, lights, lost)]
-    assert [chapter.title for chapter in opened if not chapter.folded] == ["Spectra"]
+    assert [chapter.title for chapter in opened if not chapter.folded] == ["Vibration"]
     assert [chapter.level for chapter in opened] == 3 * [Level.BAD]
 
 
 def test_the_row_of_pictures_of_the_tuning_is_open_where_nothing_is_bad():
-    chapters = [Chapter(TUNING_TITLE), Chapter("Spectra")]
+    chapters = [Chapter(TUNING_TITLE), Chapter("Vibration")]
     is_open = {}
     for level in (Level.GOOD, Level.WATCH, Level.BAD):
         lights = {Light.VIBRATION: Fact(VibrationLight.VIBRATION_MEASURED, level)}
