@@ -41,6 +41,9 @@ NO_LIGHTS: NamedFacts = MappingProxyType({})
 ACTIONS_WITH_ADVISED_GAINS = (LoopAction.LOAD_ADVISED_GAINS, LoopAction.RAISE_AS_ADVISED)
 """Next steps that refer to gains which ``mavdem tune`` advises."""
 
+TIME_ORIGIN = "Times are seconds since boot."
+"""What the times of a review count from: the autopilot's start, as in the plots of the page."""
+
 HARD_SPACE = "\N{NO-BREAK SPACE}"
 """A space at which no line is broken."""
 
@@ -124,8 +127,8 @@ def further_lines(
 
 
 def _title_lines(title: Sentence, columns: int) -> list[str]:
-    """Returns the lines of a title: usually one."""
-    return wrap(f"{title.lead} {title.text}", columns, break_on_hyphens=False)
+    """Returns the lines of a title, one or two, which also say what the times in the lines below count from."""
+    return wrap(f"{title.lead} {title.text} {TIME_ORIGIN}", columns, break_on_hyphens=False)
 
 
 def _lines_of_lights(
