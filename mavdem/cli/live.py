@@ -681,9 +681,9 @@ def _with_final_judgement(status: SessionStatus, session: LiveSession) -> Sessio
     return replace(
         status,
         is_over=True,
-        findings=session.judging.findings,
-        model_judgement=session.judging.judgement,
-        is_recording_judged=session.judging.is_of_recording,
+        findings=session.flight.judging.findings,
+        model_judgement=session.flight.judging.judgement,
+        is_recording_judged=session.flight.judging.is_of_recording,
     )
 
 

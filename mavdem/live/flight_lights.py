@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from mavdem.assessment.limits import worst_fact
-from mavdem.facts import Code, Fact, NamedFacts
+from mavdem.facts import Code, Fact
 from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.lights import Light
 
@@ -14,38 +14,30 @@ MAXIMUM_FIGURES: Mapping[Code, str] = {EstimatorLight.FILTER_AGREED: "ratio"}
 
 
 class FlightLights:
-    """The status lights of one vehicle by the name of the part: the worst fact of the latest flight and of former ones.
+    """The status lights of the latest flight of one vehicle: the worst fact on each part of it, by its name.
+
+    They are kept after the landing, and when the autopilot restarts, until the next flight begins without any.
 
     Attributes:
         latest: lights of the latest flight so far.
-        earlier: lights of all flights of the session before it.
+        flight_number: number of that flight in the session, from 1; 0 before the first one.
     """
 
-    def __init__(
-        self, former: FlightLights | None = None, *, has_flight_gone_on: bool = False
-    ) -> None:
+    def __init__(self, former: FlightLights | None = None) -> None:
         """Begins with the lights of the former boot.
 
         Args:
             former: lights at the end of the former boot; None for the first boot.
-            has_flight_gone_on: whether that boot ended in flight, so that its flight is still the latest one.
         """
         self.latest: dict[str, Fact] = {}
-        self.earlier: dict[str, Fact] = {}
-        if former is not None and has_flight_gone_on:
-            self.earlier.update(former.earlier)
+        self.flight_number = 0
+        if former is not None:
             self.latest.update(former.latest)
-        elif former is not None:
-            self.earlier = former.of_session
-
-    @property
-    def of_session(self) -> dict[str, Fact]:
-        """Lights of all flights of the session so far; of two that are equally bad, that of the latest flight."""
-        return worse_lights(self.latest, self.earlier)
+            self.flight_number = former.flight_number
 
     def begin_flight(self) -> None:
-        """Makes the latest flight an earlier one, and begins another without lights."""
-        self.earlier = self.of_session
+        """Begins another flight, without lights."""
+        self.flight_number += 1
         self.latest = {}
 
     def add(self, part: Light, fact: Fact) -> None:
@@ -125,19 +117,3 @@ def _states_larger_maximum(present_light: Fact, fact: Fact) -> bool:
     if maximum_name is None:
         return False
     return bool(present_light.figures[maximum_name] > fact.figures[maximum_name])
-
-
-def worse_lights(first: NamedFacts, second: NamedFacts) -> dict[str, Fact]:
-    """Returns the worse of two facts on each part of a vehicle; a part that only one of them names has that fact.
-
-    Args:
-        first: facts by the name of the part. Where both facts are equally bad, this one is returned.
-        second: other facts by the name of the part.
-    """
-    worse = dict(first)
-    for name, fact in second.items():
-        if name in first:
-            worse[name] = worst_fact([first[name], fact])
-        else:
-            worse[name] = fact
-    return worse

@@ -98,7 +98,7 @@ class ModelJudging:
         named_model = learning.named_model(model, stream.parameters)
         if not _has_same_motors(row_format, named_model):
             return
-        alarms = tuple(stream.motor_alarms.latest)
+        alarms = stream.motor_alarms.of_latest_flight
         # The executor raises RuntimeError when its processes are gone.
         with suppress(RuntimeError):
             self._pending = self._executor.submit(
@@ -108,7 +108,6 @@ class ModelJudging:
                 alarms,
                 self._recording_name,
                 margins_awaited=MARGINS_AWAITED if has_rate_setpoint else None,
-                alarms_of_flight=stream.motor_alarms.of_latest_flight,
             )
 
     def _take_result(self, pending: Future[JudgedModel]) -> None:
@@ -142,7 +141,7 @@ class ModelJudging:
         Args:
             model: the final model; None without one.
             row_format: format of the latest rows; None without any.
-            alarms: changes of the motors' balance.
+            alarms: changes of the motors' balance in the flight of the model.
             has_rate_setpoint: whether the stream has a setpoint of the body rate by which a log identifies the loop.
 
         Returns:

@@ -333,6 +333,16 @@ class FlightLearning:
         last_model = self._models[-1].learned
         return self.named_model(last_model, parameters)
 
+    def latest_model(self, parameters: Parameters) -> Learned | None:
+        """Returns the latest model of settled flight so far, without learning another one; None before any.
+
+        Args:
+            parameters: parameters of the autopilot, whose gains are kept in the model.
+        """
+        if not self._models:
+            return None
+        return self.named_model(self._models[-1].learned, parameters)
+
     def named_model(self, learned: Learned, parameters: Parameters) -> Learned:
         """Completes a learner's model with the meaning of its columns: names, units and range of the inputs, and gains.
 

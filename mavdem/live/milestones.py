@@ -27,7 +27,7 @@ class _FlightSummary(NamedTuple):
     """What is reported of a flight when the next one begins."""
 
     number: int
-    """Number of the flight in the session, from 1."""
+    """Number of the flight in the session, from 1; 0 where no take-off was noticed."""
 
     duration: float | None = None
     """Time from the take-off until the vehicle was in the air last, s; None where the take-off was not seen."""
@@ -168,17 +168,15 @@ class Milestones:
             status: status of the session, with the judgement of the latest flight.
         """
         flight = self._latest_flight
-        has_taken_off = status.is_flying and not self._was_flying
-        # A flight that was lost in the air and whose next take-off was not seen goes on, after a restart in the air.
-        goes_on = flight is not None and flight.is_lost_in_air and status.flight_seconds is None
-        if has_taken_off and goes_on and flight is not None:
-            flight = flight._replace(is_lost_in_air=False)
-        elif has_taken_off:
-            number = 1
+        is_new_flight = flight is None or flight.number != status.flight_number
+        if status.is_flying and is_new_flight:
             if flight is not None:
                 self._log(flight.fact)
-                number = flight.number + 1
-            flight = _FlightSummary(number)
+                self._forget_milestones()
+            flight = _FlightSummary(status.flight_number)
+        elif status.is_flying and flight is not None:
+            # A flight that seemed to be lost in the air goes on, after a restart in the air.
+            flight = flight._replace(is_lost_in_air=False)
         if flight is None:
             return
         if status.is_flying:
@@ -186,6 +184,12 @@ class Milestones:
         if not flight.is_lost_in_air:
             flight = flight._replace(verdict=status.verdict_on_flight)
         self._latest_flight = flight
+
+    def _forget_milestones(self) -> None:
+        """Makes the first model and the parameters of another flight news again."""
+        self._has_model = False
+        self._has_parameters = False
+        self._reported_rows = 0
 
     def _note_flight(self, status: SessionStatus, now: float) -> None:
         """Notes when a flight ends, which is to be reported then, and the wind of the flight until then.

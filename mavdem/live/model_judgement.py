@@ -53,7 +53,6 @@ def judge_model(
     recording_name: str | None,
     *,
     margins_awaited: Fact | None,
-    alarms_of_flight: Sequence[MotorChange] | None = None,
 ) -> JudgedModel:
     """Judges a model learned in flight, and the vehicle by the longest segment of the model's samples.
 
@@ -69,13 +68,11 @@ def judge_model(
     Args:
         learned: the model, of one axis.
         row_format: format of its rows: message names, mixer geometry, and scale of the motors.
-        alarms: changes of the motors' balance while the samples were recorded.
+        alarms: changes of the motors' balance in the flight of the model.
         recording_name: name of the recorded log, by which the rest is judged later; empty if the name is not known yet,
             None if nothing is recorded.
         margins_awaited: the light of the margins where the loop is identified by setpoints of the body rate, and not
             here; None where these do not come.
-        alarms_of_flight: such changes in the present flight, by which the motors are judged in flight; None to judge
-            them by all ``alarms``.
     """
     record = learned.record
     # Motor outputs (T, r), and angle, rad, with body rate, rad/s (T, 2), of the longest segment.
@@ -117,7 +114,7 @@ def judge_model(
         loops[axis] = margins_awaited
     else:
         loops[axis] = loop_of_parameters_or_reason(figures, record)
-    losses = tuple(thrust_losses(alarms if alarms_of_flight is None else alarms_of_flight))
+    losses = tuple(thrust_losses(alarms))
     evidence = live_evidence(signals, condition, LiveFindings(events=losses, loops=loops))
     judgement = judge(
         evidence,

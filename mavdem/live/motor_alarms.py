@@ -24,7 +24,6 @@ class MotorAlarms:
     Attributes:
         latest: the latest changes, also those that are no alarms.
         active: the alarms on motors that are weak now; they stay after the landing, until the next flight.
-        has_landed: whether the vehicle has been on the ground since the latest sample.
         change_time: time of the latest change of a motor, s of the boot clock; NaN before any.
     """
 
@@ -32,7 +31,6 @@ class MotorAlarms:
         """Begins without a sample of the motor outputs, and so without alarms."""
         self.latest: deque[MotorChange] = deque(maxlen=MAX_EVENTS)
         self.active: Facts = ()
-        self.has_landed = False
         self.change_time = nan
         # The sequential test for a lasting change, which goes on with each sample; None before any of settled flight.
         self._detector: MotorLossDetector | None = None
@@ -45,20 +43,15 @@ class MotorAlarms:
         self._is_suddenly_weak = False
         # Why the test cannot find anything, as of the latest sample.
         self._undetectable_reason: Fact | None = None
-        # Boot and time, s of its clock, of the first motor outputs of the latest flight; None before it.
+        # Boot and time, s of its clock, at which the latest flight began; None before it.
         self._flight_boot: int | None = None
         self._flight_start = nan
 
-    def restart(self, *, was_flying: bool = False) -> None:
+    def restart(self) -> None:
         """Resets the test, its reference and the active alarms after a reboot, since their times are of another clock.
 
         The latest changes of the motors' balance, which the report of the session needs, are kept.
-
-        Args:
-            was_flying: whether the vehicle flew when the former boot ended, so that its flight goes on.
         """
-        if not was_flying:
-            self._flight_boot = None
         self._detector = None
         self._gradual_watch = None
         self._reported_loss = None
@@ -66,6 +59,17 @@ class MotorAlarms:
         self._undetectable_reason = None
         self.active = ()
         self.change_time = nan
+
+    def begin_flight(self, time: float, boot: int) -> None:
+        """Begins a flight: its motors are compared with themselves in this flight, and earlier alarms are over.
+
+        Args:
+            time: time of the take-off, or when the vehicle was found in the air, s of the boot clock.
+            boot: number of the boot.
+        """
+        self.restart()
+        self._flight_boot = boot
+        self._flight_start = time
 
     def reason_not_watched(self, now: float, *, is_flying: bool) -> Fact | None:
         """Returns the reason why a motor that loses thrust would not be detected now.
@@ -127,7 +131,7 @@ class MotorAlarms:
 
         The test (``MotorLossDetector``) looks for a lasting change of the balance, the torque about each axis that the
         commands of the motors make. If one motor explains the change, the alarms on all motors that are weak then
-        become the active ones. The first sample after a landing ends the alarms of the flight before.
+        become the active ones.
 
         Args:
             time: time of the sample, s of the boot clock.
@@ -140,8 +144,6 @@ class MotorAlarms:
         Returns:
             A fact (coded finding) for each change that this sample completes; most samples complete none.
         """
-        if self.has_landed or self._flight_boot is None:
-            self._begin_flight(time, boot)
         # Balances of other motors, or on another range of the outputs, cannot be compared: detection begins again.
         tested_motors = (boot, motors.geometry, motors.scale.low, motors.scale.high)
         if self._detector is None or tested_motors != self._tested_motors:
@@ -163,29 +165,6 @@ class MotorAlarms:
         if follows_setpoint:
             facts += self._search_gradual_loss(time, commands, lean)
         return tuple(facts)
-
-    def note_unsettled(self, time: float, boot: int, *, is_flying: bool) -> None:
-        """Notes a sample outside of settled flight: that the vehicle is on the ground, or that another flight begins.
-
-        Settled flight is without take-off and landing. The outputs of the motors at other times are not compared.
-
-        Args:
-            time: time of the latest sample of motor outputs, s of the boot clock.
-            boot: number of the boot.
-            is_flying: whether the vehicle is airborne.
-        """
-        if not is_flying:
-            self.has_landed = True
-        elif self.has_landed:
-            self._begin_flight(time, boot)
-
-    def _begin_flight(self, time: float, boot: int) -> None:
-        """Begins a flight: alarms of the flight before are no longer active. Arguments as of ``note_unsettled``."""
-        self._flight_boot = boot
-        self._flight_start = time
-        if self.has_landed:
-            self.active = ()
-            self.has_landed = False
 
     def _activate(self, change: MotorChange) -> None:
         """Updates the active alarms after a change of one motor: an event for each motor that is weak now.

@@ -7,6 +7,7 @@ view's own queue. What is received is recorded first, and waits for its analysis
 from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
+from functools import partial
 from math import inf
 
 from mavdem.assessment.judgement import Judgement
@@ -30,13 +31,12 @@ from mavdem.facts.session import (
 from mavdem.ingest.mavlink.frame_reader import Frame
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES
 from mavdem.live import clock
-from mavdem.live.backlog import STEP_SECONDS, Backlog, LatencyMeter
+from mavdem.live.backlog import STEP_SECONDS, Backlog
 from mavdem.live.clock_speed import ClockSpeed
+from mavdem.live.flight_analysis import FlightAnalysis
 from mavdem.live.gain_advice import MAX_WAIT_SECONDS, GainAdviser
 from mavdem.live.history import SAMPLE_PERIOD
 from mavdem.live.intake import LinkIntake
-from mavdem.live.judging import ModelJudging
-from mavdem.live.learning import FlightLearning
 from mavdem.live.link import SILENCE_SECONDS, Link, ReceivedPiece
 from mavdem.live.margin_review import MarginReview
 from mavdem.live.milestones import Milestones
@@ -79,7 +79,7 @@ class LiveSession:
         stream: rows and alarms of the vehicle.
         intake: receives from the link, and records.
         backlog: what was received and waits for its analysis.
-        judging: what the model is good for.
+        flight: what is learned and judged of the latest flight; each take-off begins another one.
         history: what happened so far.
         gain_adviser: advises gains after a landing and at the end; None for no advice.
         successor: the vehicle that another session is to follow, since the followed one is silent and this one sends;
@@ -135,12 +135,13 @@ class LiveSession:
         log = self._presentation.log
         self.intake = LinkIntake(link, stream.frame_reader, recording, log, first_pieces)
         self.backlog = Backlog(begins_late=bool(first_pieces))
-        self._latencies = LatencyMeter()
         self._silence_monitor = SilenceMonitor()
-        self._learning = FlightLearning(stream.axis, settings, executor, prior, log)
+        self._new_flight = partial(
+            FlightAnalysis, stream.axis, settings, executor, prior, log, recording_name
+        )
+        self.flight = self._new_flight()
         self._milestone_reporter = Milestones(stream.axis, log)
         self._margin_review = MarginReview(executor, recording_name)
-        self.judging = ModelJudging(executor, recording_name)
         self._clock_speed = ClockSpeed(log)
         self._rates = RateNegotiation(
             requested_rate,
@@ -154,9 +155,7 @@ class LiveSession:
             intake=self.intake,
             backlog=self.backlog,
             silence=self._silence_monitor,
-            latencies=self._latencies,
-            learning=self._learning,
-            judging=self.judging,
+            flight=self.flight,
             margin_review=self._margin_review,
             clock_speed=self._clock_speed,
             rates=self._rates,
@@ -169,10 +168,12 @@ class LiveSession:
         self._sample_time = -inf
         # Duration of a silence whose end was reported before attitude and motor outputs came again, s; otherwise 0.
         self._reported_silence = 0.0
-        # Why there were no rows in flight when that was last so; None before.
-        self._no_rows_reason: Fact | None = None
-        # Number of rows of free flight that this computer had no time to learn from.
-        self._postponed_rows = 0
+        # Number of the flight that ``flight`` is about.
+        self._flight_number = 0
+        # The latest model of an earlier flight, which is kept if the latest flight gives none.
+        self._earlier_model: Learned | None = None
+        # Number of the flight whose recording is judged; 0 before any.
+        self._recorded_flight = 0
 
     def step(self, timeout: float = 0.1) -> None:
         """Performs one iteration of the session: receives and records messages, analyses them for a while, and reports.
@@ -200,7 +201,7 @@ class LiveSession:
     def _report_events(self) -> None:
         """Reports the first model, and what the stream and the link have reported since the last step."""
         self._milestone_reporter.note_first_model(
-            self._learning, self.stream.now, self.stream.takeoff_time
+            self.flight.learning, self.stream.now, self.stream.takeoff_time
         )
         events = self.stream.drain_events()
         has_alarm = any(event.fact.is_bad for event in events)
@@ -245,7 +246,7 @@ class LiveSession:
             now: present time, s of the monotonic clock.
         """
         # After a landing a model is learned from the samples before it; it becomes the latest model when it is ready.
-        self._learning.adopt_model_before_landing()
+        self.flight.learning.adopt_model_before_landing()
         # A computer that has no time for fits has no time to judge a model either.
         is_busy = self.backlog.postpones(DelayedWork.PHYSICAL_FITS)
         self._margin_review.update(
@@ -255,9 +256,9 @@ class LiveSession:
             # Advice on gains comes with the assessment of the recording.
             is_recording_assessed=self.gain_adviser is not None,
         )
-        self.judging.update(
+        self.flight.judging.update(
             now,
-            self._learning,
+            self.flight.learning,
             self.stream,
             is_busy=is_busy,
             has_rate_setpoint=self._has_rate_setpoint,
@@ -273,7 +274,9 @@ class LiveSession:
             self._report.account_for(now)
         # Advice on gains comes with the margins of the recording, so that margins by the model alone are not reported.
         self._milestone_reporter.margins_follow = self.gain_adviser is not None
-        self._milestone_reporter.update(self._learning, status, self.stream.now, self.stream.boot)
+        self._milestone_reporter.update(
+            self.flight.learning, status, self.stream.now, self.stream.boot
+        )
 
     def _postpone_tasks(self) -> None:
         """Puts off tasks if this computer is too slow to analyse the messages of the link as they come.
@@ -286,7 +289,7 @@ class LiveSession:
         if isinstance(self._executor, LearningProcess):
             self._executor.suspend(self.backlog.suspends_learning)
         self._presentation.pause(self.backlog.postpones(DelayedWork.PLOTS))
-        self._learning.allow_fits(
+        self.flight.learning.allow_fits(
             of_parameters=not self.backlog.postpones(DelayedWork.PHYSICAL_FITS),
             of_model=not self.backlog.postpones(DelayedWork.REFITS),
         )
@@ -294,7 +297,7 @@ class LiveSession:
             return
         if delay_report.code is SessionFact.COMPUTER_KEEPS_UP:
             # The latencies so far are of the slow time.
-            self._latencies.clear()
+            self.flight.latencies.clear()
         self._presentation.log(delay_report)
 
     def _analyse(self) -> None:
@@ -322,7 +325,9 @@ class LiveSession:
         for batch in batches:
             frames += batch.frames
         for row in self.stream.process_frames(batches[0].stamp, frames):
+            self._begin_flight_if_new()
             self._process_row(row, first_arrival)
+        self._begin_flight_if_new()
         for batch in batches:
             vehicle = self.stream.followed_vehicle
             self._margin_review.add_messages(batch.stamp, batch.frames, vehicle)
@@ -335,6 +340,24 @@ class LiveSession:
         has_rebooted = self.stream.boot != former_boot
         if has_rebooted or silence > SILENCE_SECONDS:
             self._rates.restart()
+
+    def _begin_flight_if_new(self) -> None:
+        """Begins to learn and to judge anew if the vehicle has taken off for another flight than before.
+
+        The vehicle may have been repaired, or damaged, since the flight before, so that nothing of that one counts.
+        What came before the first flight of the session, such as the reason why there are no rows, belongs to it.
+        """
+        number = self.stream.flight_number
+        if number == self._flight_number:
+            return
+        self._flight_number = number
+        if number == 1:
+            return
+        self._earlier_model = (
+            self.flight.learning.latest_model(self.stream.parameters) or self._earlier_model
+        )
+        self.flight = self._new_flight()
+        self._report.flight = self.flight
 
     @property
     def _restart_seconds(self) -> float:
@@ -443,7 +466,10 @@ class LiveSession:
             latest_sample.row, row_format, None, self.stream.wind.latest, self.stream.pose
         )
         self._presentation.preview(
-            latest_sample, self.stream.pose, self.stream.wind.latest, self._learning.row_format
+            latest_sample,
+            self.stream.pose,
+            self.stream.wind.latest,
+            self.flight.learning.row_format,
         )
 
     def _process_row(self, row: AlignedRow, arrival_time: float) -> None:
@@ -459,13 +485,13 @@ class LiveSession:
         # The stream sets the format before its first row. Each segment of rows has a format object of its own.
         row_format = self.stream.row_format
         assert row_format is not None
-        learning = self._learning
+        learning = self.flight.learning
         is_new_segment = row_format is not learning.row_format
         if is_new_segment:
             self._begin_segment(row_format)
         learning.is_free_flight = row.is_free_flight
         estimate = self._learn_row(row)
-        self._latencies.add(clock.monotonic() - arrival_time)
+        self.flight.latencies.add(clock.monotonic() - arrival_time)
         learning.note_estimate(estimate)
         wind = self.stream.wind.latest
         self._presentation.add_to_history(row, row_format, estimate, wind, self.stream.pose)
@@ -478,7 +504,7 @@ class LiveSession:
         Args:
             row_format: names of motors and outputs, units and time step of the rows that follow.
         """
-        self._learning.begin(row_format)
+        self.flight.learning.begin(row_format)
         self.history.motor_names = row_format.geometry.names
         self._presentation.open(row_format)
 
@@ -494,10 +520,10 @@ class LiveSession:
         if not row.is_free_flight:
             return None
         if self.backlog.postpones(DelayedWork.ESTIMATES):
-            self._postponed_rows += 1
+            self.flight.postponed_rows += 1
             return None
         # While a motor is weak, the other motors balance its missing thrust, and that torque is not the wind's.
-        return self._learning.learn_row(row, self.stream.motor_alarms.weak_since)
+        return self.flight.learning.learn_row(row, self.stream.motor_alarms.weak_since)
 
     def _withdraw_landing_or_loss(self) -> None:
         """Removes a landing or a loss of control, once it is recognised, from the samples that the model is trained on.
@@ -510,10 +536,10 @@ class LiveSession:
         if onset is None:
             return
         if self.gain_adviser is not None:
-            self.gain_adviser.is_due = True
+            self._request_gain_advice(self.gain_adviser)
         self.history.forget_learned_since(onset)
-        if self._learning.learner is not None:
-            self._learning.withdraw_since(onset)
+        if self.flight.learning.learner is not None:
+            self.flight.learning.withdraw_since(onset)
 
     def _keep_flight_data(self, status: SessionStatus) -> None:
         """Adds the battery's voltages in flight to the history, and notes the end of free flight on the ground.
@@ -524,7 +550,7 @@ class LiveSession:
         if status.is_flying and status.state is not None:
             self.history.add_voltages(status.state.voltages)
         if not status.is_flying:
-            self._learning.is_free_flight = False
+            self.flight.learning.is_free_flight = False
 
     def _report_no_model_reason(self, status: SessionStatus) -> None:
         """Reports why no model is learned, or that one is being learned again, whenever that changes.
@@ -538,7 +564,7 @@ class LiveSession:
         reason = status.link_loss or status.no_model_reason
         if status.is_flying and reason is not None and reason.code in NO_ROWS_CODES:
             # It is kept for the end of the session, when the vehicle no longer flies.
-            self._no_rows_reason = reason
+            self.flight.no_rows_reason = reason
         former_reason = self._reported_reason
         if _without_measurements(reason) == _without_measurements(former_reason):
             return
@@ -562,7 +588,7 @@ class LiveSession:
         if status.is_flying and status.loss is not None:
             # While a vehicle is out of control in the air, nothing about learning matters.
             return True
-        is_after_landing = self._learning.has_landed and not status.is_flying
+        is_after_landing = self.flight.learning.has_landed and not status.is_flying
         # The landing is reported with what the flight has shown; another take-off is the pilot's choice.
         is_waiting_for_takeoff = reason is not None and reason.code is SessionFact.NOT_FLYING
         return is_after_landing and is_waiting_for_takeoff
@@ -580,24 +606,39 @@ class LiveSession:
         """Returns the model of the vehicle to keep at the end of the session.
 
         It is learned from the samples before the last landing or, if the vehicle still flies, from the latest samples.
+        If the latest flight gives no model, the latest one of an earlier flight is kept, and it is reported why.
+
+        Raises:
+            NotLearnable: no model was learned in any flight; the error states why there is none of the latest one.
+        """
+        if isinstance(self._executor, LearningProcess):
+            # On a busy computer the process that learns may be suspended. No more messages follow, so that it resumes.
+            self._executor.suspend(False)
+        try:
+            return self._final_model_of_flight()
+        except NotLearnable as error:
+            if self._earlier_model is None:
+                raise
+            self._presentation.log(Fact(SessionFact.FORMER_MODEL_KEPT, reason=error.fact))
+            return self._earlier_model
+
+    def _final_model_of_flight(self) -> Learned:
+        """Returns the model of the latest flight to keep at the end of the session.
 
         Raises:
             NotLearnable: no model was learned. The error states the first of these reasons that applies: no samples of
                 attitude and motor outputs came in flight; no vehicle was followed; this computer had no time to learn
                 from most samples; or the reason that the learner states.
         """
-        if isinstance(self._executor, LearningProcess):
-            # On a busy computer the process that learns may be suspended. No more messages follow, so that it resumes.
-            self._executor.suspend(False)
-        has_samples = self._learning.learner is not None
-        if not has_samples and self._no_rows_reason is not None:
-            raise NotLearnable(self._no_rows_reason)
+        has_samples = self.flight.learning.learner is not None
+        if not has_samples and self.flight.no_rows_reason is not None:
+            raise NotLearnable(self.flight.no_rows_reason)
         # A reason of another code says that no vehicle has sent anything yet; then the learner's own reason says more.
         not_followed_reason = self.stream.not_followed_reason
         if not_followed_reason is not None and not_followed_reason.code in NOT_FOLLOWED_CODES:
             raise NotLearnable(not_followed_reason)
         try:
-            return self._learning.final_model(self.stream.parameters)
+            return self.flight.learning.final_model(self.stream.parameters)
         except NotLearnable as error:
             if self._is_computer_too_slow:
                 raise NotLearnable(self._too_slow_fact) from error
@@ -606,15 +647,15 @@ class LiveSession:
     @property
     def _is_computer_too_slow(self) -> bool:
         """Whether this computer had no time to learn from most samples of free flight, settled or climbing."""
-        return self._postponed_rows > self._learning.learned_rows
+        return self.flight.postponed_rows > self.flight.learning.learned_rows
 
     @property
     def _too_slow_fact(self) -> Fact:
         """The fact that this computer was too slow: how many samples were not learned from, and how many there were."""
         return Fact(
             SessionFact.COMPUTER_TOO_SLOW,
-            count=self._postponed_rows,
-            samples=self._postponed_rows + self._learning.learned_rows,
+            count=self.flight.postponed_rows,
+            samples=self.flight.postponed_rows + self.flight.learning.learned_rows,
         )
 
     def _reason_without_parameters(self) -> Fact | None:
@@ -625,9 +666,9 @@ class LiveSession:
             computer was too slow for most of them; the settled flight was too short for a fit; a fit is not finished.
             None if there are physical parameters, or if no sample has been learned from for another reason.
         """
-        learning = self._learning
+        learning = self.flight.learning
         if learning.learner is None:
-            return self._no_rows_reason
+            return self.flight.no_rows_reason
         has_parameters = learning.estimate is not None and learning.estimate.physical is not None
         if has_parameters:
             return None
@@ -648,16 +689,19 @@ class LiveSession:
         """Judges the model at the end of the session, by the alarms of the motors too.
 
         Args:
-            model: the final model; None without one.
+            model: the final model; None without one. A model of an earlier flight says nothing of the latest one, and
+                is neither judged nor shown.
 
         Returns:
-            The model to show, with its wind torque marked as the vehicle's own where a fault of the vehicle caused it.
+            The model to show, with its wind torque marked as the vehicle's own where a fault of the vehicle caused it;
+            None without a model of the latest flight.
         """
-        alarms = tuple(self.stream.motor_alarms.latest)
-        return self.judging.judge_final_model(
+        if model is self._earlier_model:
+            model = None
+        return self.flight.judging.judge_final_model(
             model,
-            self._learning.row_format,
-            alarms,
+            self.flight.learning.row_format,
+            self.stream.motor_alarms.of_latest_flight,
             has_rate_setpoint=self._has_rate_setpoint,
         )
 
@@ -673,7 +717,7 @@ class LiveSession:
             status: status of the session, with the judgement of the final model.
             model: the final model; None without one.
         """
-        self._milestone_reporter.report_end(self._learning, status, self.stream.now, model)
+        self._milestone_reporter.report_end(self.flight.learning, status, self.stream.now, model)
 
     def report_gain_advice(self, *, is_at_end: bool = False) -> None:
         """Starts to compute advice on controller gains after a landing, and reports advice that is ready.
@@ -698,9 +742,15 @@ class LiveSession:
         self._log_advice(advice, adviser.judgement)
         # The judgement of the recording says more than the judgement of the live model, and replaces it. But in flight
         # it is about an earlier flight, and must not hide what the model shows of this one.
-        is_of_latest_flight = is_at_end or not self.stream.is_flying
-        if adviser.judgement is not None and is_of_latest_flight:
-            self.judging.use_judgement_of_recording(adviser.judgement)
+        is_of_latest_flight = self._recorded_flight == self.stream.flight_number
+        is_flight_over = is_at_end or not self.stream.is_flying
+        if adviser.judgement is not None and is_of_latest_flight and is_flight_over:
+            self.flight.judging.use_judgement_of_recording(adviser.judgement)
+
+    def _request_gain_advice(self, adviser: GainAdviser) -> None:
+        """Makes advice on gains due, which comes with a judgement of the recording of the latest flight."""
+        adviser.is_due = True
+        self._recorded_flight = self.stream.flight_number
 
     def _announce_final_advice(self, adviser: GainAdviser) -> None:
         """Makes advice due at the end of a session in flight, and reports if the end will wait for advice.
@@ -708,9 +758,9 @@ class LiveSession:
         Args:
             adviser: computes the advice. After a landing it is due anyway, or has been given.
         """
-        has_flown = self._learning.has_settled or self.stream.is_flying
-        if has_flown and not self._learning.has_landed:
-            adviser.is_due = True
+        has_flown = self.flight.learning.has_settled or self.stream.is_flying
+        if has_flown and not self.flight.learning.has_landed:
+            self._request_gain_advice(adviser)
         if adviser.is_awaited:
             self._presentation.log(Fact(GainFact.ADVICE_AWAITED, duration=MAX_WAIT_SECONDS))
 
@@ -722,7 +772,7 @@ class LiveSession:
             judgement: judgement of the recorded flight; None before it is ready.
         """
         reported_advice = list(advice)
-        if not self._learning.has_settled:
+        if not self.flight.learning.has_settled:
             # Without settled flight no gains can be computed, which needs no report. An error is reported all the same.
             reported_advice = [fact for fact in advice if fact.code is GainFact.ADVICE_FAILED]
         if reported_advice and judgement is not None:

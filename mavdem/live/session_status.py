@@ -130,6 +130,9 @@ class SessionStatus(ImmutableResult):
     is_flying: bool = False
     """Whether the vehicle is armed and airborne."""
 
+    flight_number: int = 0
+    """Number of the latest flight in the session, from 1, which all judgements are about; 0 before the first."""
+
     boot_clock: float = nan
     """Latest time of the vehicle's boot clock, s; NaN before any."""
 
@@ -192,13 +195,11 @@ class SessionStatus(ImmutableResult):
     """Number of frames that are damaged or of another dialect."""
 
     motor_alarms: tuple[MotorChange, ...] = ()
-    """Latest lasting changes of the motors' balance; changes without a named motor are no alarms."""
+    """Latest lasting changes of the motors' balance in all flights of the session; changes without a named motor are
+    no alarms."""
 
-    motor_alarms_of_flight: tuple[MotorChange, ...] | None = None
-    """Such changes in the present flight, by which its motors are judged; None on the ground.
-
-    There the motors are judged by all changes, ``motor_alarms``.
-    """
+    motor_alarms_of_flight: tuple[MotorChange, ...] = ()
+    """Such changes in the latest flight, by which its motors are judged."""
 
     findings: Findings | None = None
     """What the model so far is good for; None before it is judged."""
@@ -243,7 +244,7 @@ class SessionStatus(ImmutableResult):
     """For each thing that is watched without a model: since when, or why it is not."""
 
     worst_lights: NamedFacts = field(default_factory=dict)
-    """The worst fact found so far without a model, by light: in flight of this flight, otherwise of the session."""
+    """The worst fact found so far without a model in the latest flight, by light."""
 
     absent_messages: frozenset[str] = frozenset()
     """Names of the messages that do not come, although the vehicle was asked for them."""
@@ -609,13 +610,8 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _weak_motors(self) -> list[Fact]:
-        """The losses of thrust of motors, the worst first, as facts with their newest figures.
-
-        In flight only losses of the present flight count, and on the ground all losses of the session.
-        """
-        if self.motor_alarms_of_flight is not None:
-            return thrust_losses(self.motor_alarms_of_flight)
-        return thrust_losses(self.motor_alarms)
+        """The losses of thrust of motors in the latest flight, the worst first, as facts with their newest figures."""
+        return thrust_losses(self.motor_alarms_of_flight)
 
     @property
     def _lights_without_model(self) -> dict[str, Fact]:

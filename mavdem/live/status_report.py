@@ -5,11 +5,10 @@ from dataclasses import dataclass, replace
 from mavdem.facts import Fact
 from mavdem.facts.session import LinkFact, MissingMessages, SessionFact, TimeUse, VehicleFact
 from mavdem.live import clock
-from mavdem.live.backlog import BEHIND_DELAY, Backlog, LatencyMeter
+from mavdem.live.backlog import BEHIND_DELAY, Backlog
 from mavdem.live.clock_speed import ClockSpeed
+from mavdem.live.flight_analysis import FlightAnalysis
 from mavdem.live.intake import LinkIntake
-from mavdem.live.judging import ModelJudging
-from mavdem.live.learning import FlightLearning
 from mavdem.live.margin_review import MarginReview
 from mavdem.live.rate_negotiation import RateNegotiation
 from mavdem.live.session_status import SessionStatus
@@ -19,7 +18,7 @@ from mavdem.live.time_account import AccountedState, TimeAccount
 from mavdem.live.watch_list import not_watched
 
 
-@dataclass(frozen=True)
+@dataclass
 class StatusReport:
     """Collects the states of a live session's link, stream, learning and judging into one status."""
 
@@ -35,14 +34,8 @@ class StatusReport:
     silence: SilenceMonitor
     """Knows when the last message came."""
 
-    latencies: LatencyMeter
-    """Measures the time from a message's arrival to its estimate."""
-
-    learning: FlightLearning
-    """Learns models from the rows of free flight."""
-
-    judging: ModelJudging
-    """Judges the latest model by its predictions."""
+    flight: FlightAnalysis
+    """Learns and judges models of the latest flight; the session sets another one at each take-off."""
 
     margin_review: MarginReview
     """Identifies the control loops of the flight so far."""
@@ -85,13 +78,13 @@ class StatusReport:
             last_reception = clock.unix_time() - message_age
         status = replace(
             status,
-            findings=self.judging.findings,
-            model_judgement=self.judging.judgement,
-            is_recording_judged=self.judging.is_of_recording,
+            findings=self.flight.judging.findings,
+            model_judgement=self.flight.judging.judgement,
+            is_recording_judged=self.flight.judging.is_of_recording,
             margins=self.margin_review.margins,
-            learned_rows=self.learning.learned_rows,
-            unlearned_rows=self.learning.unlearned_rows,
-            latency=self.latencies.latency,
+            learned_rows=self.flight.learning.learned_rows,
+            unlearned_rows=self.flight.learning.unlearned_rows,
+            latency=self.flight.latencies.latency,
             no_model_reason=no_model_reason,
             state=self.stream.vehicle_state(),
             message_age=message_age,
@@ -103,9 +96,9 @@ class StatusReport:
             absent_messages=self.rates.absent_messages,
             link_outage=self.silence.outage if status.is_flying else None,
         )
-        if self.learning.estimate is None:
+        if self.flight.learning.estimate is None:
             return status
-        return status.with_predictions(self.learning.estimate)
+        return status.with_predictions(self.flight.learning.estimate)
 
     def _message_age(self) -> float | None:
         """Returns the time since the last message of the followed vehicle came, analysed or not, s; None before any."""
@@ -176,9 +169,9 @@ class StatusReport:
         """
         if not is_flying:
             return Fact(SessionFact.NOT_FLYING)
-        if not self.learning.is_free_flight:
+        if not self.flight.learning.is_free_flight:
             return Fact(SessionFact.NOT_SETTLED)
-        learner = self.learning.learner
+        learner = self.flight.learning.learner
         if learner is None:
             return None
         return learner.no_model_reason
@@ -194,14 +187,14 @@ class StatusReport:
         """
         # The time between two samples (rows) of the learner; 0 before any.
         sample_step = 0.0
-        if self.learning.row_format is not None:
+        if self.flight.learning.row_format is not None:
             # The account is of this computer's time, and samples are steps of the vehicle's.
-            sample_step = self.clock_speed.real_seconds(self.learning.row_format.dt)
+            sample_step = self.clock_speed.real_seconds(self.flight.learning.row_format.dt)
         state = AccountedState(
             link_is_lost=self.intake.is_lost,
             message_time=self.silence.message_time,
             motion_time=self.silence.motion_time,
-            learned_rows=self.learning.learned_rows,
+            learned_rows=self.flight.learning.learned_rows,
             dt=sample_step,
             status=self.stream.status(),
         )

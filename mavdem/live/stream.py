@@ -286,6 +286,11 @@ class LiveStream:
         return self._phase.is_flying
 
     @property
+    def flight_number(self) -> int:
+        """Number of the latest flight in the session, from 1; 0 before the first."""
+        return self._review.flight_number
+
+    @property
     def takeoff_time(self) -> float:
         """When the vehicle left the ground last, s of this boot; minus infinity where that was not seen."""
         return self._phase.takeoff_time
@@ -343,13 +348,14 @@ class LiveStream:
             no_model_reason=self._no_rows_reason,
             rates=self._rows.rates(self._clock.now),
             is_flying=self.is_flying,
+            flight_number=self.flight_number,
             flight_seconds=flight_seconds,
             lost_messages=vehicle.lost_messages if vehicle else 0,
             gap_seconds=vehicle.uncounted_gap_seconds if vehicle else 0.0,
             late_samples=self._rows.late_samples,
             undecoded_frames=self.frame_reader.undecoded_frames,
             motor_alarms=tuple(self.motor_alarms.latest),
-            motor_alarms_of_flight=self.motor_alarms.of_latest_flight if self.is_flying else None,
+            motor_alarms_of_flight=self.motor_alarms.of_latest_flight,
             has_landed=watchdog.has_landed,
             loss=loss,
             ground_contact=watchdog.ground_contact,
@@ -358,11 +364,7 @@ class LiveStream:
             takeoff_position=self._pose.takeoff_position if is_takeoff_seen else None,
             displacement=None if is_takeoff_seen else self._takeoff_place.displacement,
             watch_facts=self.watch_facts,
-            worst_lights=(
-                watchdog.status_lights.latest
-                if self.is_flying
-                else watchdog.status_lights.of_session
-            ),
+            worst_lights=watchdog.status_lights.latest,
             wind=self.wind.latest,
             mean_wind=self.wind.mean,
             no_wind_reason=self.wind.no_estimate_reason,
@@ -627,17 +629,13 @@ class LiveStream:
     def _test_motors(self, time: float) -> None:
         """Tests the latest motor outputs for a motor that works harder than before, and reports what is found.
 
-        Only in settled flight do the outputs of the motors show their balance. Before and after it, it is only noted
-        whether the vehicle flies: the alarms of a flight end at the next take-off.
+        Only in settled flight do the outputs of the motors show their balance.
 
         Args:
             time: time of the latest sample of motor outputs, s of the boot clock.
         """
         inputs = self._rows.inputs
-        if inputs is None:
-            return
-        if not self._phase.is_settled(time):
-            self.motor_alarms.note_unsettled(time, self.boot, is_flying=self._phase.is_flying)
+        if inputs is None or not self._phase.is_settled(time):
             return
         outputs = self._rows.latest_motor_outputs()
         if outputs is None:
@@ -666,7 +664,7 @@ class LiveStream:
         self.wind.restart()
         self._pose.restart()
         self._takeoff_place.restart(was_flying=self.is_flying)
-        self.motor_alarms.restart(was_flying=self.is_flying)
+        self.motor_alarms.restart()
         self._review.restart(boot)
         # The restarted review has another object for the phase of flight, which decides what rows of the new boot are.
         self._rows.restart(boot, self._review.phase)

@@ -92,7 +92,11 @@ class TimeAccount:
         # Arrivals are converted from the wall clock, which may be set back: time is never counted backwards.
         now = max(now, self.entry_time)
         elapsed_seconds = now - self.entry_time
-        new_rows = state.learned_rows - self._learned_rows
+        # The rows are of the latest flight: their number is smaller than before where another flight has begun.
+        has_flight_begun = state.learned_rows < self._learned_rows
+        new_rows = state.learned_rows
+        if not has_flight_begun:
+            new_rows -= self._learned_rows
         self._learned_rows = state.learned_rows
         self._uncounted_learned += new_rows * state.dt
         learned_seconds = min(self._uncounted_learned, elapsed_seconds)

@@ -125,6 +125,11 @@ class VehicleReview:
         self.telemetry: Telemetry | None = None
         self._motion: RecentMotion | None = None
 
+    @property
+    def flight_number(self) -> int:
+        """Number of the latest flight in the session, from 1; 0 before the first. A bounce begins no other flight."""
+        return self.watchdog.status_lights.flight_number
+
     def _texts_since_last_attitude(self) -> list[TimedValues]:
         """Returns the texts of the autopilot that came after the last message of a boot.
 
@@ -301,18 +306,23 @@ class VehicleReview:
         self._update_phase()
 
     def _update_phase(self) -> None:
-        """Decides whether the vehicle flies; a take-off begins the estimation of another wind."""
+        """Decides whether the vehicle flies. Each flight has its own wind, lights and alarms, from its take-off on."""
+        now = self._review_time
         self.telemetry = self._vehicle_telemetry()
         # The mean of all motor outputs, as a fraction of their range.
         collective = None
         if self._rows.inputs is not None:
             collective = self._rows.inputs.collective
-        was_flying = self.phase.is_flying
-        self.phase.review(self._review_time, self.telemetry, collective)
-        has_taken_off = self.phase.is_flying and not was_flying
-        if has_taken_off:
-            # Each flight has its own wind.
+        self.phase.review(now, self.telemetry, collective)
+        former_flight = self.flight_number
+        # The watchdog begins another flight here, not with its own review a moment later: until then, the alarms of an
+        # earlier flight would stand beside a vehicle that flies again.
+        self.watchdog.update_phase(
+            now, is_flying=self.phase.is_flying, takeoff_time=self.phase.takeoff_time
+        )
+        if self.flight_number != former_flight:
             self._wind.restart()
+            self._motor_alarms.begin_flight(now, self.recent_messages.boot)
 
     def _collect_motion(self) -> None:
         """Collects the motion of the last seconds for the watchdog."""

@@ -195,7 +195,7 @@ class Watchdog:
         is_thorough: whether the latest review is thorough.
         alarms: the alarms that are active as of the last review.
         watch_list: since when each quantity is watched, or why it is not.
-        status_lights: the worst fact on each part of the vehicle, in the latest flight and before.
+        status_lights: the worst fact on each part of the vehicle in the latest flight.
         control: judges whether control of the flight was lost.
         drift: looks for wind that carries the vehicle away in the present flight.
         loss: how the flight was lost, by its motion or a report of the autopilot; it stays until the next take-off.
@@ -223,7 +223,7 @@ class Watchdog:
         self.alarms = ActiveAlarms()
         self.watch_list = WatchList()
         self.status_lights: FlightLights = FlightLights(
-            None if former is None else former.status_lights, has_flight_gone_on=was_flying
+            None if former is None else former.status_lights
         )
         self.control = ControlWatch(slow_messages)
         self.drift = WindDriftDetector(slow_messages.boot)
@@ -324,7 +324,7 @@ class Watchdog:
         Returns:
             Facts that the autopilot has reported since the last review.
         """
-        self._update_phase(now, IN_AIR if is_flying else ON_GROUND, takeoff_time)
+        self.update_phase(now, is_flying=is_flying, takeoff_time=takeoff_time)
         self.is_thorough = now - self._thorough_time >= THOROUGH_PERIOD
         if self.is_thorough:
             self._thorough_time = now
@@ -394,7 +394,7 @@ class Watchdog:
             now: present time on the boot clock, s.
 
         Returns:
-            What the user is told: the alarm, or the report itself.
+            What is reported to the user: the alarm, or the report itself.
         """
         if report.code in POWER_REPORTS:
             self._raise_battery_alarm(report, now)
@@ -425,7 +425,7 @@ class Watchdog:
         self.alarms.raise_alarm(WatchedQuantity.BATTERY, worse_fact, now)
 
     def _told_power_report(self, report: Fact) -> Fact:
-        """Returns what the user is told of a report on the power: an alarm if it is bad, otherwise the report itself.
+        """Returns what is reported to the user of a power report: an alarm if it is bad, otherwise the report itself.
 
         Args:
             report: a new report of the autopilot on the power, which is among the active alarms if it is a warning.
@@ -439,17 +439,18 @@ class Watchdog:
             return report.without_flight_advice
         return report
 
-    def _update_phase(self, now: float, landed_state: int, takeoff_time: float) -> None:
+    def update_phase(self, now: float, *, is_flying: bool, takeoff_time: float = -inf) -> None:
         """Begins another phase, in the air or on the ground, if the landed state has changed.
 
         Faults that last until the end of a phase end with it, and their status lights get the time of the end.
 
         Args:
             now: present time on the boot clock, s.
-            landed_state: present landed state, ``IN_AIR`` or ``ON_GROUND``.
+            is_flying: whether the vehicle is airborne and armed.
             takeoff_time: when the vehicle left the ground, s of the boot clock; minus infinity where it was in the air
                 at the first moment that shows it.
         """
+        landed_state = IN_AIR if is_flying else ON_GROUND
         if self._first_review_time is None:
             self._first_review_time = now
         if landed_state == self._landed_states.latest:

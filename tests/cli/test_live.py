@@ -59,7 +59,7 @@ def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, mon
     def fly(session, *_):
         folder.rmdir()
         # What takes its time at the end is no silence of the link's.
-        session._learning.learner = Mock(
+        session.flight.learning.learner = Mock(
             no_model_reason=None, **{"learn_now.side_effect": lambda _: late(session)}
         )
 

@@ -104,33 +104,37 @@ def test_a_restart_in_flight_is_no_landing_and_the_landing_after_it_is():
 
 
 def reported_flights(*parts):
-    """The verdicts on earlier flights; a part has boot, whether it flies, and the time since the take-off, s."""
+    """The verdicts on earlier flights; a part has boot, flight, whether it flies, and the time since take-off, s."""
     facts = []
     milestones = Milestones("roll", facts.append)
     power = {Light.POWER: Fact(PowerLight.BATTERY_HELD, Level.GOOD)}
-    for now, (boot, is_flying, flight_seconds) in enumerate(parts):
+    for now, (boot, flight, is_flying, flight_seconds) in enumerate(parts):
         status = SessionStatus(
-            is_flying=is_flying, flight_seconds=flight_seconds, worst_lights=power
+            is_flying=is_flying,
+            flight_number=flight,
+            flight_seconds=flight_seconds,
+            worst_lights=power,
         )
         milestones.update(learning_with("model"), status, float(now), boot)
     return [fact for fact in facts if fact.code is SessionFact.EARLIER_FLIGHT]
 
 
 def test_a_flight_is_reported_with_its_verdict_when_the_next_one_begins():
-    flight, ground = (0, True, 75.0), (0, False, None)
-    assert not reported_flights(ground, flight, ground)
-    [first] = reported_flights(flight, ground, (0, True, 0.5))
+    flight, ground = (0, 1, True, 75.0), (0, 1, False, None)
+    assert not reported_flights((0, 0, False, None), flight, ground)
+    assert not reported_flights(flight, ground, flight), "it has bounced"
+    [first] = reported_flights(flight, ground, (0, 2, True, 0.5))
     assert str(first).startswith("Flight 1 (1:15 min) is over. Its verdict: too little was checked")
 
 
 def test_a_flight_whose_link_was_lost_in_the_air_is_reported_too():
-    flight = (0, True, 11.0)
-    [lost] = reported_flights(flight, (1, False, None), (1, True, 0.5))
+    flight = (0, 1, True, 11.0)
+    [lost] = reported_flights(flight, (1, 1, False, None), (1, 2, True, 0.5))
     assert str(lost).startswith("Flight 1 (0:11 min) was lost in the air")
     # After a restart in the air the same flight goes on, until the next take-off.
-    goes_on = [flight, (1, False, None), (1, True, None)]
+    goes_on = [flight, (1, 1, False, None), (1, 1, True, None)]
     assert not reported_flights(*goes_on)
-    [landed] = reported_flights(*goes_on, (1, False, None), (1, True, 0.5))
+    [landed] = reported_flights(*goes_on, (1, 1, False, None), (1, 2, True, 0.5))
     assert "is over" in str(landed)
 
 

@@ -91,10 +91,9 @@ def test_the_light_of_a_later_boot_of_the_same_flight_replaces_one_that_is_no_wo
     later = before.replace(voltage=11.2)
     former = FlightLights()
     former.add(Light.POWER, before)
-    lights = FlightLights(former, has_flight_gone_on=True)
+    lights = FlightLights(former)
     assert lights.latest == {Light.POWER: before}
     lights.add(Light.POWER, later)
-    assert lights.of_session == {Light.POWER: later}
-    other_flight = FlightLights(former)
-    other_flight.add(Light.POWER, later)
-    assert other_flight.of_session == {Light.POWER: later}
+    assert lights.latest == {Light.POWER: later}
+    lights.begin_flight()
+    assert lights.latest == {} and lights.flight_number == former.flight_number + 1

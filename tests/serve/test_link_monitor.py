@@ -318,7 +318,7 @@ def test_the_flight_of_a_silent_vehicle_is_saved_and_the_one_that_sends_is_follo
             session.intake.recording.add(1e9, session.stream.frame_reader.feed(FRAMES))
             session.successor = Component(2, 1)
             session._milestone_reporter.update(
-                session._learning, SessionStatus(is_flying=True), 5.0
+                session.flight.learning, SessionStatus(is_flying=True), 5.0
             )
             assert is_over()
 

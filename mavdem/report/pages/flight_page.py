@@ -885,7 +885,7 @@ def _live_chapters(
     title = f"Prediction of {axis} in flight, and the link"
     chapters.append(Chapter(title, report, folded=True))
     if learned is not None:
-        findings = status.findings or model_findings(learned, alarms=status.motor_alarms)
+        findings = status.findings or model_findings(learned, alarms=status.motor_alarms_of_flight)
         blocks = [*purpose_tables(findings), *torque_blocks(learned)]
         chapters.append(Chapter(f"Model of {axis}", blocks))
     return chapters
