@@ -407,8 +407,8 @@ def test_a_page_is_laid_out_anew_for_light_paper_and_prints_all_of_its_chapters(
         "folded": 0,
         "firstLineOfPart": True,
         "menu": "none",
-        # Between plots a page may end, in none of them: what is free below the events has plots.
-        "breaks": ["auto", "avoid"],
+        # The first plots over the flight stay on one sheet: the last of them has the time axis of all.
+        "breaks": ["avoid", "avoid"],
         "screen": "block",
     }
 
