@@ -1,7 +1,7 @@
 """Losses of attitude, as facts (coded findings): roll or pitch was far from its setpoint, and the sensors confirm it.
 
 The attitude is lost if it is more than 30° from its setpoint for 0.3 s or longer. Ordinary setpoints, tracked as
-badly as in a step, stay within that. :func:`mavdem.assessment.attitude_error.attitude_error` defines the error. A
+badly as in a step, stay within that. :func:`mavdem.dataset.attitude_error.attitude_error` defines the error. A
 setpoint that nothing follows looks the same, so that a second sensor must confirm a loss: gyro, height, or the ground.
 """
 
@@ -10,11 +10,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.assessment.attitude_error import AttitudeError, LargestError, largest_error
-from mavdem.assessment.flights import RECOVERY_SECONDS, merge_close_intervals
+from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.assessment.motor_events import lasting_runs
+from mavdem.dataset.attitude_error import AttitudeError, LargestError, largest_error
 from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY
-from mavdem.dataset.intervals import Intervals, TimeInterval, in_intervals, union
+from mavdem.dataset.intervals import (
+    Intervals,
+    TimeInterval,
+    in_intervals,
+    merge_close_intervals,
+    union,
+)
 from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 
-from mavdem.assessment.flights import RECOVERY_SECONDS, merge_close_intervals
-from mavdem.dataset.intervals import Intervals, in_intervals
+from mavdem.assessment.flights import RECOVERY_SECONDS
+from mavdem.dataset.intervals import Intervals, in_intervals, merge_close_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mavdem.assessment.attitude_error import AttitudeError, attitude_error
 from mavdem.assessment.attitude_losses import LOST_ANGLE
 from mavdem.assessment.commanded_overturn import commanded_overturn
 from mavdem.assessment.failure_by_commands import (
@@ -20,6 +19,7 @@ from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.lowered_throttle import lowered_throttle
 from mavdem.assessment.motor_events import LASTING_SECONDS
 from mavdem.assessment.stop_reason import STOP_REASON_SECONDS, reason_of_stop
+from mavdem.dataset.attitude_error import AttitudeError, attitude_error
 from mavdem.dataset.flight_states import MANUAL_THROTTLE_MODES, mode_intervals
 from mavdem.dataset.grounded import MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import in_intervals

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from mavdem.dataset import phases
 from mavdem.dataset.flight_states import airborne_intervals, armed_intervals
 from mavdem.dataset.grounded import without_grounded
-from mavdem.dataset.intervals import Intervals, intersection
+from mavdem.dataset.intervals import Intervals, intersection, merge_close_intervals
 from mavdem.dataset.segments import Segment, Segments, recorded_spans, settled_segments
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
@@ -126,27 +126,6 @@ def _never_flew(signals: Signals, boot: int) -> bool:
     is_multirotor = signals.telemetry.vehicle in POSSIBLE_MULTIROTORS
     has_attitude = bool(signals.tilts) and boot in signals.tilts[0].boot
     return is_multirotor and has_attitude and sensor_trust(signals, boot).flew is False
-
-
-def merge_close_intervals(intervals: Intervals, gap: float) -> Intervals:
-    """Merges intervals that begin less than ``gap`` seconds after the end of the interval before.
-
-    Args:
-        intervals: intervals (start, end), s, in ascending order.
-        gap: shortest gap that separates two intervals, s.
-
-    Returns:
-        The merged intervals, s, in ascending order.
-    """
-    merged_intervals: Intervals = []
-    for start, end in intervals:
-        if merged_intervals:
-            earlier_start, earlier_end = merged_intervals[-1]
-            if start - earlier_end < gap:
-                merged_intervals[-1] = (earlier_start, end)
-                continue
-        merged_intervals.append((start, end))
-    return merged_intervals
 
 
 def loss_onset(loss: Fact) -> float | None:

@@ -5,7 +5,7 @@ from math import pi
 
 from mavdem.assessment.commanded_overturn import lean_angle
 from mavdem.assessment.descents import flies_on
-from mavdem.assessment.flights import RECOVERY_SECONDS, merge_close_intervals
+from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.dataset.axes import TILT_COLUMNS
 from mavdem.dataset.extreme_tilt import MAX_TILT
 from mavdem.dataset.intervals import (
@@ -13,6 +13,7 @@ from mavdem.dataset.intervals import (
     TimeInterval,
     in_intervals,
     intersection,
+    merge_close_intervals,
     true_intervals,
 )
 from mavdem.dataset.steady_flight import attitude_tracking

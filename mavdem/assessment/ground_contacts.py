@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.assessment.attitude_error import AttitudeError, largest_error
 from mavdem.assessment.attitude_losses import was_above_ground_before
 from mavdem.assessment.contact_time import MIN_FALL_SECONDS, TOPPLE_HEIGHT_CLOSED, ContactSearch
 from mavdem.assessment.flights import RECOVERY_SECONDS, loss_onset
+from mavdem.dataset.attitude_error import AttitudeError, largest_error
 from mavdem.dataset.grounded import MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import TimeInterval, in_intervals
 from mavdem.dataset.time_series import series_of_boot

@@ -9,7 +9,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from mavdem.assessment.attitude_error import AttitudeError, attitude_error
 from mavdem.assessment.attitude_losses import attitude_losses
 from mavdem.assessment.attitude_swings import attitude_swings
 from mavdem.assessment.autopilot_messages import in_time_order
@@ -31,6 +30,7 @@ from mavdem.assessment.motor_witnesses import with_sensor_evidence
 from mavdem.assessment.position_losses import position_losses
 from mavdem.assessment.swing_causes import with_causes_of_swings
 from mavdem.assessment.wind_drifts import wind_drifts
+from mavdem.dataset.attitude_error import AttitudeError, attitude_error
 from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import Intervals, TimeInterval, in_intervals
 from mavdem.dataset.signals import Signals

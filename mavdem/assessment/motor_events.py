@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array, Flags
-from mavdem.assessment.flights import RECOVERY_SECONDS, merge_close_intervals
+from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.dataset.flight_states import MANUAL_THROTTLE_MODES, min_running_command, mode_intervals
 from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import (
@@ -16,6 +16,7 @@ from mavdem.dataset.intervals import (
     TimeInterval,
     in_intervals,
     intersection,
+    merge_close_intervals,
     true_intervals,
 )
 from mavdem.dataset.motor_outputs import MotorOutputs

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array, Flags
-from mavdem.assessment.attitude_error import AttitudeError, largest_error
 from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.assessment.motor_events import lasting_runs
+from mavdem.dataset.attitude_error import AttitudeError, largest_error
 from mavdem.dataset.flight_states import min_airborne_collective
 from mavdem.dataset.grounded import MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import TimeInterval, in_intervals

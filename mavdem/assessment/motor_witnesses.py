@@ -7,7 +7,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mavdem.assessment.attitude_error import attitude_error, largest_error
 from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot
 from mavdem.assessment.motor_speeds import (
     MIN_COMMAND_RISE,
@@ -17,6 +16,7 @@ from mavdem.assessment.motor_speeds import (
     rise_fact,
     speed_facts,
 )
+from mavdem.dataset.attitude_error import attitude_error, largest_error
 from mavdem.dataset.intervals import TimeInterval, in_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Facts
@@ -121,7 +121,7 @@ def _loss_of_attitude(signals: Signals, boot: int, interval: TimeInterval) -> Fa
     """Returns the fact that the attitude left its setpoint, which supports that a motor was lost.
 
     If it did not, that proves nothing, since other motors may hold the attitude. If no setpoint was recorded, only a
-    fraction of the lean is compared with the limit (:func:`mavdem.assessment.attitude_error.attitude_error`), but the
+    fraction of the lean is compared with the limit (:func:`mavdem.dataset.attitude_error.attitude_error`), but the
     fact has the whole lean.
 
     Args:

@@ -11,9 +11,9 @@ from math import inf
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.assessment.attitude_error import attitude_error
 from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot, loss_onset
 from mavdem.assessment.motor_events import LASTING_SECONDS
+from mavdem.dataset.attitude_error import attitude_error
 from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import TimeInterval, in_intervals
 from mavdem.dataset.motor_outputs import MotorOutputs

@@ -13,11 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.assessment.flights import RECOVERY_SECONDS, merge_close_intervals
+from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.assessment.lights.wind import lean_limit
 from mavdem.containers import Numbers
 from mavdem.dataset.axes import AXES
-from mavdem.dataset.intervals import TimeInterval, in_intervals
+from mavdem.dataset.intervals import TimeInterval, in_intervals, merge_close_intervals
 from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent

@@ -21,7 +21,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts.vehicle import Basis
 from mavdem.fleet.priors import WIND_DOCUMENT, earlier_drag
 from mavdem.report.blocks import Blocks, Sentence, caution
-from mavdem.report.condition import WIND_LIGHTS, drag_table, wind_blocks, wind_tables
+from mavdem.report.condition import WIND_LIGHTS, drag_blocks, wind_blocks, wind_tables
 from mavdem.report.pages.wind_page import wind_page
 from mavdem.report.screen import warnings_of_lights
 from mavdem.report.templates import render_section
@@ -97,9 +97,9 @@ def wind_command(
     if as_json:
         print_json(document)
         return
-    tables = wind_tables(wind, None if verbose else MAX_COURSE_ROWS)
+    tables: Blocks = [*wind_tables(wind, None if verbose else MAX_COURSE_ROWS)]
     if verbose or parameters_to_set:
-        tables.append(drag_table(wind.drag, parameters_to_set))
+        tables += drag_blocks(wind.drag, signals.telemetry.autopilot, parameters_to_set)
     print_screen(
         title=[],
         summary=[],

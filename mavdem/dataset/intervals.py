@@ -112,6 +112,27 @@ def union(first: Intervals, second: Intervals) -> Intervals:
     return complement(intersection(complement(first), complement(second)))
 
 
+def merge_close_intervals(intervals: Intervals, gap: float) -> Intervals:
+    """Merges intervals that begin less than ``gap`` seconds after the end of the interval before.
+
+    Args:
+        intervals: intervals (start, end), s, in ascending order.
+        gap: shortest gap that separates two intervals, s.
+
+    Returns:
+        The merged intervals, s, in ascending order.
+    """
+    merged_intervals: Intervals = []
+    for start, end in intervals:
+        if merged_intervals:
+            earlier_start, earlier_end = merged_intervals[-1]
+            if start - earlier_end < gap:
+                merged_intervals[-1] = (earlier_start, end)
+                continue
+        merged_intervals.append((start, end))
+    return merged_intervals
+
+
 def complement(intervals: Intervals) -> Intervals:
     """Returns the complement of a set of intervals: all times outside of them.
 

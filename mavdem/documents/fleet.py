@@ -44,7 +44,9 @@ class Change(Document):
     difference: PerSecondOrSeconds
     """B less A; relative for shares, effects, maximum sensitivity and rise"""
     half_width: PerSecondOrSeconds
-    """half width of its 90 % interval"""
+    """half width of its 90 % interval; linearized where the difference is relative"""
+    interval: list[PerSecondOrSeconds]
+    """ends of its 90 % interval, by the statistic of p"""
     p: Number
     """probability of a difference as large if nothing changed"""
     allowance: PerSecondOrSeconds

@@ -94,6 +94,10 @@ class WindVelocity(Document):
     """speed of the mean wind"""
     speed_interval: list[Speed]
     """ends of the 90 % interval of speed"""
+    mean_speed: Speed
+    """mean of the speeds; where the wind turns, it is above speed"""
+    mean_speed_interval: list[Speed]
+    """ends of the 90 % interval of mean_speed"""
     direction: Degrees
     """where the wind comes from, clockwise from north"""
     direction_interval: Degrees
@@ -126,6 +130,8 @@ class WindVelocity(Document):
     """what to fly to know speed or direction better, and how well they would then be known"""
     boot: int
     """number of the vehicle's boot, from 0"""
+    left_out: list[list[Seconds]]
+    """start and end of each part left out since the attitude did not follow its setpoint, on the boot clock"""
     calm: bool
     """whether still air is likely as well"""
 

@@ -13,6 +13,7 @@ class NoWind(Code):
     STUCK = "stuck"
     NO_POSITION_FIX = "no_position_fix"
     BEYOND_ANY_WIND = "beyond_any_wind"
+    ATTITUDE_NOT_FOLLOWED = "attitude_not_followed"
 
 
 class WindDoubt(Code):

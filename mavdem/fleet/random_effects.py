@@ -10,14 +10,14 @@ nothing changed, ``SIGNIFICANCE`` bounds the probability that any is called so (
 """
 
 from collections.abc import Collection, Sequence
-from math import exp, hypot, inf, sqrt
+from math import exp, expm1, hypot, inf, log1p, sqrt
 from typing import NamedTuple
 
 import numpy as np
 import scipy
 
 from mavdem.arrays import Array
-from mavdem.confidence import CONFIDENCE_LEVEL, coverage_factor
+from mavdem.confidence import CONFIDENCE_LEVEL, Interval, coverage_factor
 from mavdem.containers import group_by
 from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts.fleet import QuantityOutcome
@@ -118,7 +118,7 @@ class QuantityChange(NamedTuple):
     """Second state less first; relative for ``LOGARITHMIC_KINDS``."""
 
     half_width: float
-    """Half width of the 90 % interval of the difference."""
+    """Half width of the 90 % interval of the difference; for ``LOGARITHMIC_KINDS`` linearized, see ``interval``."""
 
     p: float
     """Probability of a difference as large if nothing changed (two-sided p-value)."""
@@ -133,9 +133,34 @@ class QuantityChange(NamedTuple):
     """Degrees of freedom of the standard deviation that the interval is made of."""
 
     @property
+    def tested_difference(self) -> float:
+        """The difference as it is tested: the logarithm of the ratio for ``LOGARITHMIC_KINDS``, or else as it is.
+
+        The logarithm has the same size whichever of the two states is called the first.
+        """
+        return log1p(self.difference) if self._is_ratio else self.difference
+
+    @property
+    def tested_half_width(self) -> float:
+        """Half width of the 90 % interval of ``tested_difference``."""
+        return self.half_width / (1 + self.difference) if self._is_ratio else self.half_width
+
+    @property
+    def interval(self) -> Interval:
+        """Ends of the 90 % interval of the difference, which is not symmetric for ``LOGARITHMIC_KINDS``."""
+        low = self.tested_difference - self.tested_half_width
+        high = self.tested_difference + self.tested_half_width
+        return (expm1(low), expm1(high)) if self._is_ratio else (low, high)
+
+    @property
+    def _is_ratio(self) -> bool:
+        """Whether the difference is a ratio less 1."""
+        return self.quantity.kind in LOGARITHMIC_KINDS
+
+    @property
     def interval_contains_zero(self) -> bool:
         """Whether the interval of the difference, without regard to other quantities, contains "no change"."""
-        return abs(self.difference) <= self.half_width
+        return abs(self.tested_difference) <= self.tested_half_width
 
     @property
     def is_doubtful(self) -> bool:
@@ -161,7 +186,7 @@ class QuantityChange(NamedTuple):
     @property
     def largest_difference(self) -> float:
         """Largest size of a difference that the interval contains, in the unit of the difference."""
-        return abs(self.difference) + self.half_width
+        return max(abs(end) for end in self.interval)
 
     def detectable_difference(self, significance: float) -> float:
         """Returns the true difference that a test finds in 90 % of comparisons like this one, in its own unit.
@@ -174,11 +199,7 @@ class QuantityChange(NamedTuple):
             significance: significance level of the two-sided test of this quantity. In a test of several quantities it
                 is a fraction of the level of all.
         """
-        half_width = self.half_width
-        if self.quantity.kind in LOGARITHMIC_KINDS:
-            # Half width and difference are relative to the state before; the test is of logarithms.
-            half_width = self.half_width / (1 + self.difference)
-        sd = half_width / coverage_factor(freedom=self.freedom)
+        sd = self.tested_half_width / coverage_factor(freedom=self.freedom)
         quantile_of_test = scipy.special.stdtrit(self.freedom, 1 - significance / 2)
         quantile_of_error = scipy.special.stdtrit(self.freedom, CONFIDENCE_LEVEL)
         return float(sd * (quantile_of_test + quantile_of_error))
@@ -344,9 +365,10 @@ def with_outcomes(
     changes_with_outcomes = []
     for change in changes:
         equivalence_limit = EQUIVALENCE_LIMITS[change.quantity.kind]
+        largest_difference = abs(change.tested_difference) + change.tested_half_width
         if change.quantity in changed_quantities:
             outcome = QuantityOutcome.CHANGED
-        elif abs(change.difference) + change.half_width <= equivalence_limit:
+        elif largest_difference <= equivalence_limit:
             outcome = QuantityOutcome.SAME
         else:
             outcome = QuantityOutcome.UNCERTAIN

@@ -12,11 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.assessment.attitude_error import (
-    WITHOUT_SETPOINT_SHARE,
-    AttitudeError,
-    attitude_error,
-)
 from mavdem.assessment.attitude_losses import LOST_ANGLE, attitude_losses
 from mavdem.assessment.ending import find_ending, lower_unconfirmed_crash_reports
 from mavdem.assessment.flights import RECOVERY_SECONDS
@@ -27,6 +22,11 @@ from mavdem.assessment.motor_events import LASTING_SECONDS
 from mavdem.assessment.reported import has_sunk_after, stopped_in_air
 from mavdem.containers import Names
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
+from mavdem.dataset.attitude_error import (
+    WITHOUT_SETPOINT_SHARE,
+    AttitudeError,
+    attitude_error,
+)
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.flight_states import (
     CLIMB_STICK_MODES,

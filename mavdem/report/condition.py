@@ -13,11 +13,17 @@ from mavdem.facts.lights import Light
 from mavdem.facts.online import DragSource
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.physical_constants import GRAVITY
-from mavdem.report.blocks import Blocks, Sentence, Table, caution
+from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution
+from mavdem.report.numbers import listed
 from mavdem.report.templates import render_section, rounded_up
 from mavdem.wind_velocity.compass import compass_text, meteorological_direction
 from mavdem.wind_velocity.from_log import WindEvidence
-from mavdem.wind_velocity.vehicle_drag import LEAN_SD, Drag, ParameterValue
+from mavdem.wind_velocity.vehicle_drag import (
+    DRAG_PARAMETER_NAMES,
+    LEAN_SD,
+    Drag,
+    ParameterValue,
+)
 from mavdem.wind_velocity.velocity import WindVelocity
 
 WIND_LIGHTS = (Light.WIND, Light.ESTIMATOR)
@@ -159,7 +165,7 @@ def component_id(component: JsonValues) -> str:
     return f"{component['system']}:{component['component']}"
 
 
-def wind_blocks(evidence: WindEvidence, tables: Sequence[Table] = ()) -> Blocks:
+def wind_blocks(evidence: WindEvidence, tables: Sequence[Block] = ()) -> Blocks:
     """Returns the report on the wind that was estimated from a flight, in sentences with optional tables.
 
     First come sentences on speed, direction and gusts with their 90 % intervals, and on the autopilot's own estimate
@@ -168,7 +174,7 @@ def wind_blocks(evidence: WindEvidence, tables: Sequence[Table] = ()) -> Blocks:
     Args:
         evidence: all that is known of the wind of a log: the estimate or, without one, the reason for that if known;
             and the autopilot's own estimate.
-        tables: tables of the wind, such as its mean in each minute.
+        tables: tables of the wind, such as its mean in each minute, and what explains them.
 
     Returns:
         The report. Without an estimate it is only the reason for that, or empty if the reason is not known.
@@ -318,23 +324,42 @@ def _evenly_spaced(count: int, max_count: int | None) -> Sequence[int]:
     return indices
 
 
-def drag_table(drag: Drag, settings: Mapping[str, ParameterValue]) -> Table:
-    """Returns a table of a vehicle's linear drag, 1/s, and of the autopilot's parameters that describe the same drag.
+def drag_blocks(drag: Drag, autopilot: str, settings: Mapping[str, ParameterValue]) -> Blocks:
+    """Returns the report on a vehicle's drag: a table of coefficients, and which parameter the flight does not show.
 
-    Each row has the value and both ends of its 90 % interval.
+    Each row has a value and both ends of its 90 % interval. The linear drag, 1/s, has a row of its own only if no
+    parameter of the autopilot is that drag.
 
     Args:
         drag: drag of the vehicle, with linear coefficients along x and y of the body (2,), 1/s, and both ends of their
             intervals (2, 2). The table has the mean of both axes.
+        autopilot: name of the autopilot, which decides on the names of the parameters.
         settings: value and both ends of the interval of each parameter to set, by its name.
     """
-    low, high = drag.interval("linear").mean(axis=1)
-    linear_drag = ParameterValue(float(drag.linear.mean()), low=float(low), high=float(high))
-    quantities = {**settings, "linear drag (1/s)": linear_drag}
+    momentum_name, ballistic_prefix = DRAG_PARAMETER_NAMES.get(autopilot, ("", ""))
+    quantities: dict[str, ParameterValue] = {}
+    for name, setting in settings.items():
+        unit = "linear drag, 1/s" if name == momentum_name else "kg/m²"
+        quantities[f"{name} ({unit})"] = setting
+    if momentum_name not in settings:
+        low, high = drag.interval("linear").mean(axis=1)
+        linear_drag = ParameterValue(float(drag.linear.mean()), low=float(low), high=float(high))
+        quantities["linear drag (1/s)"] = linear_drag
     rows = []
     for name, quantity in quantities.items():
         rows.append([name, f"{quantity.value:.3g}", f"{quantity.low:.3g}", f"{quantity.high:.3g}"])
-    return Table([f"Drag, from {DRAG_SOURCES[drag.source]}", "value", "from", "to"], rows)
+    header = [f"Drag, from {DRAG_SOURCES[drag.source]}", "value", "from", "to"]
+    blocks: Blocks = [Table(header, rows)]
+    missing_names = []
+    if settings:
+        for axis in "XY":
+            if f"{ballistic_prefix}{axis}" not in settings:
+                missing_names.append(f"{ballistic_prefix}{axis}")
+    if missing_names:
+        blocks.append(
+            Sentence(f"This flight does not show {listed(missing_names)}.", lead="Unknown:")
+        )
+    return blocks
 
 
 def air_blocks(assessment: Assessment) -> Blocks:

@@ -64,6 +64,7 @@ from mavdem.serve.stored_files import (
     FIRST_PLOTS,
     INCOMING,
     LOGS,
+    PARAMETERS_FILE,
     PROGRESS,
     RESERVED_BYTES,
     RESULTS,
@@ -752,8 +753,8 @@ class Library:
             # A user has assigned a vehicle to the flight.
             columns |= {"vehicle": first_row.vehicle, "vehicle_basis": GIVEN_BASIS}
         paths = list(results.iterdir())
-        # Names of the result files that users may download, which the series of the page's charts are not.
-        names = {path.name for path in paths} - {SERIES_FILE}
+        # Names of the result files that users may download, which those that a comparison reads are not.
+        names = {path.name for path in paths} - {SERIES_FILE, PARAMETERS_FILE}
         # The progress file also names the recordings that can be made on request.
         names.update(name for name in columns.get("files", "").split(",") if name)
         return columns | {

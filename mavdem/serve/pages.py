@@ -53,6 +53,7 @@ from mavdem.serve.index import LibraryEntry
 from mavdem.serve.recordings import RecordingRequests, reason_without_file
 from mavdem.serve.rerun_viewer import viewer_policy
 from mavdem.serve.search import search_problems, unknown_terms
+from mavdem.serve.stored_parameters import read_parameters
 from mavdem.serve.stored_series import read_series
 from mavdem.serve.uploads import MAX_FILES
 from mavdem.serve.visible_library import VisibleLibrary, refuse_missing_file
@@ -480,7 +481,7 @@ class Pages:
         """Answers with the comparison of two flights, whose ids are ``a`` and ``b`` in the query.
 
         The earlier flight is A, where both have dates. The page states what changed of the vehicle, by the fleet's rows
-        of both flights, and which gains were changed, by the parameters in the index.
+        of both flights, and which parameters were changed.
 
         Args:
             request: the request, with both ids in its query.
@@ -502,9 +503,14 @@ class Pages:
             entry_before, entry_after = entry_after, entry_before
         rows_before = self._rows_of_listed_vehicle(entry_before)
         rows_after = self._rows_of_listed_vehicle(entry_after)
-        gains_before = json.loads(entry_before.gains)
-        gains_after = json.loads(entry_after.gains)
-        parameters = changed_parameters(gains_before, gains_after)
+        all_before = read_parameters(self._library.results_folder(entry_before))
+        all_after = read_parameters(self._library.results_folder(entry_after))
+        has_all_parameters = all_before is not None and all_after is not None
+        if all_before is None or all_after is None:
+            # Of flights that an earlier version has read, the index has the parameters of control alone.
+            all_before = json.loads(entry_before.gains)
+            all_after = json.loads(entry_after.gains)
+        parameters = changed_parameters(all_before, all_after)
         reviews = {}
         for side, entry, rows in zip(
             STATE_NAMES, (entry_before, entry_after), (rows_before, rows_after), strict=True
@@ -515,9 +521,9 @@ class Pages:
             vehicle_difference(rows_before, rows_after, parameters),
             reviews,
             parameters,
-            states_without_gains(gains_before, gains_after),
-            len(compared_parameters(gains_before, gains_after)),
-        )._replace(has_only_control_parameters=True)
+            states_without_gains(all_before, all_after),
+            len(compared_parameters(all_before, all_after)),
+        )._replace(has_only_control_parameters=not has_all_parameters)
         given_names = self._library.names.flights
         html = comparison_page(
             names=(

@@ -54,6 +54,7 @@ from mavdem.report.pages.library_page import first_plots
 from mavdem.results import PAGE_FILE, possible_recordings, result_files, write_result_files
 from mavdem.serve.index import columns_of_flight
 from mavdem.serve.stored_files import FIRST_PLOTS, PROGRESS, RESULTS
+from mavdem.serve.stored_parameters import write_parameters
 from mavdem.serve.stored_series import write_series
 from mavdem.wind_velocity.from_log import UNKNOWN_WIND
 
@@ -273,6 +274,7 @@ def _write_results(vehicles: Sequence[AssessedVehicle], folder: Path) -> list[st
     # Only an assessment in which no vehicle was judged has no evidence.
     assert assessment.evidence is not None
     write_series(folder, flight_series(assessment.evidence.signals))
+    write_parameters(folder, assessment.evidence.signals.telemetry.parameters)
     return list(files)
 
 

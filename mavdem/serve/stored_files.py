@@ -38,6 +38,9 @@ FIRST_PLOTS = "first_plots.html"
 SERIES_FILE = "series.npz"
 """File in a folder of results with the time series of the flight, which a comparison draws; no page links to it."""
 
+PARAMETERS_FILE = "parameters.json"
+"""File in a folder of results with all parameters of the flight, which a comparison reads; no page links to it."""
+
 UNFINISHED_RECORDINGS = ".recordings"
 """Ending of the hidden folder, next to that of the results, in which the recordings of a flight are made.
 

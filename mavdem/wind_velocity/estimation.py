@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import half_width
+from mavdem.confidence import INTERVAL_QUANTILES, half_width
 from mavdem.dataset.axes import DOWN, HORIZONTAL
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.facts.identifiability import Status
@@ -130,10 +130,16 @@ def estimate_wind(
     if not lowest_speed:
         # Still air has no gusts. The samples have, since the speed of a scattered velocity is above 0.
         gust_low = 0.0
+    # The mean of the speeds, unlike the speed of the mean, does not fall where the wind turns.
+    mean_speed = float(np.hypot(*wind_velocity.T).mean())
+    mean_speed_samples = np.hypot(winds[..., 0], winds[..., 1]).mean(axis=0)
+    mean_low, mean_high = np.quantile(mean_speed_samples, INTERVAL_QUANTILES).tolist()
     mean_speed_square = max(mean_wind_velocity @ mean_wind_velocity, MIN_SPEED)
     return WindVelocity(
         speed=whole_flight.speed,
         speed_interval=(lowest_speed, whole_flight.high),
+        mean_speed=mean_speed,
+        mean_speed_interval=(min(mean_low, mean_speed), max(mean_high, mean_speed)),
         direction=whole_flight.direction,
         direction_interval=whole_flight.direction_half_width,
         gust=gust,

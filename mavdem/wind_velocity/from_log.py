@@ -9,6 +9,7 @@ import numpy as np
 from mavdem.arrays import Array, Flags
 from mavdem.dataset import flight_states, intervals, phases
 from mavdem.dataset.attitude import Attitude, attitude_from_messages
+from mavdem.dataset.attitude_error import attitude_error
 from mavdem.dataset.axes import AXES, HORIZONTAL, NORTH, YAW
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.position_fix import (
@@ -18,6 +19,7 @@ from mavdem.dataset.position_fix import (
     most_satellites,
 )
 from mavdem.dataset.signals import Signals
+from mavdem.dataset.steady_flight import MAX_SETPOINT_ERROR
 from mavdem.dataset.time_series import (
     TimeSeries,
     recorded_series,
@@ -37,6 +39,7 @@ from mavdem.wind_velocity.estimate_resets import YAW_RESET, estimate_resets, mot
 from mavdem.wind_velocity.estimation import estimate_wind
 from mavdem.wind_velocity.ground_lean import with_lean_on_ground
 from mavdem.wind_velocity.ground_motion import HEIGHT, VELOCITY, recorded_ground_motion
+from mavdem.wind_velocity.mean_wind import INDEPENDENT_SECONDS
 from mavdem.wind_velocity.motion_grid import MAX_FLIGHT_SECONDS, MIN_SAMPLES
 from mavdem.wind_velocity.vehicle_drag import Drag, ParameterValue, drag_model_setting
 from mavdem.wind_velocity.velocity import WindVelocity
@@ -119,6 +122,9 @@ class _FlightMotion(NamedTuple):
     height: Array
     """Height (N,), m."""
 
+    left_out: intervals.Intervals
+    """Parts of the settled flight, s, that are left out because the attitude did not follow its setpoint."""
+
 
 def wind(path: AnyPath, vehicle: str | None = None, drag: Drag | None = None) -> WindVelocity:
     """Estimates the wind of a log's longest flight, from attitude and velocity over ground at 1 Hz and faster.
@@ -195,14 +201,20 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
     _require_position_source(telemetry, ground_motion)
     motion = None
     boot = 0
+    lost_seconds = 0.0
     for candidate in np.unique(ground_motion.boot).tolist():
         motion_of_boot = _free_flight(signals, angles, ground_motion, candidate)
         if motion_of_boot is None:
             continue
+        lost_seconds += intervals.total_duration(motion_of_boot.left_out)
         if motion is None or len(motion_of_boot.time) > len(motion.time):
             motion = motion_of_boot
             boot = candidate
     if motion is None or len(motion.time) < MIN_SAMPLES:
+        if lost_seconds:
+            raise NotLearnable(
+                NoWind.ATTITUDE_NOT_FOLLOWED, angle=MAX_SETPOINT_ERROR, duration=INDEPENDENT_SECONDS
+            )
         raise NotLearnable(
             NoWind.NO_FLIGHT_WITH_VELOCITY, airborne=_settled_seconds(signals, ground_motion)
         )
@@ -218,7 +230,7 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
     estimate = estimate_wind(motion.time, motion.attitude, motion.velocity, drag, motion.height)
     if estimate.speed_identifiable and estimate.speed > MAX_WIND_SPEED:
         raise NotLearnable(NoWind.BEYOND_ANY_WIND, speed=MAX_WIND_SPEED)
-    return replace(estimate, boot=boot)
+    return replace(estimate, boot=boot, left_out=tuple(motion.left_out))
 
 
 def _settled_seconds(signals: Signals, ground_motion: TimeSeries) -> float:
@@ -312,7 +324,8 @@ def _free_flight(
     """Returns the motion in the flight of one boot, as far as the estimator determined it, at the stamps of the yaw.
 
     Left out are gaps of the velocity, resets of velocity or position, everything before the last reset of the yaw in
-    flight, and times at which the estimator's flags mark the velocity as invalid.
+    flight, times at which the estimator's flags mark the velocity as invalid, and times at which the attitude does not
+    follow its setpoint.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -356,12 +369,40 @@ def _free_flight(
     is_usable &= measures_velocity(signals.telemetry, boot, time)
     motion = interpolated(time, velocity_time, ground_values[:, : HEIGHT + 1])
     is_usable &= np.linalg.norm(motion[:, HORIZONTAL], axis=1) <= MAX_GROUND_SPEED
+    lost_control = intervals.intersection(flights, _setpoint_not_followed(signals, boot))
+    is_lost = intervals.in_intervals(time, lost_control)
+    left_out = lost_control if (is_usable & is_lost).any() else []
+    is_usable &= ~is_lost
     return _FlightMotion(
         time[is_usable],
         np.column_stack(attitude)[is_usable],
         motion[is_usable, VELOCITY],
         motion[is_usable, HEIGHT],
+        left_out,
     )
+
+
+def _setpoint_not_followed(signals: Signals, boot: int) -> intervals.Intervals:
+    """Returns when roll or pitch did not follow its setpoint, with a margin of ``INDEPENDENT_SECONDS`` on both sides.
+
+    In a loss of control the vehicle's lean and acceleration do not show the wind, and would count as a gust. The wind
+    of a moment is estimated from the motion around it, which the margin allows for.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
+
+    Returns:
+        Intervals, s since boot; none if the setpoint was not recorded.
+    """
+    error = attitude_error(signals, boot)
+    if error is None:
+        return []
+    is_lost = error.has_setpoint & (error.magnitude > MAX_SETPOINT_ERROR)
+    lost = intervals.merge_close_intervals(
+        intervals.true_intervals(error.time, is_lost), gap=2 * INDEPENDENT_SECONDS
+    )
+    return [(start - INDEPENDENT_SECONDS, end + INDEPENDENT_SECONDS) for start, end in lost]
 
 
 def _has_valid_velocity(telemetry: Telemetry, boot: int, time: Array) -> Flags:

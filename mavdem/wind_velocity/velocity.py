@@ -9,6 +9,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.confidence import Interval
+from mavdem.dataset.intervals import TimeInterval
 from mavdem.facts import Fact, NamedFacts
 from mavdem.facts.identifiability import Status
 from mavdem.immutable import ImmutableResult
@@ -34,7 +35,7 @@ class WindTurn(NamedTuple):
     farthest_direction: float | None
     """Direction of a minute between them, degrees, that lies farthest from the first one; None if the last one does."""
     speed: float
-    """Mean of the speeds of the minutes, m/s."""
+    """Mean of the speeds, m/s."""
 
 
 def _farthest_direction(directions: Array) -> float | None:
@@ -61,6 +62,8 @@ class WindVelocity(ImmutableResult):
     Attributes:
         speed: speed of the mean wind vector, m/s.
         speed_interval: ends of its 90 % interval, m/s; the lower one is 0 if still air is likely as well.
+        mean_speed: mean of the speeds of all steps, m/s; where the wind turns, it is above ``speed``.
+        mean_speed_interval: ends of its 90 % interval, m/s.
         direction: that the wind comes from, degrees clockwise from the yaw's north, 0 to 360.
         direction_interval: half width of its 90 % interval, degrees.
         gust: largest mean speed over ``gust_seconds``, m/s.
@@ -81,10 +84,14 @@ class WindVelocity(ImmutableResult):
         advice: what to fly so that speed or direction are known much better, with the errors that are then to be
             expected; None if both are reported, or no such flight is known.
         boot: number of the log's boot on whose clock ``time`` is; 0 if arrays were given.
+        left_out: start and end, s, of each part of the flight that was left out since the attitude did not follow its
+            setpoint; empty if arrays were given.
     """
 
     speed: float
     speed_interval: Interval
+    mean_speed: float
+    mean_speed_interval: Interval
     direction: float
     direction_interval: float
     gust: float
@@ -103,6 +110,7 @@ class WindVelocity(ImmutableResult):
     reasons: NamedFacts
     advice: Fact | None = None
     boot: int = 0
+    left_out: tuple[TimeInterval, ...] = ()
 
     @property
     def speed_identifiable(self) -> bool:
@@ -169,7 +177,7 @@ class WindVelocity(ImmutableResult):
             start_direction=minutes[0]["direction"],
             end_direction=minutes[-1]["direction"],
             farthest_direction=_farthest_direction(directions),
-            speed=float(np.mean(speeds)),
+            speed=self.mean_speed,
         )
 
     @property
@@ -214,6 +222,8 @@ class WindVelocity(ImmutableResult):
             self,
             speed=nan,
             speed_interval=(nan, nan),
+            mean_speed=nan,
+            mean_speed_interval=(nan, nan),
             gust=nan,
             gust_interval=(nan, nan),
             **empty_courses,

@@ -22,11 +22,11 @@ from instrumented import (
 )
 from pytest import approx, mark
 
-from mavdem.assessment.attitude_error import AttitudeError, largest_error
 from mavdem.assessment.contact_time import ContactSearch
 from mavdem.assessment.ending import find_ending, lower_unconfirmed_crash_reports
 from mavdem.assessment.motion import motion_events
 from mavdem.assessment.reported import reported_events
+from mavdem.dataset.attitude_error import AttitudeError, largest_error
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent

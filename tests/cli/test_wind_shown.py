@@ -36,7 +36,8 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     (low, high) = estimate.speed_interval
     origin = compass_words(estimate.direction, estimate.direction_interval)
     assert (
-        f"Wind: {estimate.speed:.1f} m/s ({low:.1f} to {high:.1f}) from {origin}, gusts" in output
+        f"vector mean {estimate.speed:.1f} m/s ({low:.1f} to {high:.1f}) from {origin}, gusts"
+        in output
     )
     assert (
         json.loads((learnt / "report.json").read_text())["wind_velocity"]["speed"] == estimate.speed

@@ -296,11 +296,34 @@ def test_the_same_is_said_only_where_the_whole_interval_is_small():
     """A quantity is "same" if its whole interval is below a limit, otherwise "uncertain"."""
     limits = {SHARE: 0.06, EFFECT: 0.2, MEAN_EFFECT: 0.3, DAMPING: 0.8, LAG: 0.02}
     for share, outcome in ((0.69, "same"), (0.71, "uncertain")):
-        changes = [
-            QuantityChange(Quantity(kind), 0.0, 0.0, -0.3 * limit, share * limit, 1.0, 0.0)
-            for kind, limit in limits.items()
-        ]
+        changes = []
+        for kind, limit in limits.items():
+            difference, half_width = -0.3 * limit, share * limit
+            if kind in LOGARITHMIC_KINDS:
+                # The logarithm of the ratio is tested.
+                difference, half_width = np.expm1(difference), np.exp(difference) * half_width
+            changes.append(
+                QuantityChange(Quantity(kind), 0.0, 0.0, difference, half_width, 1.0, 0.0)
+            )
         assert {change.outcome for change in with_outcomes(changes)} == {outcome}
+
+
+def test_the_verdict_does_not_depend_on_which_state_is_the_first():
+    """The interval of a ratio and its p-value are of one statistic, the logarithm."""
+    states = (state([0]), state([1], share=0.1, effect=-0.2, motor=2))
+    forward = vehicle_difference(*states).changes
+    backward = vehicle_difference(*reversed(states)).changes
+    ratios = 0
+    for there, back in zip(forward, backward, strict=True):
+        assert there.quantity == back.quantity
+        assert there.p == approx(back.p) and there.outcome == back.outcome
+        assert there.interval_contains_zero == back.interval_contains_zero == (there.p >= 0.1)
+        low, high = there.interval
+        assert (low <= 0 <= high) == there.interval_contains_zero
+        if there.quantity.kind in LOGARITHMIC_KINDS:
+            ratios += 1
+            assert back.interval == approx((1 / (1 + high) - 1, 1 / (1 + low) - 1))
+    assert ratios
 
 
 def allowances_of_effect(ratio):

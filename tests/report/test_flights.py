@@ -316,7 +316,8 @@ def test_the_latest_flight_of_each_vehicle_is_compared_with_the_baseline():
     assert set(differences) == {"quad", "new"} and differences["new"][1] is None
     text = plain_text(baseline_blocks(*differences["quad"]))
     assert (
-        "motor 3's control effectiveness −29 % ± 6 %; motor 3's relative trim +12 % ± 3 %" in text
+        "motor 3's control effectiveness −29 % (−35 to −23 %); motor 3's relative trim +12 % (+9 to +15 %)"
+        in text
     )
     for widest in ("3.0 %", "6.8 %", "17 %", "0.40 1/s", "13 ms"):
         assert f" (± {widest})" in text

@@ -39,6 +39,7 @@ from mavdem.serve import api, listening, uploads
 from mavdem.serve.guard import POLICY_HEADER
 from mavdem.serve.rights import Rights, rights_for_host
 from mavdem.serve.stored_files import refuse_full_disk
+from mavdem.serve.stored_parameters import write_parameters
 from mavdem.serve.viewers import RecordingViewer
 
 
@@ -288,6 +289,13 @@ def test_two_flights_are_compared_and_a_vehicle_has_its_page_and_baseline(served
     assert compared.status == 200 and "<h1>One..ulg and Two..ulg</h1>" in compared.text
     # Flights that an earlier version has read have no stored series.
     assert "time series of A and B, which were not stored" in compared.text
+    not_compared = "parameters beside those of control"
+    assert not_compared in compared.text
+    for flight, action in ((a, 0.0), (b, 3.0)):
+        folder = served.library.results_folder(served.library.entry(flight))
+        write_parameters(folder, {"COM_LOW_BAT_ACT": action})
+    compared = served.get(f"/compare?a={a}&b={b}")
+    assert "COM_LOW_BAT_ACT 0 → 3" in compared.text and not_compared not in compared.text
     assert served.ask("PUT", "/api/baseline", {"flights": [a]}).status == 200
     assert {row.headline for row in served.library.store.healthy} == {"One."}
     page = served.get("/vehicle?name=quad%207").text

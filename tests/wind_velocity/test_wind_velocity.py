@@ -28,6 +28,7 @@ from mavdem.facts.wind import NoWind, WindAdvice, WindDoubt, WindShare
 from mavdem.ingest import read_log
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.wind import LiveWind
+from mavdem.report.blocks import plain_text
 from mavdem.report.condition import wind_blocks, wind_tables
 from mavdem.wind_velocity.compass import meteorological_direction
 from mavdem.wind_velocity.estimate_resets import YAW_RESET, estimate_resets, is_position_reset
@@ -276,7 +277,7 @@ def test_a_wind_that_turned_is_told_with_its_speed_beside_that_of_its_mean():
     wind = mavdem.estimate_wind(*flight(wind=(0, -5), gusts=0.5, seconds=60)[:3])
     assert wind.direction_identifiable
 
-    def lead_sentence(mean_speed, speeds, directions=(240.0, 300.0)):
+    def lead_sentence(vector_speed, speeds, directions=(240.0, 300.0)):
         minutes = tuple(
             {
                 "start": 60.0 * i,
@@ -287,22 +288,34 @@ def test_a_wind_that_turned_is_told_with_its_speed_beside_that_of_its_mean():
             }
             for i, (speed, direction) in enumerate(zip(speeds, directions, strict=False))
         )
-        turned = replace(wind, speed=mean_speed, minutes=minutes)
+        turned = replace(wind, speed=vector_speed, mean_speed=5.2, minutes=minutes)
         return wind_blocks(WindEvidence(turned, None, None))[0].text
 
+    low, high = wind.mean_speed_interval
+    mean_speed = f"mean speed 5.2 m/s ({low:.1f} to {high:.1f})"
     expected_text = (
-        "5.2 m/s, which turned from the west-south-west (240°) to the west-north-west (300°), "
+        f"{mean_speed}, which turned from the west-south-west (240°) to the west-north-west (300°), "
         "so that its vector mean is only 4.7 m/s ("
     )
     assert lead_sentence(4.7, [5.3, 5.1]).startswith(expected_text)
-    expected_text = (
-        "5.2 m/s, which turned from the north (350°) to the east (90°) and then to the north (5°),"
-    )
+    expected_text = f"{mean_speed}, which turned from the north (350°) to the east (90°) and then to the north (5°),"
     assert expected_text in lead_sentence(2.0, [5.3, 5.2, 5.1], (350.0, 90.0, 5.0))
-    expected_text = "5.2 m/s, which turned from the north (350°) to the south (175°),"
+    expected_text = f"{mean_speed}, which turned from the north (350°) to the south (175°),"
     assert expected_text in lead_sentence(2.0, [5.3, 5.2, 5.1], (350.0, 170.0, 175.0))
-    assert "turned" not in lead_sentence(5.1, [5.3, 5.1])
+    steady = lead_sentence(5.1, [5.3, 5.1])
+    assert "turned" not in steady
+    assert steady.startswith(f"{mean_speed}, vector mean 5.1 m/s (")
     assert "turned" not in lead_sentence(4.7, [5.3])
+
+
+def test_a_loss_of_control_is_no_gust():
+    """What follows an attitude far from its setpoint is left out, and the report says so once."""
+    estimate = mavdem.wind(shared("real/logs/no_fault_while_yawing.BIN"))
+    ((start, end),) = estimate.left_out
+    # The attitude of this flight misses its setpoint from 352 s on, by up to 50°.
+    assert start < 352 < end and estimate.time[-1] <= start
+    text = plain_text(wind_blocks(WindEvidence(estimate, None, None)))
+    assert text.count(f"{start:.0f} to {end:.0f} s, since the attitude was") == 1
 
 
 def test_what_is_no_free_flight_is_refused():

@@ -103,9 +103,7 @@ def change_plan(
         return None
     relative_changes = [_relative(change) for change in changes]
     # The axis reaches to the farthest end of an interval, and at least to the equivalence limit, which is 1.
-    farthest_end = max(
-        abs(relative.difference) + relative.half_width for relative in relative_changes
-    )
+    farthest_end = max(max(abs(relative.low), abs(relative.high)) for relative in relative_changes)
     extent = min(max(farthest_end, 1.0), MAX_RELATIVE_CHANGE)
     percent_per_limit = (CENTER_PERCENT - MARGIN_PERCENT) / extent
 
@@ -126,9 +124,9 @@ def change_plan(
             DrawnChange(
                 capitalize_first(change_text(change, difference)),
                 level=EVIDENCE_LEVEL if is_evidence else OUTCOME_LEVELS[change.outcome],
-                low=position(relative.difference - relative.half_width),
+                low=position(relative.low),
                 middle=position(relative.difference),
-                high=position(relative.difference + relative.half_width),
+                high=position(relative.high),
                 limit=equivalence_limit_text(change.quantity.kind),
                 beyond=beyond,
                 remark=EVIDENCE_REMARK if is_evidence else "",
@@ -149,9 +147,19 @@ def is_uncertain_evidence(change: QuantityChange, evidence: Collection[QuantityC
     return change in evidence and change.outcome is not QuantityOutcome.CHANGED
 
 
-def _relative(change: QuantityChange) -> QuantityChange:
+class _RelativeChange(NamedTuple):
+    """A change of a quantity in units of its equivalence limit."""
+
+    difference: float
+    """The difference."""
+    low: float
+    """Lower end of its 90 % interval."""
+    high: float
+    """Upper end of its 90 % interval."""
+
+
+def _relative(change: QuantityChange) -> _RelativeChange:
     """Returns a change in units of its equivalence limit."""
     limit = EQUIVALENCE_LIMITS[change.quantity.kind]
-    return change._replace(
-        difference=change.difference / limit, half_width=change.half_width / limit
-    )
+    low, high = change.interval
+    return _RelativeChange(change.difference / limit, low=low / limit, high=high / limit)

@@ -9,7 +9,7 @@ from mavdem.fleet.parameter_changes import axes_of_parameter
 from mavdem.fleet.quantities import LOOP_KINDS
 from mavdem.fleet.random_effects import QuantityChange
 from mavdem.fleet.report_columns import value_at
-from mavdem.report.blocks import Blocks, Sentence, shortened
+from mavdem.report.blocks import Blocks, Sentence
 from mavdem.report.difference.changes import (
     changes_by_cause,
     changes_by_relevance,
@@ -32,9 +32,6 @@ from mavdem.report.difference.quantity_texts import change_text
 from mavdem.report.difference.reviewed import ReviewedDifference
 from mavdem.report.numbers import listed
 from mavdem.report.templates import render_section, without_full_stop
-
-MAX_LIGHT_CHARACTERS = 60
-"""Largest length of what a light of one flight says in the headline, without its details: a choice."""
 
 MAX_HEADLINE_GAINS = 4
 """Largest number of changed gains that the headline names: a choice."""
@@ -214,8 +211,7 @@ def sentences_on_watched_lights(reviews: Mapping[str, Review]) -> list[Sentence]
         for side, light in lights_by_side.items():
             # The sentence of a light may begin with its name, which is the lead of the new sentence already.
             reason = light["sentence"].removeprefix(f"{name.capitalize()} ")
-            short_reason = without_full_stop(shortened(reason, MAX_LIGHT_CHARACTERS))
-            texts.append(f"{light['level']} in {side} ({short_reason})")
+            texts.append(f"{light['level']} in {side} ({without_full_stop(reason)})")
         remark = remark_on_imus(lights_by_side)
         is_each_imu_compared = remark and len(vibrations_of_same_imu(lights_by_side)) > 1
         has_clips = any(value_at(light, "figures.clips") for light in lights_by_side.values())

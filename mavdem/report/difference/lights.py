@@ -10,7 +10,7 @@ from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import motor_number
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.report_columns import value_at
-from mavdem.report.blocks import Blocks, Rated, Table, shortened
+from mavdem.report.blocks import Blocks, Rated, Table
 from mavdem.report.numbers import rounded
 from mavdem.report.templates import render_section
 
@@ -19,9 +19,6 @@ Review = Mapping[str, Any]
 
 NO_REVIEWS: Mapping[str, Review] = MappingProxyType({})
 """No review documents, as of fleets."""
-
-MAX_REASON_CHARACTERS = 80
-"""Largest length of the reason for which a light is unknown, where the other side has one: a line of a terminal."""
 
 WARNING_LEVELS = (Level.BAD, Level.WATCH)
 """Levels of a light that warns, the worse first."""
@@ -57,9 +54,11 @@ def bad_lights(reviews: Mapping[str, Review]) -> list[BadLight]:
             fleet, is compared with nothing.
 
     Returns:
-        The bad lights, in the order of the review of A.
+        The bad lights: first those that are the headline of their flight, such as a crash, and then the others, each in
+        the order of the review of A.
     """
-    lights = []
+    headlines = []
+    others = []
     for name, lights_by_side in lights_of_both(reviews).items():
         bad_sides = []
         for side, light in lights_by_side.items():
@@ -70,8 +69,13 @@ def bad_lights(reviews: Mapping[str, Review]) -> list[BadLight]:
         first_bad_light = lights_by_side[bad_sides[0]]
         axis = value_at(first_bad_light, "figures.axis") or ""
         levels, reason = levels_and_reason(lights_by_side)
-        lights.append(BadLight(name, tuple(bad_sides), axis, levels, reason))
-    return lights
+        light = BadLight(name, tuple(bad_sides), axis, levels, reason)
+        is_headline = any(
+            lights_by_side[side]["sentence"] == value_at(reviews[side], "headline.sentence")
+            for side in bad_sides
+        )
+        (headlines if is_headline else others).append(light)
+    return [*headlines, *others]
 
 
 def lights_of_both(reviews: Mapping[str, Review]) -> dict[str, dict[str, JsonValues]]:
@@ -114,7 +118,7 @@ def levels_and_reason(lights_by_side: Mapping[str, JsonValues]) -> tuple[str, st
         reason = worse_light["sentence"] + remark_on_imus(lights_by_side)
         for side, light in lights_by_side.items():
             if light["level"] == Level.UNKNOWN:
-                reason += f" {side}: {shortened(light['sentence'], MAX_REASON_CHARACTERS)}"
+                reason += f" {side}: {light['sentence']}"
         return levels, reason
     levels = f"{first['level']} in {first_side} and {second_side}"
     if first["sentence"] == second["sentence"]:

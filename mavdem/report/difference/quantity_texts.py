@@ -96,16 +96,18 @@ def motor_with_place(motor: int, difference: VehicleDifference) -> str:
 
 
 def change_with_interval(change: QuantityChange) -> str:
-    """Returns a change with the half width of its 90 % interval, such as "−18 % ± 6 %" or "+1.2 ± 0.8", without unit.
+    """Returns a change with its 90 % interval, such as "−18 % (−24 to −12 %)" or "+1.2 ± 0.8", without unit.
 
     Args:
         change: change of one quantity, which is in percent if the quantity is compared as a ratio.
     """
     if change.quantity.kind in LOGARITHMIC_KINDS:
-        percent = 100 * change.half_width
-        decimals = 0 if percent >= MIN_WHOLE_PERCENT else 1
-        increase = _signed(f"{100 * change.difference:z.{decimals}f}")
-        return f"{increase} % ± {percent:.{decimals}f} %"
+        decimals = 0 if 100 * change.half_width >= MIN_WHOLE_PERCENT else 1
+        numbers = []
+        for value in (change.difference, *change.interval):
+            numbers.append(_signed(f"{100 * value:z.{decimals}f}"))
+        increase, low, high = numbers
+        return f"{increase} % ({low} to {high} %)"
     scale = SHOWN_QUANTITIES[change.quantity.kind].scale
     return _signed(plus_minus(scale * change.difference, scale * change.half_width))
 

@@ -13,7 +13,7 @@ from mavdem.report.charts.chart import Chart, Group, Line, over_time
 from mavdem.report.charts.flown_path import MapWind, flown_path
 from mavdem.report.charts.plans import rose_of_wind
 from mavdem.report.charts.timeline import Timeline, history_timeline
-from mavdem.report.condition import WIND_LIGHTS, drag_table, wind_blocks, wind_tables
+from mavdem.report.condition import WIND_LIGHTS, drag_blocks, wind_blocks, wind_tables
 from mavdem.report.pages.page import Chapter, Head, render_document
 from mavdem.report.palette import MEASURED, PREDICTED
 from mavdem.report.screen import warnings_of_lights
@@ -61,9 +61,11 @@ def wind_page(
     timeline = _wind_timeline(wind_evidence, assessment)
     has_rose = wind.speed_identifiable and wind.direction_identifiable
     rose = Group.side_by_side([rose_of_wind(wind) if has_rose else None])
+    evidence = assessment.evidence
+    autopilot = "" if evidence is None else evidence.signals.telemetry.autopilot
     chapter = Chapter(
         "By direction, time and height, and the drag",
-        [*wind_tables(wind), drag_table(wind.drag, parameters)],
+        [*wind_tables(wind), *drag_blocks(wind.drag, autopilot, parameters)],
         [rose] if has_rose else [],
         is_side_by_side=True,
     )

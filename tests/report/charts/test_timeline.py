@@ -40,6 +40,8 @@ def wind(speed=Status.REPORTED, direction=Status.REPORTED):
     return WindVelocity(
         speed=SPEED,
         speed_interval=(4.0, 6.0),
+        mean_speed=5.0,
+        mean_speed_interval=(4.0, 6.0),
         direction=DIRECTION,
         direction_interval=10.0,
         gust=SPEED,

@@ -166,7 +166,7 @@ def test_a_doubtful_figure_of_the_motor_that_is_weak_is_evidence_and_no_second_v
     headline = headline_of_comparison(reviewed_difference(difference, reviews))
     motors, rest, *_ = texts(headline)
     assert motors.startswith("Motors: good in A, watch in B. Motor 1 (front right) lost about 21 %")
-    assert motors.endswith("This agrees with motor 1's relative trim +8 % ± 6 %.")
+    assert motors.endswith("This agrees with motor 1's relative trim +8 % (+2 to +14 %).")
     assert rest == "No other compared figure changed."
     everything = " ".join(
         texts([*headline, *difference_blocks(reviewed_difference(difference, reviews), headline)])
@@ -201,7 +201,7 @@ def test_flights_of_a_fleet_which_has_no_reviews_have_one_verdict_too():
     )
     assert motors == (
         "Motors: good in A, watch in B. Motor 1 lost thrust. "
-        "This agrees with motor 1's relative trim +8 % ± 6 %."
+        "This agrees with motor 1's relative trim +8 % (+2 to +14 %)."
     )
     assert rest == "No other compared figure changed."
     assert reviews["B"]["headline"]["sentence"] == "Motor 1 lost thrust."
@@ -214,7 +214,7 @@ def test_a_sure_change_of_the_weak_motor_is_evidence_too():
     difference = difference._replace(changes=(sure, *rest))
     reviews = judged_reviews(health="fault", suspect_motor=1, fault_probability=0.97)
     headline = " ".join(texts(headline_of_comparison(reviewed_difference(difference, reviews))))
-    assert "This agrees with motor 1's relative trim +16 % ± 6 %." in headline
+    assert "This agrees with motor 1's relative trim +16 % (+10 to +22 %)." in headline
     assert "Changed:" not in headline
 
 
@@ -234,7 +234,7 @@ def test_a_doubtful_trim_names_no_motor_where_all_together_show_none_that_is_wea
         for text in texts(difference_blocks(reviewed_difference(difference, reviews)))
         if text.startswith("Doubtful:")
     ]
-    assert "motor 4's relative trim +8 % ± 6 %" in doubt
+    assert "motor 4's relative trim +8 % (+2 to +14 %)" in doubt
     assert doubt.endswith("show no motor that works 8 % harder (probability 0.01).")
     assert next_blocks(reviewed_difference(difference, reviews)) == []
     # Without that judgement the trim is all that is known.
@@ -251,7 +251,7 @@ def test_beside_a_baseline_the_weak_motor_has_one_verdict():
     )
     _, motors, rest, *further_texts = texts(baseline_blocks(row, doubtful_trim(1, 0.08)))
     assert motors == (
-        "Motors: Motor 1 lost thrust. This agrees with motor 1's relative trim +8 % ± 6 %."
+        "Motors: Motor 1 lost thrust. This agrees with motor 1's relative trim +8 % (+2 to +14 %)."
     )
     assert rest == "No other compared figure changed."
     assert not any("Perhaps" in text or "Doubtful" in text for text in further_texts)

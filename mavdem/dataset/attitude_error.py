@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from mavdem.arrays import Array, Flags
 from mavdem.dataset.axes import PITCH, ROLL
@@ -15,7 +16,6 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import attitude_tracking
 from mavdem.ingest.telemetry import rate_without_gaps
 from mavdem.ingest.vocabulary import wrapped_angle
-from mavdem.loops.margins import Complex
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +24,7 @@ class AttitudeError:
 
     time: Array
     """(N,) times, s on the boot clock."""
-    lean: Complex
+    lean: NDArray[np.complex128]
     """(N,) rad, direction and size of the error as a lean of the body's vertical axis: the real part is forward, the
     imaginary part to the right."""
     magnitude: Array
