@@ -57,8 +57,8 @@ def bad_lights(reviews: Mapping[str, Review]) -> list[BadLight]:
         The bad lights: first those that are the headline of their flight, such as a crash, and then the others, each in
         the order of the review of A.
     """
-    headlines = []
-    others = []
+    headlines: list[BadLight] = []
+    others: list[BadLight] = []
     for name, lights_by_side in lights_of_both(reviews).items():
         bad_sides = []
         for side, light in lights_by_side.items():
@@ -69,12 +69,12 @@ def bad_lights(reviews: Mapping[str, Review]) -> list[BadLight]:
         first_bad_light = lights_by_side[bad_sides[0]]
         axis = value_at(first_bad_light, "figures.axis") or ""
         levels, reason = levels_and_reason(lights_by_side)
-        light = BadLight(name, tuple(bad_sides), axis, levels, reason)
+        bad_light = BadLight(name, tuple(bad_sides), axis, levels, reason)
         is_headline = any(
             lights_by_side[side]["sentence"] == value_at(reviews[side], "headline.sentence")
             for side in bad_sides
         )
-        (headlines if is_headline else others).append(light)
+        (headlines if is_headline else others).append(bad_light)
     return [*headlines, *others]
 
 
