@@ -62,6 +62,9 @@ def _event_with_checked_height(
 ) -> Fact:
     """Corrects or completes the height of an event by one fault of the barometer.
 
+    The height above the take-off by satellites is what the barometer has risen since then, less the growth of the
+    difference between barometer and satellites.
+
     Args:
         sensors: sensors of the boot, with the take-off of the flight.
         event: the event, such as a loss of control.
@@ -76,14 +79,14 @@ def _event_with_checked_height(
     has_height = event.figures.get("height_source") is not None
     if not has_height or event.time is None or event.time < fault.start_time:
         return event
-    initial = initial_difference(difference, sensors.take_off)
+    difference_at_take_off = initial_difference(difference, sensors.take_off)
     barometer_rise = sensors.height.barometer_change(sensors.take_off, event.time)
-    if initial is None or barometer_rise is None:
+    if difference_at_take_off is None or barometer_rise is None:
         return event
-    growth = difference.value_at(event.time) - initial
-    if abs(growth) < MAX_AGREEMENT:
+    growth_since_take_off = difference.value_at(event.time) - difference_at_take_off
+    if abs(growth_since_take_off) < MAX_AGREEMENT:
         return event
-    satellite_height = barometer_rise - growth
+    satellite_height = barometer_rise - growth_since_take_off
     if fault.code is MotionEvent.BAROMETER_DRIFTED:
         return event.replace(height=satellite_height, height_source=HeightSource.SATELLITES)
     return event.replace(satellite_height=satellite_height)

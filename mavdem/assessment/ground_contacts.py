@@ -290,8 +290,9 @@ class _Contact:
             A fact each, as far as they were recorded: a knock of the accelerometer or none, a tumble, a fast descent,
             the pose at rest, an attitude far from its setpoint, and the autopilot's report of a crash.
         """
-        start = time - MAX_SETPOINT_DELAY
-        interval = (start, time + 2 * MAX_SETPOINT_DELAY)
+        # The sensors show the contact from shortly before it on, since its time is not exact.
+        earliest_time = time - MAX_SETPOINT_DELAY
+        interval = (earliest_time, time + 2 * MAX_SETPOINT_DELAY)
         facts: list[Fact] = []
         knock = self.sensors.knock_fact(interval)
         if knock is not None:
@@ -304,13 +305,13 @@ class _Contact:
             facts += rest.pose_facts
         peak_error = largest_error(self.error, interval)
         if peak_error is not None:
-            is_far = peak_error.counted_angle > MAX_LANDING_LEAN
-            if self.loss is not None or is_far:
+            is_far_from_setpoint = peak_error.counted_angle > MAX_LANDING_LEAN
+            if self.loss is not None or is_far_from_setpoint:
                 facts.append(
                     supporting_fact(SensorFact.ATTITUDE_LEFT_SETPOINT, **peak_error._asdict())
                 )
         for report in self.reports:
-            if self._is_crash_report(report, start, time + SEARCH_SECONDS):
+            if self._is_crash_report(report, earliest_time, time + SEARCH_SECONDS):
                 facts.append(supporting_fact(SensorFact.AUTOPILOT_REPORTED, cause=report))
         return tuple(facts)
 

@@ -201,15 +201,19 @@ def repairs_before_tuning(evidence: Evidence, motors_light: Fact) -> Facts:
 
 
 def with_action_on_loops(light: Fact, decisions: DecisionsByAxis) -> Fact:
-    """Adds to the fact of a status light about loops the action that was decided for the axes that the fact names.
+    """Adds to a status light about loops what was decided for the axes that it names, so that both agree.
+
+    A light judges one quantity, tracking or margins. The decision on an axis rests on both, so that it may find a loop
+    at fault whose light is good: if the margins are good, but the axis follows its setpoint badly.
 
     Args:
         light: status light of tracking or of margins: a fact with a level.
         decisions: decisions on the loops, by axis.
 
     Returns:
-        The fact with the figure ``action``. A good light needs none; if its axis follows its setpoint badly although
-        the margins are good, its figure ``follows`` is False. A light that names no axis is unchanged.
+        A light that is not good, with what to do about all its axes as the figure ``action``. A good light whose
+        axis follows its setpoint badly gets the figure ``follows``, False, which its sentence states. All other good
+        lights, and those that name no axis, are unchanged.
     """
     axis = light.figures.get("axis", "")
     if axis not in decisions:

@@ -279,9 +279,15 @@ def command_change(
 def rise_fact(change: CommandChange, interval: TimeInterval) -> Fact:
     """Returns the fact that the command of a motor rose, which supports that the motor lost thrust.
 
+    The controller raises the command of a weak motor, since it needs the same thrust of it as before.
+
     Args:
         change: its commands before and in the interval.
         interval: start and end of the loss, s since boot.
+
+    Returns:
+        A fact in favour of the loss, with the commands in and before it as the figures ``share`` and ``share_before``,
+        fractions of the motor's range.
     """
     start, end = interval
     return supporting_fact(

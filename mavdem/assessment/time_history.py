@@ -212,8 +212,9 @@ def _satellite_height(
 ) -> TimeSeries | None:
     """Returns the height by satellites in those boots in which the height by another sensor is doubtful.
 
-    In each boot a constant is added to it. So it equals the barometer's height at the take-off of the last flight that
-    has an event on a doubtful height.
+    Satellites measure the height above the sea. To be drawn beside the height by the barometer, it is shifted by a
+    constant, so that both are equal at a take-off: of the last flight with an event on a doubtful height. A difference
+    of both lines is then what has grown since that take-off.
 
     Args:
         signals: logged time series of the vehicle.
@@ -227,6 +228,7 @@ def _satellite_height(
     last_events = {event.figures["boot"]: event for event in events if event.code in HEIGHT_DOUBTS}
     for boot, event_of_doubt in last_events.items():
         barometer = series_of_boot(barometer_height, boot)
+        # How much higher the barometer reads than satellites, up to a constant.
         difference = height_difference(signals, boot)
         if barometer is None or difference is None:
             continue
@@ -234,11 +236,12 @@ def _satellite_height(
         for flight_start, _ in flights_in_boot(signals, boot):
             if flight_start <= event_of_doubt.start_time:
                 take_off = flight_start
-        initial = initial_difference(difference, take_off)
-        if initial is not None:
+        difference_at_take_off = initial_difference(difference, take_off)
+        if difference_at_take_off is not None:
+            growth_since_take_off = difference.values - difference_at_take_off
             barometer_at_fixes = np.interp(difference.time, barometer.time, barometer.values)
-            growth = difference.values - initial
-            heights_by_boot.append(replace(difference, values=barometer_at_fixes - growth))
+            satellite_height = barometer_at_fixes - growth_since_take_off
+            heights_by_boot.append(replace(difference, values=satellite_height))
     return _joined(heights_by_boot)
 
 

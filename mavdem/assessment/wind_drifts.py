@@ -227,7 +227,11 @@ class WindDriftDetector:
         return leans_to_limit and mean_speed >= MIN_DRIFT_SPEED
 
     def _begin_drift(self) -> None:
-        """Begins a drift with the latest samples, or continues one that ended within ``RECOVERY_SECONDS`` before."""
+        """Begins a drift with the samples of the last ``DRIFT_SECONDS``, which are what shows it.
+
+        A drift that ended less than ``RECOVERY_SECONDS`` before the first of them is continued instead. It may contain
+        some of them already, which its totals do not count twice.
+        """
         start_time = self._samples[0].time
         is_over = self._end_time is not None and start_time - self._end_time >= RECOVERY_SECONDS
         if self._drift is None or is_over:

@@ -13,7 +13,6 @@ from mavdem.cli.console import STDERR, STDOUT
 from mavdem.cli.exit_codes import EXIT_DONE, EXIT_ERROR, EXIT_UNSUPPORTED
 from mavdem.cli.live_dashboard import PAGE_PORT, Dashboard, PageAddress
 from mavdem.cli.live_files import gains_line, written_file_lines
-from mavdem.cli.live_lines import print_line
 from mavdem.cli.live_status import StatusLines
 from mavdem.cli.options import (
     NumberRange,
@@ -39,7 +38,7 @@ from mavdem.errors import Unreadable, error_message
 from mavdem.export.stream_writers import STREAM_WRITERS
 from mavdem.facts import Fact
 from mavdem.facts.session import LinkFact, TimeUse
-from mavdem.files import write_text_atomically
+from mavdem.files import reporting_write_errors, write_text_atomically
 from mavdem.fleet.priors import earlier_drag, earlier_flight
 from mavdem.live import LiveStream
 from mavdem.live.gain_advice import GainAdviser
@@ -357,22 +356,15 @@ def _follow_vehicle(
                     paths.rrd,
                     address=options.address,
                     connect=options.connect,
+                    is_plain=options.plain,
                 )
             )
         )
         record = paths.record
         recording = None if record is None else RawRecording(record)
         first_pieces: list[ReceivedPiece] = []
-        if former_flight is not None and recording is not None:
-            try:
-                first_pieces = former_flight.move_frames_of_next_vehicle(recording)
-            except OSError as error:
-                recording.close()
-                assert record is not None
-                record.unlink()
-                raise Unreadable(
-                    LinkFact.STREAM_FILE_FAILED, path=record, error=error_message(error)
-                ) from None
+        if former_flight is not None and recording is not None and record is not None:
+            first_pieces = _moved_first_frames(former_flight, recording, record)
         # With --json, standard output has the document and nothing else.
         console = STDERR if options.as_json else STDOUT
         status_lines = StatusLines(console=console)
@@ -450,7 +442,7 @@ def _follow_vehicle(
             session.report_gain_advice(is_at_end=True)
         status = _with_final_judgement(status, session)
         for line in headline_and_next_step(status.overall_judgement):
-            print_line(escape_unprintable(line), console)
+            status_lines.print_conclusion(escape_unprintable(line))
         dashboard.report(session, status)
         resources.close()
         if dashboard.is_recording_empty:
@@ -468,7 +460,7 @@ def _follow_vehicle(
             page=None if is_page_lost else paths.page,
         )
         for line in _lines_on_written_files(written_paths, recording, session, account):
-            print_line(escape_unprintable(line), console)
+            status_lines.print_conclusion(escape_unprintable(line))
         files = _written_files(written_paths, recording)
         document = live_document(session, status, account, files) if options.as_json else None
         is_ended_by_user = is_end_requested()
@@ -483,6 +475,32 @@ def _follow_vehicle(
         vehicle=session.stream.followed_vehicle,
         next_vehicle=None if successor is None or is_ended_by_user else successor.name,
     )
+
+
+def _moved_first_frames(
+    former_flight: FollowedFlight, recording: RawRecording, path: Path
+) -> list[ReceivedPiece]:
+    """Moves the first frames of a vehicle from the recording of the vehicle before to its own.
+
+    Args:
+        former_flight: Flight of the vehicle before, at the end of whose recording these frames are.
+        recording: The new, empty recording of the vehicle.
+        path: Its file, which is deleted if the frames cannot be moved.
+
+    Returns:
+        The frames with their times of arrival.
+
+    Raises:
+        Unreadable: One of the files cannot be read or written.
+    """
+    try:
+        return former_flight.move_frames_of_next_vehicle(recording)
+    except OSError as error:
+        recording.close()
+        path.unlink()
+        raise Unreadable(
+            LinkFact.STREAM_FILE_FAILED, path=path, error=error_message(error)
+        ) from None
 
 
 def _document_of_flights(flights: Sequence[FollowedFlight]) -> LiveDocument:
@@ -605,6 +623,10 @@ def _output_paths(
         Unreadable: A file cannot be written.
     """
     check_output_file(rrd, "--rrd", (".rrd",))
+    if record is not None and record.suffix.lower() in STREAM_WRITERS:
+        # A recording may go into a folder of its own, such as that of the day, which does not exist yet.
+        with reporting_write_errors(record):
+            record.parent.mkdir(parents=True, exist_ok=True)
     check_output_file(record, "--record", tuple(STREAM_WRITERS))
     named_file = rrd or record or model
     if named_file is not None:

@@ -85,6 +85,7 @@ class Dashboard:
         *,
         address: PageAddress | None,
         connect: str | None,
+        is_plain: bool = False,
     ) -> None:
         """Opens the dashboard.
 
@@ -94,6 +95,7 @@ class Dashboard:
             rrd: Recording to write; None for none.
             address: Where browsers find the page of the session; None to serve none.
             connect: URL of a Rerun viewer to show the flight in; None for none.
+            is_plain: Whether the user has chosen lines below each other, and so misses no dashboard without a screen.
 
         Raises:
             Unreadable: A port is taken, a file cannot be written, or a token is missing or too short.
@@ -120,7 +122,8 @@ class Dashboard:
             if needs_view:
                 require_extra("view", "The dashboard")
             self.advice = str(missing_view)
-        elif not (rrd or serve or connect or has_screen()):
+        shows_nothing = missing_view is None and not (rrd or serve or connect or has_screen())
+        if shows_nothing and not is_plain:
             self.advice = NO_SCREEN_ADVICE
         with ExitStack() as resources:
             web_server = None
@@ -134,8 +137,11 @@ class Dashboard:
                 if address is not None and missing_server is None:
                     self._server = _started_live_server(link, address, web_server)
                     resources.callback(self._server.close)
-                if missing_view is None and not self.advice:
+                if missing_view is None and not shows_nothing:
                     self._open_view(rrd, connect, web_server)
+            except Unreadable:
+                # Its sentence says what to change, such as a missing token.
+                raise
             except ValueError as error:
                 raise click.BadParameter(f"{error}.", param_hint="--connect") from error
             except OSError as error:

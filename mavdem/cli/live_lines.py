@@ -6,6 +6,7 @@ and a text. Lines of alarms have ``ALARM`` before the text, those of their ends 
 
 from contextlib import suppress
 from math import isfinite, nan
+from textwrap import fill
 
 from rich.console import Console
 from rich.text import Text
@@ -26,6 +27,10 @@ ALARM_OVER_MARKER = "ALARM OVER"
 
 CLOCK_WIDTH = 8
 """Width of the time on the vehicle's clock, characters: "999999.9", which is 11 days."""
+
+STAMP_WIDTH = len("14:03:07 ") + CLOCK_WIDTH + len(" s  ")
+"""Width of the time of day and the vehicle's clock that begin a line, characters: a wrapped text goes on below itself.
+"""
 
 LEVEL_STYLES = {
     Level.GOOD: "green",
@@ -89,16 +94,21 @@ def print_event(event: Event, console: Console) -> None:
         print_line(event_line(event), console, style_of_facts(event.fact))
 
 
-def print_line(line: str, console: Console, style: str = "") -> None:
+def print_line(line: str, console: Console, style: str = "", *, indent: int = STAMP_WIDTH) -> None:
     """Prints a line at once; where the stream is no terminal it is never wrapped, so that programs can search it.
+
+    On a terminal a long line goes on below its text, so that the times of all lines stand alone in their columns.
 
     Args:
         line: the line.
         console: standard output or standard error.
         style: style of its text on a terminal, in the notation of Rich.
+        indent: characters before the text of the line, which begins with its times; 0 for a line without.
     """
     # A terminal that was closed, or a program that reads no more, does not end the session, which records the flight.
     with suppress(OSError):
+        if console.is_terminal and indent:
+            line = fill(line, console.width, subsequent_indent=" " * indent, break_on_hyphens=False)
         console.print(Text(line, style), soft_wrap=not console.is_terminal)
 
 

@@ -23,8 +23,9 @@ from mavdem.cli.live_lines import (
 )
 from mavdem.cli.streams import MAX_COLUMNS, escape_unprintable
 from mavdem.facts import Fact, Facts, Level
+from mavdem.facts.assessment import NextStep
 from mavdem.facts.event import LEARNING_STATES, SESSION_STATES, Event
-from mavdem.facts.session import LinkFact, RowsFact, SessionFact
+from mavdem.facts.session import LinkFact, RowsFact, SessionFact, VehicleFact
 from mavdem.facts.watch import WatchFact
 from mavdem.live.session import LiveSession
 from mavdem.live.session_status import SessionStatus
@@ -186,6 +187,8 @@ class StatusLines:
         """
         self.terminal_text = terminal_text
         self._line_console = console
+        # Whether the session prints lines below each other, which begin with the time.
+        self._has_stamps = terminal_text is None
         # The alarms of the status on the terminal.
         self._shown_alarms: Facts = ()
         # The latest lines above that status, with their styles, and the size of the terminal when they were printed.
@@ -194,6 +197,8 @@ class StatusLines:
         # The next step that was printed last, without its numbers; and what the latest event advised.
         self._printed_next_step: Hashable = None
         self._advised_text = ""
+        # The report that no vehicle has been found yet, until it is known whether anything is received.
+        self._unprinted_search: Event | None = None
         # Whether the latest report on the link was an alarm.
         self._is_link_alarmed = False
         # The state that was printed last and when, s of the monotonic clock.
@@ -205,6 +210,7 @@ class StatusLines:
 
     def start_in_place(self) -> None:
         """Starts to update the status in its place on the terminal, on standard error."""
+        self._has_stamps = False
         self._terminal_size = STDERR.size
         self.terminal_text = Live(console=STDERR, auto_refresh=False, transient=True)
         self.terminal_text.start()
@@ -258,6 +264,10 @@ class StatusLines:
         ends_alarm = self._is_link_alarmed and fact.code is RowsFact.MESSAGES_RESUMED
         self._note_link_alarm(event)
         if self.terminal_text is None:
+            if fact.code is VehicleFact.NO_VEHICLE_YET:
+                # The first look at the status decides: mostly a vehicle comes, or nothing at all is received.
+                self._unprinted_search = event
+                return
             self._advised_text = fact.remedy
         elif event.is_alarm:
             with suppress(OSError):
@@ -395,6 +405,7 @@ class StatusLines:
         Args:
             status: State of the live session: vehicle, learning, alarms, lights and next step.
         """
+        self._print_search(status)
         state = PrintedState(
             status.vehicle,
             status.no_model_reason is not None,
@@ -415,15 +426,39 @@ class StatusLines:
         if not is_new:
             self._print_next_step(status)
 
+    def _print_search(self, status: SessionStatus) -> None:
+        """Prints that no vehicle has been found, where messages come and none of them is a vehicle's.
+
+        Args:
+            status: State of the live session.
+        """
+        event = self._unprinted_search
+        self._unprinted_search = None
+        reason = status.no_model_reason
+        if event is not None and reason is not None and reason.code is event.fact.code:
+            self._print(event_line(event))
+
+    def print_conclusion(self, text: str) -> None:
+        """Prints a line at the end of a session: its judgement, and the files that it has written.
+
+        Args:
+            text: The line. In lines below each other it begins with the time like all others.
+        """
+        if self._has_stamps:
+            print_line(stamped_line(text), self._line_console)
+        else:
+            print_line(text, self._line_console, indent=0)
+
     def _print_next_step(self, status: SessionStatus) -> None:
-        """Prints what to do next, unless that was printed before or the latest event said it.
+        """Prints what to do next, unless that is to fly on, was printed before, or the latest event said it.
 
         Args:
             status: State of the live session.
         """
         next_step = status.overall_judgement.next_step
         content = next_step.without_measurements
-        if content == self._printed_next_step:
+        is_to_fly_on = next_step.code is NextStep.FLY_ON and not next_step.figures.get("reason")
+        if content == self._printed_next_step or is_to_fly_on:
             return
         self._printed_next_step = content
         text = escape_unprintable(next_step)

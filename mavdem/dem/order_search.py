@@ -292,25 +292,39 @@ def kernel_width(record: Record) -> float:
     Returns:
         The width σ, s.
     """
+    # A kernel of w sampling steps leaves one effective sample of N w samples, where N is the number for one step. With
+    # the widest kernel, MIN_KERNEL_SAMPLES of them remain of the duration of the record.
+    samples_per_kernel_step = _samples_per_effective_sample(width=1.0, dt=1.0)
+    duration = len(record) * record.dt
+    width = duration / (samples_per_kernel_step * MIN_KERNEL_SAMPLES)
+    time_of_change = _time_of_output_change(record)
+    if time_of_change is not None:
+        width = min(width, RELATIVE_KERNEL_WIDTH * time_of_change)
+    return max(MIN_KERNEL_STEPS * record.dt, width)
+
+
+def _time_of_output_change(record: Record) -> float | None:
+    """Returns the time, s, in which the outputs change by their standard deviation (:func:`_time_of_change`).
+
+    Args:
+        record: the training data, in one or several segments.
+
+    Returns:
+        The time; None if all segments are shorter than the kernel by which the rates are computed.
+    """
     statistics = record.channel_statistics.outputs
-    m = record.outputs.shape[1]
+    output_count = record.outputs.shape[1]
+    # The rates are computed with a narrow kernel, which averages the noise of a few samples only.
+    rate_kernel_width = 2 * record.dt
     derivatives_of_segments = []
     for _, outputs in record.segments:
         scaled = (outputs - statistics.mean) / np.sqrt(statistics.variance)
-        # The rates are computed with a narrow kernel, which averages the noise of a few samples only.
-        rate_kernel_width = 2 * record.dt
         derivatives_of_segments.append(embed_by_kernel(scaled, 1, rate_kernel_width, record.dt))
+    # The columns are the smoothed outputs, and then their rates.
     derivatives = np.concatenate(derivatives_of_segments)
-    # The number of samples per effective sample is proportional to the width of the kernel: N w for a width of w steps.
-    # So len(record) / (N w) effective samples remain, and these are MIN_KERNEL_SAMPLES for the widest kernel.
-    N = _samples_per_effective_sample(width=1.0, dt=1.0)
-    max_width = len(record) * record.dt / (N * MIN_KERNEL_SAMPLES)
-    width = max_width
-    # There are no rates if all segments are shorter than the kernel.
-    if len(derivatives):
-        time_of_change = _time_of_change(derivatives[:, :m], derivatives[:, m:])
-        width = min(max_width, RELATIVE_KERNEL_WIDTH * time_of_change)
-    return max(MIN_KERNEL_STEPS * record.dt, width)
+    if not len(derivatives):
+        return None
+    return _time_of_change(derivatives[:, :output_count], derivatives[:, output_count:])
 
 
 def _time_of_change(values: Array, rates: Array) -> float:

@@ -107,9 +107,9 @@ def output_scale(
 ) -> OutputScale:
     """Recognises the scale of motor outputs, such as pulse widths in µs or DShot commands, which no message states.
 
-    Scales differ in their largest output, and some of them also in the smallest one above 0. The range of PX4's driver
-    by its parameters is tried first, then pulse widths, then DShot with the idle throttle of the parameters. Otherwise
-    the largest output alone decides.
+    Scales differ in their largest output, and pulse widths also in their smallest one above 0. The candidates, from the
+    most to the least specific, are the range that PX4's parameters give an output driver, pulse widths, and DShot with
+    the idle throttle of PX4's parameters. If none of them fits, the largest output alone decides.
 
     Args:
         outputs: Outputs of any shape, as they were sent, also while disarmed; values that are not finite are ignored.
@@ -126,23 +126,38 @@ def output_scale(
     step = float(np.diff(values).min()) if len(values) > 1 else 0.0
     smallest = float(positive[0])
     largest = float(positive[-1])
-    driver = drivers[0].name if drivers else ""
+    is_px4 = bool(drivers)
+    driver = drivers[0].name if is_px4 else ""
     px4_low, px4_high = _px4_range(drivers, parameters)
     if not driver.startswith("PWM") and MAX_NORMALISED < largest <= px4_high:
         name = "UAVCAN" if driver.startswith("UAVCAN") else "0-1000"
         return OutputScale(name, "", px4_low, px4_high, step)
     if smallest >= MIN_PULSE_WIDTH and MIN_RUNNING_PULSE_WIDTH < largest <= MAX_PULSE_WIDTH:
-        low, high = _pulse_range(positive, parameters, drivers)
-        upper_limit = _ardupilot_upper_limit(parameters)
-        # The range of PX4's driver begins at the output of an idling motor, so that its lower limit is the range's end.
-        lower_limit = 0.0 if drivers else _ardupilot_lower_limit(parameters)
-        return OutputScale("PWM", "µs", low, high, step, upper_limit, lower_limit)
-    if drivers and MAX_IDLE_DSHOT < largest <= MAX_DSHOT_COMMAND and "DSHOT_MIN" in parameters:
+        return _pulse_width_scale(positive, step, parameters, drivers)
+    if is_px4 and MAX_IDLE_DSHOT < largest <= MAX_DSHOT_COMMAND and "DSHOT_MIN" in parameters:
         # DSHOT_MIN is the idle throttle as a fraction of the range, 0 to 1, so that the lower end is at idle.
         low = float(round(parameters["DSHOT_MIN"] * MAX_DSHOT))
         return OutputScale("DShot", "", low, MAX_DSHOT, step)
-    name, high = _scale_of_largest(largest, is_px4=bool(drivers))
-    return OutputScale(name, "", 0.0, high, step)
+    name, high = _scale_of_largest(largest, is_px4=is_px4)
+    return OutputScale(name, "", low=0.0, high=high, step=step)
+
+
+def _pulse_width_scale(
+    pulse_widths: Array, step: float, parameters: Parameters, drivers: Sequence[OutputDriver]
+) -> OutputScale:
+    """Returns the scale of pulse widths, with the limits that the autopilot sets to the motors.
+
+    Args:
+        pulse_widths: Distinct outputs (N,) above 0, µs.
+        step: Smallest difference between two of them, µs.
+        parameters: The autopilot's parameters by name.
+        drivers: PX4's output driver of each motor; empty for ArduPilot.
+    """
+    low, high = _pulse_range(pulse_widths, parameters, drivers)
+    upper_limit = _ardupilot_upper_limit(parameters)
+    # PX4's range begins at the output of an idling motor, so that the lower limit is the lower end of the range.
+    lower_limit = 0.0 if drivers else _ardupilot_lower_limit(parameters)
+    return OutputScale("PWM", "µs", low, high, step, upper_limit, lower_limit)
 
 
 def _scale_of_largest(largest: float, *, is_px4: bool) -> tuple[str, float]:

@@ -299,9 +299,11 @@ def _is_used(is_fused: Flags, is_rejected: Flags) -> Flags:
         (N,) flags, false before the first fused sample.
     """
     shows_state = is_fused | ~is_rejected
-    # Row of the latest sample that shows the state; before the first one it is −1, the appended "not in use".
-    state_rows = np.maximum.accumulate(np.where(shows_state, np.arange(len(is_fused)), -1))
-    return np.append(is_fused, False)[state_rows]
+    rows = np.arange(len(is_fused))
+    # For each sample the row of the latest one that shows the state; before the first one there is none.
+    no_row = -1
+    latest_row = np.maximum.accumulate(np.where(shows_state, rows, no_row))
+    return (latest_row != no_row) & is_fused[latest_row]
 
 
 def primary_estimators(topics: Topics, time: Array) -> Integers:

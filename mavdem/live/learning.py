@@ -315,23 +315,19 @@ class FlightLearning:
             raise NotLearnable(SessionFact.NO_LIVE_FLIGHT, climb_only=climb_only)
         self.adopt_model_before_landing(FIT_SECONDS)
         has_any_model = bool(self._models)
-        is_learned_before_landing = self.has_landed and has_any_model
-        if not is_learned_before_landing:
-            max_seconds = FIT_SECONDS
+        if self.has_landed and has_any_model:
+            return self.named_model(self._models[-1].learned, parameters)
+        max_seconds = FIT_SECONDS
+        if not has_any_model:
+            # Then a fit is worth a longer wait.
+            max_seconds = 2 * FIT_SECONDS
+        try:
+            return self.named_model(_model_learned_now(self.learner, max_seconds), parameters)
+        except NotLearnable as error:
             if not has_any_model:
-                # Then a fit is worth a longer wait.
-                max_seconds = 2 * FIT_SECONDS
-            try:
-                return self.named_model(self.learner.learn_now(max_seconds), parameters)
-            except TimeoutError:
-                reason = Fact(SessionFact.NOT_LEARNED_IN_TIME, duration=max_seconds)
-            except (ValueError, RuntimeError) as error:
-                reason = fact_from_error(error)
-            if not has_any_model:
-                raise NotLearnable(reason)
-            self._log(Fact(SessionFact.FORMER_MODEL_KEPT, reason=reason))
-        last_model = self._models[-1].learned
-        return self.named_model(last_model, parameters)
+                raise
+            self._log(Fact(SessionFact.FORMER_MODEL_KEPT, reason=error.fact))
+            return self.named_model(self._models[-1].learned, parameters)
 
     def latest_model(self, parameters: Parameters) -> Learned | None:
         """Returns the latest model of settled flight so far, without learning another one; None before any.
@@ -383,3 +379,25 @@ class FlightLearning:
         if self.estimate is None or self.estimate.physical is None:
             return named_model
         return named_model.with_physical(self.estimate.physical)
+
+
+def _model_learned_now(learner: OnlineLearner, max_seconds: float) -> Learned:
+    """Returns a model of the learner's latest samples.
+
+    Args:
+        learner: the learner, which has had samples.
+        max_seconds: time limit of the fit, s.
+
+    Returns:
+        The model.
+
+    Raises:
+        NotLearnable: the fit failed, took too long, or its process is gone; the error states which.
+    """
+    try:
+        return learner.learn_now(max_seconds)
+    except TimeoutError as error:
+        reason = Fact(SessionFact.NOT_LEARNED_IN_TIME, duration=max_seconds)
+        raise NotLearnable(reason) from error
+    except (ValueError, RuntimeError) as error:
+        raise NotLearnable(fact_from_error(error)) from error

@@ -21,6 +21,7 @@ from mavdem.dataset.axes import AXES
 from mavdem.dataset.phases import TRANSIENT_SECONDS
 from mavdem.errors import Refusal
 from mavdem.facts import Fact
+from mavdem.facts.learnability import NotLearnableReason
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import LoopFact
 from mavdem.facts.margins import MarginsLight
@@ -36,7 +37,10 @@ from mavdem.loops.axis_loops import Loop
 from mavdem.loops.identification import MIN_WINDOWS
 from mavdem.plant.closed_loop.spectra import SPECTRUM_SECONDS
 
-FIRST_REVIEW_SECONDS = (MIN_WINDOWS + 1) * SPECTRUM_SECONDS / 2 + TRANSIENT_SECONDS
+MIN_SETTLED_SECONDS = (MIN_WINDOWS + 1) * SPECTRUM_SECONDS / 2
+"""Least settled flight in which a loop is identified, s: windows of a spectrum that overlap by half."""
+
+FIRST_REVIEW_SECONDS = MIN_SETTLED_SECONDS + TRANSIENT_SECONDS
 """Time from take-off to the first review, s: before, settled flight is too short to identify a loop."""
 
 REVIEW_PERIOD = 15.0
@@ -176,7 +180,28 @@ def review_margins(
             margins = Fact(MarginsLight.MARGINS_UNKNOWN, reason=refusal, rate=None)
     except Refusal as error:
         margins = Fact(MarginsLight.MARGINS_UNKNOWN, reason=error.fact, rate=None)
+    if is_flying:
+        margins = _with_progress(margins)
     return ReviewedMargins(margins, process_time() - start_time)
+
+
+def _with_progress(margins: Fact) -> Fact:
+    """Returns the light of the margins in flight, which states one duration for all that needs settled flight.
+
+    The data need some seconds of it, and the loops more: a pilot would be told of both, one after the other.
+
+    Args:
+        margins: the light, as a review of the flight so far shows it.
+    """
+    reason = margins.figures.get("reason")
+    if reason is None or reason.code is not NotLearnableReason.TOO_SHORT:
+        return margins
+    awaited = Fact(
+        LoopFact.LOOP_TOO_SHORT,
+        least_duration=MIN_SETTLED_SECONDS,
+        settled=reason.figures["duration"],
+    )
+    return margins.replace(reason=awaited)
 
 
 def _refusal_of_judged_loop(assessment: Assessment, margins: Fact) -> Fact | None:

@@ -463,9 +463,6 @@ class LiveWind:
         (``validated_motion``). If it has too few samples, it is judged again a step later. If it fails, the estimates
         since the last check with success were of no wind, and are forgotten; ``no_estimate_reason`` says why.
 
-        The filter runs for each combination of ``GUST_PARAMETERS`` and of ``DRAG_DRAWS`` random draws of the drag, so
-        that the spread of the estimates shows how well the drag is known. The seed is fixed, for equal results.
-
         Args:
             time: time of the latest velocity, s of the boot clock.
         """
@@ -479,11 +476,7 @@ class LiveWind:
             self._require_measured(motion)
             validated_motion(stamps, motion.attitude, motion.velocity)
         except NotLearnable as error:
-            self.no_estimate_reason = error.fact
-            self.latest = None
-            self.mean = self._checked_mean
-            self._estimate_count = self._checked_count
-            self._filter = None
+            self._withdraw_unchecked_estimates(error.fact)
             return
         self.no_estimate_reason = None
         self._checked_mean = self.mean
@@ -492,17 +485,38 @@ class LiveWind:
         grid = motion_grid(stamps, motion.attitude, motion.velocity, step)
         if self._filter is None and grid.complete.any():
             self._step = grid.step
-            drag = self.earlier_drag or self.parameter_drag
-            drags = normal_draws(drag.mean, drag.covariance, DRAG_DRAWS, seed=1)
-            # (12 · 16, 6 + 4) drag and lean, then gusts and noise: the draws of the drag vary fastest.
-            parameters = np.hstack(
-                [
-                    np.tile(drags, (len(GUST_PARAMETERS), 1)),
-                    np.repeat(GUST_PARAMETERS, DRAG_DRAWS, axis=0),
-                ]
-            )
-            self._filter = AirflowFilter(filter_parameters(parameters, grid), grid)
+            self._filter = AirflowFilter(filter_parameters(self._parameter_draws(), grid), grid)
             self._next_step_end = time
+
+    def _withdraw_unchecked_estimates(self, reason: Fact) -> None:
+        """Ends the filter, and forgets the estimates since free flight was checked last with success.
+
+        Args:
+            reason: why the motion shows no wind.
+        """
+        self.no_estimate_reason = reason
+        self.latest = None
+        self.mean = self._checked_mean
+        self._estimate_count = self._checked_count
+        self._filter = None
+
+    def _parameter_draws(self) -> Array:
+        """Returns the parameters of the filters that run side by side, one row for each.
+
+        There is a filter for each combination of ``GUST_PARAMETERS`` and of ``DRAG_DRAWS`` random draws of the drag, so
+        that the spread of the estimates shows how well the drag is known. The seed is fixed, for equal results.
+
+        Returns:
+            (12 · 16, 6 + 4) drag and lean, then gusts and noise. The draws of the drag vary fastest.
+        """
+        drag = self.earlier_drag or self.parameter_drag
+        drags = normal_draws(drag.mean, drag.covariance, DRAG_DRAWS, seed=1)
+        return np.hstack(
+            [
+                np.tile(drags, (len(GUST_PARAMETERS), 1)),
+                np.repeat(GUST_PARAMETERS, DRAG_DRAWS, axis=0),
+            ]
+        )
 
     @staticmethod
     def _require_measured(motion: _Motion) -> None:

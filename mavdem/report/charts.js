@@ -396,6 +396,8 @@
     const commonWord = /^\S+ (?=\S)/.exec(named ? data.lines[0].name : "")?.[0], isCommon = commonWord && data.lines.every(line => line.name.startsWith(commonWord));
     const letters = data.lines.map(line => isCommon ? line.name.slice(commonWord.length) : line.name).join("").length;
     if (letters <= 24) legend.classList.add("short");
+    if (named) legend.classList.add("named");
+    if (isCommon && letters <= 2 * data.lines.length) legend.classList.add("numbered");
     if (isCommon) legend.append(Object.assign(element("span", "common"), { textContent: commonWord.trim() }));
     data.values = data.picture ? [] : data.lines.map(line => {
       const hides = named && !isDots(line) && line.kind !== "stems";

@@ -7,7 +7,7 @@
   const LONGEST_SILENCE = 5;
 
   // Parts that scripts fill, or that a click changes.
-  const OWN_PARTS = "#now, #all", KEPT_ATTRIBUTES = ["open"];
+  const OWN_PARTS = "#now, #all, #span", KEPT_ATTRIBUTES = ["open"];
   const nameOf = node => {
     if (node.nodeType !== Node.ELEMENT_NODE) return node.nodeName;
     const title = node.tagName === "TR" ? node.textContent : node.matches("figure, details") ? node.querySelector("h3, summary")?.textContent : "";
@@ -26,7 +26,9 @@
     let next = part.firstChild;
     for (const child of [...newer.childNodes]) {
       let same = next;
-      while (same && nameOf(same) !== nameOf(child)) same = same.nextSibling;
+      // The white space between two elements is like any other: one further on does not stand for it.
+      const isText = child.nodeType !== Node.ELEMENT_NODE;
+      while (same && nameOf(same) !== nameOf(child)) same = isText ? null : same.nextSibling;
       if (!same) {
         part.insertBefore(child, next);
         observeCharts(child, charts.observe);
@@ -76,12 +78,17 @@
     icon.href = `data:image/svg+xml,${encodeURIComponent(`<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16">${shape}</svg>`)}`;
   };
 
-  // The sound of alarms, which a browser allows once its user has touched the page. The choice is remembered.
-  const KEY = "mavdem sound", button = Object.assign(document.createElement("button"), { id: "sound", type: "button" });
-  const remembered = value => {
-    try { return value === undefined ? localStorage.getItem(KEY) === "on" : localStorage.setItem(KEY, value ? "on" : "off"); } catch { return false; /* A browser may keep nothing. */ }
+  // Choices that are remembered. A browser may keep nothing.
+  const remembered = key => {
+    try { return localStorage.getItem(key); } catch { return null; }
   };
-  let sounds = remembered(), player = null;
+  const remember = (key, value) => {
+    try { localStorage.setItem(key, value); } catch { /* The next page begins with the usual choice. */ }
+  };
+
+  // The sound of alarms, which a browser allows once its user has touched the page. The choice is remembered.
+  const SOUND_KEY = "mavdem sound", button = Object.assign(document.createElement("button"), { id: "sound", type: "button" });
+  let sounds = remembered(SOUND_KEY) === "on", player = null;
   const showSound = () => {
     const isSilent = sounds && player?.state !== "running";
     button.textContent = isSilent ? "Touch for alarm sound" : sounds ? "Alarm sound is on" : "Turn on alarm sound";
@@ -107,7 +114,7 @@
   };
   button.addEventListener("click", () => {
     // A page that waits for a touch has had it now.
-    if (!sounds || player) remembered(sounds = !sounds);
+    if (!sounds || player) remember(SOUND_KEY, (sounds = !sounds) ? "on" : "off");
     wake();
     if (sounds) sound(880, 1);
     showSound();
@@ -115,6 +122,53 @@
   addEventListener("pointerdown", event => { if (event.target !== button) wake(); }, true);
   document.body.append(button);
   showSound();
+
+  // The plots follow the last seconds of the flight, or show all of it. A reader who zooms sees neither, until the next click.
+  const LAST_SECONDS = 30, SPAN_KEY = "mavdem span", WHOLE = "whole", LAST = "last";
+  let chosenSpan = remembered(SPAN_KEY) ?? LAST, shownSpan = chosenSpan;
+  const endsOf = span => {
+    const [first, last] = charts.groups.flight.whole;
+    return [span === LAST ? Math.max(first, last - LAST_SECONDS) : first, last];
+  };
+  const isShown = span => endsOf(span).every((end, i) => Math.abs(end - charts.groups.flight.span[i]) < 0.01);
+  const pressSpan = () => {
+    for (const choice of document.querySelectorAll("#span button")) choice.setAttribute("aria-pressed", choice.value === shownSpan);
+  };
+  const showSpan = () => {
+    if (shownSpan && charts.groups.flight?.whole) charts.zoom(charts.groups.flight, ...endsOf(shownSpan));
+    pressSpan();
+  };
+  root.addEventListener("zoomed", ({ detail: group }) => {
+    if (group !== charts.groups.flight) return;
+    // Of a short flight both are the same.
+    shownSpan = [chosenSpan, LAST, WHOLE].find(isShown) ?? null;
+    pressSpan();
+  });
+  root.addEventListener("drawn", () => { if (!root.eventShown) showSpan(); });
+  document.addEventListener("click", event => {
+    const choice = event.target.closest?.("#span button");
+    if (!choice) return;
+    chosenSpan = shownSpan = choice.value;
+    remember(SPAN_KEY, chosenSpan);
+    showSpan();
+  });
+  pressSpan();
+
+  // On a telephone, where the page is several screens long, a bar leads to its parts.
+  const jump = Object.assign(document.createElement("nav"), { id: "jump" });
+  jump.setAttribute("aria-label", "Parts of this page");
+  const plotOf = name => [...document.querySelectorAll("#flight figure h3")].find(title => title.textContent.startsWith(name));
+  const PARTS = {
+    Lights: () => document.querySelector("h1"), Events: () => document.querySelector("#flight h2"), Motors: () => plotOf("Motors"),
+    Height: () => plotOf("Height"), Map: () => plotOf("Flown path"), Battery: () => plotOf("Battery"),
+  };
+  const showJumps = () => {
+    for (const link of jump.children) link.hidden = !PARTS[link.textContent]();
+  };
+  for (const name of Object.keys(PARTS)) jump.append(Object.assign(document.createElement("button"), { type: "button", textContent: name }));
+  jump.addEventListener("click", ({ target }) => PARTS[target.textContent]?.()?.scrollIntoView());
+  document.body.append(jump);
+  showJumps();
 
   // What the tab shows and sounds of the newest state.
   let alarms = +main.dataset.alarms;
@@ -134,11 +188,15 @@
     const newer = new DOMParser().parseFromString(text, "text/html"), flight = charts.groups.flight;
     // Another version of the program may have other scripts and another style.
     if (newer.querySelector("footer").textContent !== main.querySelector("footer").textContent) return location.reload();
-    const time = flight && charts.cursorOf(flight);
+    const time = flight && charts.cursorOf(flight), followedSpan = shownSpan;
     title = newer.title;
     renew(main, newer.querySelector("main"));
     announce();
     for (const group of Object.values(charts.groups)) charts.follow(group);
+    // The page of a session that is over shows the whole flight.
+    shownSpan = document.getElementById("span") ? followedSpan : WHOLE;
+    showSpan();
+    showJumps();
     if (time != null) charts.setCursor(flight, time);
     root.dispatchEvent(new Event("renewed"));
   };

@@ -85,13 +85,11 @@ def cause_sentences(fact: Fact) -> list[Sentence]:
         A list with one sentence. It is empty if neither was checked, and if the event is a flight lost for an unknown
         cause: what the sensors show of the loss is no evidence for its cause.
     """
-    cause_witnesses = _witnesses_of_cause(fact)
-    if cause_witnesses:
-        event_without_witnesses = fact.replace(witnesses=())
-        return evidence_sentences(event_without_witnesses)
-    if fact.code in Ending:
-        return []
-    return evidence_sentences(fact)
+    if _witnesses_of_cause(fact):
+        # Only the witnesses of the cause remain, and the sentence is about these.
+        return evidence_sentences(fact.replace(witnesses=()))
+    is_loss_of_unknown_cause = fact.code in Ending
+    return [] if is_loss_of_unknown_cause else evidence_sentences(fact)
 
 
 def headline_evidence(fact: Fact, lights: NamedFacts) -> list[Sentence]:

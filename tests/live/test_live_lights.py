@@ -70,7 +70,7 @@ def test_a_model_does_not_hide_why_the_estimator_is_not_judged(slow):
     lights = dict.fromkeys(map(str, Light), later)
     judged = replace(slow, no_model_reason=None, model_judgement=Judgement(sound, sound, lights))
     light = judged.overall_judgement.lights[Light.ESTIMATOR]
-    assert str(light) == "Not judged in flight: no EKF_STATUS_REPORT comes."
+    assert str(light) == "Not judged: no EKF_STATUS_REPORT comes."
     assert str(judged.overall_judgement.lights[Light.MOTORS]) == "Not judged in flight."
 
 

@@ -822,7 +822,7 @@ def test_on_a_terminal_the_place_of_a_lost_vehicle_stands_in_the_headline_alone(
     assert terminal_text in vehicle_text(status, has_table=True)
     lost = replace(status, no_model_reason=silent)
     assert terminal_text in str(lost.overall_judgement.headline)
-    assert vehicle_text(lost, has_table=True) == "1:1, Guided, in flight for 0:06 min."
+    assert vehicle_text(lost, has_table=True) == "1:1, Guided, in flight for 6 s."
 
 
 def test_a_line_of_a_log_says_what_is_new(capsys):

@@ -1,7 +1,7 @@
 """The page of a live session in Chromium: it takes over what is new, keeps its place, and says when nothing comes."""
 
 from live_rows import add_flight
-from pytest import fixture, mark
+from pytest import approx, fixture, mark
 from serving import serving
 
 from mavdem.facts import Fact, Level
@@ -9,10 +9,12 @@ from mavdem.facts.event import Event
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorWatchFact
 from mavdem.facts.session import TimeUse, VehicleFact
+from mavdem.facts.watch import WatchFact
 from mavdem.live import clock
 from mavdem.live.history import LiveHistory
 from mavdem.live.session_status import SessionStatus
 from mavdem.report.pages.flight_page import live_page
+from mavdem.report.pages.page_link import PageLink
 from mavdem.serve.live_pages import SessionPage
 
 pytestmark = mark.slow
@@ -28,6 +30,7 @@ class Session:
     def __init__(self):
         self.history = LiveHistory()
         self.end = 100.0
+        self.saved_flight = None
         self.fly(4.0)
 
     def start(self):
@@ -64,7 +67,16 @@ class Session:
     def show(self, status):
         """Makes the page of a status."""
         account = dict.fromkeys(TimeUse, 0.0)
-        html = live_page("udp", "roll", self.history, status, account, None, refresh_seconds=5.0)
+        html = live_page(
+            "udp",
+            "roll",
+            self.history,
+            status,
+            account,
+            None,
+            saved_flight=self.saved_flight,
+            refresh_seconds=5.0,
+        )
         self.page = SessionPage(html, clock.monotonic())
 
 
@@ -125,6 +137,19 @@ def test_what_shows_the_whole_flight_or_its_end_follows_the_flight(session, tab)
     tab.run(f"document.documentElement.charts.zoom({FLIGHT}, 105, {FLIGHT}.whole[1])")
     session.fly(4.0)
     tab.until(f"{FLIGHT}.span[1] > 111 && {FLIGHT}.span[0] > 108")
+
+
+def test_the_plots_follow_the_last_seconds_until_the_whole_flight_is_chosen(session, tab):
+    """The choice is remembered: a page that is opened anew shows the same."""
+    session.fly(40.0)
+    tab.until(f"{FLIGHT}.span[1] > 143")
+    first, last = tab.run(f"{FLIGHT}.span")
+    assert last - first == approx(30.0)
+    tab.run("document.querySelector('#span [value=whole]').click()")
+    assert tab.run(f"{FLIGHT}.span") == tab.run(f"{FLIGHT}.whole")
+    tab.run("window.isSamePage = true, location.reload()")
+    tab.until(f"!window.isSamePage && {FLIGHT}?.span?.[1] > 143")
+    assert tab.run(f"{FLIGHT}.span[0]") < 101.0
 
 
 def test_a_page_that_stays_open_shows_the_next_flight_from_its_own_beginning(session, tab):
@@ -262,12 +287,12 @@ def test_an_alarm_is_first_in_the_tab_colours_its_sign_and_sounds_where_that_is_
     assert tab.run(f"{ICON}.includes({COLOUR % 'bad'})")
     assert tab.run("window.tones") == 0
     tab.run("document.getElementById('sound').click()")
-    tab.until("document.getElementById('sound').innerText === 'Alarm sound: on'")
+    tab.until("document.getElementById('sound').innerText === 'Alarm sound is on'")
     assert tab.run("window.tones") == 1
     session.weaken(2)
     tab.until("window.tones > 1")
     tab.run("document.getElementById('sound').click()")
-    assert tab.run("document.getElementById('sound').innerText") == "Alarm sound: off"
+    assert tab.run("document.getElementById('sound').innerText") == "Turn on alarm sound"
     tones = tab.run("window.tones")
     session.weaken(3)
     tab.until("document.title.includes('Motor 3')")
@@ -300,6 +325,25 @@ def test_an_update_has_no_style_no_script_and_waits_until_something_is_new(tmp_p
         assert clock.monotonic() - start > 1.0
         session.fly(4.0)
         assert server.get("/live/update", **shown).status == 200
+
+
+def test_an_opened_light_that_is_good_shows_its_figures_and_stays_open_after_the_flight(
+    session, tab
+):
+    """A telephone's page: the end of the flight puts a line above the lights."""
+    reason = "document.querySelector('[data-light=motors] dd:last-child').checkVisibility()"
+    good = Fact(WatchFact.NO_MOTOR_AT_LIMIT, Level.GOOD, reason=None)
+    lights = {"worst_lights": {Light.MOTORS: good}}
+    session.show(SessionStatus("1:1", is_flying=True, message_age=0.0, **lights))
+    tab.size(390)
+    tab.until("document.querySelector('[data-light=motors] dd.good')")
+    assert not tab.run(reason)
+    tab.run("document.querySelector('[data-light=motors]').focus()")
+    assert tab.run(reason)
+    session.saved_flight = PageLink("flight.tlog", "/flights/1")
+    session.show(SessionStatus("1:1", message_age=0.0, **lights))
+    tab.until("document.querySelector('main').innerText.includes('This flight is over')")
+    assert tab.run(reason)
 
 
 def test_the_reason_of_a_light_opens_and_closes_by_touches_and_shows_that_it_can(session, tab):

@@ -10,6 +10,8 @@ from mavdem.arrays import Array
 from mavdem.assessment.axis.margins import response_comparison
 from mavdem.assessment.evidence import EXCITATION_MODES, Evidence
 from mavdem.dataset.axes import AXES
+from mavdem.dataset.segments import Segments
+from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Facts
 from mavdem.loops.advice import Advice, AdviceByAxis
 from mavdem.loops.axis_loops import Loop
@@ -75,27 +77,45 @@ def measure_responses(evidence: Evidence) -> Responses:
     segments = evidence.settled_segments(EXCITATION_MODES)
     responses = {}
     for axis in AXES:
-        signals = evidence.signals.for_axis(axis)
-        # The response of the attitude depends on whether the controller feeds the rate of the setpoint forward.
-        has_feedforward = bool(signals.telemetry.parameters.get(RATE_FEEDFORWARD_PARAMETER))
-        attitude = attitude_step_response(signals, segments)
-        loop = evidence.loops.get(axis)
         # An axis whose loop was not identified has a fact that says why, or nothing.
-        if not isinstance(loop, Loop):
-            rate_response = LoopResponse(rate_step_response(signals, segments, None))
-            attitude_response = LoopResponse(attitude)
-        else:
-            rate = rate_step_response(signals, segments, loop)
-            rate_response = _compared_response(
-                rate, loop, loop.rate, loop.rate.closed_loop_of_estimate
-            )
-            prediction = predicted_attitude_response(loop, has_feedforward=has_feedforward)
-            attitude_response = _compared_response(attitude, loop, loop.attitude, prediction)
-        responses[axis] = {
-            "rate": rate_response,
-            "attitude": attitude_response._replace(has_feedforward=has_feedforward),
-        }
+        loop = evidence.loops.get(axis)
+        identified_loop = loop if isinstance(loop, Loop) else None
+        signals = evidence.signals.for_axis(axis)
+        responses[axis] = _responses_of_axis(signals, segments, identified_loop)
     return responses
+
+
+def _responses_of_axis(
+    signals: Signals, segments: Segments, loop: Loop | None
+) -> dict[str, LoopResponse]:
+    """Measures the responses of rate and attitude of one axis, and compares them with the predictions of its loop.
+
+    Args:
+        signals: logged time series of the axis, with its setpoints.
+        segments: the parts of the flight that are used.
+        loop: the identified loop of the axis; None without one, and then there is nothing to compare.
+
+    Returns:
+        The responses by "rate" and "attitude".
+    """
+    measured_rate = rate_step_response(signals, segments, loop)
+    measured_attitude = attitude_step_response(signals, segments)
+    # The response of the attitude depends on whether the controller feeds the rate of the setpoint forward.
+    has_feedforward = bool(signals.telemetry.parameters.get(RATE_FEEDFORWARD_PARAMETER))
+    if loop is None:
+        rate_response = LoopResponse(measured_rate)
+        attitude_response = LoopResponse(measured_attitude)
+    else:
+        predicted_rate = loop.rate.closed_loop_of_estimate
+        rate_response = _compared_response(measured_rate, loop, loop.rate, predicted_rate)
+        predicted_attitude = predicted_attitude_response(loop, has_feedforward=has_feedforward)
+        attitude_response = _compared_response(
+            measured_attitude, loop, loop.attitude, predicted_attitude
+        )
+    return {
+        "rate": rate_response,
+        "attitude": attitude_response._replace(has_feedforward=has_feedforward),
+    }
 
 
 def advised_steps(responses: Responses, advice_by_axis: AdviceByAxis) -> StepsByLoop:

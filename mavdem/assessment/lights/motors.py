@@ -101,8 +101,9 @@ def _missing_hover(evidence: Evidence) -> Fact:
 def _limited_motors_of_flight(evidence: Evidence, hover: HoverFigures | None) -> Fact | None:
     """Returns the motors that were at their upper limit in the hover or, if that was too short, in most of the flight.
 
-    In a short hover one manoeuvre could decide the fraction of the time at the limit. But a motor that is at its limit
-    all the time may keep the vehicle from settling, so that there is hardly a hover: then all of the flight is judged.
+    A hover shows best how hard the motors work, unless it is so short that one manoeuvre decides the result. But a
+    motor that is at its limit all the time may keep the vehicle from settling, so that there is hardly a hover. Then
+    the whole flight is judged, with a stricter limit, since manoeuvres are in it: ``MIN_MOST_FRACTION`` of the time.
 
     Args:
         evidence: signals, events and measurements of the vehicle.

@@ -253,8 +253,8 @@ def gauss_newton(
             step = damping.limit_step(newton_step)
             next_expansion = _higher_expansion(
                 objective,
-                current.point + step,
-                current.value,
+                point=current.point + step,
+                present_value=current.value,
                 # If the step before succeeded at the first attempt, this one probably does as well.
                 is_likely=needed_one_attempt and attempt == 0,
             )
@@ -274,27 +274,28 @@ def gauss_newton(
 
 
 def _higher_expansion(
-    objective: Objective, point: Array, value: float, *, is_likely: bool
+    objective: Objective, point: Array, present_value: float, *, is_likely: bool
 ) -> QuadraticExpansion | None:
-    """Expands a function about a point, if its value there is higher than a limit.
+    """Expands a function about the point after a step, if the step raises it.
 
-    An expansion contains the value at its point, so that a point whose value is probably higher is expanded at once. At
-    other points the value is computed first, which takes less time and mostly shows that no expansion is needed.
+    A step is only taken if it raises the function. An expansion has the value at its point too, so that a step that
+    probably raises the function is expanded at once. Of other steps the value alone is computed first, which takes less
+    time than an expansion, and mostly shows that none is needed.
 
     Args:
         objective: function to maximise, with its gradient and curvature.
-        point: (f,) the point.
-        value: value that the function must exceed, nats.
-        is_likely: whether the function is probably higher there.
+        point: (f,) the point after the step.
+        present_value: value of the function before the step, nats.
+        is_likely: whether the step probably raises the function.
 
     Returns:
-        The expansion; None if the function is not higher, or not defined.
+        Value, gradient and curvature at the point; None if the function is not higher there, or not defined.
     """
     # If the function is not defined, its value is NaN and the comparison false.
-    if not is_likely and not objective.value(point) > value:
+    if not is_likely and not objective.value(point) > present_value:
         return None
     try:
         expansion = objective.expand(point)
     except LinAlgError:
         return None
-    return expansion if expansion.value > value else None
+    return expansion if expansion.value > present_value else None

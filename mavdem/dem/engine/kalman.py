@@ -194,16 +194,17 @@ class SteadyStateFilter(NamedTuple):
         Returns:
             (T,) variances.
         """
-        # The covariance of the signal with the innovation k samples later is the first entry of Lᵏ P h. Every
-        # innovation at or after a sample reduces the variance of the signal at that sample by the square of that
-        # covariance, divided by the variance F of the innovation. The first sample has the most innovations after it,
-        # the last sample has only its own: hence the cumulative sum, reversed.
+        # Before the sample's own innovation and the later ones are known, the variance of the signal is h · P h. Each
+        # of these innovations reduces it by the square of their covariance, over the variance F of the innovation. The
+        # covariance with the innovation k samples later is the first entry of Lᵏ P h.
         P_h = self.P @ signal
         no_forcing = np.zeros((samples - 1, len(signal)))
         later_covariances = linear_recursion(self.L, no_forcing, P_h)[:, 0]
         innovation_covariances = np.append(P_h[0], later_covariances)
-        variance_reduction = np.cumsum(innovation_covariances**2)[::-1] / self.F
-        return np.asarray(signal @ P_h - variance_reduction)
+        # Reduction by the first 1, 2, …, T innovations. The last sample of the segment has only its own innovation, and
+        # the first sample has all T.
+        variance_reductions = np.cumsum(innovation_covariances**2) / self.F
+        return np.asarray(signal @ P_h - variance_reductions[::-1])
 
 
 class FilteredSegments(NamedTuple):

@@ -189,23 +189,29 @@ def _piece_starts(length: int, horizon: int) -> range:
 
 
 def effective_piece_count(lengths: Sequence[int], horizon: int) -> float:
-    """Returns the effective number of simulations, from which the effective sample size of the fit follows.
+    """Returns how many independent simulations have as much information as all simulations of a fit.
 
-    As pieces overlap, their errors are not independent. The effective number is the number of simulations that fit into
-    the samples without overlap, and at most the number of pieces.
+    Each simulation is the second half of a piece of two horizons. As pieces overlap, their errors are not independent.
+    The effective number is that of the simulations that fit into the samples without overlap, and at most the number of
+    simulations, of which a fit uses ``MAX_PIECES``. The effective sample size of the fit follows from it.
 
     Args:
-        lengths: numbers of samples of the segments; segments too short for a piece of two horizons are left out.
+        lengths: numbers of samples of the segments.
         horizon: number of samples of each simulation.
 
     Returns:
         The effective number, not necessarily an integer.
     """
-    # Shorter segments have no piece.
-    usable_samples = sum(length for length in lengths if length > 2 * horizon)
+    piece_count = 0
+    usable_samples = 0
+    for length in lengths:
+        pieces_of_segment = len(_piece_starts(length, horizon))
+        # A short segment has no piece, so that its samples are not used.
+        if pieces_of_segment:
+            piece_count += pieces_of_segment
+            usable_samples += length
     simulations_without_overlap = usable_samples / horizon
-    pieces = sum(len(_piece_starts(length, horizon)) for length in lengths)
-    return min(simulations_without_overlap, float(MAX_PIECES), float(pieces))
+    return float(min(simulations_without_overlap, piece_count, MAX_PIECES))
 
 
 def simulation_horizon(

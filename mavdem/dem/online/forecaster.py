@@ -155,9 +155,10 @@ class OnlineForecaster:
         self.errors.forget_predictions()
 
     def predict(self, memory: SampleMemory) -> NextPredictions:
-        """Compares the latest sample with its predictions, and predicts the next ones.
+        """Predicts the next samples from the latest one, and keeps account of the errors of earlier predictions.
 
-        The sample has to be compared with its predictions before the predictions from it are stored.
+        ``errors`` compares the latest sample with the earlier predictions of it. Then it stores the new predictions,
+        which are compared with later samples.
 
         Args:
             memory: Memory to which the latest sample has been added.
@@ -166,24 +167,32 @@ class OnlineForecaster:
             The prediction of the latest sample, NaN if there is none, and the predictions at each horizon.
         """
         inputs, outputs = memory.latest_samples(MAX_LAGS + 1)
+        self.errors.compare(outputs[-1])
+        predictions = self._predictions(inputs, outputs)
+        self.errors.store(predictions.ahead, outputs[-1])
+        return predictions
+
+    def _predictions(self, inputs: Array, outputs: Array) -> NextPredictions:
+        """Returns the predictions by the fitted model or, where it gives none, the latest sample itself.
+
+        There is none before the first fit, and soon after a gap, when the samples of some lags are not known. Single
+        predictions that overflow are replaced too.
+
+        Args:
+            inputs: Inputs of the latest samples since the last gap, (T, r), at most ``MAX_LAGS`` + 1.
+            outputs: Outputs of the same samples, (T, m).
+        """
         latest_outputs = outputs[-1]
-        self.errors.compare(latest_outputs)
         expected_outputs = np.full(self._outputs, np.nan)
-        ahead: Array | None = None
+        ahead = np.tile(latest_outputs, (len(self._horizons), 1))
         if self._maps is not None:
             # (H + 1, m): at each horizon and, last, of the latest sample itself.
             predictions = self._maps.predict(inputs, outputs)
             if len(outputs) > 1:
                 expected_outputs = predictions[-1]
-            # Soon after a gap not all lags are known. The prediction is then the latest sample itself, as below.
             if len(outputs) >= MAX_LAGS:
-                ahead = predictions[:-1]
-                is_finite = np.isfinite(ahead)
-                if not is_finite.all():
-                    ahead = np.where(is_finite, ahead, latest_outputs)
-        if ahead is None:
-            ahead = np.tile(latest_outputs, (len(self._horizons), 1))
-        self.errors.store(ahead, latest_outputs)
+                is_finite = np.isfinite(predictions[:-1])
+                ahead = np.where(is_finite, predictions[:-1], latest_outputs)
         return NextPredictions(expected_outputs, ahead)
 
     def add_block(self, block: MemoryBlock, *, may_fit: bool = True) -> None:

@@ -107,8 +107,9 @@ class FreeEnergyMonitor(NamedTuple):
     def terms(self, memory: SampleMemory) -> Array | None:
         """Computes F(t) of the sample at the centre of the latest embedding window: how well it agrees with the model.
 
-        The derivatives of outputs and inputs are computed from the samples of the window, as in the fit. F(t) is the
-        same function as for the training samples, and includes the same part of the model's complexity.
+        F(t) follows from the prediction errors and the states at that sample. Both are affine functions of the samples
+        in the window, which :meth:`from_model` has prepared as a matrix and a vector. F(t) is the same function as for
+        the training samples, and includes the same part of the model's complexity.
 
         Args:
             memory: Memory with the latest samples.

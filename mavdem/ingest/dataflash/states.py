@@ -145,17 +145,18 @@ def _state_changes(
     changes_by_value: Mapping[int, StateChange],
     boot_stamps: BootStamps,
 ) -> _StateChanges:
-    """Collects the changes of a state from the events of a log.
+    """Collects the changes of a state, such as the armed state, from the events of a log.
 
-    At the first message of each boot an entry is added that repeats the state before the first event. So the state is
-    known from the beginning of a boot on.
+    What the state was before the first event of a boot follows from that event: it was the one that the event ended. So
+    for each boot with an event an entry is added at its first message, which has this state. The state is then known
+    from the beginning of the boot on.
 
     Args:
         tables: Columns of DataFlash's messages, by the name of the message ("ATT").
         message: Name of the message with the events ("EV").
         field: Its field with the number of the event ("Id").
         changes_by_value: State before and after each event, by its number; other events are left out.
-        boot_stamps: Function that returns the stamps of all messages of a boot, s.
+        boot_stamps: Function that returns the stamps of all messages of a boot, s, ascending.
 
     Returns:
         The changes in the order of boot and time.
@@ -163,6 +164,7 @@ def _state_changes(
     logged_columns = tables.get(message, {})
     changes: list[_DatedChange] = []
     if field in logged_columns:
+        # Boots that have an entry at their beginning already.
         boots_with_change = set()
         events = zip(
             logged_columns["boot"].tolist(),

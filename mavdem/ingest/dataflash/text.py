@@ -57,6 +57,7 @@ def read_text(content: bytes) -> DataflashRecording:
         The recording; positions of messages are numbers of lines. All other lines that are not blank are counted as
         skipped.
     """
+    # The lines of messages, and the definition of a message, by its name.
     lines: dict[str, list[_Line]] = {}
     definitions: dict[str, FormatDefinition] = {}
     bytes_skipped = 0
@@ -67,9 +68,11 @@ def read_text(content: bytes) -> DataflashRecording:
         if name == FORMAT.name:
             definition = _definition_in_line(values)
             if definition is not None:
+                # The line is itself a message, FMT, whose definition every log has. Of several definitions of one
+                # name the first one counts.
                 definitions.setdefault(FORMAT.name, FORMAT)
                 definitions.setdefault(definition.name, definition)
-        # Values may hold commas, so there may be more of them than fields.
+        # The last value may be a text with commas, so that there may be more commas than between the fields.
         if name in definitions and values.count(b",") >= len(definitions[name].fields) - 1:
             lines.setdefault(name, []).append(_Line(number, values))
         elif line.strip():

@@ -202,7 +202,8 @@ class SenderLinks:
         self._frame_count += count
         self._counters.count_in_order(count, last_sequence)
         self._latest_sequence = last_sequence
-        # If a slower link appears later, missing frames are counted from here on (``_count_missing_between_readings``).
+        # While a slower link is known, missing frames are found by comparing how many were sent and received since the
+        # latest frame with a boot clock. If such a link appears later, that comparison begins at the last frame here.
         self._sequence_at_latest_reading = last_sequence
         self._received_since_reading = 0
 

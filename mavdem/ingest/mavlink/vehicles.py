@@ -494,6 +494,7 @@ def _blocks_of_other_recordings(
     has_receive_time = ~np.isnan(receive_time)
     # By the clock of the receiver, the boot clock read 0 at this UTC. It changes when the autopilot reboots.
     utc_at_boot = receive_time - seconds
+    # The definitions of messages, with which a DataFlash log begins, are not in a stream.
     log_starts = np.zeros(0, dtype=np.int64)
     return blocks_of_other_recordings(
         StampedMessages(positions, seconds),

@@ -215,6 +215,8 @@ def _messages_by_chunk(
 ) -> Iterator[tuple[bytes, Messages]]:
     """Divides messages into chunks, each of which ends with the message that makes it larger than a limit.
 
+    So a chunk is at most one message larger than the limit, as of the writer of the MCAP library.
+
     Args:
         messages: Heads and bodies of all messages, in the order of time.
         definitions: Records of schemas and channels, with which the first chunk begins.
@@ -230,7 +232,7 @@ def _messages_by_chunk(
     # chunk.
     bytes_before = -len(definitions)
     while first < len(bytes_until):
-        # The first message that makes the chunk too large is its last one.
+        # The chunk ends with the first message up to which it has more bytes than the limit, or with the last of all.
         last = int(np.searchsorted(bytes_until, bytes_before + chunk_bytes, side="right"))
         end = min(last + 1, len(bytes_until))
         yield definitions, messages.messages_between(first, end)

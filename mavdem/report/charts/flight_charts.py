@@ -1,6 +1,6 @@
 """Charts of a flight: step responses, open loops with their margins, and the spectra and spectrograms of sensors."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -83,10 +83,13 @@ def step_charts(
 ) -> dict[str, Charts]:
     """Returns charts of how the closed loops of each axis respond to their setpoints, measured and predicted.
 
-    An axis has the step responses of rate and angle, and over frequency the gain |T| of its closed rate loop.
+    Each measured loop has a chart of its response to a step of the setpoint: the measured response with its 90 % band,
+    the prediction of the identified loop, and that with the advised gains. A rate loop also has a chart of the gain |T|
+    over frequency, where T is the closed-loop frequency response from the setpoint to the rate.
 
     Args:
-        responses: responses by axis and loop.
+        responses: responses by axis ("roll") and loop ("rate" or "attitude"). Those without a measured response, which
+            have the reason instead, are left out.
         advised_steps_by_loop: predicted step responses with the advised gains, by axis and loop.
         has_gain: whether the gain |T| is among the charts.
 
@@ -94,42 +97,36 @@ def step_charts(
         The charts by axis; axes without a measured response are left out.
     """
     charts_by_axis = {}
-    for axis, loops in responses.items():
-        charts_of_axis: list[Chart] = []
-        for loop_name, response in loops.items():
-            if not isinstance(response.measured, StepResponse):
+    for axis, responses_of_axis in responses.items():
+        charts: list[Chart] = []
+        for loop_name, response in responses_of_axis.items():
+            measured_response = response.measured
+            if not isinstance(measured_response, StepResponse):
                 continue
             title = f"{axis.capitalize()} {loop_name}"
             advised_step = advised_steps_by_loop.get(axis, {}).get(loop_name)
-            charts = list(_response_charts(title, response, response.measured, advised_step))
-            # The step response comes first, and the gain of a rate loop after it.
-            charts_of_axis += charts if has_gain else charts[:1]
-        if charts_of_axis:
-            charts_by_axis[axis] = tuple(charts_of_axis)
+            step_lines = _step_lines(response, measured_response, advised_step)
+            charts.append(step_chart(f"{title}: step", step_lines))
+            if has_gain and loop_name == "rate":
+                charts.append(_gain_chart(title, response, measured_response))
+        if charts:
+            charts_by_axis[axis] = tuple(charts)
     return charts_by_axis
 
 
-def _response_charts(
-    title: str, response: LoopResponse, measured_response: StepResponse, advised_step: Array | None
-) -> Iterator[Chart]:
-    """Yields the chart of a step response and, for a rate loop, a chart of its gain |T| over frequency.
+def _gain_chart(title: str, response: LoopResponse, measured_response: StepResponse) -> Chart:
+    """Returns the chart of the gain |T| of a closed rate loop over frequency, measured and predicted.
 
-    T is the closed-loop frequency response from setpoint to rate or angle. Each chart has up to three lines: the
-    measured response with its 90 % band, the prediction of the identified loop, dashed, and, for steps, the prediction
-    with the advised gains. A level at 1 marks the setpoint.
+    T is the frequency response from the setpoint to the rate. A horizontal line at 1 marks perfect tracking.
 
     Args:
         title: axis and loop, such as "Roll rate".
         response: the response with its prediction, if the loop is identified.
         measured_response: the measured response, which is ``response.measured``. The caller has checked that it is a
             response, and not the reason why there is none.
-        advised_step: (N,) predicted response to a step with the advised gains, at the times of the measured one; None
-            if the gains are kept.
     """
-    yield step_chart(f"{title}: step", _step_lines(response, measured_response, advised_step))
-    if measured_response.loop == "rate":
-        gain_lines = tuple(_gain_lines(response, measured_response))
-        yield Chart(f"{title}: |T|", FREQUENCY, CLOSED_LOOP_GAIN, gain_lines, (1.0,))
+    lines = tuple(_gain_lines(response, measured_response))
+    return Chart(f"{title}: |T|", FREQUENCY, CLOSED_LOOP_GAIN, lines, levels=(1.0,))
 
 
 def _step_lines(

@@ -10,7 +10,13 @@ from mavdem.arrays import Array
 from mavdem.confidence import Interval
 from mavdem.containers import JsonValues
 from mavdem.report.charts.chart import Plan, Span, packed
-from mavdem.report.charts.plans import MAX_PATH_POINTS, MIN_PATH_SIZE, RADIUS, figure_as_svg
+from mavdem.report.charts.plans import (
+    MAX_PATH_POINTS,
+    MIN_LIVE_PATH_SIZE,
+    MIN_PATH_SIZE,
+    RADIUS,
+    figure_as_svg,
+)
 from mavdem.report.charts.timeline import Timeline
 from mavdem.report.palette import (
     ASCENDING,
@@ -173,7 +179,8 @@ def flown_path(timeline: Timeline | None, wind: MapWind | None = None) -> Plan |
     time = position.time[drawn]
     north, east, down = position.values[drawn].T
     height = -down
-    size = max(np.ptp(north), np.ptp(east), MIN_PATH_SIZE)
+    min_size = MIN_LIVE_PATH_SIZE if is_received else MIN_PATH_SIZE
+    size = max(np.ptp(north), np.ptp(east), min_size)
     scale = 2 * RADIUS / size
     # The middle of the path is the origin of the drawing, whose y points down.
     middle_east = (east.min() + east.max()) / 2
@@ -192,7 +199,7 @@ def flown_path(timeline: Timeline | None, wind: MapWind | None = None) -> Plan |
     height_classes = _height_classes(height, lowest_height, height_range)
     mode_names = list(dict.fromkeys(mode.name for mode in timeline.modes))
     mode_numbers = _mode_numbers(time, timeline.modes, mode_names)
-    # The bar is about a third of the path, rounded to one digit.
+    # The bar is about a third of the drawing, rounded to one digit.
     bar_length = float(f"{size / 3:.0e}")
     svg = figure_as_svg(
         "path",

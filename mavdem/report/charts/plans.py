@@ -62,6 +62,12 @@ MIN_PATH_SIZE = 0.5
 A choice: a steady hover moves by some decimetres, and fills a good part of it.
 """
 
+MIN_LIVE_PATH_SIZE = 10.0
+"""The same while the vehicle flies, m: satellites place it to a few metres, so that a hover is a dot that drifts.
+
+A choice. Without it a hover fills the map with the noise of its position.
+"""
+
 
 class _DrawnCommands(NamedTuple):
     """Commands of the k motors that the drawing of the vehicle shows, with the texts on it."""

@@ -753,7 +753,7 @@ def live_page(
     axis: str,
     history: LiveHistory,
     status: SessionStatus,
-    account: Mapping[TimeUse, float],
+    seconds_by_use: Mapping[TimeUse, float],
     learned: Learned | None,
     back: PageLink | None = None,
     links: Sequence[PageLink] = (),
@@ -768,7 +768,7 @@ def live_page(
         axis: axis that was learned.
         history: events and signals of the live flight on one timeline.
         status: state of the session now, or at its end.
-        account: seconds of the flight by what they were used for.
+        seconds_by_use: seconds of the flight by what they were used for.
         learned: the latest model; None if there is none.
         back: the page that leads here, if any.
         links: other pages at the top, such as that of the flight before.
@@ -783,7 +783,7 @@ def live_page(
     timeline = live_timeline(history, axis)
     if timeline is not None:
         timeline = timeline._replace(takeoff=status.takeoff_position)
-    chapters = _live_chapters(axis, history, status, account, learned)
+    chapters = _live_chapters(axis, history, status, seconds_by_use, learned)
     page_events = _numbered_live_events(history.events, judgement, status.alarms)
     if timeline is not None:
         numbered_events = [event for event in page_events if event.number is not None]
@@ -854,7 +854,7 @@ def _live_chapters(
     axis: str,
     history: LiveHistory,
     status: SessionStatus,
-    account: Mapping[TimeUse, float],
+    seconds_by_use: Mapping[TimeUse, float],
     learned: Learned | None,
 ) -> list[Chapter]:
     """Returns the chapters of a live page: motors, advised gains, predictions and link, and the model.
@@ -863,7 +863,7 @@ def _live_chapters(
         axis: axis whose model was learned.
         history: events and signals of the live flight on one timeline.
         status: state of the session now, or at its end.
-        account: seconds of the flight by what they were used for, such as learning.
+        seconds_by_use: seconds of the flight by what they were used for, such as learning.
         learned: the latest model; None if there is none, and then there are no chapters on motors and model.
     """
     # Imported here: a page of a log needs nothing of live sessions.
@@ -881,7 +881,7 @@ def _live_chapters(
     if gain_sentences:
         chapters.append(Chapter(GAINS_TITLE, gain_sentences))
     learned_seconds = 0.0 if learned is None else len(learned.record) * learned.dt
-    report = live_report(history, status, account, axis, learned_seconds)
+    report = live_report(history, status, seconds_by_use, axis, learned_seconds)
     title = f"Prediction of {axis} in flight, and the link"
     chapters.append(Chapter(title, report, folded=True))
     if learned is not None:
