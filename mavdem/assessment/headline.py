@@ -105,8 +105,8 @@ def _facts_to_watch(evidence: Evidence, vehicle_lights: Sequence[Fact]) -> Facts
     """Returns the facts from which the headline is chosen if nothing about the vehicle is bad.
 
     Attitudes far from their setpoint come first, then hard landings, after which the airframe must be checked whatever
-    the lights show. The lights follow, and last the warnings of the autopilot, except those that its own state
-    contradicts.
+    the lights show. Swings in an automatic mode follow: a setpoint that swings is the reason for errors of tracking.
+    The lights come next, and last the warnings of the autopilot, except those that its own state contradicts.
 
     Args:
         evidence: events of the vehicle.
@@ -120,12 +120,13 @@ def _facts_to_watch(evidence: Evidence, vehicle_lights: Sequence[Fact]) -> Facts
         event for event in evidence.events if event.figures.get("angle", 0.0) > FAR_ANGLE
     ]
     hard_landings = [event for event in evidence.events if event.code is MotionEvent.LANDED_HARD]
+    swings = [event for event in evidence.events if event.code is MotionEvent.ATTITUDE_SWUNG]
     warnings = [
         fact
         for fact in evidence.warnings_in_flight(tuple(ReportedEvent))
         if not fact.figures.get("is_contradicted")
     ]
-    return (*far_attitudes, *hard_landings, *vehicle_lights, *warnings)
+    return (*far_attitudes, *hard_landings, *swings, *vehicle_lights, *warnings)
 
 
 def _worst_event(bad_events: Sequence[Fact]) -> Fact:

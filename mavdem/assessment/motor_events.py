@@ -32,6 +32,10 @@ from mavdem.witnesses.sensors import FULL_STICK, throttle_stick
 LASTING_SECONDS = 0.3
 """Seconds that a loss of attitude, or a motor at its limit, must last: longer than one sample of a stream at 4 Hz."""
 
+MIN_LIMIT_SAMPLES = 3
+"""Number of successive samples at its limit that show that a motor stayed there, whatever the rate of the outputs: two
+may be two peaks."""
+
 FROZEN_SECONDS = 2.0
 """Time, s, for which an output must stand still to have frozen while the vehicle flies on; a choice."""
 
@@ -46,7 +50,7 @@ FULL_THROTTLE_FRACTION = 0.5
 """Fraction of a motor's time at its limit with full throttle beyond which that explains the limit; a choice."""
 
 
-def lasting_runs(time: Array, is_true: Flags, gap: float) -> Intervals:
+def lasting_runs(time: Array, is_true: Flags, gap: float, min_samples: int = 2) -> Intervals:
     """Returns the intervals in which a condition holds for ``LASTING_SECONDS`` without a break at least once.
 
     A run is a sequence of samples in which the condition holds. Runs that are close together become one interval. An
@@ -56,6 +60,7 @@ def lasting_runs(time: Array, is_true: Flags, gap: float) -> Intervals:
         time: (N,) times of the samples, s, ascending.
         is_true: (N,) whether the condition holds.
         gap: shortest time between two runs, s, that separates intervals.
+        min_samples: least number of samples of the run that lasts.
 
     Returns:
         (start, end) of each interval, s; infinite if the condition holds at the first or the last sample.
@@ -65,9 +70,10 @@ def lasting_runs(time: Array, is_true: Flags, gap: float) -> Intervals:
     next_time = np.append(time, time[-1])
     lasting_run_starts = []
     for start, end in runs:
-        time_after_run = next_time[np.searchsorted(time, end, "right")]
-        has_two_samples = end > start
-        if has_two_samples and time_after_run - start >= LASTING_SECONDS:
+        row_after_run = np.searchsorted(time, end, "right")
+        sample_count = row_after_run - np.searchsorted(time, start)
+        has_lasted = next_time[row_after_run] - start >= LASTING_SECONDS
+        if has_lasted and sample_count >= min_samples:
             lasting_run_starts.append(start)
     intervals = []
     for start, end in merge_close_intervals(runs, gap):
@@ -87,8 +93,10 @@ class _MotorCondition(NamedTuple):
     """The kind of the event."""
     is_true: Flags
     """(N, k) whether the condition holds at each of N samples, for each of k motors."""
-    min_duration: float
+    min_duration: float = 0.0
     """Duration, s, that an event must exceed."""
+    min_samples: int = 2
+    """Least number of successive samples in which the condition holds."""
 
 
 def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
@@ -105,7 +113,8 @@ def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fa
 
     Yields:
         A fact for each motor and interval, with the name of the motor as subject, the ``share`` of the interval's
-        samples in which it was at the limit, or off, and the ``duration`` of these samples, s. A limit while the pilot
+        samples in which it was at the limit, or off, and the ``duration`` of these samples, s. If the outputs come more
+        slowly than every ``LASTING_SECONDS``, it also has their ``sampling_interval``, s. A limit while the pilot
         commanded full throttle has ``is_full_throttle``, and is good if the vehicle climbs. The time of an event that
         began before the record is -inf.
     """
@@ -120,7 +129,9 @@ def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fa
     is_at_limit, _ = samples_at_limits(commands.values, motors.scale)
     is_off = _is_off(signals, motors, boot, commands.values)
     limit_off_ground = _MotorCondition(
-        MotionEvent.MOTOR_AT_ITS_STOP, is_at_limit & is_off_ground[:, None], min_duration=0.0
+        MotionEvent.MOTOR_AT_ITS_STOP,
+        is_at_limit & is_off_ground[:, None],
+        min_samples=MIN_LIMIT_SAMPLES,
     )
     off_in_flight = _MotorCondition(
         MotionEvent.MOTOR_OFF, is_off & is_in_flight[:, None], min_duration=MAX_SETPOINT_DELAY
@@ -144,9 +155,10 @@ def _lasting_events(
     Yields:
         The events, as :func:`motor_events` describes them, motor by motor.
     """
+    sampling_interval = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
     for motor, name in enumerate(names):
         holds = condition.is_true[:, motor]
-        for start, end in lasting_runs(time, holds, RECOVERY_SECONDS):
+        for start, end in lasting_runs(time, holds, RECOVERY_SECONDS, condition.min_samples):
             # An interval that reaches an end of the record is infinite there.
             recorded_start = max(start, time[0])
             recorded_end = min(end, time[-1])
@@ -164,6 +176,8 @@ def _lasting_events(
                 duration=fraction_of_samples * duration,
                 boot=boot,
             )
+            if sampling_interval > LASTING_SECONDS:
+                event = event.replace(sampling_interval=sampling_interval)
             if event.code is MotionEvent.MOTOR_AT_ITS_STOP:
                 event = _with_full_throttle_marked(signals, boot, recorded_interval, event)
             yield event

@@ -21,6 +21,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import AVERAGING_SECONDS, TimeSeries, moving_average
 from mavdem.facts import Fact, Facts
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.motors import MotorWatchFact
 from mavdem.facts.witnesses import SensorFact
 from mavdem.ingest.output_scale import OutputScale
@@ -365,7 +366,8 @@ def _mean_excess(commands: TimeSeries, motor: int) -> Array:
 def _evidence_of_causing_event(ending: Fact, cause: Fact, events: Sequence[Fact]) -> Facts:
     """Returns the evidence for the event that caused the loss of a flight.
 
-    Two causes are events with evidence of their own: a height estimate that diverged, and a motor that stood still.
+    Two causes are events with evidence of their own: a height estimate that diverged, and a motor that stood still. A
+    landing that was only assumed is supported by the landing that the autopilot reported in flight.
 
     Args:
         ending: event with which the flight was lost.
@@ -377,6 +379,8 @@ def _evidence_of_causing_event(ending: Fact, cause: Fact, events: Sequence[Fact]
     """
     if cause.code is FailedFirst.HEIGHT_DIVERGED_FIRST:
         return tuple(cause.figures["cause"].figures.get("witnesses", ()))
+    if cause.code is FailedFirst.LANDING_ASSUMED_FIRST:
+        return _reported_landings(ending, events)
     if cause.code is not FailedFirst.MOTOR_STOOD_STILL_FIRST:
         return ()
     for event in events:
@@ -385,3 +389,23 @@ def _evidence_of_causing_event(ending: Fact, cause: Fact, events: Sequence[Fact]
         if is_standstill and is_same_motor and event.figures["boot"] == ending.figures["boot"]:
             return tuple(event.figures.get("witnesses", ()))
     return ()
+
+
+def _reported_landings(ending: Fact, events: Sequence[Fact]) -> Facts:
+    """Returns the landing that the autopilot reported in flight within ``RECOVERY_SECONDS`` before the flight was lost.
+
+    Args:
+        ending: event with which the flight was lost.
+        events: events of the log, each a fact (a coded finding) with its time.
+
+    Returns:
+        One fact for each such report; empty if there was none.
+    """
+    onset = loss_onset(ending) or 0.0
+    reports = []
+    for event in events:
+        is_landing = event.code is ReportedEvent.LANDING_DETECTED_IN_FLIGHT
+        is_same_boot = event.figures.get("boot") == ending.figures["boot"]
+        if is_landing and is_same_boot and 0.0 <= onset - event.start_time <= RECOVERY_SECONDS:
+            reports.append(supporting_fact(SensorFact.AUTOPILOT_REPORTED, cause=event))
+    return tuple(reports)

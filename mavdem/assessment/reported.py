@@ -19,6 +19,7 @@ from mavdem.assessment.restarts import restarts
 from mavdem.dataset.flight_states import SURFACE_VEHICLES, armed_intervals
 from mavdem.dataset.intervals import (
     Intervals,
+    TimeInterval,
     in_intervals,
     intersection,
     true_intervals,
@@ -369,7 +370,7 @@ def _take_offs_and_landings(signals: Signals, recorded_span: Segment) -> Iterato
     are found in averages, their times are inexact. So if the land detector reports a change within
     ``AVERAGING_SECONDS``, the event gets the time of this report. The outputs of vehicles that are not multirotors do
     not show flights: their events are the reports of the land detector alone. Vehicles that stay on the ground or water
-    have no such events.
+    have no such events. A landing that the land detector reports high in a flight is an event of its own.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -379,10 +380,20 @@ def _take_offs_and_landings(signals: Signals, recorded_span: Segment) -> Iterato
     if vehicle in SURFACE_VEHICLES:
         return
     boot = recorded_span.boot
-    detected_times = _land_detector_times(signals, boot)
+    detector_changes = _land_detector_changes(signals, boot)
+    detected_times = detector_changes.time
     motor_message = DEMAND_MESSAGE if signals.motors is None else signals.motors.message
     for take_off, landing in flights_off_ground(signals, boot):
         height = BootSensors(signals, boot, take_off).height_above_take_off
+        for start, end in _landings_detected_high(detector_changes, height, (take_off, landing)):
+            yield _reported_event(
+                signals,
+                recorded_span,
+                "EXTENDED_SYS_STATE",
+                ReportedEvent.LANDING_DETECTED_IN_FLIGHT,
+                start,
+                end_time=end,
+            )
         for code, time in (
             (ReportedEvent.OFF_GROUND, take_off),
             (ReportedEvent.ON_GROUND, landing),
@@ -416,26 +427,53 @@ def _nearest_within(times: Array, time: float, max_distance: float) -> float | N
     return float(times[np.argmin(distances)])
 
 
-def _land_detector_times(signals: Signals, boot: int) -> Array:
-    """Returns the times at which the land detector reports that the vehicle left the ground or touched it.
+def _landings_detected_high(
+    detector_changes: TimeSeries, height: TimeSeries | None, flight: TimeInterval
+) -> Iterator[TimeInterval]:
+    """Yields when the land detector reported a landing high in a flight, and a take-off afterwards.
+
+    PX4 stops the motors when it detects a landing, so that a short report in the air can cost the vehicle. A report up
+    to ``MAX_TOUCH_DOWN_DROP`` above the take-off is left out, since the vehicle may have touched the ground.
+
+    Args:
+        detector_changes: changes (K,) of the land detector's report: 1 for a take-off, 0 for a landing.
+        height: height (N,) above the take-off, m; None if it is not known.
+        flight: start and end of the flight, s since boot.
+
+    Yields:
+        Times of the reported landing and take-off, s since boot.
+    """
+    if height is None:
+        return
+    changes = detector_changes.within(flight)
+    for number, time in enumerate(changes.time[:-1]):
+        is_landing = not changes.values[number]
+        if is_landing and height.value_at(time) > MAX_TOUCH_DOWN_DROP:
+            yield float(time), float(changes.time[number + 1])
+
+
+def _land_detector_changes(signals: Signals, boot: int) -> TimeSeries:
+    """Returns the changes of what the land detector reports.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
-        (K,) s since boot; empty without messages of the land detector.
+        The changes (K,), s since boot: 1 when the vehicle left the ground, 0 when it touched it. Empty without messages
+        of the land detector.
     """
     landed_state = series_of_boot(signals.landed_state, boot)
     if landed_state is None:
-        return np.zeros(0)
+        return TimeSeries(np.zeros(0), np.zeros(0, dtype=int), np.zeros(0))
     # The state 0 is "undefined".
     is_defined = landed_state.values > 0
     times = landed_state.time[is_defined]
+    boots = landed_state.boot[is_defined]
     is_in_air = np.isin(landed_state.values[is_defined], OFF_GROUND)
     # The first report is no change: it is compared with itself.
     has_changed = np.diff(is_in_air, prepend=is_in_air[:1])
-    return times[has_changed]
+    return TimeSeries(times[has_changed], boots[has_changed], is_in_air[has_changed].astype(float))
 
 
 def stopped_in_air(height: TimeSeries | None, end: float) -> bool:

@@ -320,17 +320,38 @@ motor that never ran, or is at its limit, does not change its output.
 """
 
 
+FRAME_OF_PX4_AIRFRAME = {
+    4001: (1, 1),
+    5001: (1, 0),
+    6001: (2, 1),
+    7001: (2, 0),
+    8001: (3, 1),
+    9001: (3, 0),
+}
+"""ArduPilot's FRAME_CLASS and FRAME_TYPE by PX4's SYS_AUTOSTART, for PX4's generic multirotors with arms in an X or +.
+
+Their motors have the same numbers, places and spins with both autopilots. Source: the airframe reference
+(https://docs.px4.io/main/en/airframes/airframe_reference.html) and PX4's ``MultirotorMixer/geometries``.
+"""
+
+
 def _px4_rotors(parameters: Parameters) -> _Rotors:
-    """Reads the rotors from the geometry of PX4's control allocation, CA_ROTORn_PX, _PY and _KM.
+    """Reads the rotors from the geometry of PX4's control allocation, CA_ROTORn_PX, _PY and _KM, or from its airframe.
 
     The allocation counts rotors from 0. KM, torque over thrust, is positive for a rotor that turns counterclockwise.
+    Versions before it have the geometry in a file, which only SYS_AUTOSTART names.
 
     Args:
         parameters: The autopilot's parameters by name.
 
     Returns:
-        Positions (forward, right), m, and spins, by motor from 1, as far as the parameters have them.
+        Positions (forward, right), m, or on a circle of radius 1 for an airframe, and spins, by motor from 1, as far as
+        the parameters have them.
     """
+    airframe = int(parameters.get("SYS_AUTOSTART", 0))
+    if "CA_ROTOR_COUNT" not in parameters and airframe in FRAME_OF_PX4_AIRFRAME:
+        frame_class, frame_type = FRAME_OF_PX4_AIRFRAME[airframe]
+        return _frame_rotors(frame_class, frame_type)
     rotors = _Rotors()
     count = min(int(parameters.get("CA_ROTOR_COUNT", 0)), MAX_PX4_ROTORS)
     for index in range(count):

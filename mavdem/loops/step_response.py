@@ -153,6 +153,11 @@ class StepResponse(ImmutableResult):
         return np.abs(self.response)
 
     @property
+    def has_peak(self) -> bool:
+        """Whether the gain |T| exceeds 1, its value at 0 Hz, and is largest above the lowest known frequency."""
+        return bool(self.peak.value > 1 and self.peak_frequency.value > self.frequency[0])
+
+    @property
     def fact(self) -> Fact:
         """The figures of the response as a :class:`Fact`, from which reports and documents make one sentence.
 
@@ -169,6 +174,7 @@ class StepResponse(ImmutableResult):
             coherence=self.coherence,
             highest=self.max_frequency,
             is_identified=self.is_identified,
+            has_peak=self.has_peak,
             **figures,
         )
 

@@ -7,6 +7,12 @@ from typing import NamedTuple
 from mavdem.assessment.ending import ENDINGS
 from mavdem.assessment.limits import LEVELS_BY_SEVERITY
 from mavdem.facts import Fact
+from mavdem.facts.ending import Ending, MotionEvent
+from mavdem.facts.events import ReportedEvent
+
+LESSER_EVENTS = (MotionEvent.CLIPPED, ReportedEvent.AUTOPILOT_SAID, ReportedEvent.RESTARTED)
+"""Events that a short list shows after all others of their level: a peak of an accelerometer, a text of an unknown
+meaning, and a restart on the ground. The one that matters most to a flight is the first."""
 
 
 class CountedEvent(NamedTuple):
@@ -21,6 +27,9 @@ class CountedEvent(NamedTuple):
 def worst_events(events: Sequence[Fact]) -> list[CountedEvent]:
     """Selects the events of a flight that a short list shows: of each kind that warns the first one, with their number.
 
+    The bad kinds come first. Of one level, what happened to the vehicle comes before what the autopilot reports, and
+    ``LESSER_EVENTS`` come last.
+
     Events of one kind have the same code, level and subject; they warn if they are bad or to be watched. An event of
     the motion, such as a fast rotation, is left out if the flight ended at the same time by what ``ENDINGS`` lists for
     it, since that ending states more.
@@ -29,7 +38,8 @@ def worst_events(events: Sequence[Fact]) -> list[CountedEvent]:
         events: events of a log, in the order of time, each a coded finding.
 
     Returns:
-        Index of the first event of each kind, and their number: the bad kinds first, each in the order of time.
+        Index of the first event of each kind, and their number, the worst kind first; kinds that are as bad are in the
+        order of time.
     """
     codes_and_times = {(event.code, event.time) for event in events}
     counts: Counter[tuple[str, str, str]] = Counter()
@@ -43,13 +53,19 @@ def worst_events(events: Sequence[Fact]) -> list[CountedEvent]:
         first_indices.setdefault(kind, index)
     counted_events = [CountedEvent(index, counts[kind]) for kind, index in first_indices.items()]
 
-    def severity(counted: CountedEvent) -> int:
-        """Returns the position of an event's level in the list of levels, which goes from good to bad."""
-        return LEVELS_BY_SEVERITY.index(events[counted.number].level)
-
-    # The sort is stable, also in reverse, so that events of one level stay in the order of time.
-    counted_events.sort(key=severity, reverse=True)
+    # The sort is stable, so that events that are as bad stay in the order of time.
+    counted_events.sort(key=lambda counted: _rank(events[counted.number]))
     return counted_events
+
+
+def _rank(event: Fact) -> tuple[int, int]:
+    """Returns the rank of an event in a short list, the worst the lowest: by its level, and by what it is about."""
+    rank_of_level = -LEVELS_BY_SEVERITY.index(event.level)
+    if event.code in LESSER_EVENTS:
+        # After the ranks of the other two groups.
+        return rank_of_level, 2 + LESSER_EVENTS.index(event.code)
+    is_of_vehicle = event.code in (*MotionEvent, *Ending)
+    return rank_of_level, 0 if is_of_vehicle else 1
 
 
 def first_of_count(count: int) -> str:

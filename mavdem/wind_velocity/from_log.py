@@ -216,7 +216,11 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
                 NoWind.ATTITUDE_NOT_FOLLOWED, angle=MAX_SETPOINT_ERROR, duration=INDEPENDENT_SECONDS
             )
         raise NotLearnable(
-            NoWind.NO_FLIGHT_WITH_VELOCITY, airborne=_settled_seconds(signals, ground_motion)
+            NoWind.NO_FLIGHT_WITH_VELOCITY,
+            airborne=_settled_seconds(signals, ground_motion),
+            name=telemetry.name_in_source("LOCAL_POSITION_NED"),
+            sampling_interval=_velocity_interval(ground_motion),
+            interval_limit=MAX_VELOCITY_GAP,
         )
     velocity_is_constant = np.ptp(motion.velocity[:, NORTH]) == 0
     if velocity_is_constant and _lacks_fix(telemetry):
@@ -231,6 +235,17 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
     if estimate.speed_identifiable and estimate.speed > MAX_WIND_SPEED:
         raise NotLearnable(NoWind.BEYOND_ANY_WIND, speed=MAX_WIND_SPEED)
     return replace(estimate, boot=boot, left_out=tuple(motion.left_out))
+
+
+def _velocity_interval(ground_motion: TimeSeries) -> float | None:
+    """Returns the median time between two recorded velocities, over all boots; None without two in one boot.
+
+    Args:
+        ground_motion: velocity and height, as :func:`recorded_ground_motion` returns them.
+    """
+    is_same_boot = np.diff(ground_motion.boot) == 0
+    intervals_between = np.diff(ground_motion.time)[is_same_boot]
+    return float(np.median(intervals_between)) if len(intervals_between) else None
 
 
 def _settled_seconds(signals: Signals, ground_motion: TimeSeries) -> float:

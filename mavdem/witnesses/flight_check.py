@@ -8,8 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mavdem.dataset.flight_states import min_airborne_collective
-from mavdem.dataset.intervals import Intervals, in_intervals, true_intervals
+from mavdem.dataset.flight_states import airborne_intervals, min_airborne_collective
+from mavdem.dataset.intervals import (
+    Intervals,
+    in_intervals,
+    intersection,
+    true_intervals,
+    union,
+)
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, moving_average, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
@@ -85,7 +91,7 @@ def flight_check(signals: Signals, boot: int) -> FlightCheck:
         # Without a usable barometer, the height is the estimator's, which may drift.
         height_source = "estimate"
         height = series_of_boot(signals.height, boot)
-    rise = None if height is None else _rise_under_power(height, powered_spans)
+    rise = None if height is None else _largest_rise(height, _flown_spans(signals, boot))
     sensor_facts = (*_rise_facts(rise, height_source), *_rotation_facts(signals, boot))
     support = supporting_facts(sensor_facts)
     contradictions = contradicting_facts(sensor_facts)
@@ -191,7 +197,27 @@ def powered_intervals(signals: Signals, boot: int) -> Intervals:
     return true_intervals(collective.time, moving_average(collective) > min_collective)
 
 
-def _rise_under_power(height: TimeSeries, powered_spans: Intervals) -> float | None:
+def _flown_spans(signals: Signals, boot: int) -> Intervals:
+    """Returns the intervals with enough thrust to fly, and around them the time that is reported as flight.
+
+    A light vehicle may need so little thrust that its motors exceed the limit of :func:`powered_intervals` only in
+    short climbs, which show but a small part of its rise.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
+
+    Returns:
+        Intervals, s since boot.
+    """
+    powered_spans = powered_intervals(signals, boot)
+    reported_spans = [
+        span for span in airborne_intervals(signals, boot) if intersection([span], powered_spans)
+    ]
+    return union(powered_spans, reported_spans)
+
+
+def _largest_rise(height: TimeSeries, flown_spans: Intervals) -> float | None:
     """Returns the height by which the vehicle rose above the ground while its motors could carry it.
 
     The ground is the lower of the heights ``CONTEXT_SECONDS`` before and after the time under power: a log may have
@@ -200,14 +226,14 @@ def _rise_under_power(height: TimeSeries, powered_spans: Intervals) -> float | N
 
     Args:
         height: (N,) height, m, in one boot.
-        powered_spans: intervals in which the motors gave enough thrust to fly, s.
+        flown_spans: intervals as of :func:`_flown_spans`, s.
 
     Returns:
         Largest rise of all intervals, m, at least 0; None without samples under power.
     """
     mean_height = windowed_mean(height.time, height.values, MEAN_SECONDS)
     rises = []
-    for start, end in powered_spans:
+    for start, end in flown_spans:
         is_under_power = in_intervals(height.time, [(start, end)])
         if not is_under_power.any():
             continue

@@ -681,6 +681,23 @@ def test_a_height_that_diverged_brings_its_own_evidence():
     assert completed.figures["cause"].figures["witnesses"] == (witness,)
 
 
+def test_the_landing_that_the_autopilot_detected_is_the_first_evidence_that_it_assumed_one():
+    detected = Fact(
+        ReportedEvent.LANDING_DETECTED_IN_FLIGHT,
+        time=3.8,
+        end_time=4.0,
+        boot=0,
+        height=10.0,
+        basis=("X",),
+    )
+    earlier = detected.replace(time=-9.0)
+    cause = Fact(FailedFirst.LANDING_ASSUMED_FIRST, time=3.9)
+    ending = Fact(Ending.CONTROL_LOST, time=4.0, boot=0, cause=cause, witnesses=())
+    completed = with_evidence_of_cause(Signals(flight()), ending, [earlier, detected])
+    assert "Why: the autopilot detected a landing at 3.8 s, 10 m above" in evidence_text(completed)
+    assert "-9.0 s" not in evidence_text(completed)
+
+
 def test_a_motor_that_failed_is_drawn_as_it_was_commanded_then():
     telemetry = telemetry_of_lost_motor(1)
     signals = Signals(telemetry, inputs="motors")

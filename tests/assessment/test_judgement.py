@@ -295,6 +295,16 @@ def test_a_bad_light_ranks_above_a_log_that_ends_in_the_air(name):
     assert headline(status_lights, events=(ended,)) is status_lights[name]
 
 
+def test_a_swinging_setpoint_is_remedied_before_the_tracking_errors_that_it_causes():
+    figures = {"subject": "roll", "angle": 0.44, "count": 4, "period": 3.2}
+    swung = event(MotionEvent.ATTITUDE_SWUNG, end_time=9.0, **figures)
+    status_lights = lights(tracking="watch")
+    worst = headline(status_lights, events=(swung,))
+    assert worst is swung
+    step = choose_next_step(worst, status_lights, None)
+    assert "lower the gains of the position controller" in str(step)
+
+
 def test_a_hard_landing_ranks_above_lights_to_watch_and_below_those_that_are_bad():
     landed = event(MotionEvent.LANDED_HARD, speed=2.8)
     status_lights = lights(estimator="watch")

@@ -362,6 +362,11 @@ def test_a_flight_without_any_fix_is_to_be_watched_unless_the_position_came_from
     fact = estimator_light(evidence(telemetry))
     assert (fact.code, fact.level) == (EstimatorLight.FIX_MISSING, "watch")
     assert "GPS had no fix in flight (2 satellites at most)" in fact.sentence
+    stabilized = changed(telemetry, "HEARTBEAT", custom_mode=0)
+    fact = estimator_light(evidence(stabilized))
+    assert (
+        fact.is_good and "2 satellites at most), and the flight modes needed none" in fact.sentence
+    )
     fact = estimator_light(evidence(changed(telemetry, "LOCAL_POSITION_NED", valid=True)))
     assert fact.is_good and "Position without GPS (no fix, 2 satellites at most)" in fact.sentence
     unlogged = {**telemetry.messages}

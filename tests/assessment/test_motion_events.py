@@ -32,6 +32,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.witnesses import SensorFact, Side
+from mavdem.ingest.telemetry import selected_rows
 from mavdem.ingest.vocabulary import quaternion
 from mavdem.witnesses.boot_sensors import BootSensors, Rest
 from mavdem.witnesses.sensor_facts import (
@@ -440,6 +441,27 @@ def test_a_motor_at_its_limit_at_full_throttle_is_to_be_watched_only_without_a_c
     limit = events_and_ending(telemetry)[0][MotionEvent.MOTOR_AT_ITS_STOP]
     assert (limit.level, "at full throttle" in limit.sentence) == (level, is_full)
     assert ("motor 2" in limit.remedy) is not is_full
+
+
+@mark.parametrize("seconds, share", [(2.5, None), (5.0, "100 %")])
+def test_two_slow_samples_at_the_limit_are_no_event(seconds, share):
+    """Outputs come every 1.6 s: two of them are at the limit, or three."""
+    telemetry = instrumented("Stabilize")
+    outputs = pulses(telemetry)
+    time = stamps(telemetry, "SERVO_OUTPUT_RAW")
+    slow = np.searchsorted(time, np.arange(EVENT - 16.0, EVENT + 16.0, 1.6))
+    outputs[1] = np.where((time >= EVENT - 0.1) & (time < EVENT + seconds), 2000.0, outputs[1])
+    fast_outputs = with_pulses(telemetry, outputs).messages["SERVO_OUTPUT_RAW"]
+    slow_outputs = selected_rows(fast_outputs, slow)
+    messages = {**telemetry.messages, "SERVO_OUTPUT_RAW": slow_outputs}
+    events, _ = events_and_ending(replace(telemetry, messages=messages))
+    if share is None:
+        assert MotionEvent.MOTOR_AT_ITS_STOP not in events
+    else:
+        limit = events[MotionEvent.MOTOR_AT_ITS_STOP]
+        assert (
+            f"at its upper limit in {share} of its samples, one every 1.6 s, from" in limit.sentence
+        )
 
 
 def test_a_descent_faster_than_a_free_fall_from_that_height_is_no_witness():

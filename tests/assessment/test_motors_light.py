@@ -293,7 +293,8 @@ def test_a_limited_motor_is_not_suspect_where_others_work_as_hard():
     assert (limited.code, limited.subject) == (MotorsLight.MOTOR_LIMITED, "")
     assert limited.figures["names"] == (names[0],)
     assert limited.figures["equally_loaded"] == (names[1],)
-    assert "motor 2 works as hard" in limited.sentence
+    assert "all counterclockwise motors work harder" in limited.sentence
+    assert "before motors and arms are aligned" in limited.remedy
     assert "motor 1" not in limited.remedy
 
 

@@ -434,6 +434,16 @@ def test_motors_that_stop_high_in_the_air_are_no_landing():
     assert not events(fallen, ReportedEvent.ON_GROUND)
 
 
+@mark.parametrize("time, is_reported", [(7.2, False), (40.0, True)])
+def test_a_landing_that_is_detected_high_in_a_flight_is_an_event(time, is_reported):
+    """The vehicle is 2.4 m up at 7.2 s, and 10 m at 40 s."""
+    landed = columns([0.0, 6.0, time, time + 0.2, 70.0], landed_state=[1, 2, 1, 2, 1])
+    telemetry = changed(FLOWN, "EXTENDED_SYS_STATE", **landed)
+    reports = events(telemetry, ReportedEvent.LANDING_DETECTED_IN_FLIGHT)
+    assert [report.time for report in reports] == [time] * is_reported
+    assert all("10 m above the take-off" in report.sentence for report in reports)
+
+
 def test_a_second_boot_is_a_restart():
     boot = (FLOWN.messages["HEARTBEAT"]["time"] > 40.0).astype(int)
     (fact,) = events(changed(FLOWN, "HEARTBEAT", boot=boot), ReportedEvent.RESTARTED)

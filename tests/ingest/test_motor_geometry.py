@@ -80,3 +80,19 @@ def test_four_motors_of_an_old_autopilot_are_arranged_as_frame_says(frame, sourc
     parameters = {} if frame is None else {"FRAME": frame}
     geometry = motor_geometry("GENERIC_MULTIROTOR", "ARDUPILOTMEGA", parameters, [1, 2, 3, 4], 16)
     assert geometry.position_source is source
+
+
+@mark.parametrize(
+    "airframe, rotors, spins", [(6001, 0, (-1, 1, -1, 1, 1, -1)), (6001, 6, ()), (6002, 0, ())]
+)
+def test_a_generic_airframe_of_px4_has_known_rotors_unless_parameters_give_them(
+    airframe, rotors, spins
+):
+    """PX4's control allocation has the rotors in parameters, which this log lacks; airframe 6002 is no generic one."""
+    parameters = {"SYS_AUTOSTART": float(airframe)}
+    if rotors:
+        parameters["CA_ROTOR_COUNT"] = float(rotors)
+    geometry = motor_geometry("HEXAROTOR", "PX4", parameters, range(1, 7), 8)
+    assert geometry.spins == spins
+    if spins:
+        assert geometry.positions[:2] == ((0.0, 1.0), (0.0, -1.0))

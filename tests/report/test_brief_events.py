@@ -32,12 +32,24 @@ EVENTS = (*CLIPS, LEFT, LOST, HIT)
 
 
 def test_bad_events_come_first_and_those_of_a_kind_once():
-    assert worst_events(EVENTS) == [(5, 1), (0, 4), (6, 1)]
+    assert worst_events(EVENTS) == [(5, 1), (6, 1), (0, 4)]
     page_events = [PageEvent(Event(event.time, event)) for event in EVENTS]
     brief = [event.brief for event in Head(Level.BAD, {}, page_events).brief_events]
     assert brief[0] == ("An accelerometer clipped 9 times from 5.0 to 6.0 s (first of 4).")
     assert brief[1].startswith("Lost control at 30.0 s")
     assert len(brief) == 3 and "hit the ground" in brief[2]
+
+
+def test_what_happened_in_flight_comes_before_what_is_reported_on_the_ground():
+    restarted = Fact(ReportedEvent.RESTARTED, time=1.0, boot=0)
+    failed = Fact(ReportedEvent.SENSOR_FAILED, Level.WATCH, time=2.0, boot=0)
+    events = (restarted, failed, *CLIPS, HIT)
+    assert [events[index] for index, _ in worst_events(events)] == [
+        HIT,
+        failed,
+        CLIPS[0],
+        restarted,
+    ]
 
 
 def test_a_page_says_once_what_to_do_and_what_shows_an_event():

@@ -110,6 +110,15 @@ def test_without_a_position_fix_there_is_no_wind(changes, parameters, code):
         assert evidence.reason.code is code
 
 
+def test_a_velocity_that_comes_too_slowly_is_the_reason_for_no_wind():
+    stamps = np.arange(0.0, Hover().end, 1.6)
+    slow = columns(stamps, z=-stamps, vx=stamps, vy=stamps, vz=stamps)
+    telemetry = changed(Hover().telemetry(20.0, 20.0), "LOCAL_POSITION_NED", **slow)
+    reason = wind_evidence(Signals(telemetry)).reason
+    assert reason.code is NoWind.NO_FLIGHT_WITH_VELOCITY
+    assert "came every 1.6 s" in reason.sentence and "at least every 1.5 s" in reason.sentence
+
+
 def test_a_flight_without_a_fix_has_no_wind_for_that_reason():
     telemetry = Hover().telemetry(20.0, 20.0, autopilot="PX4")
     stamps = Hover().stamps(5.0)

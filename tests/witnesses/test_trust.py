@@ -71,6 +71,20 @@ def test_all_sensors_of_a_sound_flight_are_trusted():
     assert sound.flew
 
 
+def test_the_rise_of_a_light_vehicle_is_that_of_its_whole_flight():
+    """It hovers at 12 % of its motors' range; only a short climb takes more than motors on the ground may need."""
+    telemetry = flight()
+    time = stamps(telemetry, "SERVO_OUTPUT_RAW")
+    pulse = np.where(abs(time - 40.0) < 2.0, 1300.0, np.where(time > TAKE_OFF, 1120.0, 1000.0))
+    telemetry = with_pulses(telemetry, np.tile(pulse, (4, 1)))
+    seconds = np.arange(0.0, 70.0)
+    reports = columns(seconds, landed_state=np.where(seconds < TAKE_OFF, 1, 2))
+    checks = trust(changed(telemetry, "EXTENDED_SYS_STATE", **reports)).checks
+    witnesses = [fact for check in checks for fact in check.figures.get("witnesses", ())]
+    (rise,) = [fact for fact in witnesses if fact.code is SensorFact.ROSE]
+    assert rise.figures["height"] == approx(10.0, abs=0.3)
+
+
 def test_a_barometer_that_jumps_is_not_usable():
     assert trust(flight(noise=10.0)).is_barometer_usable is False
 

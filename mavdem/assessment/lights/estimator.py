@@ -19,8 +19,10 @@ from mavdem.assessment.innovations import (
 )
 from mavdem.assessment.limits import worst_fact
 from mavdem.assessment.magnetic_field import field_change
-from mavdem.dataset.flight_states import SURFACE_VEHICLES
+from mavdem.assessment.position_losses import MODES_WITHOUT_POSITION
+from mavdem.dataset.flight_states import MANUAL_THROTTLE_MODES, SURFACE_VEHICLES, mode_intervals
 from mavdem.dataset.intervals import (
+    in_intervals,
     intersection,
     longest_true_duration,
     true_intervals,
@@ -115,6 +117,14 @@ def estimator_light(evidence: Evidence) -> Fact:
         satellites = missing_fixes[0].figures["satellites"] or 0
         innovation_facts = [fact.replace(satellites=satellites) for fact in innovation_facts]
         unmeasured = unmeasured.replace(satellites=satellites)
+        missing_fixes = []
+    elif missing_fixes and _needed_no_position(evidence):
+        satellites = missing_fixes[0].figures["satellites"] or 0
+        innovation_facts = [
+            fact.replace(satellites=satellites, is_position_unneeded=True)
+            for fact in innovation_facts
+        ]
+        unmeasured = unmeasured.replace(satellites=satellites, is_position_unneeded=True)
         missing_fixes = []
     # ``worst_fact`` takes the first of equally bad facts, so the order matters.
     facts = [
@@ -400,6 +410,16 @@ def _assumed_standstills(evidence: Evidence) -> list[Fact]:
     if not len(standstill) or not standstill.all():
         return []
     return [Fact(EstimatorLight.FIX_MISSING, satellites=None, is_standstill_assumed=True)]
+
+
+def _needed_no_position(evidence: Evidence) -> bool:
+    """Returns whether the vehicle flew in modes only that need no position, by the samples of the GPS receiver."""
+    modes = MANUAL_THROTTLE_MODES | MODES_WITHOUT_POSITION
+    for flight in evidence.in_flight(position_fix(evidence.signals)):
+        intervals_in_modes = mode_intervals(evidence.signals, int(flight.boot[0]), modes)
+        if not in_intervals(flight.time, intervals_in_modes).all():
+            return False
+    return True
 
 
 def _has_other_position_source(evidence: Evidence) -> bool:

@@ -75,7 +75,7 @@ def motors_light(evidence: Evidence) -> Fact:
         facts.append(_trim_or_headroom(evidence, hover))
     motors_at_limit = _limited_motors_of_flight(evidence, hover)
     if motors_at_limit is not None:
-        facts.append(motors_at_limit)
+        facts.append(_with_yaw_trim(evidence, motors_at_limit))
     return worst_fact(facts)
 
 
@@ -131,6 +131,33 @@ def _limited_motors_of_flight(evidence: Evidence, hover: HoverFigures | None) ->
     if not is_long_enough or _are_limited_by_hard_climb(motors, segments, figures):
         return None
     return motors_at_limit.fact(MotorsLight.MOTOR_LIMITED).replace(is_settled=has_long_hover)
+
+
+def _with_yaw_trim(evidence: Evidence, limited: Fact) -> Fact:
+    """Adds the yaw trim to motors at their limit if it explains why they work harder than others.
+
+    A twisted arm or motor makes all motors of one spin work harder, and one of them reaches its limit first.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+        limited: the fact that motors were at their limit, with their ``names``.
+
+    Returns:
+        The fact with the figure ``yaw_trim``, positive if counterclockwise motors work harder, and ``assumed`` if the
+        motors' numbers are an assumption. It is unchanged if the trim is not one of yaw, or a motor that works less is
+        at its limit.
+    """
+    trim = trim_of_signals(evidence.signals)
+    if trim is None or trim.code is not TrimFact.TRIM_OF_YAW:
+        return limited
+    assert evidence.signals.motors is not None
+    geometry = evidence.signals.motors.geometry
+    spin_by_name = dict(zip(geometry.names, geometry.spins, strict=True))
+    yaw_trim = trim.figures["share"]
+    works_harder = [spin_by_name[name] * yaw_trim > 0 for name in limited.figures["names"]]
+    if not all(works_harder):
+        return limited
+    return limited.replace(yaw_trim=yaw_trim, assumed=trim.figures["assumed"])
 
 
 def _figures_of_whole_flight(motors: MotorOutputs, segments: Segments) -> HoverFigures | None:

@@ -58,6 +58,9 @@ STEP_FIGURES = {
 }
 """Columns of the table of step responses, by the field of ``StepResponse``."""
 
+PEAK_FIGURES = ("peak", "peak_frequency")
+"""The columns about the largest gain."""
+
 
 def tuning_chapter(responses: Responses, noise: MeasuredNoise) -> Chapter:
     """Returns the chapter that shows the tuning of a flight at a glance: one row of pictures.
@@ -167,13 +170,15 @@ def _step_figure_text(response: StepResponse, key: str) -> str:
 
     A duration, such as the settling time, cannot be measured beyond the end of the response. If it reaches that, it is
     shown as "over" the end. The interval is left out if even its lower end lies there, or if it is narrower than the
-    last digit that is shown.
+    last digit that is shown. A gain that never exceeds its value at 0 Hz has no peak.
 
     Args:
         response: response of rate or angle to its setpoint, measured in flight.
         key: key of ``STEP_FIGURES`` and attribute of ``response``.
     """
     estimate: IntervalEstimate = getattr(response, key)
+    if key in PEAK_FIGURES and not response.has_peak:
+        return "no peak" if key == "peak" else ""
     figure = STEP_FIGURES[key]
     end = float(response.time[-1]) if figure.is_duration else inf
 

@@ -142,7 +142,16 @@ def test_steps_of_known_loops_have_band_and_prediction():
         measured, settling=IntervalEstimate(0.5, 0.5, 0.5), delay=IntervalEstimate(0.1, 0.05, 0.5)
     )
     figures, _ = responses_chapter({"roll": {"rate": LoopResponse(never), "attitude": none}}).blocks
-    assert figures.rows[0][3:5] == ["over 0.50", "100 (50 to over 500)"]
+    assert figures.rows[0][3:] == ["over 0.50", "100 (50 to over 500)", "no peak", ""]
+
+
+def test_a_gain_above_1_is_a_peak_unless_it_is_that_of_the_lowest_frequency():
+    peaked = replace(
+        response(), peak=IntervalEstimate(1.4, 1.3, 1.5), peak_frequency=IntervalEstimate(6, 5, 7)
+    )
+    assert peaked.has_peak and "largest gain 1.4 at 6 Hz" in peaked.fact.sentence
+    lowest = replace(peaked, peak_frequency=IntervalEstimate(0.5, 0.5, 1.0))
+    assert not lowest.has_peak and "without a peak of its gain" in lowest.fact.sentence
 
 
 def test_a_step_of_the_identified_loop_is_not_called_measured():
