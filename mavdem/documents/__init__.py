@@ -33,15 +33,15 @@ class Published(NamedTuple):
 
 
 DOCUMENTS = {
-    "review": Published("review.Review", 17, "report.json of review, and `--json` of review"),
-    "learn": Published("flight.LearnReport", 13, "report.json, and `--json` of learn and open"),
-    "info": Published("inventory.Inventory", 9, "`--json` of info"),
-    "wind": Published("wind.Wind", 8, "`--json` of wind"),
+    "review": Published("review.Review", 18, "report.json of review, and `--json` of review"),
+    "learn": Published("flight.LearnReport", 14, "report.json, and `--json` of learn and open"),
+    "info": Published("inventory.Inventory", 10, "`--json` of info"),
+    "wind": Published("wind.Wind", 9, "`--json` of wind"),
     "tune": Published("loops.Tune", 6, "`--json` of tune"),
     "compare": Published("comparison.CompareReport", 4, "`--json` of compare"),
     "order": Published("comparison.Order", 4, "`--json` of order"),
-    "diff": Published("fleet.Diff", 8, "`--json` of diff"),
-    "track": Published("fleet.Track", 8, "`--json` of track"),
+    "diff": Published("fleet.Diff", 9, "`--json` of diff"),
+    "track": Published("fleet.Track", 9, "`--json` of track"),
     "live": Published("session.Live", 7, "`--json` of live"),
     "convert": Published("others.Convert", 2, "`--json` of convert"),
     "twin": Published("loops.Twin", 5, "`--json` of twin"),
