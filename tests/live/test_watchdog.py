@@ -1099,6 +1099,31 @@ def test_lines_above_a_status_are_about_the_vehicle_and_short(monkeypatch):
         assert "On the ground" in terminal_output.getvalue()
 
 
+def test_the_conclusion_below_other_lines_begins_with_the_time_and_goes_on_below_its_text():
+    terminal_output = io.StringIO()
+    console = Console(file=terminal_output, width=60, force_terminal=True, color_system=None)
+    StatusLines(None, console).print_conclusion("The motors are sound. " * 4)
+    first, *others = terminal_output.getvalue().splitlines()
+    column = first.index("The motors")
+    assert re.match(r"\d\d:\d\d:\d\d +- s  $", first[:column])
+    assert others
+    for line in others:
+        assert len(line) - len(line.lstrip()) == column
+
+
+def test_a_missing_vehicle_is_reported_only_where_messages_come_and_none_is_found(capsys):
+    """At the start no message has come yet, and the silence has a line of its own."""
+    search = Fact(VehicleFact.NO_VEHICLE_YET, subject="")
+    silent = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0)
+    counts = []
+    for reason in (silent, search):
+        lines = StatusLines(None)
+        lines.print_event(Event(9.0, search, reception=0.0))
+        lines.show(Mock(status=SessionStatus(no_model_reason=reason)))
+        counts.append(capsys.readouterr().out.count("No vehicle found yet."))
+    assert counts == [0, 1]
+
+
 def test_a_terminal_that_was_closed_does_not_end_the_session():
     terminal_text = Mock(**{"update.side_effect": OSError("Input/output error")})
     StatusLines(terminal_text).show(Mock(status=SessionStatus("1:1")))

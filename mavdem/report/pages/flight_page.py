@@ -777,7 +777,7 @@ def live_page(
         refresh_seconds: time after which a server has a newer page, s; None for a page that does not change.
     """
     # Imported here: a page of a log needs nothing of live sessions.
-    from mavdem.report.live import live_alarm, live_title, statement_of_headline
+    from mavdem.report.live import light_rows, live_alarm, live_title, statement_of_headline
 
     judgement = status.overall_judgement
     timeline = live_timeline(history, axis)
@@ -798,6 +798,7 @@ def live_page(
         lights_with_reason_once(judgement.lights),
         page_events,
         timeline,
+        light_figures={row.name: row.figure for row in light_rows(status)},
         light_anchors=_live_anchors(timeline, chapters),
         timeline_title="What happened" if status.is_over else "What happens, the newest first",
         path=flown_path(timeline, _live_map_wind(status)),

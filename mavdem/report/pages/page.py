@@ -210,6 +210,10 @@ class Head(NamedTuple):
     analysis: LogAnalysis | None = None
     """Analysis whose vehicle, date and duration are shown; None where the log holds no flight, or of a live one."""
 
+    light_figures: Mapping[str, str] = MappingProxyType({})
+    """What each light of a live session shows in a few words, such as "motor 3: −19 to −41 %", in the place of the
+    sentence that the headline has already; empty without one."""
+
     light_anchors: Mapping[str, str] = MappingProxyType({})
     """Name of the part of the page on each light, by the light; a light without a part is left out."""
 

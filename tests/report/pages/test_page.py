@@ -566,6 +566,9 @@ def test_the_light_of_a_live_pages_headline_does_not_say_it_again():
     assert (
         page.count(str(fact)) == page.count("See the headline.</dd>") == 1 and "Not judged." in page
     )
+    with_figure = head._replace(light_figures={Light.POWER: "11.7 V (73 %)"})
+    page = render_document("Live", "", [headline_sentence(fact)], head=with_figure)
+    assert "11.7 V (73 %)</dd>" in page and "See the headline." not in page
 
 
 def test_lights_of_a_log_refer_to_the_headline_instead_of_saying_it_again():
