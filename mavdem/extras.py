@@ -19,7 +19,7 @@ EXTRAS = {
     "parquet": ("pyarrow",),
     "plot": ("matplotlib",),
     "ros2": (*MCAP_MODULES, "rosbags"),
-    "serve": (*MCAP_MODULES, "h11", "python_multipart", "starlette", "uvicorn"),
+    "serve": (*MCAP_MODULES, "h11", "python_multipart", "segno", "starlette", "uvicorn"),
     "urls": ("aiohttp", "fsspec"),
     "view": ("rerun",),
     "xarray": ("xarray",),

@@ -108,6 +108,7 @@ ROOMS_OF_LIBRARIES = {
     "starlette": {"serve"},
     "uvicorn": {"serve"},
     "python_multipart": {"serve"},
+    "segno": {"cli"},
 }
 """The only rooms of mavdem that may import a library."""
 
