@@ -65,13 +65,12 @@ def _advice_of_light(light: Fact) -> Fact | None:
         light: the fact of the light, which is unknown or to be watched.
 
     Returns:
-        The light itself or, if it was not judged for a reason, that reason; None if the reason has no remedy.
+        The light itself or, if it was not judged for a reason, that reason; None if the light is unknown and that has
+        no remedy, since a reason alone is no step.
     """
     is_unjudged = light.code is Unjudged.NOT_JUDGED and light.figures["reason"] is not None
-    if not is_unjudged:
-        return light
-    reason: Fact = light.figures["reason"]
-    return reason if reason.remedy else None
+    fact: Fact = light.figures["reason"] if is_unjudged else light
+    return fact if fact.remedy or light.is_watch_or_bad else None
 
 
 def _step_against_faults(headline: Fact, lights: NamedFacts) -> Fact:

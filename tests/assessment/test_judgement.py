@@ -200,6 +200,17 @@ def test_a_light_that_only_repeats_what_to_do_first_is_not_in_the_next_step():
     assert following.figures["also"] == (status_lights[Light.VIBRATION],)
 
 
+def test_an_unknown_light_without_a_remedy_is_no_step():
+    """That the margins are not known is no step; what is to be watched always is one."""
+    unknown = lights(margins="unknown")
+    assert not unknown[Light.MARGINS].remedy
+    sound = headline(unknown)
+    assert choose_next_step(sound, unknown, None).code is NextStep.KEEP_LOG
+    watched = lights(margins="unknown", log="watch")
+    step = choose_next_step(sound, watched, None)
+    assert step.figures["reason"] == watched[Light.LOG]
+
+
 def test_without_a_flight_headline_and_next_step_have_the_reason():
     status_lights = lights(motors="watch")
     assert headline(status_lights, airborne=0.0) == GROUNDED
