@@ -102,20 +102,25 @@ class ShownTime:
         return None
 
     def setpoint_at_samples(self, setpoint: Setpoint, signal: TimeSeries) -> Array:
-        """Returns a setpoint at the samples (N,) of a signal that are shown, as :meth:`within` returns them.
+        """Returns the setpoint that held at each shown sample of a signal, for a chart of both.
+
+        Setpoint and signal are recorded at different times. The latest setpoint holds until the next one comes
+        (zero-order hold).
 
         Args:
-            setpoint: recorded values of the setpoint.
-            signal: samples of the whole log.
+            setpoint: recorded values of the setpoint, from the whole log.
+            signal: samples of the signal, from the whole log.
 
         Returns:
-            (N,) the last setpoint before each sample; NaN where none holds.
+            (N,) a setpoint for each of the N samples that :meth:`within` returns, in their order; NaN where none had
+            come recently.
         """
-        setpoints = []
+        setpoints_of_parts = []
         for part in self.parts:
-            time = signal.select(in_segments(signal, part.segment, slack=0)).time
-            setpoints.append(held_setpoint(setpoint, part.segment.boot, time))
-        return np.concatenate(setpoints)
+            shown_samples = signal.select(in_segments(signal, part.segment, slack=0))
+            boot = part.segment.boot
+            setpoints_of_parts.append(held_setpoint(setpoint, boot, shown_samples.time))
+        return np.concatenate(setpoints_of_parts)
 
 
 def one_part(segment: Segment) -> ShownTime:

@@ -31,7 +31,11 @@ from mavdem.fleet.state import (
 )
 from mavdem.report.blocks import Block, Sentence
 from mavdem.report.charts.comparison_charts import FlightSeries, flight_series
-from mavdem.report.difference.changes import bound_table, change_sentences, detail_sentences
+from mavdem.report.difference.changes import (
+    change_sentences,
+    detail_sentences,
+    undetected_change_table,
+)
 from mavdem.report.difference.headline import headline_blocks, headline_of_comparison
 from mavdem.report.difference.identity import identity_cautions
 from mavdem.report.difference.motors import motor_table
@@ -235,7 +239,7 @@ def _print_comparison(
         *motor_table(reviewed.reviews, reviewed.difference),
         *change_sentences(reviewed, headline),
         *parameter_sentences(reviewed, headline),
-        *bound_table(reviewed.difference),
+        *undetected_change_table(reviewed.difference),
     ]
     details = [*detail_sentences(reviewed), *headline_blocks(headlines, headline)]
     footer = [sentence for sentence in headline if sentence not in cautions]

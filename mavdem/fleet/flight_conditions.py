@@ -82,28 +82,30 @@ class Conditions(NamedTuple):
 
 
 def mean_conditions(flights: Flights) -> Conditions:
-    """Returns the conditions of flights: means over the flights that have a value, ``None`` where no flight has one.
+    """Returns how the flights of one state of a vehicle were flown, on average: battery, lean, vibration and wind.
+
+    The fleet's table has a row for each axis of a flight. The wind torque and the source of the step response differ by
+    axis; all other conditions are the same in the rows of a flight, so that its first row is enough.
 
     Args:
-        flights: the flights of one state, each as the rows of its axes.
+        flights: the flights, each as the list of its rows.
 
     Returns:
-        Means of the conditions in their units, the wind torque by axis; each flight has the same weight.
+        Means over the flights that have a value, each with the same weight; ``None`` where no flight has one.
     """
-    # The conditions are the same in the rows of all axes, but for the wind torque.
-    first_rows = [log_row(flight) for flight in flights]
-    all_rows: FlightRows = []
+    flight_rows = [log_row(flight) for flight in flights]
+    axis_rows: FlightRows = []
     for flight in flights:
-        all_rows += flight
+        axis_rows += flight
     return Conditions(
-        voltage=_mean_of_known(_measured_voltage(row) for row in first_rows),
-        collective=_mean_of_known(row.collective for row in first_rows),
-        lean_roll=_mean_of_known(row.lean_roll for row in first_rows),
-        lean_pitch=_mean_of_known(row.lean_pitch for row in first_rows),
-        tilt_sd=_mean_of_known(row.tilt_sd for row in first_rows),
-        vibration=_mean_of_known(_largest_vibration(row) for row in first_rows),
-        wind_torque=ReadOnlyDict(_mean_wind_torques(all_rows)),
-        step_sources=ReadOnlyDict(_step_sources(all_rows)),
+        voltage=_mean_of_known(_measured_voltage(row) for row in flight_rows),
+        collective=_mean_of_known(row.collective for row in flight_rows),
+        lean_roll=_mean_of_known(row.lean_roll for row in flight_rows),
+        lean_pitch=_mean_of_known(row.lean_pitch for row in flight_rows),
+        tilt_sd=_mean_of_known(row.tilt_sd for row in flight_rows),
+        vibration=_mean_of_known(_largest_vibration(row) for row in flight_rows),
+        wind_torque=ReadOnlyDict(_mean_wind_torques(axis_rows)),
+        step_sources=ReadOnlyDict(_step_sources(axis_rows)),
     )
 
 
@@ -155,8 +157,7 @@ def _measured_voltage(row: FlightRow) -> float | None:
     """Returns the mean voltage of a flight's battery, if it was measured.
 
     A voltage that never changes is a constant that the autopilot reports without a sensor. Flights cannot be compared
-    by
-    it.
+    by it.
 
     Args:
         row: any row of the flight in the fleet's table; all have the same voltages.

@@ -190,26 +190,30 @@ class Store:
         key_rows = self.db.execute(query, _query_values(source, limits))
         return tuple(key for (key,) in key_rows)
 
-    def is_last_reading_valid(self, source: LogSource, outcome: JobOutcome) -> bool:
-        """Returns whether the rows that were read from a log last are still valid after another attempt to read it.
+    def are_stored_rows_valid(self, source: LogSource, outcome: JobOutcome) -> bool:
+        """Returns whether the stored rows of a log stay valid after another attempt to read it.
 
-        They are not if the attempt got the content, or if the log was never read. Otherwise they are valid if the log
-        cannot be reached now, since it may still have the same content, or if its version has not changed.
+        They are replaced if the attempt got the content of the log, or if there are none yet. Otherwise they stay in
+        two cases: the log could not be reached, since it may still have the same content; or it is unchanged, as its
+        version shows, and the attempt failed for another reason, such as too little memory.
 
         Args:
-            source: the log, with its version, such as the time of its last change; empty if that is not known.
-            outcome: outcome of the attempt, with the hash of the content as ``key`` if it got that.
+            source: the log, with its present version, such as the time of its last change; the version is empty if it
+                is not known.
+            outcome: outcome of the attempt; its ``key`` is the hash of the content, or empty if that was not reached.
         """
-        if outcome.key:
+        got_content = bool(outcome.key)
+        if got_content:
             return False
         query = "select version from logs where path = ? and key <> ''"
-        entry = self.db.execute(query, [utf8_text(source.path)]).fetchone()
-        if entry is None:
+        stored_log = self.db.execute(query, [utf8_text(source.path)]).fetchone()
+        if stored_log is None:
             return False
-        (last_version,) = entry
+        (stored_version,) = stored_log
         # "source" is the ``JobEnding`` of a log that could not be reached.
         is_unreachable = outcome.ended == "source"
-        is_unchanged = source.version in ("", last_version)
+        # A log whose version is not known counts as unchanged.
+        is_unchanged = source.version in ("", stored_version)
         return is_unreachable or is_unchanged
 
     def add(self, source: LogSource, outcome: JobOutcome, limits: JobLimits) -> None:

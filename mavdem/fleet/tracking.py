@@ -300,7 +300,7 @@ def _read_new_logs(
     with closing(reader.outcomes(jobs)) as outcomes:
         for done_count, outcome in enumerate(outcomes, 1):
             source = sources[outcome.path]
-            if store.is_last_reading_valid(source, outcome):
+            if store.are_stored_rows_valid(source, outcome):
                 reason = outcome.rows[0].status
                 unread_logs.append(Fact(ReadingFact.LOG_KEPT, path=source.path, reason=reason))
             else:

@@ -243,7 +243,7 @@ class GainSearch:
             if self._is_much_slower(design) and not may_lower_bandwidth:
                 return NO_STEP
         else:
-            design = self.angle_design()
+            design = self.attitude_design()
         return self._step_towards(self._without_small_changes(design), stage)
 
     def _is_much_slower(self, design: Parameters) -> bool:
@@ -359,40 +359,42 @@ class GainSearch:
             default={},
         )
 
-    def angle_design(
-        self, rate_gains: Parameters | None = None, largest: float = inf
+    def attitude_design(
+        self, rate_gains: Parameters | None = None, max_gain: float = inf
     ) -> Parameters:
         """Finds the largest gain of the attitude controller with which the attitude loop has its stability margins.
 
-        Factors on the logged gain are tried from the largest on. A factor whose gain was tried before, since both are
-        limited to the highest gain that is allowed, is skipped.
+        The attitude controller makes the setpoint of the body rate from the error of the angle, by this gain. The
+        logged gain times each of ``FACTORS`` is tried, from the largest on, and limited to the highest gain that is
+        allowed.
 
         Args:
-            rate_gains: gains of the rate controller that differ from the logged ones, by the autopilot's name; None if
-                all are the logged ones.
-            largest: largest gain to return, 1/s.
+            rate_gains: gains of the rate controller, by the autopilot's name, where they differ from the logged ones;
+                None if none does.
+            max_gain: largest gain to return, 1/s, besides the limit of the vehicle.
 
         Returns:
             The gain, 1/s, by the autopilot's name. If none has the margins, it is the one that comes closest.
         """
-        name = self.loop.controller.parameter_names["angle_gain"]
+        gain_name = self.loop.controller.parameter_names["angle_gain"]
         logged_gain = self.logged_gains["angle_gain"]
-        highest_gain = min(self.highest_angle_gain, largest)
-        loop = self.models.with_parameters(rate_gains or {})
+        highest_gain = min(self.highest_angle_gain, max_gain)
+        loops = self.models.with_parameters(rate_gains or {})
         gains_without_margins: list[float] = []
         for factor in FACTORS:
             gain = round_gain(min(factor * logged_gain, highest_gain))
             if gain in gains_without_margins:
+                # Several factors give the highest gain, and rounding may make others equal.
                 continue
-            attitude_loop = _attitude_loops_alone(loop.with_parameters({name: gain}))
-            if self.has_margins(attitude_loop):
-                return {name: gain}
+            attitude_loops = _attitude_loops_alone(loops.with_parameters({gain_name: gain}))
+            if self.has_margins(attitude_loops):
+                return {gain_name: gain}
             gains_without_margins.append(gain)
         closest_gain = max(
             gains_without_margins,
-            key=lambda gain: self._attitude_score(loop.with_parameters({name: gain})),
+            key=lambda gain: self._attitude_score(loops.with_parameters({gain_name: gain})),
         )
-        return {name: closest_gain}
+        return {gain_name: closest_gain}
 
     def has_margins(self, open_loop: OpenLoop) -> bool:
         """Returns whether the loop has all its stability margins with nearly all plant models.
@@ -553,7 +555,7 @@ class GainSearch:
         logged_gain = self.logged_gains["angle_gain"]
         lowest_gain = logged_gain / MAX_GAIN_STEP
         gains = dict(rate_gains)
-        for name, gain in self.angle_design(rate_gains, largest=logged_gain).items():
+        for name, gain in self.attitude_design(rate_gains, max_gain=logged_gain).items():
             gains[name] = round_gain(max(gain, lowest_gain))
         return gains
 

@@ -148,9 +148,9 @@ def thrust_losses(changes: Sequence[MotorChange]) -> list[Fact]:
     lasting_losses, ended_losses = _losses_by_outcome(changes)
     smallest_lasting_size = min((loss.size for loss in lasting_losses), default=inf)
     facts = [loss.fact for loss in lasting_losses]
-    for loss, end_time in ended_losses:
+    for loss, recovery_time in ended_losses:
         level = Level.BAD if loss.size > smallest_lasting_size else Level.WATCH
-        facts.append(loss.fact.replace(level, end_time=end_time))
+        facts.append(loss.fact.replace(level, end_time=recovery_time))
     facts.sort(key=lambda fact: fact.figures["rise"], reverse=True)
     # Python's sorting is stable: it keeps the order by rise among facts of the same level.
     facts.sort(key=lambda fact: fact.level is Level.WATCH)
@@ -181,41 +181,50 @@ def is_much_larger(slow_loss: MotorChange, sudden_changes: Sequence[MotorChange]
     return True
 
 
+class _EndedLoss(NamedTuple):
+    """A loss of thrust from which the motor recovered."""
+
+    loss: MotorChange
+    """The loss."""
+    recovery_time: float
+    """When the motor gave its full thrust again, s since boot."""
+
+
 class _LossesByOutcome(NamedTuple):
-    """The losses of thrust in a flight, of each motor the largest before it recovers."""
+    """The losses of thrust in a flight: of each motor the largest before it recovers."""
 
     lasting: list[MotorChange]
     """Losses without a recovery."""
-    ended: list[tuple[MotorChange, float]]
-    """Losses that ended, and when the motor recovered, s since boot; none that ended within ``MIN_LOSS_SECONDS``."""
+    ended: list[_EndedLoss]
+    """Losses that ended; none that ended within ``MIN_LOSS_SECONDS``."""
 
 
 def _losses_by_outcome(changes: Sequence[MotorChange]) -> _LossesByOutcome:
-    """Sorts the losses of thrust in a flight by whether the motor recovered.
+    """Separates the losses of thrust in a flight into those that last and those from which the motor recovered.
+
+    A motor may lose thrust several times before it recovers. Only the largest of these losses is returned.
 
     Args:
-        changes: All changes of the flight, in the order of time.
-
-    Returns:
-        The losses that last, and those that ended, each with the time of the recovery, s since boot. Of several losses
-        of a motor before it recovered only the largest is contained, and none that ended within ``MIN_LOSS_SECONDS``.
+        changes: all changes of the motors in a flight, in the order of time.
     """
-    # The largest loss of each motor since it last gave its full thrust, by boot and name of the motor.
-    open_losses: dict[tuple[int, str], MotorChange] = {}
-    ended_losses: list[tuple[MotorChange, float]] = []
+    # The largest loss of each motor that has not recovered yet, by boot and name of the motor.
+    largest_losses: dict[tuple[int, str], MotorChange] = {}
+    ended_losses: list[_EndedLoss] = []
     for change in changes:
         motor = (change.boot, change.name)
         if change.is_weak:
-            previous_loss = open_losses.get(motor)
-            if previous_loss is None or change.size > previous_loss.size:
-                open_losses[motor] = change
-        elif motor in open_losses:
-            # The change is the recovery of this motor.
-            loss = open_losses.pop(motor)
+            earlier_loss = largest_losses.get(motor)
+            if earlier_loss is None or change.size > earlier_loss.size:
+                largest_losses[motor] = change
+        elif motor in largest_losses:
+            # A change that does not leave the motor weak is its recovery.
+            loss = largest_losses.pop(motor)
             recovery_time = change.onset_time
             if recovery_time - loss.onset_time >= MIN_LOSS_SECONDS:
-                ended_losses.append((loss, recovery_time))
-    return _LossesByOutcome(list(open_losses.values()), ended_losses)
+                ended_losses.append(_EndedLoss(loss, recovery_time))
+    # The losses that no recovery has removed last until the end of the flight.
+    lasting_losses = list(largest_losses.values())
+    return _LossesByOutcome(lasting_losses, ended_losses)
 
 
 def lasting_changes(changes: Sequence[MotorChange]) -> list[MotorChange]:

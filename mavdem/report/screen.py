@@ -238,22 +238,26 @@ def judgement_sentences(judgement: Judgement) -> JudgementSentences:
     return JudgementSentences(heading, light_sentences, next_step)
 
 
-def warnings_of_lights(judgement: Judgement, names: Sequence[Light]) -> list[Sentence]:
-    """Returns a sentence with advice on each of some lights, where the light is bad or to be watched.
+def warnings_of_lights(judgement: Judgement, light_names: Sequence[Light]) -> list[Sentence]:
+    """Returns a sentence with advice for each of the named status lights that warns: its level is watch or bad.
 
-    A light is the judgement of one subject, such as the wind: a fact with a level. A command that reports on one
-    subject, such as ``mavdem wind``, ends with the lights that concern this subject instead of all eight.
+    A status light is the judgement of one subject, such as the wind. A command that reports on one subject, such as
+    ``mavdem wind``, ends with the lights that concern this subject instead of all eight.
 
     Args:
         judgement: headline, next step and all status lights of the flight.
-        names: names of the lights to report, in the order to show them.
+        light_names: lights to report, in the order of the sentences.
+
+    Returns:
+        Sentences that begin with the name of the light, such as "Wind:"; none for lights that are good or unknown.
     """
-    sentences = []
-    for name in names:
-        light = judgement.lights[name]
+    warnings = []
+    for light_name in light_names:
+        light = judgement.lights[light_name]
         if light.is_watch_or_bad:
-            sentences.append(Sentence(light.sentence_and_remedy, f"{name.capitalize()}:"))
-    return sentences
+            lead = f"{light_name.capitalize()}:"
+            warnings.append(Sentence(light.sentence_and_remedy, lead))
+    return warnings
 
 
 def assessment_blocks(findings: Findings, judgement: Judgement | None) -> Blocks:

@@ -90,7 +90,7 @@ def sentence_and_remedy(fact: Fact) -> Words:
 
     If the table of the fact's code has no remedy, a fact among its figures called ``remedy`` takes that place.
     """
-    return Words(_render(fact, "sentence"), _render(fact, "remedy"))
+    return Words(_filled_template(fact, "sentence"), _filled_template(fact, "remedy"))
 
 
 @contextmanager
@@ -117,7 +117,7 @@ def headline(fact: Fact) -> str:
     """
     if fact.figures.get("batteries"):
         fact = fact.replace(batteries=())
-    return _render(fact, "headline") or sentence(fact)
+    return _filled_template(fact, "headline") or sentence(fact)
 
 
 def sentence(fact: Fact | str) -> str:
@@ -212,25 +212,29 @@ def sentence_templates() -> dict[str, dict[str, str]]:
     return templates
 
 
-def _render(fact: Fact, key: str) -> str:
-    """Returns one of the texts on a fact (a coded finding): the template of its code, filled with its figures.
+def _filled_template(fact: Fact, template_name: str) -> str:
+    """Returns a text about a fact (a coded finding): one of the templates for its code, filled with its figures.
+
+    The text depends on the medium in use (:func:`sentences_for`): for example, pages show gains in a table, and the
+    terminal names a command.
 
     Args:
-        fact: the fact.
-        key: which template: "sentence", "remedy" (what to do), "headline" (a shorter sentence) or "step_in_flight".
+        fact: the fact. If it has the figure ``is_grounded``, the vehicle must not fly.
+        template_name: "sentence", "remedy" (what to do), "headline" (a shorter sentence) or "step_in_flight".
 
     Returns:
-        The text for the medium in use: for example, pages show gains in a table, and the terminal names a command. It
-        is empty if the code has no such template, or if it would advise to fly a vehicle that must not fly.
+        The text. It is empty if the code has no template of this name, or if the text would advise to fly a vehicle
+        that must not fly.
     """
-    is_grounded = "is_grounded" in fact.figures
-    if is_grounded and _advises_flight(fact.code, key):
+    must_not_fly = "is_grounded" in fact.figures
+    if must_not_fly and _advises_flight(fact.code, template_name):
         return ""
-    template = _compiled(fact.code, key)
-    return template.render(_template_values(fact)).strip()
+    template = _compiled(fact.code, template_name)
+    text = template.render(_template_values(fact))
+    return text.strip()
 
 
-def _advises_flight(code: Code, key: str) -> bool:
+def _advises_flight(code: Code, template_name: str) -> bool:
     """Returns whether a template advises to fly, for example to record more data.
 
     The file of templates marks the codes whose texts do so by the key ``advises_flight``. The advice is in the remedy.
@@ -238,11 +242,11 @@ def _advises_flight(code: Code, key: str) -> bool:
 
     Args:
         code: code of a fact, by which its templates are found.
-        key: which template, such as "sentence" or "remedy".
+        template_name: which of these templates, such as "sentence" or "remedy".
     """
     templates = sentence_templates()[code]
-    key_of_advice = "remedy" if "remedy" in templates else "sentence"
-    return "advises_flight" in templates and key == key_of_advice
+    advising_template = "remedy" if "remedy" in templates else "sentence"
+    return "advises_flight" in templates and template_name == advising_template
 
 
 def _template_values(fact: Fact) -> dict[str, Any]:
@@ -687,7 +691,7 @@ def _further_clauses(facts: Iterable[Fact]) -> str:
 
 def _step_in_flight(fact: Fact) -> str:
     """Returns the step to take at once in flight after a fact; empty if its table has none, so that it is to land."""
-    return _render(fact, "step_in_flight")
+    return _filled_template(fact, "step_in_flight")
 
 
 def time_of_day(seconds: float) -> str:

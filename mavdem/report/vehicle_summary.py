@@ -210,32 +210,41 @@ def vehicle_summaries(rows: Iterable[FlightRow]) -> list[VehicleSummary]:
 def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
     """Summarises all logs under one vehicle's name, so that a fleet's page need not read their rows.
 
-    It has counts of the flights, the state of the vehicle, its status lights (judgements of its parts by a level), the
-    mean wind of each flight, a line for each log in the table of all flights, and why logs were not used.
-
     Args:
         name: name of the vehicle in its logs; ``UNKNOWN`` for logs without one.
-        rows: all rows of the fleet's table under this name, also of logs that have no flight that can be analysed.
+        rows: all rows of the fleet's table under this name: one for each axis of a log, also of logs that have no
+            flight that can be analysed.
+
+    Returns:
+        Counts of the flights, the state of the vehicle, its status lights (judgements of its parts by a level), the
+        mean wind of each flight, a line of the table for each log, and why logs were not used.
     """
-    # ``logs`` has every recording, ``flights`` only those with a flight.
+    # Each log, and each flight, is the list of its rows. Only some logs hold a flight.
     logs = group_into_flights(rows)
     flights = group_into_flights(row for row in rows if row.has_flight)
+    vehicle_state = _vehicle_flights(name, flights) if flights else None
+    bad_flights = [flight for flight in flights if badge_level([flight]) is Level.BAD]
+    return VehicleSummary(
+        name=name,
+        has_shared_name=name == UNKNOWN or has_shared_name(flights),
+        flown=_flown_flights(name, flights),
+        vehicle=vehicle_state,
+        bad_flights=len(bad_flights),
+        light_counts=_light_counts(logs),
+        winds=_mean_winds(logs),
+        lines=[flight_line(log) for log in logs],
+        unused=_unused_rows(rows),
+    )
+
+
+def _mean_winds(logs: Sequence[AxisRows]) -> list[Wind]:
+    """Returns the mean wind of each log whose wind is known, both its speed and its direction."""
     winds = []
     for log in logs:
         row = log_row(log)
         if row.wind_direction is not None and row.wind_speed is not None:
             winds.append(Wind(row.wind_direction, row.wind_speed))
-    return VehicleSummary(
-        name=name,
-        has_shared_name=name == UNKNOWN or has_shared_name(flights),
-        flown=_flown_flights(name, flights),
-        vehicle=_vehicle_flights(name, flights) if flights else None,
-        bad_flights=sum(badge_level([flight]) is Level.BAD for flight in flights),
-        light_counts=_light_counts(logs),
-        winds=winds,
-        lines=[flight_line(log) for log in logs],
-        unused=_unused_rows(rows),
-    )
+    return winds
 
 
 @cache

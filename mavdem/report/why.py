@@ -22,39 +22,50 @@ MAX_WITNESSES_OF_HEADLINE = 4
 """Measurements that a headline quotes as its evidence, a choice: the list of all events has the others."""
 
 
-def evidence_sentences(fact: Fact, max_witnesses: int | None = None) -> list[Sentence]:
-    """Returns the sentence with the evidence for an event: first what confirms it, then what contradicts it.
+def evidence_sentences(event: Fact, max_witnesses: int | None = None) -> list[Sentence]:
+    """Returns the sentence with the evidence for an event: what confirms it, and then what contradicts it.
 
     An event, such as a collision, is checked against measurements that are independent of each other: the accelerometer
     should show a shock, and the gyro a fast rotation. What each of them shows is a coded finding (a fact), called a
-    witness. If the cause of the event has witnesses too, such as the command of the motor that failed, they come first,
-    since the witnesses of the event show only what followed.
+    witness. If the cause of the event has witnesses too, such as the command of the motor that failed, those that
+    confirm it come first, since the witnesses of the event show only what followed.
 
     Args:
-        fact: the event. Its witnesses are its figure ``witnesses``.
-        max_witnesses: largest number of measurements that confirm the event, the first in time; None for all.
+        event: the event, as a fact. Its figure ``witnesses`` has its witnesses.
+        max_witnesses: largest number of witnesses of the event that are quoted as confirming it, the earliest ones;
+            None for all.
 
     Returns:
         A list with one sentence; empty if the event was not checked.
     """
-    # Imported here, since pages without an event, such as that of a fleet, need nothing of it.
+    # Imported here, since pages without an event, such as that of a fleet, do without this module.
     from mavdem.witnesses.sensor_facts import contradicting_facts, supporting_facts
 
-    witnesses = []
-    for witness in fact.figures.get("witnesses", ()):
-        # A witness may be a message of the autopilot, which is then its figure "cause". If the event itself is this
-        # message, the witness would only repeat it.
-        message = witness.figures.get("cause")
-        if message is None or message.code is not fact.code:
-            witnesses.append(witness)
-    witnesses.sort(key=_witness_time)
-    causing_witnesses = sorted(_witnesses_of_cause(fact), key=_witness_time)
+    witnesses_of_cause = sorted(_witnesses_of_cause(event), key=_witness_time)
+    witnesses_of_event = sorted(_independent_witnesses(event), key=_witness_time)
     return render_section(
         "why",
-        causing=supporting_facts(causing_witnesses),
-        supporting=supporting_facts(witnesses)[:max_witnesses],
-        contradicting=contradicting_facts(witnesses),
+        causing=supporting_facts(witnesses_of_cause),
+        supporting=supporting_facts(witnesses_of_event)[:max_witnesses],
+        contradicting=contradicting_facts(witnesses_of_event),
     )
+
+
+def _independent_witnesses(event: Fact) -> list[Fact]:
+    """Returns the witnesses of an event that do not merely repeat it.
+
+    A witness may be a message of the autopilot, which is then its figure "cause". If the event itself is this message,
+    the witness adds no evidence, and is left out.
+
+    Args:
+        event: the event, with its witnesses as the figure ``witnesses``.
+    """
+    independent_witnesses = []
+    for witness in event.figures.get("witnesses", ()):
+        autopilot_message = witness.figures.get("cause")
+        if autopilot_message is None or autopilot_message.code is not event.code:
+            independent_witnesses.append(witness)
+    return independent_witnesses
 
 
 def _witness_time(witness: Fact) -> float:

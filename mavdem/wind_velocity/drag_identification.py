@@ -107,7 +107,7 @@ MAX_PRIOR_DEVIATIONS = 4.0
 """Distance from the prior mean, in standard deviations, that no scaled parameter exceeds."""
 
 USUAL_ITERATIONS = 12
-"""Number of iterations of Fisher scoring after which it ends if it has settled: a choice."""
+"""Number of iterations of Fisher scoring after which it ends if it has converged: a choice."""
 
 MAX_ITERATIONS = 40
 """Number of iterations of Fisher scoring, at most: a choice."""
@@ -119,7 +119,7 @@ A choice, small compared with the 3 nats that are strong evidence. On 46 recorde
 ends after 0.82 of the iterations, and the highest posterior is lower by 0.3 nats at most.
 """
 
-SETTLED_CHANGE = 5.0
+CONVERGED_CHANGE = 5.0
 """Change of the log posterior over one or two iterations, in nats, from which on the search is still under way.
 
 A choice: around a maximum that the search has found, it changes by 1 or 2 nats.
@@ -191,7 +191,7 @@ def identify_drag(grid: MotionGrid, drag: Drag) -> DragPosterior:
     so the result is the parameters with the highest posterior of all iterations. The prior of the mean force
     (:func:`log_prior_of_force`) is used only for the steps, not in that posterior. A search that has not converged
     after ``USUAL_ITERATIONS`` continues, since after fast manoeuvres it may move far away before it finds the drag. It
-    ends earlier if it repeats its values (:func:`_has_settled`).
+    ends earlier if it repeats its values (:func:`_has_converged`).
 
     Args:
         grid: motion of the flight.
@@ -208,8 +208,8 @@ def identify_drag(grid: MotionGrid, drag: Drag) -> DragPosterior:
     bound = MAX_PRIOR_DEVIATIONS / np.sqrt(np.diag(precision))
     mean = prior_mean
     highest_value = np.nan
-    values = list[float]()
-    while len(values) < MAX_ITERATIONS:
+    log_posteriors = list[float]()
+    while len(log_posteriors) < MAX_ITERATIONS:
         expansion = _expand_log_likelihood(mean, grid)
         information = expansion.information * np.sqrt(
             np.outer(information_fractions, information_fractions)
@@ -231,8 +231,8 @@ def identify_drag(grid: MotionGrid, drag: Drag) -> DragPosterior:
         if value > highest_value or np.isnan(highest_value):
             highest_value = value
             best = DragPosterior(mean, (covariance + covariance.T) / 2, steered_fraction)
-        values.append(value)
-        if _has_settled(values):
+        log_posteriors.append(value)
+        if _has_converged(log_posteriors):
             break
         gradient = discount @ (information_fractions * expansion.gradient)
         step = covariance @ (gradient + speed_pull - precision @ deviation)
@@ -244,29 +244,32 @@ def identify_drag(grid: MotionGrid, drag: Drag) -> DragPosterior:
     return best
 
 
-def _has_settled(values: Sequence[float]) -> bool:
-    """Returns whether a search has converged, by the log posteriors of its iterations so far.
+def _has_converged(log_posteriors: Sequence[float]) -> bool:
+    """Returns whether the search for the drag has converged, by the log posteriors of its iterations so far.
 
-    It has if the log posterior changes little. As steps may overshoot, so that the search alternates between two points
-    on either side of the maximum, each log posterior is also compared with its value two iterations before.
+    There are two cases:
+
+    - The search alternates between two points on either side of the maximum, since its steps overshoot: twice in
+      succession, the log posterior is nearly the same as two iterations before.
+    - After ``USUAL_ITERATIONS``, the log posterior differs little from one of the two before it.
 
     Args:
-        values: log posterior of each iteration, nats.
+        log_posteriors: log posterior density after each iteration, nats, in their order.
 
     Returns:
         Whether it has converged; False before the fourth iteration.
     """
-    if len(values) < 4:
+    if len(log_posteriors) < 4:
         return False
-    fourth_last, third_last, second_last, latest = values[-4:]
+    fourth_last, third_last, second_last, latest = log_posteriors[-4:]
     change = abs(latest - second_last)
     change_over_two = abs(latest - third_last)
     earlier_change_over_two = abs(second_last - fourth_last)
     is_alternating = change_over_two < REPEATED_CHANGE and earlier_change_over_two < REPEATED_CHANGE
     if is_alternating:
         return True
-    has_small_change = change < SETTLED_CHANGE or change_over_two < SETTLED_CHANGE
-    return len(values) > USUAL_ITERATIONS and has_small_change
+    has_small_change = change < CONVERGED_CHANGE or change_over_two < CONVERGED_CHANGE
+    return len(log_posteriors) > USUAL_ITERATIONS and has_small_change
 
 
 def _expand_log_likelihood(scaled_parameters: Array, grid: MotionGrid) -> _Expansion:

@@ -118,7 +118,7 @@ def test_errors_that_are_alike_count_for_fewer_independent_ones():
 )
 def test_a_search_ends_where_it_repeats_itself_or_hardly_changes(values, has_settled):
     """The values are log posteriors of the iterations so far, of searches that settle, climb, turn or fail."""
-    assert drag_identification._has_settled(values) == has_settled
+    assert drag_identification._has_converged(values) == has_settled
 
 
 def test_firmware_without_a_drag_model_has_no_setting_that_switches_it_on():

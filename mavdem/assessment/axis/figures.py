@@ -263,27 +263,43 @@ class LogAnalysis:
 
     @property
     def report_values(self) -> JsonValues:
-        """Returns all figures by the keys of the document ``Report``, before they are turned into plain JSON values.
+        """Returns the content of ``report.json`` by its keys, as records, facts and arrays that are not yet JSON.
 
-        Without a model the keys of :func:`model_figures` are missing. All other keys are always there: their values are
-        None, or empty, for what is not known. Angles are in rad, rates in rad/s, times in s.
+        The document has six parts: the model with its errors of forecast, which is missing if no model was learned
+        (:func:`model_figures`); the physical parameters of each axis; the tier, which is the kind of model that the log
+        allows; the condition of the vehicle; the changes of its motors in flight; and the grades of the model by
+        purpose. Two keys are older than the names that are used here: "verdict" is the learnability of the log, and
+        "truth" the comparison of the estimates with the known parameters of a simulated vehicle.
+
+        Returns:
+            Values by key; None, or empty, for what is not known. Angles are in rad, rates in rad/s, times in s.
         """
-        figures: JsonValues = {}
-        if self.learned is not None and self.held_out is not None:
-            figures = model_figures(self.flights, self.learned, self.held_out)
+        model_values: JsonValues = {}
+        model_settings = None
+        if self.learned is not None:
+            model_settings = asdict(self.learned.settings)
+            if self.held_out is not None:
+                model_values = model_figures(self.flights, self.learned, self.held_out)
+        no_model_reason = self.reason
+        remedy = None if no_model_reason is None else no_model_reason.remedy
         return {
-            **figures,
+            **model_values,
             "axes": self.axes,
             "hover": self.condition.hover,
-            **self.tier._asdict(),
-            "reason": self.reason,
-            "remedy": None if self.reason is None else self.reason.remedy,
+            "tier": self.tier.tier,
+            "tier_reason": self.tier.tier_reason,
+            "allows": self.tier.allows,
+            "next_tier": self.tier.next_tier,
+            "reason": no_model_reason,
+            "remedy": remedy,
             "condition": self.condition,
             "identity": self.identity,
             **alarm_figures(self.alarms),
-            **self.findings._asdict(),
+            "overrides": self.findings.overrides,
+            "purposes": self.findings.purposes,
+            "warnings": self.findings.warnings,
             "truth": self.truth,
-            "settings": None if self.learned is None else asdict(self.learned.settings),
+            "settings": model_settings,
             "verdict": self.learnability,
         }
 

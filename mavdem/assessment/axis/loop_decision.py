@@ -121,7 +121,8 @@ def decide_on_loops(observations: LoopObservations) -> LoopDecision:
     4. The axis follows its setpoint badly although its loops have their margins, or these are not known.
     5. Nothing is wrong, or it is not known whether something is.
 
-    If the vehicle must be repaired, the diagnosis stays, but the action is the repair, and no gains are computed.
+    If the vehicle must be repaired, the diagnosis of cases 2 to 5 stays, but the action is the repair, and no gains are
+    computed.
 
     Args:
         observations: margins and tracking of the axis, and the repairs that the vehicle needs.
@@ -134,18 +135,32 @@ def decide_on_loops(observations: LoopObservations) -> LoopDecision:
     tracking = observations.tracking
     is_far_from_setpoint = tracking.code is TrackingLight.MISSES_SETPOINT and tracking.is_bad
     decision = None
+    # Margins of the loop do not matter for an axis that is far from its setpoint: no loop explains that.
     if not is_far_from_setpoint:
         decision = _decision_by_margins(observations)
     if decision is None:
         decision = _decision_by_tracking(observations)
     if decision is None:
         decision = _decision_without_fault(observations)
-    reasons_against_gains = observations.vehicle_repairs
-    if not reasons_against_gains:
-        return decision
-    action = None if decision.action is None else _action_to_remedy(reasons_against_gains[0])
+    if observations.vehicle_repairs:
+        return _with_repair_as_action(decision, observations.vehicle_repairs)
+    return decision
+
+
+def _with_repair_as_action(decision: LoopDecision, repairs: Facts) -> LoopDecision:
+    """Returns a decision whose action is to repair the vehicle first, and which forbids to compute gains.
+
+    Args:
+        decision: the decision on a vehicle without a fault. If it has no action, none is added.
+        repairs: why the vehicle must be repaired, at least one reason; the first one is the action.
+    """
+    action = None if decision.action is None else _action_to_remedy(repairs[0])
     return LoopDecision(
-        decision.axis, decision.diagnosis, decision.reason, action, reasons_against_gains
+        decision.axis,
+        decision.diagnosis,
+        decision.reason,
+        action,
+        reasons_against_gains=repairs,
     )
 
 

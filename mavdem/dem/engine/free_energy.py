@@ -353,22 +353,24 @@ def free_energy_terms(posterior: Posterior) -> Mapping[str, float]:
 
 
 def _error_rows_by_term(model: GenerativeModel) -> Mapping[Term, slice]:
-    """Returns the rows of the prediction errors ε̃ whose weighted squares each term sums.
+    """Returns the rows of the vector of prediction errors ε̃ that belong to each term of the free energy.
 
-    The rows of outputs and of inputs belong to one term each. The rows of the states and of a prior of x, which
-    follow them, belong together to the term of the states.
+    Three terms are weighted sums of squared prediction errors: of the outputs, of the inputs, and of the states. The
+    last one includes the prior of the state x, whose error is x itself, if the model has this prior.
 
     Args:
-        model: model in generalised coordinates, with the layout of ε̃.
+        model: model in generalised coordinates, which gives the order of the errors in ε̃.
 
     Returns:
-        Rows by term.
+        A contiguous range of rows for each of the three terms.
     """
     rows = model.error_rows
+    # The rows of the prior follow those of the states.
+    rows_of_states_and_prior = slice(rows.states.start, rows.state_prior.stop)
     return {
         Term.PREDICTION_ERROR_OF_OUTPUTS: rows.outputs,
         Term.PREDICTION_ERROR_OF_INPUTS: rows.inputs,
-        Term.PREDICTION_ERROR_OF_STATES: slice(rows.states.start, None),
+        Term.PREDICTION_ERROR_OF_STATES: rows_of_states_and_prior,
     }
 
 

@@ -224,21 +224,22 @@ def _receiver_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
 
 
 def _compass_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
-    """Yields a chart of the magnetic field's strength at each compass, with the mean command of the motors.
+    """Yields the chart of the magnetic field's strength at each compass, mGauss, with the mean command of the motors.
 
-    The strength of the earth's field does not depend on the attitude. A part that follows the motors comes from their
-    currents.
+    A rotation of the vehicle does not change the strength of the earth's field. If the strength follows the command of
+    the motors, the compass measures the magnetic field of their currents.
 
     Args:
-        evidence: signals, events and measurements of the vehicle.
-        timeline: timeline of the flight, for its span of time.
+        evidence: recorded signals of the vehicle, and the mean command of its motors.
+        timeline: charts of the flight over time, whose time range is used.
     """
-    strengths: dict[str, TimeSeries | None] = {}
-    for number, field in compass_fields(evidence.signals).items():
-        strengths[f"compass {number}"] = replace(field, values=np.linalg.norm(field.values, axis=1))
-    yield _with_motor_command(
-        over_time("Magnetic field", "mGauss", _lines_of_series(strengths, timeline)), evidence
-    )
+    strength_by_compass: dict[str, TimeSeries | None] = {}
+    for number, field_vector in compass_fields(evidence.signals).items():
+        strength = np.linalg.norm(field_vector.values, axis=1)
+        strength_by_compass[f"compass {number}"] = replace(field_vector, values=strength)
+    lines = _lines_of_series(strength_by_compass, timeline)
+    field_chart = over_time("Magnetic field", "mGauss", lines)
+    yield _with_motor_command(field_chart, evidence)
 
 
 def _processor_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:

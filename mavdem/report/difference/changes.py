@@ -292,16 +292,16 @@ def sentences_without_change(reviewed: ReviewedDifference) -> list[Sentence]:
 
 
 def explained_bounds(difference: VehicleDifference) -> Blocks:
-    """Returns the table of :func:`bound_table` with a sentence on what its columns mean; empty without a table."""
-    table = bound_table(difference)
+    """Returns :func:`undetected_change_table` with a sentence on what its columns mean; empty without a table."""
+    table = undetected_change_table(difference)
     return [*table, *render_section("difference_bounds")] if table else []
 
 
-def bound_table(difference: VehicleDifference) -> list[Table]:
-    """Returns, where no change was found, a table of how large a change may have been missed.
+def undetected_change_table(difference: VehicleDifference) -> list[Table]:
+    """Returns a table of how large a change of the vehicle may have been missed, where the comparison found none.
 
-    It has two numbers for each kind of quantity: the largest change that its intervals still contain, and the change
-    that nine of ten such comparisons would find.
+    A row is about one kind of quantity, such as the phase margin, and has two limits: the largest change that the 90 %
+    intervals of these quantities still contain, and the change that nine of ten such comparisons would find.
 
     Args:
         difference: comparison of two states, quantity by quantity.
@@ -310,16 +310,16 @@ def bound_table(difference: VehicleDifference) -> list[Table]:
         A list with the table; empty if a tested quantity changed or is doubtful, or if nothing was tested.
     """
     tested_changes = difference.tested
+    if not tested_changes:
+        return []
     for change in tested_changes:
         if change.outcome is QuantityOutcome.CHANGED or change.is_doubtful:
             return []
-    if not tested_changes:
-        return []
     changes_by_kind = group_by(tested_changes, lambda change: change.quantity.kind)
     rows = []
-    for kind, changes in changes_by_kind.items():
-        significance = significance_of_single_change(tested_changes, kind)
-        rows.append(bound_row(kind, changes, significance))
+    for kind, changes_of_kind in changes_by_kind.items():
+        significance_level = significance_of_single_change(tested_changes, kind)
+        rows.append(bound_row(kind, changes_of_kind, significance_level))
     header = ["no change found in", "within (90 %)", "found from (9 of 10)"]
     return [Table(header, rows)]
 

@@ -61,7 +61,7 @@ def next_blocks(reviewed: ReviewedDifference) -> list[Sentence]:
     changes = changes_by_relevance(difference, without=reviewed.motors.evidence)
     unexplained_changes = changes_by_cause(difference, changes).unexplained
     if unexplained_changes:
-        return _what_to_check(unexplained_changes, difference)
+        return _step_of_unexplained_changes(unexplained_changes, difference)
     doubtful = doubtful_changes(reviewed)
     if not doubtful:
         return []
@@ -133,22 +133,25 @@ def _step_of_watched_motor(reviewed: ReviewedDifference) -> list[Sentence]:
     return []
 
 
-def _what_to_check(
+def _step_of_unexplained_changes(
     changes: Sequence[QuantityChange], difference: VehicleDifference
 ) -> list[Sentence]:
-    """Returns the sentence that says which part to check after a change that new gains do not explain.
+    """Returns the next step after changes that new gains do not explain: which part of the vehicle to inspect.
 
-    A motor that became weaker comes before all other changes; of several candidates the most certain change, with the
-    lowest p-value, is named.
+    It follows from one of the changes: the one with the lowest p-value among those that show a weaker motor or, without
+    such, among all. If this change is about a motor, the sentence names that motor.
 
     Args:
         changes: the changed quantities that new gains do not explain, at least one.
         difference: comparison of the vehicle, with the names of its motors.
+
+    Returns:
+        A list with one sentence, such as "Inspect motor 2 and its propeller before the next flight."
     """
     weaker_motors = [change for change in changes if change.shows_weaker_motor]
     candidates = weaker_motors or changes
-    surest_change = min(candidates, key=lambda change: change.p)
+    most_significant_change = min(candidates, key=lambda change: change.p)
     motor = ""
-    if surest_change.quantity.is_of_motor:
-        motor = motor_name(surest_change, difference)
+    if most_significant_change.quantity.is_of_motor:
+        motor = motor_name(most_significant_change, difference)
     return render_section("difference_next", motor=motor, is_weaker=bool(weaker_motors))

@@ -23,26 +23,34 @@ COMMANDS_TITLE = "Setpoints and sticks"
 def hardware_chapters(
     evidence: Evidence, lights: NamedFacts, timeline: Timeline | None
 ) -> list[Chapter]:
-    """Returns two folded chapters: on the hardware, such as the power supply, and on setpoints and the pilot's sticks.
+    """Returns two folded chapters of a flight's page: on the hardware, and on the setpoints and the pilot's sticks.
 
-    A chapter has a section with a sentence and charts for each subject with logged data.
+    A chapter has a section for each subject with logged data, such as the power supply: a sentence and charts.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
         lights: status lights by name; the light on the power is the finding of the section on the power supply.
-        timeline: charts of the flight over time; without it (None) the sections have no charts.
+        timeline: charts of the flight over time, whose time range the charts of the sections share; None if there are
+            none, and then the sections have no charts either.
 
     Returns:
-        The chapters that have sections.
+        The chapters that have at least one section.
     """
-    charts = {} if timeline is None else hardware_groups(evidence, timeline)
-    tables: dict[str, Blocks] = {}
+    charts_by_subject: dict[str, list[Group]] = {}
+    if timeline is not None:
+        charts_by_subject = hardware_groups(evidence, timeline)
+    tables_by_subject: dict[str, Blocks] = {}
     sensor_table = _sensor_table(evidence)
     if sensor_table.rows:
-        tables[HardwarePart.CALIBRATION] = [sensor_table]
-    hardware = _chapter_of_facts(HARDWARE_TITLE, hardware_facts(evidence, lights), charts, tables)
-    commands = _chapter_of_facts(COMMANDS_TITLE, command_facts(evidence), charts, {})
-    return [chapter for chapter in (hardware, commands) if chapter.sections]
+        tables_by_subject[HardwarePart.CALIBRATION] = [sensor_table]
+    hardware_chapter = _chapter_of_facts(
+        HARDWARE_TITLE, hardware_facts(evidence, lights), charts_by_subject, tables_by_subject
+    )
+    # The chapter on commands has no tables.
+    command_chapter = _chapter_of_facts(
+        COMMANDS_TITLE, command_facts(evidence), charts_by_subject, tables={}
+    )
+    return [chapter for chapter in (hardware_chapter, command_chapter) if chapter.sections]
 
 
 def _chapter_of_facts(

@@ -29,7 +29,7 @@ from mavdem.report.fleet import (
 from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.pages.page_link import PageLink
 
-RESULT = re.compile(
+RESULT_HTML = re.compile(
     r'(?P<anomaly><section id="beside".*?</section>\n)?'
     r'<section id="result" class="(?P<classes>[^"]*)">\n(?P<content>.*?)</section>\n'
     r'(?P<anomaly_below><section id="beside".*?</section>\n)?',
@@ -52,7 +52,7 @@ NEXT_STEP_ALONE = "<p><strong>Then, by this log alone:</strong>"
 SECTION_CLASSES = {Level.BAD: "doubted", Level.WATCH: "lacking"}
 """The class of a section with a result, by the level of the result."""
 
-MOTORS_LIGHT = re.compile(
+MOTORS_LIGHT_HTML = re.compile(
     r'(?P<heading><div data-light="motors"><dt>.*?</dt>)'
     r'<dd class="(?P<level>\w+)"(?: data-alone="(?P<level_of_log>\w+)")?>\w+</dd>'
     r'<dd class="soft">(?:<b>[^<]*</b> )?(?P<sentence>.*?)</dd>',
@@ -189,20 +189,23 @@ def review_with_anomaly(
 
 
 def with_motor_anomaly(page: str, anomaly: MotorAnomaly | None) -> str:
-    """Writes an anomaly of the motors into the HTML page of a flight, which was made from its log alone.
+    """Returns the HTML page of a flight with an anomaly of the motors that only a comparison with other flights shows.
 
-    The anomaly becomes the headline of the page, and the status light of the motors at least as bad as it. The function
-    may be called again with its result: what the earlier call has written is replaced.
+    The page was made from the log of the flight alone. Regular expressions find the two parts of it that change:
+
+    - The status light of the motors gets the level of the anomaly if that is worse.
+    - A section about the anomaly stands above the result of the log or, if the log alone shows worse, below it.
+
+    The function may be called again with its own result: the anomaly of the earlier call is replaced.
 
     Args:
         page: HTML of the page, or its beginning up to the status lights.
         anomaly: the anomaly; None if there is none, which restores the page of the log alone.
-
-    Returns:
-        The changed HTML.
     """
-    page = MOTORS_LIGHT.sub(partial(_light_html, anomaly=anomaly), page, count=1)
-    return RESULT.sub(partial(_result_html, anomaly=anomaly), page, count=1)
+    light_with_anomaly = partial(_light_html, anomaly=anomaly)
+    page = MOTORS_LIGHT_HTML.sub(light_with_anomaly, page, count=1)
+    result_with_anomaly = partial(_result_html, anomaly=anomaly)
+    return RESULT_HTML.sub(result_with_anomaly, page, count=1)
 
 
 def _result_html(result: re.Match[str], anomaly: MotorAnomaly | None) -> str:
@@ -212,7 +215,7 @@ def _result_html(result: re.Match[str], anomaly: MotorAnomaly | None) -> str:
     to fly again. Below the next step of the anomaly it is therefore marked as the later one.
 
     Args:
-        result: match of ``RESULT`` in the page, in which an earlier call may have written an anomaly.
+        result: match of ``RESULT_HTML`` in the page, in which an earlier call may have written an anomaly.
         anomaly: the anomaly that the comparison with other flights shows; None without any.
     """
     # What an earlier call has changed in the result is undone first.
@@ -245,7 +248,7 @@ def _light_html(light: re.Match[str], anomaly: MotorAnomaly | None) -> str:
     restores the light.
 
     Args:
-        light: match of ``MOTORS_LIGHT`` in the page, in which an earlier call may have changed the level.
+        light: match of ``MOTORS_LIGHT_HTML`` in the page, in which an earlier call may have changed the level.
         anomaly: the anomaly of the motors; None without any.
     """
     level_of_log = Level(light["level_of_log"] or light["level"])

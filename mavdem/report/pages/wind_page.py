@@ -123,25 +123,26 @@ def _wind_timeline(wind_evidence: WindEvidence, assessment: Assessment) -> Timel
     wind_charts = timeline.wind_charts
     if wind.estimate.speed_identifiable:
         # The speed through the air follows from the speed of the wind.
-        wind_charts = (*wind_charts, _airspeed_chart(wind.estimate))
+        wind_charts = (*wind_charts, _air_velocity_chart(wind.estimate))
     return timeline._replace(
         flight_charts=height_charts, axis_charts={}, wind_charts=wind_charts, events=()
     )
 
 
-def _airspeed_chart(wind: WindVelocity) -> Chart:
-    """Returns the chart of the speed through the air along the body.
+def _air_velocity_chart(wind: WindVelocity) -> Chart:
+    """Returns the chart of the speed through the air over time, m/s: forward and to the right of the vehicle.
 
-    The airspeed in the message VFR_HUD is not drawn for comparison: without an airspeed sensor, ArduPilot sends the
-    ground speed in its place.
+    It is the velocity of the vehicle relative to the wind of each moment, not to the mean wind, so that the chart of a
+    hover shows the gusts. The airspeed in the message VFR_HUD is not drawn for comparison: without an airspeed sensor,
+    ArduPilot sends the ground speed in its place.
 
     Args:
-        wind: the estimated wind, with the velocity of the vehicle relative to the air, m/s. It is relative to the wind
-            of each moment, not to the mean wind, so that the chart of a hover shows the gusts.
+        wind: the estimated wind, with the velocity of the vehicle relative to the air along its body axes.
     """
-    forward, right = wind.air_velocity.T
+    forward_speed = wind.air_velocity[:, 0]
+    speed_to_right = wind.air_velocity[:, 1]
     lines = [
-        Line("forward", PREDICTED, wind.time, forward),
-        Line("to the right", MEASURED, wind.time, right),
+        Line("forward", PREDICTED, wind.time, forward_speed),
+        Line("to the right", MEASURED, wind.time, speed_to_right),
     ]
     return over_time("Speed through the air", "m/s", lines)

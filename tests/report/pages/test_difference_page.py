@@ -13,7 +13,7 @@ from mavdem.fleet.quantities import SHARE
 from mavdem.report.blocks import plain_text
 from mavdem.report.charts.change_plan import change_plan
 from mavdem.report.charts.chart import Axis, Chart, Line
-from mavdem.report.difference.changes import bound_table, difference_blocks
+from mavdem.report.difference.changes import difference_blocks, undetected_change_table
 from mavdem.report.difference.headline import headline_of_comparison
 from mavdem.report.difference.identity import identity_remarks
 from mavdem.report.difference.lights import light_blocks
@@ -216,7 +216,7 @@ def test_where_nothing_changed_it_says_what_would_have_been_found():
     states = [
         [flight_row("quad", number, trim_share=SHARES["A"], **intervals)] for number in (0, 1)
     ]
-    (table,) = bound_table(vehicle_difference(*states))
+    (table,) = undetected_change_table(vehicle_difference(*states))
     trims, *_ = table.rows
     assert trims[0] == "relative trim of motors 1, 2, 3 and 4"
     # The quantities may be uncertain: they are not called alike.
