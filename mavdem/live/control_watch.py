@@ -119,21 +119,26 @@ class ControlWatch:
         self._attitude_loss: Fact | None = None
 
     def add_message(self, message: Message, time: float) -> None:
-        """Keeps an attitude, a setpoint of the attitude, or a specific force.
+        """Stores the measured values of a message, and removes those older than ``MEMORY_SECONDS``.
+
+        They are the attitude, its setpoint, or the specific force, from which a loss of control is recognised.
 
         Args:
             message: ATTITUDE, ATTITUDE_QUATERNION, ATTITUDE_TARGET, or one of the ``IMU_MESSAGES``.
             time: time on the boot clock, s.
         """
         if message.name in ATTITUDE_MESSAGES:
-            self._note_validity(message, time)
-        samples = self._fast_messages.setdefault(message.name, deque(maxlen=MAX_SAMPLES))
-        samples.append(TimedValues(time, message.values))
-        while samples[0].time < time - MEMORY_SECONDS:
-            samples.popleft()
+            self._update_attitude_times(message, time)
+        recent_values = self._fast_messages.setdefault(message.name, deque(maxlen=MAX_SAMPLES))
+        recent_values.append(TimedValues(time, message.values))
+        oldest_kept_time = time - MEMORY_SECONDS
+        while recent_values[0].time < oldest_kept_time:
+            recent_values.popleft()
 
-    def _note_validity(self, attitude: Message, time: float) -> None:
-        """Notes the time of an attitude, and whether it is valid, that is not NaN; :meth:`invalid_attitude` needs both.
+    def _update_attitude_times(self, attitude: Message, time: float) -> None:
+        """Updates the times of the latest attitude, and of the latest valid one, which is not NaN.
+
+        The difference between them is how long the attitudes have been NaN (:meth:`invalid_attitude`).
 
         Args:
             attitude: ATTITUDE or ATTITUDE_QUATERNION, whose values begin with the angles or the quaternion.

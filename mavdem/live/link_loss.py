@@ -62,24 +62,30 @@ def link_loss_fact(
     )
 
 
-def lights_before_silence(
-    lights: NamedFacts, age: float | None, missing: MissingMessages
+def lights_during_silence(
+    lights_at_last_message: NamedFacts, silence_seconds: float | None, missing: MissingMessages
 ) -> dict[str, Fact]:
-    """Returns the status lights of a vehicle that is silent: those that were good are not known now.
+    """Returns the status lights of a vehicle in flight that sends nothing, or neither attitude nor motor outputs.
+
+    A light that was good needs messages to stay good: without them its level is not known, and its fact says what it
+    was before. A light that warns stays, since silence does not undo what was found.
 
     Args:
-        lights: the lights at the last message: the judgement of each part of the vehicle, by the name of the part.
-        age: time since then, s; None where that is not known.
-        missing: which messages do not come. If only the motion is missing, only ``LIGHTS_OF_MOTION`` are not known.
+        lights_at_last_message: the judgement of each part of the vehicle, by the name of the part.
+        silence_seconds: time since the last message, s; None if it is not known.
+        missing: which messages do not come. If only those of the motion do not, this concerns only the
+            ``LIGHTS_OF_MOTION``.
 
     Returns:
-        The lights by the same names. Those that warn stay, since what was found is not undone.
+        The lights during the silence, by the same names.
     """
     present_lights = {}
-    for name, light in lights.items():
-        needs_missing_messages = missing is MissingMessages.MESSAGES or name in LIGHTS_OF_MOTION
-        if light.is_good and needs_missing_messages:
-            present_lights[name] = Fact(Unjudged.KNOWN_BEFORE, duration=age, reason=light)
+    for name, light in lights_at_last_message.items():
+        lacks_messages = missing is MissingMessages.MESSAGES or name in LIGHTS_OF_MOTION
+        if light.is_good and lacks_messages:
+            present_lights[name] = Fact(
+                Unjudged.KNOWN_BEFORE, duration=silence_seconds, reason=light
+            )
         else:
             present_lights[name] = light
     return present_lights

@@ -111,17 +111,20 @@ def is_lasting_state(report: Fact) -> bool:
 
 
 def is_alarming(report: Fact) -> bool:
-    """Returns whether a report of the autopilot is an alarm in flight.
+    """Returns whether something that the autopilot reports is an alarm in flight.
 
-    It is one if it warns, and is bad, has a critical severity, or is a state such as those for which failsafes begin.
+    A report that is bad is an alarm. One that is only to be watched is an alarm in two cases: it is a text of the
+    severity "critical" or higher, or a state, such as a failsafe, that is among the ``ALARMING_STATES``.
 
     Args:
-        report: the text of a message, which has a severity, or the interval of a state, which has none.
+        report: a coded finding: either the text of a message, with its figures "text" and "severity", or the interval
+            in which a state lasts, which has neither.
     """
+    if report.is_bad:
+        return True
     if not report.is_watch_or_bad:
         return False
-    severity = report.figures.get("severity")
-    is_critical_text = severity in CRITICAL_SEVERITIES
+    is_critical_text = report.figures.get("severity") in CRITICAL_SEVERITIES
     is_state = "text" not in report.figures
     is_alarming_state = is_state and report.code in ALARMING_STATES
-    return report.is_bad or is_critical_text or is_alarming_state
+    return is_critical_text or is_alarming_state

@@ -334,7 +334,7 @@ class LiveSession:
         silence = self._note_messages(first_arrival, last_arrival, frames)
         self.history.advance(self.stream.now, self.stream.boot, self._restart_seconds)
         self._show_slow_sample()
-        self._withdraw_landing_or_loss()
+        self._withdraw_samples_of_landing_or_loss()
         self._report_resumption(silence)
         self._silence_monitor.note_outage(silence, is_flying=self.stream.is_flying)
         has_rebooted = self.stream.boot != former_boot
@@ -525,21 +525,23 @@ class LiveSession:
         # While a motor is weak, the other motors balance its missing thrust, and that torque is not the wind's.
         return self.flight.learning.learn_row(row, self.stream.motor_alarms.weak_since)
 
-    def _withdraw_landing_or_loss(self) -> None:
-        """Removes a landing or a loss of control, once it is recognised, from the samples that the model is trained on.
+    def _withdraw_samples_of_landing_or_loss(self) -> None:
+        """Withdraws the samples of a landing, or of a loss of control, from those that the model is trained on.
 
-        It is recognised some time after it has begun. Until then its samples are taken for settled flight, and the
-        model is trained on them. As the flight is over or lost now, its recording is due to be judged, too.
+        A landing is recognised some time after it has begun. Until then its samples are taken for settled flight, and
+        the model is trained on them. The same holds for a loss of control. Nothing is done until one is recognised.
+
+        The recording of the flight, which is now complete, is then examined for advice on gains.
         """
-        # When the landing or the loss of control began, s of the boot clock.
-        onset = self.stream.pop_withdrawal_time()
-        if onset is None:
+        # Time of the first sample to withdraw, s of the boot clock. The stream returns each such time once.
+        withdrawal_start = self.stream.pop_withdrawal_time()
+        if withdrawal_start is None:
             return
         if self.gain_adviser is not None:
             self._request_gain_advice(self.gain_adviser)
-        self.history.forget_learned_since(onset)
+        self.history.forget_learned_since(withdrawal_start)
         if self.flight.learning.learner is not None:
-            self.flight.learning.withdraw_since(onset)
+            self.flight.learning.withdraw_since(withdrawal_start)
 
     def _keep_flight_data(self, status: SessionStatus) -> None:
         """Adds the battery's voltages in flight to the history, and notes the end of free flight on the ground.
@@ -569,29 +571,30 @@ class LiveSession:
         if _without_measurements(reason) == _without_measurements(former_reason):
             return
         self._reported_reason = reason
-        if not self._is_reported_otherwise(reason, former_reason, status):
+        if not self._is_covered_by_other_report(reason, former_reason, status):
             self._presentation.log(_report_on_learning(reason, status))
 
-    def _is_reported_otherwise(
+    def _is_covered_by_other_report(
         self, reason: Fact | None, former_reason: Fact | None, status: SessionStatus
     ) -> bool:
-        """Returns whether another report already tells the user why no model is learned now, or that one is.
+        """Returns whether a changed reason needs no report, because another report has already informed the user.
+
+        These are the report of the first model, the alarm of a lost vehicle, and the report on a flight after its
+        landing (:class:`Milestones` makes the first and the last).
 
         Args:
-            reason: why no model is learned now; None if one is.
-            former_reason: the reason before; None if there was none.
+            reason: why no model is learned now; None if a model is being learned.
+            former_reason: the reason before the change; None if a model was being learned.
             status: the present status of the session.
         """
-        if reason is None and former_reason == FIRST_FIT_RUNNING:
-            # The first model was reported when it came.
-            return True
-        if status.is_flying and status.loss is not None:
-            # While a vehicle is out of control in the air, nothing about learning matters.
-            return True
-        is_after_landing = self.flight.learning.has_landed and not status.is_flying
-        # The landing is reported with what the flight has shown; another take-off is the pilot's choice.
-        is_waiting_for_takeoff = reason is not None and reason.code is SessionFact.NOT_FLYING
-        return is_after_landing and is_waiting_for_takeoff
+        is_first_model = reason is None and former_reason == FIRST_FIT_RUNNING
+        # While a vehicle is out of control in the air, its alarm is reported, and learning does not matter.
+        is_out_of_control = status.is_flying and status.loss is not None
+        # After a landing, the report on the flight says that it is over.
+        has_landed = self.flight.learning.has_landed and not status.is_flying
+        is_not_flying = reason is not None and reason.code is SessionFact.NOT_FLYING
+        is_reported_landing = has_landed and is_not_flying
+        return is_first_model or is_out_of_control or is_reported_landing
 
     @property
     def status(self) -> SessionStatus:

@@ -37,7 +37,7 @@ from mavdem.facts.watch import WatchFact
 from mavdem.immutable import ImmutableResult
 from mavdem.live.history import REPORTED_HORIZON
 from mavdem.live.link import SILENCE_SECONDS
-from mavdem.live.link_loss import lights_before_silence, link_loss_fact
+from mavdem.live.link_loss import lights_during_silence, link_loss_fact
 from mavdem.live.live_lights import fastest_rates, lights_before_model
 from mavdem.live.takeoff_place import Displacement
 from mavdem.live.vehicle_state import VehicleState
@@ -508,7 +508,7 @@ class SessionStatus(ImmutableResult):
         missing = MissingMessages.MESSAGES
         if reason.subject == MissingMessages.MOTION:
             missing = MissingMessages.MOTION
-        lights = lights_before_silence(judgement.lights, self._missing_age(reason), missing)
+        lights = lights_during_silence(judgement.lights, self._missing_age(reason), missing)
         link_loss = self.link_loss
         silence = link_loss or reason
         headline = silence
@@ -664,13 +664,21 @@ class SessionStatus(ImmutableResult):
     def _reason_without_model(self) -> Fact:
         """The fact that says why no model has been judged yet.
 
-        If nothing is received since the end of a flight, or the vehicle was lost, it says that the flight is over. But
-        rates that were too low in the flight remain the reason: the pilot can change them for the next one.
+        The first of these that applies:
+
+        1. After a flight, its rates were too low to learn from: the pilot can change them for the next flight.
+        2. Nothing is received since the end of a flight: the flight is over.
+        3. The reason that the session has for learning no model, such as a loss of the vehicle.
+        4. In flight, a model is being learned; on the ground, the vehicle does not fly.
         """
         reason = self.no_model_reason
         if self._is_silent_after_flight:
+            # The silence is the end of the flight, not a fault of the link. The figure "reason" of this fact is the
+            # loss of the vehicle that ended a flight. Here there is none: the vehicle was switched off.
             reason = Fact(SessionFact.FLIGHT_OVER, reason=None)
-        is_flight_over = reason is not None and reason.code is SessionFact.FLIGHT_OVER
+        if reason is None:
+            return Fact(SessionFact.BEING_LEARNED if self.is_flying else SessionFact.NOT_FLYING)
+        is_flight_over = reason.code is SessionFact.FLIGHT_OVER
         shortfall = self.shortfall
         if (
             is_flight_over
@@ -678,9 +686,7 @@ class SessionStatus(ImmutableResult):
             and shortfall.code is RowsFact.LIVE_RATES_TOO_LOW
         ):
             return shortfall
-        if reason is not None:
-            return reason
-        return Fact(SessionFact.BEING_LEARNED if self.is_flying else SessionFact.NOT_FLYING)
+        return reason
 
     @property
     def is_silent(self) -> bool:

@@ -578,28 +578,33 @@ class LiveStream:
             self._review.watchdog.drift.add_sample(sample, self.parameters)
 
     def _process_attitude(self, message: Message, time: float) -> list[AlignedRow]:
-        """Passes an attitude on: to the wind estimator, the latest pose, the watchdog, and the samples to learn from.
+        """Passes an attitude on to all that use it: the watchdog, the wind estimator, the pose, and the learner's rows.
 
-        The wind is estimated from the message that the learner uses, and in free flight only: held by the ground, the
-        vehicle does not lean into the wind.
+        Several messages may bring the attitude. The wind is estimated from the one that the learner uses, and in free
+        flight only: held by the ground, the vehicle does not lean into the wind.
 
         Args:
             message: decoded ATTITUDE or ATTITUDE_QUATERNION.
             time: time on the boot clock, s.
 
         Returns:
-            The rows that it completes.
+            The rows of aligned attitude and motor outputs that this attitude completes.
         """
         watchdog = self._review.watchdog
         watchdog.add_message(message, time)
-        sample = attitude_sample(message)
-        if sample is None:
-            # The attitude is no number. The message is noted all the same, so that it is not reported as missing.
-            return self._add_sample(message.name, 0, time, None)
-        if message.name == self._rows.attitude_message and self._phase.is_free(time):
-            self.wind.add_attitude(time, sample.roll, sample.pitch, sample.yaw)
-        watchdog.control.add_pose(self._pose.add_attitude(time, sample))
-        return self._add_sample(message.name, 0, time, sample.tilt_and_rates)
+        # An attitude has no port: only motor outputs come in several groups.
+        port = 0
+        attitude = attitude_sample(message)
+        if attitude is None:
+            # An attitude that is NaN cannot be used, but it was received, and must not count as missing.
+            return self._add_sample(message.name, port, time, values=None)
+        is_used_by_learner = message.name == self._rows.attitude_message
+        if is_used_by_learner and self._phase.is_free(time):
+            self.wind.add_attitude(time, attitude.roll, attitude.pitch, attitude.yaw)
+        # The pose is the latest position, velocity and attitude.
+        pose = self._pose.add_attitude(time, attitude)
+        watchdog.control.add_pose(pose)
+        return self._add_sample(message.name, port, time, attitude.tilt_and_rates)
 
     def _add_sample(
         self, name: str, port: int, time: float, values: Numbers | None
@@ -686,12 +691,16 @@ class LiveStream:
         return with_weak_motor(loss, weak_motors[0])
 
     def _report(self, fact: Fact) -> None:
-        """Adds a fact to the events of the session, at the time when the latest frames were received.
+        """Adds a fact to the events of the session, with the time at which the latest frames were received.
+
+        The reason of an alarm may be the loss of the vehicle. If a motor lost thrust earlier in the flight, this reason
+        then names the motor.
 
         Args:
-            fact: the fact. If it is the alarm that a flight was lost, a motor that was weak earlier in that flight is
-                added to its reason.
+            fact: what happened, such as an alarm or a take-off, as a coded finding.
         """
         if fact.code is SessionFact.ALARM:
-            fact = fact.replace(reason=self._loss_with_weak_motor(fact.figures["reason"]))
-        self._events.append(Event(self._stamp, fact))
+            alarm_reason = self._loss_with_weak_motor(fact.figures["reason"])
+            fact = fact.replace(reason=alarm_reason)
+        reception_time = self._stamp
+        self._events.append(Event(reception_time, fact))

@@ -30,23 +30,26 @@ def watched_quantities_text(watch_facts: Sequence[Fact], stated_reason: Fact | N
     """Returns a line for the pilot: which quantities a live session watches since when, and which not and why.
 
     A session compares quantities such as the battery and the vibration with their values earlier in the flight. This
-    needs no model of the vehicle, but some time in the air.
+    needs no model of the vehicle, but some time in the air. The line is, for example, "Watched: battery and vibration
+    (since 62 s); not watched: loss of thrust (no motor outputs are received)."
 
     Args:
         watch_facts: for each such quantity a fact (a coded finding): since when it is watched, or why it cannot be.
-        stated_reason: a reason that the screen states above this line, such as why no model is learned. If a quantity
-            is not watched for the same reason, the line has "as said" instead of repeating it. None if nothing is
-            stated above.
+        stated_reason: a reason that the screen states above this line, such as why no model is learned. If it is also
+            why a quantity is not watched, the line has "as said" in place of it. None if nothing is stated above.
     """
-    stated_sentence = "" if stated_reason is None else stated_reason.sentence
-    facts_at_whole_seconds = []
+    facts_in_whole_seconds = []
     for fact in watch_facts:
-        if fact.time is not None:
-            # Quantities that are watched since the same second are listed together.
-            fact = fact.replace(time=float(round(fact.time)))
-        facts_at_whole_seconds.append(fact)
+        if fact.time is None:
+            facts_in_whole_seconds.append(fact)
+        else:
+            # The line names quantities that are watched since the same second together.
+            start_second = float(round(fact.time))
+            facts_in_whole_seconds.append(fact.replace(time=start_second))
     sentences = render_section(
-        "live_watched", watch_facts=facts_at_whole_seconds, stated_sentence=stated_sentence
+        "live_watched",
+        watch_facts=facts_in_whole_seconds,
+        stated_sentence="" if stated_reason is None else stated_reason.sentence,
     )
     return "".join(f"{capitalize_first(sentence.text)}." for sentence in sentences)
 
@@ -70,15 +73,19 @@ def vehicle_text(status: SessionStatus, *, has_table: bool = False) -> str:
 
 
 def status_line_text(status: SessionStatus) -> str:
-    """Returns the status in one short line for a file: vehicle, flight, battery, wind, link, learning, bad lights.
+    """Returns the status of a live session as one line of text, for an output that is not a terminal, such as a file.
+
+    It has the vehicle and its phase of flight, the battery, the wind, the link, whether a model is learned, and the
+    names of the status lights that are bad or to be watched.
 
     Args:
-        status: state of the session.
+        status: state of the session, with the status lights: the judgement of each part of the vehicle by a level.
     """
-    names_by_level: dict[str, list[str]] = {str(level): [] for level in Level}
-    for name, light in status.overall_judgement.lights.items():
-        names_by_level[str(light.level)].append(name)
-    [sentence] = render_section("live_line", status=status, names_by_level=names_by_level)
+    light_names_by_level: dict[str, list[str]] = {str(level): [] for level in Level}
+    for light_name, light in status.overall_judgement.lights.items():
+        light_names_by_level[str(light.level)].append(light_name)
+    # The template "live_line" makes one sentence of all these.
+    [sentence] = render_section("live_line", status=status, names_by_level=light_names_by_level)
     return sentence.text
 
 
