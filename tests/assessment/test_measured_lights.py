@@ -494,7 +494,7 @@ def test_wind_that_takes_half_of_the_most_lean_leaves_too_little():
 def test_the_light_of_a_wind_that_turned_names_the_speed_that_blew(directions, last_speed, turn):
     """The direction of the wind differs between minutes.
 
-    The light names the directions, with the mean speed of the minutes instead of that of the mean wind.
+    The light names the directions, with the mean speed of the flight instead of the speed of the vector mean.
     """
     minutes = [{"speed": 5.9, "direction": direction} for direction in directions]
     minutes[-1]["speed"] = last_speed
@@ -504,6 +504,7 @@ def test_the_light_of_a_wind_that_turned_names_the_speed_that_blew(directions, l
         speed_interval=(3.6, 4.5),
         direction=262.0,
         direction_interval=4.0,
+        mean_speed=np.mean([minute["speed"] for minute in minutes]),
         status={"speed": Status.REPORTED, "direction": Status.REPORTED},
         reasons={},
         drag=Drag.from_parameters(),
