@@ -229,7 +229,7 @@ def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
     assert row.overrides == ("motors",) and row.headline == str(assessment.headline)
     assert row.light_motors == "bad"
     # A session's page is made of the same record.
-    status = SessionStatus("1:1", motor_alarms=(alarm,))
+    status = SessionStatus("1:1", motor_alarms_of_flight=(alarm,))
     live = live_page(
         "udpin:0", "roll", LiveHistory(), status, dict.fromkeys(TimeUse, 0.0), assessment.model
     )

@@ -38,7 +38,7 @@ def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(
     flown_gains = read_parameters(out / "gains.before.params")
     assert flown_gains.keys() == gains.keys() and flown_gains != gains
     page = (out / "tune.html").read_text()
-    assert page.count('<figure class="chart"') == 13 and 'class="headline"' in page
+    assert page.count('<figure class="chart"') == 15 and 'class="headline"' in page
     assert "Stage 1 of 2, rate P, I and D" in page and roll["stage"] == 1
     monkeypatch.setattr("mavdem.cli.tune.tune_page", Mock(return_value=""))
     assert run(*arguments) == 0

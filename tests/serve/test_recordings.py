@@ -17,7 +17,7 @@ from mavdem.serve.reading import read_for_library
 from mavdem.serve.reading_threads import ReadingThreads
 from mavdem.serve.recordings import RecordingRequests, make_recordings
 from mavdem.serve.recovery import recover
-from mavdem.serve.stored_files import SERIES_FILE
+from mavdem.serve.stored_files import PARAMETERS_FILE, SERIES_FILE
 
 MODEL = "A model."
 """Content of a made-up log of which recordings can be made."""
@@ -215,8 +215,9 @@ def test_both_recordings_of_a_real_log_show_what_its_page_shows(tmp_path, monkey
     recordings.request(entry)
     recordings.finish(recordings.claim(), outcome_of(job, make_recordings))
     results = library.results_folder(entry)
-    # The time series of comparisons are stored beside the files that are offered.
-    assert {path.name for path in results.iterdir()} - {SERIES_FILE} == set(entry.file_names)
+    # What comparisons need, time series and all parameters, is stored beside the files that are offered.
+    stored_names = {path.name for path in results.iterdir()}
+    assert stored_names == {*entry.file_names, SERIES_FILE, PARAMETERS_FILE}
     assert recordings.stage(library.entry(entry.id)) == Stage.DONE
     with (results / "flight.mcap").open("rb") as file:
         last = [
