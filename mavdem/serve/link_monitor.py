@@ -388,6 +388,8 @@ class LinkMonitor:
             self._is_in_air = not self._has_landed
             if self._is_in_air and self._has_restarted_in_air:
                 self._has_restarted = True
+            # A flight that went on over a restart in the air ends with its landing, as any other.
+            self._has_restarted_in_air = False
         elif fact.code is VehicleFact.VEHICLE_REBOOTED:
             # A vehicle that restarts in the air goes on with the same flight. But one whose next take-off is seen has
             # restarted on the ground, after the link was lost in the air.

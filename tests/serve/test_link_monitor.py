@@ -378,11 +378,12 @@ def test_no_recorded_frame_of_the_next_vehicle_is_lost_when_the_server_ends(idle
 @mark.parametrize(
     "before, after, is_new_flight",
     [
-        (ReportedEvent.ON_GROUND, None, True),
-        (ReportedEvent.OFF_GROUND, None, False),
-        (ReportedEvent.OFF_GROUND, ReportedEvent.OFF_GROUND, True),
+        (ReportedEvent.ON_GROUND, [], True),
+        (ReportedEvent.OFF_GROUND, [], False),
+        (ReportedEvent.OFF_GROUND, [ReportedEvent.OFF_GROUND], True),
+        (ReportedEvent.OFF_GROUND, [ReportedEvent.ON_GROUND, ReportedEvent.OFF_GROUND], False),
     ],
-    ids=["landed", "flies on", "link lost in the air"],
+    ids=["landed", "flies on", "link lost in the air", "flies on, lands and bounces"],
 )
 def test_each_flight_of_a_vehicle_that_restarts_is_a_log(
     idle, monkeypatch, before, after, is_new_flight
@@ -409,9 +410,9 @@ def test_each_flight_of_a_vehicle_that_restarts_is_a_log(
         assert session.stream.boot == 1
         live._take_event(HappenedEvent(90.0, Fact(before)))
         live._take_event(HappenedEvent(1.0, Fact(VehicleFact.VEHICLE_REBOOTED, clock=100.2)))
-        if after is not None:
+        for reported_event in after:
             assert not is_over()
-            live._take_event(HappenedEvent(4.0, Fact(after)))
+            live._take_event(HappenedEvent(4.0, Fact(reported_event)))
         assert is_over() is is_new_flight
 
     monkeypatch.setattr(live_pages, "live_page", Mock(return_value=""))
