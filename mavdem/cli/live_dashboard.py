@@ -113,23 +113,23 @@ class Dashboard:
         missing_view = missing_extra_fact("view", "The dashboard")
         missing_server = missing_extra_fact("serve", "The page of a live session")
         needs_view = rrd is not None or connect is not None
-        serve = address is not None
         # Rerun's own page serves browsers of this machine only.
-        needs_server = missing_view is not None or not (address or PageAddress()).is_on_this_machine
-        if serve and needs_server and missing_server is not None:
+        can_serve_rerun = (
+            address is not None and missing_view is None and address.is_on_this_machine
+        )
+        if address is not None and missing_server is not None and not can_serve_rerun:
             require_extra("serve", "The page of a live session")
         if missing_view is not None:
             if needs_view:
                 require_extra("view", "The dashboard")
             self.advice = str(missing_view)
-        shows_nothing = missing_view is None and not (rrd or serve or connect or has_screen())
+        shows_nothing = missing_view is None and not (rrd or address or connect or has_screen())
         if shows_nothing and not is_plain:
             self.advice = NO_SCREEN_ADVICE
         with ExitStack() as resources:
             web_server = None
             try:
-                if address is not None and missing_view is None and address.is_on_this_machine:
-                    # Rerun serves browsers of this machine only.
+                if address is not None and can_serve_rerun:
                     web_server = _started_web_server(
                         address if missing_server is not None else None
                     )

@@ -314,20 +314,20 @@ class FlightLearning:
             climb_only = self._climb_model is not None
             raise NotLearnable(SessionFact.NO_LIVE_FLIGHT, climb_only=climb_only)
         self.adopt_model_before_landing(FIT_SECONDS)
-        has_any_model = bool(self._models)
-        if self.has_landed and has_any_model:
-            return self.named_model(self._models[-1].learned, parameters)
+        latest_model = self.latest_model(parameters)
+        if self.has_landed and latest_model is not None:
+            return latest_model
         max_seconds = FIT_SECONDS
-        if not has_any_model:
+        if latest_model is None:
             # Then a fit is worth a longer wait.
             max_seconds = 2 * FIT_SECONDS
         try:
             return self.named_model(_model_learned_now(self.learner, max_seconds), parameters)
         except NotLearnable as error:
-            if not has_any_model:
+            if latest_model is None:
                 raise
             self._log(Fact(SessionFact.FORMER_MODEL_KEPT, reason=error.fact))
-            return self.named_model(self._models[-1].learned, parameters)
+            return latest_model
 
     def latest_model(self, parameters: Parameters) -> Learned | None:
         """Returns the latest model of settled flight so far, without learning another one; None before any.

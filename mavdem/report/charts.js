@@ -271,12 +271,11 @@
     const isForPaper = root.classList.contains("printing"), cut = isForPaper ? rangeWithoutPeaks(chart) : null;
     figure.querySelector("header > .cut")?.remove();
     if (cut) figure.querySelector("header > h3").after(Object.assign(element("span", "cut"), { textContent: `cut, peaks from ${digits(Math.round(cut.ends[0]))} to ${digits(Math.round(cut.ends[1]))}` }));
-    if (cut || chart.data_.wasCut) {
+    if (cut || chart.data_.cut) {
       const [min, max] = groups.flight.span ?? groups.flight.whole;
       chart.data_.cut = cut?.range;
       chart.setScale("x", { min, max });
     }
-    chart.data_.wasCut = !!cut;
   };
 
   // Whether names fit below the things that they name; otherwise only the first and the last one are written.

@@ -26,7 +26,7 @@ from mavdem.report.templates import (
 )
 
 
-def watched_quantities_text(watch_facts: Sequence[Fact], stated_reason: Fact | None = None) -> str:
+def watched_quantities_text(watch_facts: Sequence[Fact]) -> str:
     """Returns a line for the pilot: which quantities a live session watches since when, and which not and why.
 
     A session compares quantities such as the battery and the vibration with their values earlier in the flight. This
@@ -35,8 +35,6 @@ def watched_quantities_text(watch_facts: Sequence[Fact], stated_reason: Fact | N
 
     Args:
         watch_facts: for each such quantity a fact (a coded finding): since when it is watched, or why it cannot be.
-        stated_reason: a reason that the screen states above this line, such as why no model is learned. If it is also
-            why a quantity is not watched, the line has "as said" in place of it. None if nothing is stated above.
     """
     facts_in_whole_seconds = []
     for fact in watch_facts:
@@ -46,11 +44,7 @@ def watched_quantities_text(watch_facts: Sequence[Fact], stated_reason: Fact | N
             # The line names quantities that are watched since the same second together.
             start_second = float(round(fact.time))
             facts_in_whole_seconds.append(fact.replace(time=start_second))
-    sentences = render_section(
-        "live_watched",
-        watch_facts=facts_in_whole_seconds,
-        stated_sentence="" if stated_reason is None else stated_reason.sentence,
-    )
+    sentences = render_section("live_watched", watch_facts=facts_in_whole_seconds)
     return "".join(f"{capitalize_first(sentence.text)}." for sentence in sentences)
 
 

@@ -10,6 +10,7 @@ from types import MappingProxyType
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import FirstFindings
 from mavdem.assessment.axis import LogAnalysis
+from mavdem.assessment.axis.loop_decision import advises_to_tune
 from mavdem.assessment.flown_flights import flown_flights
 from mavdem.assessment.identity import day_in_file_name
 from mavdem.assessment.lights import REGISTRY
@@ -17,7 +18,6 @@ from mavdem.assessment.lights.log import simulation_fact
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.lights import Unjudged
-from mavdem.facts.loops import LoopAction
 from mavdem.ingest import Log
 from mavdem.report.blocks import SCREEN_LINES, Sentence, shortened
 from mavdem.report.brief_events import first_of_count, worst_events
@@ -37,9 +37,6 @@ CLOCK_BEGINS_ANEW = f"{'restart':<20}The autopilot restarted: its clock begins a
 
 NO_LIGHTS: NamedFacts = MappingProxyType({})
 """Lights by name that are printed above others, where there are none."""
-
-ACTIONS_WITH_ADVISED_GAINS = (LoopAction.LOAD_ADVISED_GAINS, LoopAction.RAISE_AS_ADVISED)
-"""Next steps that refer to gains which ``mavdem tune`` advises."""
 
 TIME_ORIGIN = "Times are seconds since boot."
 """What the times of a review count from: the autopilot's start, as in the plots of the page."""
@@ -288,10 +285,7 @@ def gain_lines(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> list[st
     Returns:
         Each gain with its value now and the one to set; empty where the next step is another one.
     """
-    reason = assessment.next_step.figures.get("reason")
-    action = reason.figures.get("action") if isinstance(reason, Fact) else None
-    loads_gains = isinstance(action, Fact) and action.code in ACTIONS_WITH_ADVISED_GAINS
-    if not loads_gains or assessment.evidence is None:
+    if not advises_to_tune(assessment.next_step) or assessment.evidence is None:
         return []
     vehicle = assessment.evidence.signals.telemetry
     changes = gain_changes(

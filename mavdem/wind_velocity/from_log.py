@@ -201,17 +201,17 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
     _require_position_source(telemetry, ground_motion)
     motion = None
     boot = 0
-    lost_seconds = 0.0
+    has_left_out_time = False
     for candidate in np.unique(ground_motion.boot).tolist():
         motion_of_boot = _free_flight(signals, angles, ground_motion, candidate)
         if motion_of_boot is None:
             continue
-        lost_seconds += intervals.total_duration(motion_of_boot.left_out)
+        has_left_out_time |= bool(motion_of_boot.left_out)
         if motion is None or len(motion_of_boot.time) > len(motion.time):
             motion = motion_of_boot
             boot = candidate
     if motion is None or len(motion.time) < MIN_SAMPLES:
-        if lost_seconds:
+        if has_left_out_time:
             raise NotLearnable(
                 NoWind.ATTITUDE_NOT_FOLLOWED, angle=MAX_SETPOINT_ERROR, duration=INDEPENDENT_SECONDS
             )

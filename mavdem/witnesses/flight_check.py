@@ -91,7 +91,11 @@ def flight_check(signals: Signals, boot: int) -> FlightCheck:
         # Without a usable barometer, the height is the estimator's, which may drift.
         height_source = "estimate"
         height = series_of_boot(signals.height, boot)
-    rise = None if height is None else _largest_rise(height, _flown_spans(signals, boot))
+    rise = (
+        None
+        if height is None
+        else _largest_rise(height, _flown_spans(signals, boot, powered_spans))
+    )
     sensor_facts = (*_rise_facts(rise, height_source), *_rotation_facts(signals, boot))
     support = supporting_facts(sensor_facts)
     contradictions = contradicting_facts(sensor_facts)
@@ -197,7 +201,7 @@ def powered_intervals(signals: Signals, boot: int) -> Intervals:
     return true_intervals(collective.time, moving_average(collective) > min_collective)
 
 
-def _flown_spans(signals: Signals, boot: int) -> Intervals:
+def _flown_spans(signals: Signals, boot: int, powered_spans: Intervals) -> Intervals:
     """Returns the intervals with enough thrust to fly, and around them the time that is reported as flight.
 
     A light vehicle may need so little thrust that its motors exceed the limit of :func:`powered_intervals` only in
@@ -206,11 +210,11 @@ def _flown_spans(signals: Signals, boot: int) -> Intervals:
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
+        powered_spans: the intervals in it with enough thrust to fly, s since boot.
 
     Returns:
         Intervals, s since boot.
     """
-    powered_spans = powered_intervals(signals, boot)
     reported_spans = [
         span for span in airborne_intervals(signals, boot) if intersection([span], powered_spans)
     ]

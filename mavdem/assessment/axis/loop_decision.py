@@ -640,3 +640,14 @@ def common_action(actions: Sequence[Fact | None]) -> Fact | None:
         gain_changes += reduction.figures["changes"]
         axes.append(reduction.figures["axis"])
     return first_action.replace(changes=gain_changes, names=axes)
+
+
+def advises_to_tune(next_step: Fact) -> bool:
+    """Returns whether a next step is to run ``mavdem tune``, or to load the gains that it advises.
+
+    Args:
+        next_step: a fact with the figure ``reason``. If that is a fact about loops, its ``action`` is the advice.
+    """
+    reason = next_step.figures.get("reason")
+    action = reason.figures.get("action") if isinstance(reason, Fact) else None
+    return isinstance(action, Fact) and action.code in ADVICE_TO_TUNE

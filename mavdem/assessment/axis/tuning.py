@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from mavdem.assessment.axis.gains import loop_at_end_of_log
-from mavdem.assessment.axis.loop_decision import ADVICE_TO_TUNE, LoopDecision
+from mavdem.assessment.axis.loop_decision import ADVICE_TO_TUNE, LoopDecision, advises_to_tune
 from mavdem.assessment.axis.margins import axes_with_doubtful_loop
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement, repairs_before_tuning
@@ -235,7 +235,7 @@ def _judgement_with_tuning_step(
         next_step = _next_step_with_new_gains(
             judgement, advice_on_loops, other_axes_to_tune, arguments, is_written=is_written
         )
-    elif not has_new_gains and _advises_to_tune(judgement.next_step):
+    elif not has_new_gains and advises_to_tune(judgement.next_step):
         next_step = _next_step_without_new_gains(advice_on_loops, other_axes_to_tune, arguments)
     else:
         return judgement
@@ -424,14 +424,6 @@ def _unknown_lights_for_higher_gains(
         if light is not None and light.level is Level.UNKNOWN:
             unknown_lights.append(str(name))
     return tuple(unknown_lights)
-
-
-def _advises_to_tune(next_step: Fact) -> bool:
-    """Returns whether a next step is to run ``mavdem tune``, or to load the gains that it advises."""
-    # A next step refers to the fact that is its reason, and a reason that is about loops to the advised action.
-    reason = next_step.figures.get("reason")
-    action = reason.figures.get("action") if reason else None
-    return action is not None and action.code in ADVICE_TO_TUNE
 
 
 def _next_step_without_new_gains(

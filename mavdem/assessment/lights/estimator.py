@@ -110,21 +110,16 @@ def estimator_light(evidence: Evidence) -> Fact:
     innovation_facts = _innovation_facts_worst_first(evidence)
     unmeasured = Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=evidence.was_in_air)
     missing_fixes = _missing_fixes(evidence)
-    if missing_fixes and _has_other_position_source(evidence):
-        # Another source than GPS, such as optical flow, gave the position. So the missing fix is no finding of its own,
-        # and the light may be good. But the other findings state the number of satellites: the pilot should know that
-        # GPS could not have replaced that source.
-        satellites = missing_fixes[0].figures["satellites"] or 0
-        innovation_facts = [fact.replace(satellites=satellites) for fact in innovation_facts]
-        unmeasured = unmeasured.replace(satellites=satellites)
-        missing_fixes = []
-    elif missing_fixes and _needed_no_position(evidence):
-        satellites = missing_fixes[0].figures["satellites"] or 0
-        innovation_facts = [
-            fact.replace(satellites=satellites, is_position_unneeded=True)
-            for fact in innovation_facts
-        ]
-        unmeasured = unmeasured.replace(satellites=satellites, is_position_unneeded=True)
+    has_other_source = _has_other_position_source(evidence)
+    if missing_fixes and (has_other_source or _needed_no_position(evidence)):
+        # Another source than GPS, such as optical flow, gave the position, or no flight mode needed one. So the missing
+        # fix is no finding of its own, and the light may be good. But the other findings state the number of
+        # satellites: the pilot should know that GPS gave no position.
+        figures: dict[str, Any] = {"satellites": missing_fixes[0].figures["satellites"] or 0}
+        if not has_other_source:
+            figures["is_position_unneeded"] = True
+        innovation_facts = [fact.replace(**figures) for fact in innovation_facts]
+        unmeasured = unmeasured.replace(**figures)
         missing_fixes = []
     # ``worst_fact`` takes the first of equally bad facts, so the order matters.
     facts = [
