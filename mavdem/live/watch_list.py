@@ -1,6 +1,7 @@
 """The list of what is watched on a live vehicle, such as vibration or battery: since when, or why it is not."""
 
 from collections.abc import Mapping
+from math import isfinite
 
 from mavdem.dataset.batteries import BATTERY_MESSAGES
 from mavdem.dataset.signals import MIN_STREAM_RATE
@@ -94,14 +95,15 @@ def not_watched(watch_fact: Fact, reason: Fact, time: float) -> Fact:
     Args:
         watch_fact: the quantity's fact in the list: since when it was watched, or why it was not.
         reason: why it is not watched now.
-        time: since when it is not, s on the boot clock.
+        time: since when it is not, s on the boot clock; NaN where none is known, and then the fact has no time.
 
     Returns:
         The fact NOT_WATCHED on the same quantity, with the reason.
     """
     figures = dict(watch_fact.figures)
     figures["reason"] = reason
-    return Fact(WatchFact.NOT_WATCHED, time=time, subject=watch_fact.subject, **figures)
+    known_time = time if isfinite(time) else None
+    return Fact(WatchFact.NOT_WATCHED, time=known_time, subject=watch_fact.subject, **figures)
 
 
 def quantities_without_motion(motion: RecentMotion | None) -> dict[WatchedQuantity, Fact]:

@@ -44,6 +44,7 @@ from mavdem.live.recent_messages import MAX_ROWS, RecentMessages
 from mavdem.live.session_status import Latency, SessionStatus
 from mavdem.live.takeoff_place import Displacement
 from mavdem.live.vehicle_state import VehicleState
+from mavdem.live.watch_list import not_watched
 from mavdem.live.watchdog import DECISION_SECONDS, TRACKING_PERIOD, Watchdog
 from mavdem.live.wind import WindEstimate
 from mavdem.report.live import vehicle_text, watched_quantities_text
@@ -546,6 +547,14 @@ def test_what_is_watched_is_always_shown():
         status.watch_facts
     ) and "battery" in watched_quantities_text(status.watch_facts)
     assert not watched_quantities_text([])
+
+
+def test_what_is_not_watched_before_a_vehicle_is_chosen_has_no_time():
+    """Several vehicles send and none is followed, so that no boot clock is known."""
+    watched = Fact(WatchFact.WATCHED, time=3.0, subject=WatchedQuantity.BATTERY, reason=None)
+    fact = not_watched(watched, Fact(WatchFact.ON_GROUND_NOW), np.nan)
+    assert fact.code is WatchFact.NOT_WATCHED and fact.time is None
+    assert watched_quantities_text([fact]).startswith("Not watched: battery (")
 
 
 @mark.slow
