@@ -1,6 +1,7 @@
 """All parameters of the autopilot in a flight, stored with its results, so that a comparison needs not read the log."""
 
 import json
+from math import isfinite
 from pathlib import Path
 
 from mavdem.ingest.telemetry import Parameters
@@ -28,7 +29,11 @@ def read_parameters(folder: Path) -> Parameters | None:
         the file is damaged.
     """
     try:
-        values = json.loads(Path(folder, PARAMETERS_FILE).read_text("utf-8"))
-    except (OSError, ValueError):
+        # An integer of any length is a float, which may be infinite.
+        values = json.loads(Path(folder, PARAMETERS_FILE).read_text("utf-8"), parse_int=float)
+    except (OSError, ValueError, RecursionError):
         return None
-    return values if isinstance(values, dict) else None
+    is_valid = isinstance(values, dict) and all(
+        isinstance(value, float) and isfinite(value) for value in values.values()
+    )
+    return values if is_valid else None
