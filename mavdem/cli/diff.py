@@ -15,12 +15,6 @@ from mavdem.cli.result_folders import available_folder
 from mavdem.dataset.signals import Signals
 from mavdem.documents.fleet import Diff
 from mavdem.fleet.comparability import STATE_NAMES
-from mavdem.fleet.difference import vehicle_difference
-from mavdem.fleet.parameter_changes import (
-    changed_parameters,
-    compared_parameters,
-    states_without_gains,
-)
 from mavdem.fleet.report_columns import value_at
 from mavdem.fleet.state import (
     Days,
@@ -36,15 +30,19 @@ from mavdem.report.difference.changes import (
     detail_sentences,
     undetected_change_table,
 )
+from mavdem.report.difference.conditions import condition_sentence
 from mavdem.report.difference.headline import headline_blocks, headline_of_comparison
 from mavdem.report.difference.identity import identity_cautions
 from mavdem.report.difference.motors import motor_table
 from mavdem.report.difference.next_step import next_blocks
 from mavdem.report.difference.parameters import parameter_sentences
-from mavdem.report.difference.reviewed import ReviewedDifference, reviewed_difference
+from mavdem.report.difference.reviewed import (
+    ComparedState,
+    ReviewedDifference,
+    compared_states,
+)
 from mavdem.report.difference.sides import side_descriptions
 from mavdem.report.pages.difference_page import comparison_page
-from mavdem.report.pages.motor_anomaly import review_beside_flights
 
 PAGE_FILE = "diff.html"
 """Name of the page that shows both states together."""
@@ -157,32 +155,26 @@ def diff_command(
     if vehicle is None:
         state_a, state_b = states_of_common_vehicle(state_a, state_b)
     state_a, state_b = with_motors_judged(state_a, state_b)
-    parameters = changed_parameters(state_a.parameters, state_b.parameters)
-    difference = vehicle_difference(state_a.rows, state_b.rows, parameters)
-    names_without_gains = states_without_gains(state_a.parameters, state_b.parameters)
+    reviewed = compared_states(
+        ComparedState(state_a.rows, state_a.review, state_a.parameters),
+        ComparedState(state_b.rows, state_b.review, state_b.parameters),
+    )
+    difference = reviewed.difference
     states = dict(zip(STATE_NAMES, (state_a, state_b), strict=True))
-    reviews = {
-        side: review_beside_flights(state.review, state.rows) for side, state in states.items()
-    }
     # A fleet has no reviews, but the headline of each flight.
     headlines = {
         side: value_at(review, "headline.sentence") or states[side].headline
-        for side, review in reviews.items()
+        for side, review in reviewed.reviews.items()
     }
     document = Diff.from_results(
         difference,
         a=before,
         b=after,
-        parameters=parameters,
+        parameters=reviewed.parameters,
         headlines={side.lower(): headline for side, headline in headlines.items()},
-        motor_health={side.lower(): review.get("motor_health") for side, review in reviews.items()},
-    )
-    reviewed = reviewed_difference(
-        difference,
-        reviews,
-        parameters,
-        names_without_gains,
-        len(compared_parameters(state_a.parameters, state_b.parameters)),
+        motor_health={
+            side.lower(): review.get("motor_health") for side, review in reviewed.reviews.items()
+        },
     )
     if difference.is_of_same_flight:
         # Nothing can differ, so that there is nothing to keep.
@@ -217,7 +209,7 @@ def _print_comparison(
     *,
     verbose: bool,
 ) -> None:
-    """Prints what is compared and what changed, then the headline and the next step.
+    """Prints what is compared, how it was flown and what changed, then the headline and the next step.
 
     Args:
         names: Names of A and B.
@@ -234,7 +226,7 @@ def _print_comparison(
     # The title says what A and B are, and so also whether they are of two vehicles. Where the headline says that too,
     # it is left out of the footer.
     cautions = identity_cautions(reviewed)
-    title += cautions
+    title += [*cautions, *condition_sentence(reviewed)]
     summary: list[Block] = [
         *motor_table(reviewed.reviews, reviewed.difference),
         *change_sentences(reviewed, headline),

@@ -175,6 +175,22 @@ def rounded(value: float, digits: int = 2) -> str:
     return f"{value:.{decimals}f}"
 
 
+def figure_with_interval(
+    value: float | None, interval: Sequence[float] | None, scale: float = 1.0
+) -> str:
+    """Returns a figure with the ends of its interval, such as "57 (50 to 63)"; empty if any of them is not known.
+
+    Args:
+        value: the figure; None where it is not known.
+        interval: its lower and its upper end; None where they are not known.
+        scale: factor from the unit of the figure to the one in which it is shown.
+    """
+    if value is None or interval is None or None in interval:
+        return ""
+    shown_value, low, high = (rounded(scale * number) for number in (value, *interval))
+    return f"{shown_value} ({low} to {high})"
+
+
 def parameter_value_text(value: float) -> str:
     """Returns the value of an autopilot's parameter: whole numbers with all digits, others with seven.
 

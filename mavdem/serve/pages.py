@@ -21,21 +21,16 @@ from mavdem.containers import JsonValues
 from mavdem.documents.library import Recordings
 from mavdem.errors import Refusal
 from mavdem.facts.serve import ListingOrder, Permission, RefusalReason, Stage
-from mavdem.fleet.comparability import STATE_NAMES
-from mavdem.fleet.difference import baseline_differences, vehicle_difference
+from mavdem.fleet.difference import baseline_differences
 from mavdem.fleet.flights import group_by_vehicle
-from mavdem.fleet.parameter_changes import (
-    changed_parameters,
-    compared_parameters,
-    states_without_gains,
-)
 from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.fleet.workers import PAGES, POLL_SECONDS
 from mavdem.ingest.formats import detect_format
+from mavdem.ingest.telemetry import Parameters
 from mavdem.report.blocks import Blocks
 from mavdem.report.charts.comparison_charts import FlightSeries
 from mavdem.report.difference.baseline import baseline_blocks
-from mavdem.report.difference.reviewed import reviewed_difference
+from mavdem.report.difference.reviewed import ComparedState, compared_states
 from mavdem.report.pages.difference_page import comparison_page
 from mavdem.report.pages.library_page import (
     render_server_page,
@@ -45,7 +40,7 @@ from mavdem.report.pages.library_page import (
     with_server_script,
     with_toolbar,
 )
-from mavdem.report.pages.motor_anomaly import motor_anomaly, review_beside_flights
+from mavdem.report.pages.motor_anomaly import motor_anomaly
 from mavdem.report.pages.page_link import PageLink
 from mavdem.results import PAGE_FILE, RECORDING_FILE, RECORDINGS
 from mavdem.serve.guard import POLICY_HEADER
@@ -231,6 +226,7 @@ class Pages:
             if anomaly is not None:
                 anomaly = anomaly._replace(comparison=self._comparison_link(entry))
             values["previous"] = self._visible_library.previous_flight(entry)
+            values["comparable"] = self._visible_library.comparable_flights(entry)
         has_recording = RECORDING_FILE in entry.file_names
         can_open = self._has_viewer and has_recording and values["may_read"]
         files = entry.file_names if is_stored else []
@@ -501,28 +497,16 @@ class Pages:
         # A is the earlier flight, so that a change for the worse is not presented as an improvement.
         if entry_before.date and entry_after.date and entry_after.date < entry_before.date:
             entry_before, entry_after = entry_after, entry_before
-        rows_before = self._rows_of_listed_vehicle(entry_before)
-        rows_after = self._rows_of_listed_vehicle(entry_after)
-        all_before = read_parameters(self._library.results_folder(entry_before))
-        all_after = read_parameters(self._library.results_folder(entry_after))
-        has_all_parameters = all_before is not None and all_after is not None
-        if all_before is None or all_after is None:
+        parameters_before = read_parameters(self._library.results_folder(entry_before))
+        parameters_after = read_parameters(self._library.results_folder(entry_after))
+        has_all_parameters = parameters_before is not None and parameters_after is not None
+        if parameters_before is None or parameters_after is None:
             # Of flights that an earlier version has read, the index has the parameters of control alone.
-            all_before = json.loads(entry_before.gains)
-            all_after = json.loads(entry_after.gains)
-        parameters = changed_parameters(all_before, all_after)
-        reviews = {}
-        for side, entry, rows in zip(
-            STATE_NAMES, (entry_before, entry_after), (rows_before, rows_after), strict=True
-        ):
-            review = self._visible_library.review(entry) or {}
-            reviews[side] = review_beside_flights(review, rows)
-        reviewed = reviewed_difference(
-            vehicle_difference(rows_before, rows_after, parameters),
-            reviews,
-            parameters,
-            states_without_gains(all_before, all_after),
-            len(compared_parameters(all_before, all_after)),
+            parameters_before = json.loads(entry_before.gains)
+            parameters_after = json.loads(entry_after.gains)
+        reviewed = compared_states(
+            self._compared_state(entry_before, parameters_before),
+            self._compared_state(entry_after, parameters_after),
         )._replace(has_only_control_parameters=not has_all_parameters)
         given_names = self._library.names.flights
         html = comparison_page(
@@ -538,6 +522,11 @@ class Pages:
         return HTMLResponse(
             with_server_script(html, **self._visible_library.visitor_values(request))
         )
+
+    def _compared_state(self, entry: LibraryEntry, parameters: Parameters) -> ComparedState:
+        """Returns what is compared of a flight: its rows, its review, and the given parameters of its autopilot."""
+        review = self._visible_library.review(entry) or {}
+        return ComparedState(self._rows_of_listed_vehicle(entry), review, parameters)
 
     def _series(self, entry: LibraryEntry) -> FlightSeries | None:
         """Returns the time series of a flight; None if an earlier version has read it, or its results are lost."""

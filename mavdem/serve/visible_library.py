@@ -31,6 +31,9 @@ MAX_SEARCH_LETTERS = 500
 MAX_EARLIER_FLIGHTS = 20
 """Flights before one with a motor anomaly, among which a sound one to compare it with is looked for: a choice."""
 
+MAX_COMPARABLE_FLIGHTS = 100
+"""Flights that the page of a flight offers to be compared with: a choice, since a list of more is not looked through."""
+
 
 class SearchResult(NamedTuple):
     """What a search in the library found."""
@@ -148,6 +151,32 @@ class VisibleLibrary:
         condition = "vehicle = ? and stage = ? and digest != '' and date != '' and date < ?"
         values = [entry.vehicle, Stage.DONE, entry.date]
         return self.library.find(condition, values, limit, order=ListingOrder.FLIGHT).entries
+
+    def comparable_flights(self, entry: LibraryEntry) -> list[LibraryEntry]:
+        """Returns the flights that one can be compared with: other ones of the same vehicle, the best first.
+
+        The first is the one before it; if the motors of the flight have an anomaly, the last one before it without. The
+        others follow by date, the latest first.
+
+        Args:
+            entry: index entry of the flight.
+
+        Returns:
+            At most ``MAX_COMPARABLE_FLIGHTS`` entries; none of a log that does not identify its vehicle.
+        """
+        if entry.is_vehicle_unnamed:
+            return []
+        condition = "vehicle = ? and stage = ? and digest != '' and id != ?"
+        values = [entry.vehicle, Stage.DONE, entry.id]
+        others = self.library.find(
+            condition, values, MAX_COMPARABLE_FLIGHTS, order=ListingOrder.FLIGHT
+        ).entries
+        best_entry = self.previous_flight(entry)
+        if self.rows_with_motor_anomaly([entry]):
+            best_entry = self.flights_to_compare([entry]).get(entry.id, best_entry)
+        if best_entry is None:
+            return others
+        return [best_entry, *(other for other in others if other.id != best_entry.id)]
 
     def flights_to_compare(self, entries: Sequence[LibraryEntry]) -> dict[str, LibraryEntry]:
         """Finds for each flight with a motor anomaly the flight that it is best compared with, for a link on its page.

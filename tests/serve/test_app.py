@@ -331,6 +331,9 @@ def test_a_flight_that_differs_from_the_others_is_compared_with_the_last_sound_o
         assert f'href="{address}" aria-label="Compare weak.ulg with sound.ulg"' in page
     assert f"/compare?a={ids['sound']}&amp;b={ids['weak before']}" in listed
     assert f'<a href="{address}">Compare with sound.ulg</a>' in served.get(f"/f/{ids['weak']}").text
+    select = served.get(f"/f/{ids['weak']}").text.partition('<select id="partner"')[2]
+    partners = re.findall('<option value="([^"]*)">', select.partition("</select>")[0])
+    assert partners == [ids["sound"], ids["weak before"], ids["first"]]
     compared = served.get(address.replace("&amp;", "&")).text
     assert "<strong>B by itself:</strong> Motor 3 lost thrust." in compared
     comparison = served.get(f"/compare?a={ids['first']}&b={ids['sound']}").text

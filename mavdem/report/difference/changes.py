@@ -34,7 +34,7 @@ def difference_blocks(
 ) -> list[Sentence]:
     """Returns sentences on all differences between two states of a vehicle, or two vehicles, with their certainty.
 
-    They follow the headline: what changed, what did not and what could not be compared, then parameters and conditions.
+    They follow the headline: what changed, with the parameters, what did not, and what could not be compared.
     Where A and B are the same flight, there are none.
 
     Args:
@@ -43,17 +43,21 @@ def difference_blocks(
     """
     if reviewed.difference.is_of_same_flight:
         return []
-    return [*change_sentences(reviewed, headline), *detail_sentences(reviewed)]
+    return [
+        *change_sentences(reviewed, headline),
+        *parameter_sentences(reviewed, headline),
+        *detail_sentences(reviewed),
+    ]
 
 
 def detail_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
-    """Returns the sentences after those on what changed: what did not, parameters, conditions, and how sure it is.
+    """Returns the sentences after those on what changed: what did not, and how sure it is.
 
     Args:
         reviewed: comparison of two states.
     """
     difference = reviewed.difference
-    conditions_and_method = render_section(
+    method = render_section(
         "difference",
         difference,
         between=SD_BETWEEN_FLIGHTS,
@@ -64,8 +68,7 @@ def detail_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
     return [
         *sentences_without_change(reviewed),
         *(sentences_on_missing_figures(difference) if difference.changes else ()),
-        *parameter_sentences(reviewed),
-        *conditions_and_method,
+        *method,
     ]
 
 

@@ -5,10 +5,31 @@ from typing import NamedTuple
 
 from mavdem.containers import Names
 from mavdem.fleet.comparability import STATE_NAMES
-from mavdem.fleet.difference import VehicleDifference
-from mavdem.fleet.parameter_changes import ParameterChange
+from mavdem.fleet.difference import VehicleDifference, vehicle_difference
+from mavdem.fleet.parameter_changes import (
+    ParameterChange,
+    changed_parameters,
+    compared_parameters,
+    states_without_gains,
+)
+from mavdem.fleet.row import FlightRows
+from mavdem.ingest.telemetry import Parameters
 from mavdem.report.difference.lights import NO_REVIEWS, Review
 from mavdem.report.difference.motors import NO_VERDICT, MotorVerdict, motor_verdict
+from mavdem.report.pages.motor_anomaly import review_beside_flights
+
+
+class ComparedState(NamedTuple):
+    """What is known of one of the two states that are compared: of a log, or of the flights of a fleet."""
+
+    rows: FlightRows
+    """Rows of the fleet's table, one for each axis of each flight."""
+
+    review: Review
+    """Document of the review of the log; empty of a fleet."""
+
+    parameters: Parameters
+    """Parameters of the autopilot, by its names; empty of a fleet."""
 
 
 class ReviewedDifference(NamedTuple):
@@ -53,6 +74,27 @@ class ReviewedDifference(NamedTuple):
     def are_two_vehicles(self) -> bool:
         """Whether the states are known to be of two vehicles, so that differences need not be changes."""
         return self.difference.is_of_two_vehicles or self.is_simulation_against_flight
+
+
+def compared_states(before: ComparedState, after: ComparedState) -> ReviewedDifference:
+    """Compares two states of a vehicle, with their motors judged beside the vehicle's other flights.
+
+    Args:
+        before: the first state, A.
+        after: the second state, B.
+    """
+    parameters = changed_parameters(before.parameters, after.parameters)
+    first_side, second_side = STATE_NAMES
+    return reviewed_difference(
+        vehicle_difference(before.rows, after.rows, parameters),
+        {
+            first_side: review_beside_flights(before.review, before.rows),
+            second_side: review_beside_flights(after.review, after.rows),
+        },
+        parameters,
+        states_without_gains(before.parameters, after.parameters),
+        len(compared_parameters(before.parameters, after.parameters)),
+    )
 
 
 def reviewed_difference(

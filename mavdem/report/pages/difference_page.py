@@ -10,7 +10,7 @@ from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.quantities import LOOP_KINDS, SHARE
-from mavdem.fleet.report_columns import NOT_IDENTIFIABLE, value_at
+from mavdem.fleet.report_columns import value_at
 from mavdem.report.blocks import Blocks, Rated, Sentence, Table, headline_sentence
 from mavdem.report.charts.change_plan import (
     change_plan,
@@ -33,24 +33,25 @@ from mavdem.report.difference.changes import (
     same_sentences,
     sentences_on_missing_figures,
 )
+from mavdem.report.difference.conditions import condition_table
 from mavdem.report.difference.headline import (
     headline_blocks,
     headline_of_comparison,
     sentences_on_watched_lights,
 )
 from mavdem.report.difference.identity import identity_remarks
-from mavdem.report.difference.lights import Review, light_blocks, vibrations_of_same_imu
+from mavdem.report.difference.lights import Review, light_blocks
 from mavdem.report.difference.motors import motor_table
 from mavdem.report.difference.next_step import next_blocks
 from mavdem.report.difference.parameters import parameter_sentences
 from mavdem.report.difference.reviewed import ReviewedDifference
 from mavdem.report.difference.sides import side_descriptions
 from mavdem.report.loops import LOOP_FIGURES, TUNED_FIGURES
-from mavdem.report.numbers import counted, parameter_value_text, rounded
+from mavdem.report.numbers import counted, figure_with_interval, parameter_value_text
 from mavdem.report.pages.page import Chapter, KeyEntry, render_document
 from mavdem.report.pages.page_link import PageLink
 from mavdem.report.palette import PREDICTED, TRUTH
-from mavdem.report.templates import render_section, rounded_up
+from mavdem.report.templates import render_section
 
 Reviews = Mapping[str, Review]
 """The reviews of both flights, by side: "A" and "B"."""
@@ -130,7 +131,7 @@ def comparison_page(
 
 
 def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Blocks:
-    """Returns the top of the page: the headline, remarks on the vehicles, and the next step.
+    """Returns the top of the page: the headline, remarks on the vehicles, the next step, and how both were flown.
 
     Args:
         reviewed: comparison of both flights.
@@ -151,7 +152,10 @@ def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Bloc
         if not reviewed.parameters:
             # Changed parameters have a chapter.
             summary += parameter_sentences(reviewed)
-    return [*summary, *next_blocks(reviewed)]
+    summary += next_blocks(reviewed)
+    if not reviewed.difference.is_of_same_flight:
+        summary += condition_table(reviewed)
+    return summary
 
 
 def _chapters(
@@ -193,11 +197,6 @@ def _chapters(
         *other_chapters,
         _table_chapter("Margins", "90 % interval", _margin_rows(reviews_by_side))._replace(
             folded=True
-        ),
-        _table_chapter(
-            "Vibration and wind",
-            "wind: 90 % interval",
-            [_vibration_row(reviews_by_side), *_wind_rows(reviews_by_side)],
         ),
         _parameter_chapter(reviewed),
         Chapter("In words", words, folded=True),
@@ -256,7 +255,35 @@ def _step_chapter(reviews_by_side: Reviews, legend: Mapping[str, str]) -> Chapte
         if charts:
             charts_by_axis[axis] = charts
     groups = [Group.of_axes(charts_by_axis)] if charts_by_axis else []
-    return Chapter("Step response", (), groups)
+    return Chapter("Step response", _missing_step_sentences(reviews_by_side), groups)
+
+
+def _missing_step_sentences(reviews_by_side: Reviews) -> list[Sentence]:
+    """Returns why step responses are missing that only the other flight has; none where both have the same ones.
+
+    The sentence of a side has each reason once, since a log that is too slow is so on all axes.
+
+    Args:
+        reviews_by_side: review documents of both logs, by side, "A" and "B".
+    """
+    reasons_by_side = dict[str, list[str]]()
+    for axis in AXES:
+        for loop_name in ("rate", "attitude"):
+            path = f"axes.{axis}.{loop_name}"
+            loops_by_side = {
+                side: value_at(review, path) or {} for side, review in reviews_by_side.items()
+            }
+            if not any(loop.get("measured") for loop in loops_by_side.values()):
+                continue
+            for side, loop in loops_by_side.items():
+                if not loop.get("measured"):
+                    facts = loop.get("facts") or ()
+                    reasons_by_side.setdefault(side, []).extend(fact["sentence"] for fact in facts)
+    sentences = []
+    for side, reasons in reasons_by_side.items():
+        if reasons:
+            sentences.append(Sentence(" ".join(dict.fromkeys(reasons)), f"Not measured in {side}:"))
+    return sentences
 
 
 def _light_chapter(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Chapter:
@@ -469,18 +496,21 @@ def _margin_rows(reviews_by_side: Reviews) -> list[list[str]]:
             loops = [value_at(review, path) or {} for review in reviews_by_side.values()]
             for key in keys:
                 figure = LOOP_FIGURES[key]
-                cells = [_cell(loop, key, figure.scale) for loop in loops]
+                cells = [_margin_cell(loop, key, figure.scale) for loop in loops]
                 rows.append([f"{axis} {loop_name}: {figure.header}", *cells])
     return rows
 
 
-def _cell(document: Review, key: str, scale: float = 1.0) -> str:
-    """Returns a figure of a document with its interval, such as "57 (50 to 63)"; a dash if any of it is not known."""
-    figures = [document.get(key), *(document.get(f"{key}_interval") or ())]
-    if None in figures:
-        return UNKNOWN_FIGURE
-    value, low, high = (rounded(scale * figure) for figure in figures)
-    return f"{value} ({low} to {high})"
+def _margin_cell(loop: Review, key: str, scale: float) -> str:
+    """Returns a figure of a loop with its interval, such as "57 (50 to 63)"; a dash if any of it is not known.
+
+    Args:
+        loop: the loop in a review document; empty where it was not identified.
+        key: key of the figure.
+        scale: factor from its unit in the document to the one in which it is shown.
+    """
+    interval = loop.get(f"{key}_interval")
+    return figure_with_interval(loop.get(key), interval, scale) or UNKNOWN_FIGURE
 
 
 def _step_charts(reviews_by_side: Reviews, legend: Mapping[str, str], axis: str) -> Iterator[Chart]:
@@ -577,81 +607,3 @@ def _trim_chart(legend: Mapping[str, str], difference: VehicleDifference) -> Cha
     motor_axis = Axis("motor", names=tuple(str(number) for number in range(1, motor_count + 1)))
     trim_axis = Axis("relative trim (%)")
     return Chart("Relative trim (%)", motor_axis, trim_axis, tuple(lines), levels=(0.0,))
-
-
-def _vibration_row(reviews_by_side: Reviews) -> list[str]:
-    """Returns the row of a table with the mean vibration in flight, m/s², of the same IMU in both logs.
-
-    It is the IMU that vibrates most in A or, if this was not recorded in B, the IMU that vibrates most in B. If that
-    was not recorded in A either, it is the first IMU.
-
-    Args:
-        reviews_by_side: review documents of both logs, by side.
-
-    Returns:
-        The name of the figure, and one cell for each side; a dash if the vibration was not recorded.
-    """
-    lights_by_side = {
-        side: value_at(review, "lights.vibration") or {} for side, review in reviews_by_side.items()
-    }
-    for imu, levels in vibrations_of_same_imu(lights_by_side).items():
-        return [f"vibration of {imu} (m/s²)", *map(rounded, levels)]
-    row = ["vibration of IMU 1 (m/s²)"]
-    for review in reviews_by_side.values():
-        levels_of_axes = value_at(review, "condition.vibration.level")
-        row.append(rounded(max(levels_of_axes)) if levels_of_axes else UNKNOWN_FIGURE)
-    return row
-
-
-def _wind_rows(reviews_by_side: Reviews) -> list[list[str]]:
-    """Returns the rows of a table for wind speed and the direction that the wind comes from.
-
-    Args:
-        reviews_by_side: review documents of both logs, by side.
-
-    Returns:
-        Two rows, each with its name and a cell for each side.
-    """
-    speeds = ["wind (m/s)"]
-    directions = ["from (°)"]
-    for review in reviews_by_side.values():
-        wind = review.get("wind") or {}
-        speeds.append(_wind_speed_cell(wind))
-        directions.append(_wind_direction_cell(wind))
-    return [speeds, directions]
-
-
-def _wind_speed_cell(wind: Review) -> str:
-    """Returns the table cell of a flight's wind speed, m/s, with its 90 % interval, such as "5.2 (4.6 to 5.9)".
-
-    If the air may have been still, the cell has only the upper end of the interval, such as "below 1.3".
-
-    Args:
-        wind: the wind in a review document; empty without a wind.
-
-    Returns:
-        The text; a dash if the speed is not identifiable.
-    """
-    status = wind.get("status", {})
-    if status.get("speed") == NOT_IDENTIFIABLE:
-        return UNKNOWN_FIGURE
-    if wind.get("calm"):
-        _, upper_end = wind["speed_interval"]
-        return f"below {rounded_up(upper_end, 1)}"
-    return _cell(wind, "speed")
-
-
-def _wind_direction_cell(wind: Review) -> str:
-    """Returns the table cell of the direction that a flight's wind came from, degrees, such as "270 ± 8".
-
-    Args:
-        wind: the wind in a review document; empty without a wind.
-
-    Returns:
-        Direction and half width of its 90 % interval; a dash if the direction is not identifiable, and for still air,
-        which comes from nowhere.
-    """
-    status = wind.get("status", {})
-    if not wind or wind["calm"] or status.get("direction") == NOT_IDENTIFIABLE:
-        return UNKNOWN_FIGURE
-    return f"{wind['direction']:.0f} ± {wind['direction_interval']:.0f}"

@@ -14,6 +14,12 @@ from mavdem.report.blocks import plain_text
 from mavdem.report.charts.change_plan import change_plan
 from mavdem.report.charts.chart import Axis, Chart, Line
 from mavdem.report.difference.changes import difference_blocks, undetected_change_table
+from mavdem.report.difference.conditions import (
+    condition_sentence,
+    condition_table,
+    vibration_row,
+    wind_rows,
+)
 from mavdem.report.difference.headline import headline_of_comparison
 from mavdem.report.difference.identity import identity_remarks
 from mavdem.report.difference.lights import light_blocks
@@ -22,8 +28,6 @@ from mavdem.report.difference.next_step import next_blocks
 from mavdem.report.difference.reviewed import reviewed_difference
 from mavdem.report.pages.difference_page import (
     _trim_chart,
-    _vibration_row,
-    _wind_rows,
     _with_single_side,
     comparison_page,
 )
@@ -169,11 +173,11 @@ def test_still_air_comes_from_nowhere():
     wind = {"speed": 1.3, "speed_interval": [0.0, 3.1], "direction": 110.0}
     wind |= {"direction_interval": 12.0, "status": {"speed": "reported", "direction": "reported"}}
     calm, windy = {"wind": wind | {"calm": True}}, {"wind": wind | {"calm": False}}
-    speeds, directions = _wind_rows({"A": calm, "B": windy})
-    assert speeds[1:] == ["below 3.1", "1.3 (0 to 3.1)"]
-    assert directions[1:] == ["-", "110 ± 12"]
+    speeds, directions = wind_rows({"A": calm, "B": windy})
+    assert speeds.cells == ("below 3.1", "1.3 (0 to 3.1)")
+    assert directions.cells == ("-", "110 ± 12")
     calm["wind"]["speed_interval"] = [0.0, 3.14]
-    assert _wind_rows({"A": calm})[0][1] == "below 3.2"
+    assert wind_rows({"A": calm})[0].cells == ("below 3.2", "-")
 
 
 def test_a_change_that_has_no_room_in_the_drawing_is_an_arrow_at_its_edge(difference):
@@ -328,7 +332,11 @@ def test_the_vibration_of_each_imu_is_compared_with_its_own(difference):
         "watch in A (16.2 m/s² on IMU 2), good in B (7.9 m/s² on IMU 3). "
         "IMU 2 and IMU 3 are different sensors: their difference is no change."
     )
-    assert _vibration_row({"A": worse, "B": better}) == ["vibration of IMU 1 (m/s²)", "5.0", "5.0"]
+    first_imu = vehicle_difference(
+        *([flight_row("quad", number, vibration=(5.0,))] for number in (0, 1))
+    )
+    row = vibration_row(reviewed_difference(first_imu, {"A": worse, "B": better}))
+    assert row == ("vibration of IMU 1", "m/s²", ("5.0", "5.0"))
     # Where every IMU is known, each is compared with itself.
     worse["lights"]["vibration"]["figures"]["imu_levels"] = [11.0, 16.2, 8.5]
     better["lights"]["vibration"]["figures"]["imu_levels"] = [5.1, 7.4, 7.9]
@@ -342,11 +350,39 @@ def test_the_vibration_of_each_imu_is_compared_with_its_own(difference):
         reviewed_difference(difference, {"A": worse, "B": better})
     )
     assert sentence.text.startswith("watch in A (16.2 m/s² on IMU 2), good in B")
-    assert _vibration_row({"A": worse, "B": better}) == ["vibration of IMU 2 (m/s²)", "16", "7.4"]
+    row = vibration_row(reviewed_difference(first_imu, {"A": worse, "B": better}))
+    assert row == ("vibration of IMU 2", "m/s²", ("16", "7.4"))
     same = review("IMU 2", 7.9, "good")
     *_, sentence = headline_of_comparison(reviewed_difference(difference, {"A": worse, "B": same}))
     assert "different sensors" not in sentence.text
-    assert _vibration_row({"A": worse, "B": same})[0] == "vibration of IMU 2 (m/s²)"
+    row = vibration_row(reviewed_difference(first_imu, {"A": worse, "B": same}))
+    assert row.name == "vibration of IMU 2"
+
+
+def test_conditions_of_both_flights_stand_on_page_and_terminal():
+    states = [[flight_row("quad", 0, collective=0.4)], [flight_row("quad", 1, collective=0.55)]]
+    wind = {"speed": 3.2, "speed_interval": [2.5, 3.9], "calm": False}
+    wind |= {"direction": 110.0, "direction_interval": 12.0}
+    reviewed = reviewed_difference(vehicle_difference(*states), {"A": {"wind": wind}, "B": {}})
+    (table,) = condition_table(reviewed)
+    assert ["wind (m/s)", "3.2 (2.5 to 3.9)", "-"] in table.rows
+    assert ["mean motor output (%)", "40", "55"] in table.rows
+    (sentence,) = condition_sentence(reviewed)
+    assert "wind 3.2 (2.5 to 3.9) m/s in A, not known in B" in sentence.text
+    assert "mean motor output 40 → 55 %" in sentence.text
+    assert "mean motor output (%)" in comparison_page(("a.bin", "b.bin"), reviewed)
+
+
+def test_a_step_response_of_one_flight_alone_says_why_the_other_has_none(difference):
+    step = {"time": [0.0, 1.0], "step": [0.0, 1.0], "step_half": [0.0, 0.1]}
+    too_slow = {"measured": None, "facts": [{"sentence": "The log is too slow."}]}
+    reviews = {
+        "A": {"axes": {"roll": {"rate": too_slow, "attitude": too_slow}}},
+        "B": {"axes": {"roll": {"rate": {"measured": step}, "attitude": {"measured": step}}}},
+    }
+    page = comparison_page(("a.bin", "b.bin"), reviewed_difference(difference, reviews))
+    assert page.count("Not measured in A:</strong> The log is too slow.") == 1
+    assert "Not measured in B" not in page
 
 
 def test_a_motor_that_perhaps_became_weaker_is_inspected_before_the_next_flight(difference):

@@ -1,0 +1,202 @@
+"""How two compared flights were flown: battery, motor output, wind, lean and vibration beside each other.
+
+Such conditions are no changes of the vehicle. They show whether the flights can be compared: another battery, payload
+or wind changes figures of a vehicle that is as before.
+"""
+
+from collections.abc import Mapping
+from math import degrees, isfinite
+from typing import NamedTuple
+
+from mavdem.dataset.axes import AXES
+from mavdem.fleet.comparability import STATE_NAMES
+from mavdem.fleet.flight_conditions import Conditions
+from mavdem.fleet.report_columns import NOT_IDENTIFIABLE, value_at
+from mavdem.report.blocks import Sentence, Table
+from mavdem.report.difference.lights import Review, vibrations_of_same_imu
+from mavdem.report.difference.reviewed import ReviewedDifference
+from mavdem.report.numbers import figure_with_interval, rounded
+from mavdem.report.templates import rounded_up
+
+BATTERY = "battery"
+MOTOR_OUTPUT = "mean motor output"
+WIND = "wind"
+BRIEF_CONDITIONS = (BATTERY, MOTOR_OUTPUT, WIND)
+"""Names of the conditions that a terminal has room for: those that change the figures of a vehicle most."""
+
+UNKNOWN_CELL = "-"
+"""What a table shows in the place of a condition that is not known."""
+
+
+class ConditionRow(NamedTuple):
+    """One condition in both flights."""
+
+    name: str
+    """What it is, such as "battery"."""
+
+    unit: str
+    """Its unit, such as "V"."""
+
+    cells: tuple[str, str]
+    """Its value in A and in B; ``UNKNOWN_CELL`` where it is not known."""
+
+    @property
+    def is_known(self) -> bool:
+        """Whether it is known in A or in B."""
+        return any(cell != UNKNOWN_CELL for cell in self.cells)
+
+    @property
+    def text(self) -> str:
+        """Both values in words, such as "battery 11.3 → 11.5 V" or "wind not known in A, 3.2 m/s in B"."""
+        before, after = self.cells
+        if before == after:
+            return f"{self.name} {before} {self.unit}"
+        if UNKNOWN_CELL not in self.cells:
+            return f"{self.name} {before} → {after} {self.unit}"
+        values = []
+        for side, cell in zip(STATE_NAMES, self.cells, strict=True):
+            value = "not known" if cell == UNKNOWN_CELL else f"{cell} {self.unit}"
+            values.append(f"{value} in {side}")
+        return f"{self.name} {', '.join(values)}"
+
+
+def condition_table(reviewed: ReviewedDifference) -> list[Table]:
+    """Returns a table of how both flights were flown, with a column for each; empty where nothing is known.
+
+    Args:
+        reviewed: comparison of two flights, or of the flights of two fleets, whose means it then has.
+    """
+    rows = [[f"{row.name} ({row.unit})", *row.cells] for row in condition_rows(reviewed)]
+    return [Table(["flown with", *STATE_NAMES], rows)] if rows else []
+
+
+def condition_sentence(reviewed: ReviewedDifference) -> list[Sentence]:
+    """Returns battery, mean motor output and wind as one sentence, for the terminal; empty if none of them is known.
+
+    An example is "battery 11.3 → 11.5 V; mean motor output 58 → 62 %; wind 3.2 (2.5 to 3.9) → below 2.8 m/s.".
+
+    Args:
+        reviewed: comparison of two states.
+    """
+    texts = [row.text for row in condition_rows(reviewed) if row.name in BRIEF_CONDITIONS]
+    return [Sentence(f"{'; '.join(texts)}.", "Flown with:")] if texts else []
+
+
+def condition_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
+    """Returns the conditions that are known of A or B, in the order in which a pilot asks for them.
+
+    Args:
+        reviewed: comparison of two states.
+    """
+    before, after = reviewed.difference.conditions
+    rows = [
+        ConditionRow(BATTERY, "V", (_cell(before.voltage, 1), _cell(after.voltage, 1))),
+        ConditionRow(MOTOR_OUTPUT, "%", (_percent(before.collective), _percent(after.collective))),
+        *wind_rows(reviewed.reviews),
+        ConditionRow("mean roll and pitch", "°", (_lean(before), _lean(after))),
+    ]
+    for axis in AXES:
+        torques = [conditions.wind_torque.get(axis) for conditions in (before, after)]
+        if None not in torques:
+            cells = tuple(rounded(degrees(torque or 0.0)) for torque in torques)
+            rows.append(ConditionRow(f"wind torque on {axis}", "°/s²", (cells[0], cells[1])))
+    rows.append(vibration_row(reviewed))
+    return [row for row in rows if row.is_known]
+
+
+def wind_rows(reviews_by_side: Mapping[str, Review]) -> list[ConditionRow]:
+    """Returns the wind speed, and the direction that the wind comes from, each with its 90 % interval.
+
+    Args:
+        reviews_by_side: review documents of both logs, by side; of a fleet, empty.
+    """
+    winds = [(reviews_by_side.get(side) or {}).get("wind") or {} for side in STATE_NAMES]
+    before, after = winds
+    return [
+        ConditionRow(WIND, "m/s", (_wind_speed_cell(before), _wind_speed_cell(after))),
+        ConditionRow("wind from", "°", (_wind_direction_cell(before), _wind_direction_cell(after))),
+    ]
+
+
+def vibration_row(reviewed: ReviewedDifference) -> ConditionRow:
+    """Returns the mean vibration in flight of the same IMU in both logs, along its axis that vibrates most.
+
+    It is the IMU that vibrates most in A or, if this was not recorded in B, the IMU that vibrates most in B. If that
+    was not recorded in A either, it is the first IMU.
+
+    Args:
+        reviewed: comparison of two states.
+    """
+    lights_by_side = {
+        side: value_at(reviewed.reviews.get(side) or {}, "lights.vibration") or {}
+        for side in STATE_NAMES
+    }
+    for imu, (first_level, second_level) in vibrations_of_same_imu(lights_by_side).items():
+        cells = (rounded(first_level), rounded(second_level))
+        return ConditionRow(f"vibration of {imu}", "m/s²", cells)
+    before, after = reviewed.difference.conditions
+    cells = (_rounded_cell(before.vibration), _rounded_cell(after.vibration))
+    return ConditionRow("vibration of IMU 1", "m/s²", cells)
+
+
+def _cell(value: float | None, decimals: int) -> str:
+    """Returns a value with so many decimals; ``UNKNOWN_CELL`` for one that is not known."""
+    if value is None or not isfinite(value):
+        return UNKNOWN_CELL
+    return f"{value:.{decimals}f}"
+
+
+def _rounded_cell(value: float | None) -> str:
+    """Returns a value with two significant digits; ``UNKNOWN_CELL`` for one that is not known."""
+    return UNKNOWN_CELL if value is None else rounded(value)
+
+
+def _percent(fraction: float | None) -> str:
+    """Returns a fraction in whole percent; ``UNKNOWN_CELL`` for one that is not known."""
+    return UNKNOWN_CELL if fraction is None else _cell(100 * fraction, 0)
+
+
+def _lean(conditions: Conditions) -> str:
+    """Returns mean roll and pitch of a flight in whole degrees, such as "+1 and −4"; a dash where not known."""
+    if conditions.lean_roll is None or conditions.lean_pitch is None:
+        return UNKNOWN_CELL
+    roll, pitch = degrees(conditions.lean_roll), degrees(conditions.lean_pitch)
+    # Adding 0 makes 0 of a rounded −0.
+    angles = [f"{round(angle) + 0:+d}" for angle in (roll, pitch)]
+    return " and ".join(angles).replace("-", "−").replace("+0", "0")
+
+
+def _wind_speed_cell(wind: Review) -> str:
+    """Returns the table cell of a flight's wind speed, m/s, with its 90 % interval, such as "5.2 (4.6 to 5.9)".
+
+    If the air may have been still, the cell has only the upper end of the interval, such as "below 1.3".
+
+    Args:
+        wind: the wind in a review document; empty without a wind.
+
+    Returns:
+        The text; a dash if the speed is not identifiable.
+    """
+    status = wind.get("status", {})
+    if status.get("speed") == NOT_IDENTIFIABLE:
+        return UNKNOWN_CELL
+    if wind.get("calm"):
+        _, upper_end = wind["speed_interval"]
+        return f"below {rounded_up(upper_end, 1)}"
+    return figure_with_interval(wind.get("speed"), wind.get("speed_interval")) or UNKNOWN_CELL
+
+
+def _wind_direction_cell(wind: Review) -> str:
+    """Returns the table cell of the direction that a flight's wind came from, degrees, such as "270 ± 8".
+
+    Args:
+        wind: the wind in a review document; empty without a wind.
+
+    Returns:
+        Direction and half width of its 90 % interval; a dash if the direction is not identifiable, and for still air,
+        which comes from nowhere.
+    """
+    status = wind.get("status", {})
+    if not wind or wind["calm"] or status.get("direction") == NOT_IDENTIFIABLE:
+        return UNKNOWN_CELL
+    return f"{wind['direction']:.0f} ± {wind['direction_interval']:.0f}"
