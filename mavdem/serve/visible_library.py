@@ -32,7 +32,7 @@ MAX_EARLIER_FLIGHTS = 20
 """Flights before one with a motor anomaly, among which a sound one to compare it with is looked for: a choice."""
 
 MAX_COMPARABLE_FLIGHTS = 100
-"""Flights that the page of a flight offers to be compared with: a choice, since a list of more is not looked through."""
+"""Flights that the page of a flight offers to be compared with: a choice, since nobody looks through more."""
 
 
 class SearchResult(NamedTuple):
