@@ -27,7 +27,9 @@ from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import GainFact
 from mavdem.files import atomic_writes
 from mavdem.ingest import read_log
-from mavdem.ingest.telemetry import Log, Telemetry, selected_rows
+from mavdem.ingest.mavlink.dialect import enum_name
+from mavdem.ingest.mavlink.payloads import latest_parameters
+from mavdem.ingest.telemetry import Log, Parameters, Telemetry, selected_rows
 from mavdem.loops.advice import Advice
 
 MAX_WAIT_SECONDS = 60.0
@@ -250,7 +252,29 @@ def _last_flown_boot_of(telemetry: Telemetry) -> Telemetry:
             columns_of_boot = selected_rows(columns, rows_of_boot)
             columns_of_boot["boot"] = np.zeros(len(rows_of_boot), int)
             messages[name] = columns_of_boot
-    return replace(telemetry, messages=messages)
+    return _with_autopilot_of_messages(replace(telemetry, messages=messages))
+
+
+def _with_autopilot_of_messages(telemetry: Telemetry) -> Telemetry:
+    """Returns a vehicle's messages with the autopilot that sent them, and with its parameters if it is another one.
+
+    A recording states one autopilot and the parameters of all its boots. If another vehicle had the same ids in another
+    boot, those may be wrong for the messages of this one.
+
+    Args:
+        telemetry: messages of one boot, with the autopilot and the parameters of the whole recording.
+    """
+    heartbeats = telemetry.messages.get("HEARTBEAT", {})
+    if "autopilot" not in heartbeats:
+        return telemetry
+    numbers, counts = np.unique(heartbeats["autopilot"], return_counts=True)
+    autopilot = enum_name("MAV_AUTOPILOT", int(numbers[counts.argmax()]))
+    if autopilot == telemetry.autopilot:
+        return telemetry
+    parameters: Parameters = {}
+    if "PARAM_VALUE" in telemetry.messages:
+        parameters = latest_parameters(telemetry.messages["PARAM_VALUE"], autopilot)
+    return replace(telemetry, autopilot=autopilot, parameters=parameters)
 
 
 def facts_of_tuning(tuning: Tuning) -> Facts:

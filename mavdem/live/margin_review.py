@@ -70,6 +70,9 @@ class _Piece:
     start: float
     """When the first of them was received, UNIX s."""
 
+    boot: int
+    """Number of the vehicle's boot in which they were received."""
+
     records: BytesIO = field(default_factory=BytesIO)
     """The frames, each after its receive stamp."""
 
@@ -82,13 +85,16 @@ class FlightMessages:
         self._pieces = deque[_Piece]()
         self._size = 0
 
-    def add(self, stamp: float, frames: Sequence[Frame], vehicle: Component | None) -> None:
+    def add(
+        self, stamp: float, frames: Sequence[Frame], vehicle: Component | None, boot: int
+    ) -> None:
         """Adds the frames whose messages a live session reads; other messages do not show the loops.
 
         Args:
             stamp: when they were received, UNIX s.
             frames: frames of all senders, in the order of arrival.
             vehicle: the followed vehicle, whose frames are kept; None while it is not known, when all are.
+            boot: number of the vehicle's boot, that is how often its autopilot has restarted so far.
         """
         microseconds = round(stamp * 1e6)
         stamped_contents = []
@@ -100,32 +106,44 @@ class FlightMessages:
                 stamped_contents.append((microseconds, frame.content))
         if not stamped_contents:
             return
-        records = self._records_at(stamp)
+        records = self._records_at(stamp, boot)
         size_before = records.tell()
         write_stamped(records, stamped_contents)
         self._size += records.tell() - size_before
         while self._size > MAX_BYTES and len(self._pieces) > 1:
             self._forget_first_piece()
 
-    def _records_at(self, stamp: float) -> BytesIO:
+    def _records_at(self, stamp: float, boot: int) -> BytesIO:
         """Returns the records of the piece to which messages of a time belong; another piece begins where that is due.
 
         Args:
             stamp: when the messages were received, UNIX s.
+            boot: number of the boot in which they were received.
         """
         is_new_piece_due = True
         if self._pieces:
-            piece_age = stamp - self._pieces[-1].start
+            latest_piece = self._pieces[-1]
+            piece_age = stamp - latest_piece.start
             # The age is negative where the computer's clock was set back.
-            is_new_piece_due = piece_age < 0 or piece_age >= PIECE_SECONDS
+            has_other_time = piece_age < 0 or piece_age >= PIECE_SECONDS
+            is_new_piece_due = has_other_time or boot != latest_piece.boot
         if is_new_piece_due:
-            self._pieces.append(_Piece(stamp))
+            self._pieces.append(_Piece(stamp, boot))
         return self._pieces[-1].records
 
     def forget_earlier_flights(self) -> None:
-        """Forgets all but the last two pieces, which contain the take-off that has just been noticed."""
-        while len(self._pieces) > 2:
+        """Forgets all but the last two pieces, which contain the take-off that has just been noticed.
+
+        Pieces of an earlier boot are forgotten too: another autopilot, with other messages, may have sent them under
+        the same ids.
+        """
+        while len(self._pieces) > 2 or self._begins_in_earlier_boot:
             self._forget_first_piece()
+
+    @property
+    def _begins_in_earlier_boot(self) -> bool:
+        """Whether the oldest messages are of another boot than the latest."""
+        return bool(self._pieces) and self._pieces[0].boot != self._pieces[-1].boot
 
     def _forget_first_piece(self) -> None:
         """Forgets the oldest messages."""
@@ -258,7 +276,7 @@ class MarginReview:
         self._next_review_time = inf
 
     def add_messages(
-        self, stamp: float, frames: Sequence[Frame], vehicle: Component | None
+        self, stamp: float, frames: Sequence[Frame], vehicle: Component | None, boot: int
     ) -> None:
         """Keeps the messages that show the control loops, for later reviews.
 
@@ -266,9 +284,10 @@ class MarginReview:
             stamp: when they were received, UNIX s.
             frames: frames of all senders, in the order of arrival.
             vehicle: the followed vehicle, whose frames are kept; None while it is not known, when all are.
+            boot: number of the vehicle's boot, that is how often its autopilot has restarted so far.
         """
         if self._executor is not None:
-            self._messages.add(stamp, frames, vehicle)
+            self._messages.add(stamp, frames, vehicle, boot)
 
     def update(
         self, now: float, stream: LiveStream, *, is_busy: bool, is_recording_assessed: bool

@@ -57,7 +57,8 @@ class Component:
         attitude_count: number of its messages of attitude.
         frame_count: number of its frames, undecoded ones and copies included.
         message_counts: number of its messages by id, without damaged and unknown ones.
-        parameters: the latest PARAM_VALUE of each parameter, by name.
+        parameters: the latest PARAM_VALUE of each parameter, by name; without those of another kind of autopilot that
+            had these ids before.
         parameters_version: increases whenever ``parameters`` is written: the same version means the same values.
         uncounted_gap_seconds: duration of the gaps in which its sequence numbers may have wrapped, s.
     """
@@ -76,6 +77,11 @@ class Component:
         self.parameters_version = 0
         self.uncounted_gap_seconds = 0.0
         self._heartbeat_count = 0
+        # The kind of autopilot that the parameters are of, and how many HEARTBEATs in a row stated another one since.
+        self._autopilot_of_parameters = UNNAMED
+        self._other_autopilot_count = 0
+        # The parameters that came since the latest HEARTBEAT of that kind of autopilot.
+        self._newest_parameters: dict[bytes, Message] = {}
         self._links = SenderLinks()
         # Missing messages that are not counted, since the gap was too long to count them.
         self._uncounted_messages = 0
@@ -214,6 +220,7 @@ class Component:
             parameter = message.values[0]
             if parameter in self.parameters or len(self.parameters) < MAX_ROWS:
                 self.parameters[parameter] = message
+                self._newest_parameters[parameter] = message
                 self.parameters_version += 1
         elif message.name == "HEARTBEAT":
             self._heartbeat_count += 1
@@ -223,6 +230,26 @@ class Component:
             if self.vehicle_type not in MULTIROTORS or vehicle_type in MULTIROTORS:
                 self.vehicle_type = vehicle_type
             self.autopilot = enum_name("MAV_AUTOPILOT", message.values[1])
+            self._drop_parameters_of_other_autopilot()
+
+    def _drop_parameters_of_other_autopilot(self) -> None:
+        """Drops the parameters of another kind of autopilot than the latest HEARTBEATs state, if there are any.
+
+        Another vehicle may follow under the same ids, and parameters of the first one would describe its motors wrongly.
+        The new autopilot may send its parameters before its first HEARTBEAT, so that all are kept that came after the
+        last HEARTBEAT of the former one. A few HEARTBEATs are awaited, since a single one may be damaged or forged.
+        """
+        if self._autopilot_of_parameters in (UNNAMED, self.autopilot):
+            self._autopilot_of_parameters = self.autopilot
+            self._other_autopilot_count = 0
+            self._newest_parameters.clear()
+            return
+        self._other_autopilot_count += 1
+        if self._other_autopilot_count >= MIN_MESSAGES:
+            self.parameters = dict(self._newest_parameters)
+            self.parameters_version += 1
+            self._autopilot_of_parameters = self.autopilot
+            self._other_autopilot_count = 0
 
 
 class VehicleSelector:

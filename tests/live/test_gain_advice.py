@@ -169,6 +169,25 @@ def test_only_the_last_boot_that_flew_is_judged():
     assert last_flown_boot(single).vehicles[0] is flown
 
 
+def test_the_last_boot_of_another_autopilot_has_its_parameters():
+    columns = {
+        "param_id": np.array([b"FRAME_CLASS", b"MC_ROLL_P"]),
+        "param_type": np.array([9, 9]),
+        "param_value": np.array([1.0, 6.5], "<f4"),
+    }
+    flown = Hover(hovering=8.0).telemetry(attitude_time=20.0, motor_time=20.0)
+    messages = {}
+    for name, table in flown.messages.items():
+        boots = np.repeat([0, 1], len(table["time"]))
+        messages[name] = concatenated_columns([table, table]) | {"boot": boots}
+    messages["PARAM_VALUE"] = columns | {"time": np.zeros(2), "boot": np.array([0, 1])}
+    autopilots = {"autopilot": np.where(messages["HEARTBEAT"]["boot"] == 0, 3, 12)}
+    messages["HEARTBEAT"] = messages["HEARTBEAT"] | autopilots
+    log = log_of_vehicles((replace(flown, messages=messages),), 0, 0)
+    [last] = last_flown_boot(log).vehicles
+    assert (last.autopilot, dict(last.parameters)) == ("PX4", {"MC_ROLL_P": 6.5})
+
+
 def test_files_of_gains_that_do_not_fit_on_the_disk_are_not_left_partly_written(
     tmp_path, monkeypatch
 ):

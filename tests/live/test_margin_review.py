@@ -155,7 +155,7 @@ def fly_live(path):
         first_stamp = first_stamp or stamp
         frames = live.frame_reader.feed(content)
         live.process_without_rows(stamp / 1e6, frames)
-        review.add_messages(stamp / 1e6, frames, live.followed_vehicle)
+        review.add_messages(stamp / 1e6, frames, live.followed_vehicle, live.boot)
         if (stamp - first_stamp) / 1e6 >= second:
             second += 1
             review.update(float(second), live, is_busy=False, is_recording_assessed=False)
@@ -279,12 +279,13 @@ def test_messages_of_the_vehicle_are_kept_that_show_its_loops():
     messages = FlightMessages()
     frames_of_vehicle = [heartbeat(1), *flight([1.0, 1.01], system=1)]
     messages.add(
-        1.7e9, frames_of(*frames_of_vehicle, heartbeat(2), *flight([1.0], system=2)), VEHICLE
+        1.7e9, frames_of(*frames_of_vehicle, heartbeat(2), *flight([1.0], system=2)), VEHICLE, boot=0
     )
     (telemetry,) = tlog_from_bytes("live", messages.records).vehicles
     assert (telemetry.system, len(telemetry.messages["ATTITUDE"]["time"])) == (1, 2)
     before = FlightMessages()
-    before.add(1.7e9, frames_of(*frames_of_vehicle, heartbeat(2), *flight([1.0], system=2)), None)
+    frames_of_both = frames_of(*frames_of_vehicle, heartbeat(2), *flight([1.0], system=2))
+    before.add(1.7e9, frames_of_both, None, boot=0)
     assert len(tlog_from_bytes("live", before.records).vehicles) == 2, "nobody is followed yet"
 
 
@@ -293,14 +294,25 @@ def test_the_memory_is_bounded_and_begins_with_the_latest_take_off(monkeypatch):
     sizes = []
     for number in range(5):
         frames = frames_of(*flight([float(number)]))
-        messages.add(1.7e9 + PIECE_SECONDS * number, frames, VEHICLE)
+        messages.add(1.7e9 + PIECE_SECONDS * number, frames, VEHICLE, boot=0)
         sizes.append(len(messages.records))
     messages.forget_earlier_flights()
     (telemetry,) = tlog_from_bytes("live", messages.records).vehicles
     assert len(telemetry.messages["ATTITUDE"]["time"]) == 2
     monkeypatch.setattr(margin_review, "MAX_BYTES", sizes[0] + 10)
-    messages.add(1.7e9 + PIECE_SECONDS * 5, frames_of(*flight([5.0])), VEHICLE)
+    messages.add(1.7e9 + PIECE_SECONDS * 5, frames_of(*flight([5.0])), VEHICLE, boot=0)
     assert len(messages.records) == sizes[0], "the oldest are forgotten"
+
+
+def test_messages_of_an_earlier_boot_are_forgotten_at_a_take_off():
+    """Another vehicle may have sent them: its HEARTBEATs would name an autopilot that has other parameters."""
+    messages = FlightMessages()
+    messages.add(1.7e9, frames_of(heartbeat(autopilot=3), *flight([9.0, 9.01])), VEHICLE, boot=0)
+    messages.add(1.7e9 + 1.0, frames_of(heartbeat(autopilot=12), *flight([0.5])), VEHICLE, boot=1)
+    messages.forget_earlier_flights()
+    (telemetry,) = tlog_from_bytes("live", messages.records).vehicles
+    assert telemetry.autopilot == "PX4"
+    assert telemetry.messages["ATTITUDE"]["time"].tolist() == [0.5]
 
 
 def test_gains_that_came_before_the_kept_messages_are_used(monkeypatch):
@@ -312,7 +324,7 @@ def test_gains_that_came_before_the_kept_messages_are_used(monkeypatch):
 
     monkeypatch.setattr(margin_review, "assess", assessed)
     messages = FlightMessages()
-    messages.add(1.7e9, frames_of(heartbeat(1), *flight([1.0, 1.01])), VEHICLE)
+    messages.add(1.7e9, frames_of(heartbeat(1), *flight([1.0, 1.01])), VEHICLE, boot=0)
     gains = MappingProxyType({"ATC_RAT_RLL_P": 0.2})
     assert review_margins(messages.records, "live", "1:1", gains, is_flying=True).margins is BAD
     assert seen == [{"ATC_RAT_RLL_P": 0.2}]

@@ -39,6 +39,17 @@ def test_parameters_are_decoded_again_only_when_another_comes():
     assert stream.parameters == {"A": 2.0, "B": 3.0}
 
 
+def test_parameters_of_another_autopilot_under_the_same_ids_are_dropped():
+    """One HEARTBEAT may be forged; several are of another vehicle, which may send parameters before the first."""
+    stream = replay(with_parameters(only_heartbeats(), {b"FRAME_CLASS": 1.0})).stream
+    replay([(13.0, heartbeat(autopilot=12)), (13.5, heartbeat())], stream)
+    assert "FRAME_CLASS" in stream.parameters
+    new_parameter = message("PARAM_VALUE", param_id=b"MC_ROLL_P", param_value=6.5, param_type=9)
+    of_px4 = [(14.0 + second, heartbeat(autopilot=12)) for second in range(3)]
+    replay([(13.6, new_parameter), *of_px4], stream)
+    assert stream.parameters == {"MC_ROLL_P": 6.5}
+
+
 def test_a_multirotor_stays_one_whatever_a_later_heartbeat_says():
     stream = replay(only_heartbeats()).stream
     replay([(13.0, heartbeat(kind=1))], stream)
