@@ -330,9 +330,7 @@ class LiveSession:
         self._begin_flight_if_new()
         for batch in batches:
             vehicle = self.stream.followed_vehicle
-            self._margin_review.add_messages(
-                batch.stamp, batch.frames, vehicle, self.stream.boot
-            )
+            self._margin_review.add_messages(batch.stamp, batch.frames, vehicle, self.stream.boot)
         silence = self._note_messages(first_arrival, last_arrival, frames)
         self.history.advance(self.stream.now, self.stream.boot, self._restart_seconds)
         self._show_slow_sample()

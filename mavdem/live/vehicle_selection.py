@@ -235,7 +235,7 @@ class Component:
     def _drop_parameters_of_other_autopilot(self) -> None:
         """Drops the parameters of another kind of autopilot than the latest HEARTBEATs state, if there are any.
 
-        Another vehicle may follow under the same ids, and parameters of the first one would describe its motors wrongly.
+        Another vehicle may follow under these ids, and parameters of the first one would describe its motors wrongly.
         The new autopilot may send its parameters before its first HEARTBEAT, so that all are kept that came after the
         last HEARTBEAT of the former one. A few HEARTBEATs are awaited, since a single one may be damaged or forged.
         """

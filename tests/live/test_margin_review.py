@@ -279,7 +279,10 @@ def test_messages_of_the_vehicle_are_kept_that_show_its_loops():
     messages = FlightMessages()
     frames_of_vehicle = [heartbeat(1), *flight([1.0, 1.01], system=1)]
     messages.add(
-        1.7e9, frames_of(*frames_of_vehicle, heartbeat(2), *flight([1.0], system=2)), VEHICLE, boot=0
+        1.7e9,
+        frames_of(*frames_of_vehicle, heartbeat(2), *flight([1.0], system=2)),
+        VEHICLE,
+        boot=0,
     )
     (telemetry,) = tlog_from_bytes("live", messages.records).vehicles
     assert (telemetry.system, len(telemetry.messages["ATTITUDE"]["time"])) == (1, 2)
