@@ -215,6 +215,8 @@ class MessageFields(Document):
     """when the last one was sent; after a later boot, on that one's clock"""
     fields: list[str]
     """names of its numeric fields"""
+    units: list[str]
+    """unit of each field as MAVLink's definition writes it, such as rad; empty where it has none, or is the log's"""
     instances: list[int]
     """numbers of its instances; empty where it has none"""
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
+from mavdem.ingest.mavlink.dialect import definitions_by_name
 from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps
 
 CLOCK_COLUMNS = ("time", "boot")
@@ -72,6 +73,8 @@ class MessageFields(NamedTuple):
     """When the last one was sent, s; after a later boot, on that one's clock."""
     fields: tuple[str, ...]
     """Names of its numeric fields; an array's elements are "q[0]", "q[1]", and so on."""
+    units: tuple[str, ...]
+    """Unit of each field as MAVLink's definition writes it, such as "rad"; empty where it has none, or is the log's."""
     instances: tuple[int, ...]
     """Numbers of its instances, ascending; empty where the message has none."""
 
@@ -119,6 +122,7 @@ def numeric_messages(telemetry: Telemetry, text: str = "") -> Iterator[MessageFi
             first_time=float(columns["time"][0]),
             last_time=float(columns["time"][-1]),
             fields=tuple(fields),
+            units=tuple(_unit_of_field(message, field) for field in fields),
             instances=instances,
         )
 
@@ -237,6 +241,18 @@ def _message_columns(telemetry: Telemetry, message: str) -> Columns:
         if message in telemetry.name_in_source(name).split("/"):
             return telemetry.messages[name]
     raise ValueError(f"the log has no {message}: it has {', '.join(sorted(telemetry.messages))}")
+
+
+def _unit_of_field(message: str, field: str) -> str:
+    """Returns the unit of a field by MAVLink's definition of its message; empty without a unit or a definition.
+
+    Args:
+        message: Name of the message, as MAVLink calls it.
+        field: Name of the field, or of an element of it, such as "q[0]".
+    """
+    definition = definitions_by_name().get(message)
+    name, _, _ = field.partition("[")
+    return definition.units.get(name, "") if definition is not None else ""
 
 
 def _numeric_fields(columns: Columns) -> dict[str, Array]:

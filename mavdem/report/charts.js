@@ -51,6 +51,9 @@
       count => count === -32768 ? null : shown(low + step * (count + 32767)));
   };
 
+  // Values of a line: uPlot takes undefined for "no sample of this line", across which it draws, and null for a gap.
+  const withoutSamples = values => values.includes(false) ? values.map(value => value === false ? undefined : value) : values;
+
   const picture = ({ heat, rows }) => {
     const bytes = Uint8Array.from(atob(heat), c => c.charCodeAt(0)), columns = bytes.length / rows;
     const canvas = Object.assign(document.createElement("canvas"), { width: rows, height: columns });
@@ -307,6 +310,7 @@
         drawn.push({ stroke: "transparent", scale: line.right ? "beside" : "y", points: { show: false }, paths: isDots(line) ? () => null : undefined });
       }
       if (line.low && !isDots(line)) bands.push({ series: [drawn.length - 2, drawn.length - 1], fill: line.colour + "38" });
+      line.y = withoutSamples(line.y);
       columns.push(line.y);
       line.series = line.low ? [drawn.length - 2, drawn.length - 1, drawn.length] : [drawn.length];
       drawn.push(series(line, data.lines.length));
@@ -615,11 +619,17 @@
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => charts.forEach(chart => chart.redraw(false, true)));
   addEventListener("beforeprint", () => layOut(true));
   addEventListener("afterprint", () => layOut(false));
+  // The times of all lines, and the values of each at these: false where it has no sample, which is no gap.
+  const joined = lines => {
+    const [times, ...values] = lines.length === 1 ? [lines[0].times, lines[0].values] : uPlot.join(lines.map(line => [line.times, line.values]));
+    return { times, values: values.map(line => Array.from(line, value => value === undefined ? false : value)) };
+  };
   // Adds a chart of the flight below the others: the figure, which "replace" gives other points and "remove" takes away.
-  const add = (column, label, colour, times, values) => {
+  const addLines = (column, label, lines) => {
+    const { times, values } = joined(lines);
     const { x, marks, spans } = groups.flight.charts[0].data_, isStrip = !groups.flight.charts[0].data_.lines.length;
-    const axis = { label, log: false, ends: null, names: [] }, line = { name: label, colour, kind: "line", y: values };
-    const data = { title: label, x, y: axis, at: times, lines: [line], levels: [], marks, spans: isStrip ? [] : spans, group: "flight" };
+    const axis = { label, log: false, ends: null, names: [] }, drawn = lines.map(({ name, colour }, i) => ({ name, colour, kind: "line", y: values[i] }));
+    const data = { title: label, x, y: axis, at: times, lines: drawn, levels: [], marks, spans: isStrip ? [] : spans, group: "flight" };
     const figure = element("figure", "chart"), header = element("header");
     Object.assign(figure, { tabIndex: 0 }).setAttribute("data-flat", "");
     figure.setAttribute("role", "img");
@@ -630,13 +640,13 @@
     observe(figure);
     return {
       figure, header,
-      replace: (times, values) => {
+      replace: newLines => {
         const chart = charts.get(figure);
         if (!chart) return;
+        const { times, values } = joined(newLines), columns = values.map(withoutSamples), { min, max } = chart.scales.x;
         chart.data_.columns = times;
-        chart.data_.lines[0].y = values;
-        const { min, max } = chart.scales.x;
-        chart.batch(() => { chart.setData([times, values], false); chart.setScale("x", { min, max }); });
+        chart.data_.lines.forEach((line, i) => { line.y = columns[i]; });
+        chart.batch(() => { chart.setData([times, ...columns], false); chart.setScale("x", { min, max }); });
       },
       remove: () => {
         forget(figure);
@@ -644,5 +654,5 @@
       },
     };
   };
-  root.charts = { add, renew, observe, forget, follow, cursorOf, groups, zoom, setCursor, unpack, digits };
+  root.charts = { addLines, renew, observe, forget, follow, cursorOf, groups, zoom, setCursor, unpack, digits };
 })();

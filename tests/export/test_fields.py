@@ -52,6 +52,7 @@ def telemetry():
 def test_messages_are_listed_with_numeric_fields_and_instances(telemetry):
     attitude, escs = numeric_messages(telemetry)
     assert attitude.fields == ("q[0]", "q[1]", "q[2]", "q[3]")
+    assert attitude.units == ("",) * 4
     assert attitude.instances == () and attitude.name_in_source == "ATT/AHR2"
     assert escs.fields == ("Instance", "RPM") and escs.instances == (0, 1)
     assert (escs.messages, escs.rate, escs.first_time, escs.last_time) == (4, 2, 1, 1.5)
@@ -159,3 +160,11 @@ def test_unset_values_are_those_of_the_definition_of_mavlink():
     # Where the attribute is missing, the text of the field says it.
     said_in_words = {message for message, _ in UNSET_VALUES.keys() - checked}
     assert said_in_words == {"RC_CHANNELS", "RC_CHANNELS_RAW"}
+
+
+def test_fields_have_the_units_of_mavlinks_definition(telemetry):
+    columns = {"time": np.zeros(1), "boot": np.zeros(1, int), "roll": np.ones(1), "own": np.ones(1)}
+    columns["rollspeed"] = np.ones((1, 2))
+    (message,) = numeric_messages(replace(telemetry, messages={"ATTITUDE": columns}))
+    units = dict(zip(message.fields, message.units, strict=True))
+    assert units == {"roll": "rad", "own": "", "rollspeed[0]": "rad/s", "rollspeed[1]": "rad/s"}

@@ -237,11 +237,21 @@ def test_a_field_is_searched_plotted_linked_to_and_removed_in_a_browser(served, 
         tab.until(f"{charts} === 2 && {status}.includes('samples, below the other plots')")
         pressed = "document.querySelector('#fieldlist button').getAttribute('aria-pressed')"
         assert tab.run(pressed) == "true"
+        # With Shift a second field joins the plot of the first.
+        tab.run(
+            f"{search}.value = 'attitude pitchspeed'; {search}.dispatchEvent(new Event('input'))"
+        )
+        tab.command(
+            "Input.dispatchKeyEvent", type="keyDown", key="Enter", code="Enter", modifiers=8
+        )
+        title = "[...document.querySelectorAll('#flight figure h3')].at(-1).textContent"
+        both = "ATTITUDE.rollspeed (rad/s), ATTITUDE.pitchspeed (rad/s)"
+        tab.until(f"{charts} === 2 && {title} === {both!r}")
         address = tab.run("location.href")
         assert "plot=ATTITUDE" in address
         # Who gets the link sees the same plot.
         tab.open(address)
-        tab.until(f"{charts} === 2")
+        tab.until(f"{charts} === 2 && {title} === {both!r}")
         tab.run("document.querySelector('button.close').click()")
         tab.until(f"{charts} === 1 && !location.search.includes('plot=')")
         assert tab.said == []

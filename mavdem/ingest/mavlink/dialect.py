@@ -38,6 +38,8 @@ class MessageDefinition:
     """Its fields in the order of sending, extensions last, each as type and name: "float[4] q"."""
     definition_order: tuple[int, ...]
     """Their numbers in that order, from 0, in the order of the definition."""
+    units: Mapping[str, str]
+    """Units of those fields that have one, by the field's name, as the definition writes them: "rad", "degE7"."""
 
     @cached_property
     def payload_type(self) -> np.dtype[Any]:
@@ -82,7 +84,7 @@ def _load_dialect() -> _Dialect:
     """Reads ``dialect.json``, the messages and enumerations of pymavlink's ``all`` dialect.
 
     In the file a message has its ``id``, ``crc_extra``, ``fields`` ("uint8_t type, float[4] q", in the order on the
-    wire) and ``order``, the names of the fields in the order of the definition.
+    wire), ``order``, the names of the fields in the order of the definition, and ``units`` of some of the fields.
 
     Returns:
         Message definitions by name, and the names of the entries of each enumeration; cached.
@@ -97,6 +99,7 @@ def _load_dialect() -> _Dialect:
             crc_extra=entry["crc_extra"],
             wire_fields=tuple(entry["fields"].split(", ")),
             definition_order=tuple(entry["order"]),
+            units=entry.get("units", {}),
         )
     return _Dialect(messages, document["enums"])
 

@@ -90,6 +90,9 @@ MARGIN_FIGURES = {"rate": (*LOOP_FIGURES,), "attitude": TUNED_FIGURES}
 MAX_OPEN_PARAMETERS = 20
 """Changed parameters that the page lists without being asked: a choice, since those of two vehicles may be hundreds."""
 
+MAX_LISTED_PARAMETERS = 2000
+"""Changed parameters that the page lists: more than an autopilot has, about 1500; a damaged log may have any number."""
+
 UNKNOWN_FIGURE = "-"
 """What a table shows in the place of a figure that is not known."""
 
@@ -433,11 +436,14 @@ def _parameter_chapter(reviewed: ReviewedDifference) -> Chapter:
         reviewed: comparison of both flights, with the changed parameters.
     """
     rows = []
-    for name, value_before, value_after in reviewed.parameters:
+    for name, value_before, value_after in reviewed.parameters[:MAX_LISTED_PARAMETERS]:
         rows.append([name, parameter_value_text(value_before), parameter_value_text(value_after)])
-    header = f"{len(rows)} of {counted(reviewed.compared_parameter_count, 'parameter')} changed"
+    changed_count = len(reviewed.parameters)
+    header = f"{changed_count} of {counted(reviewed.compared_parameter_count, 'parameter')} changed"
+    if changed_count > len(rows):
+        header += f", the first {len(rows)}"
     return _table_chapter("Parameters", header, rows)._replace(
-        folded=len(rows) > MAX_OPEN_PARAMETERS
+        folded=changed_count > MAX_OPEN_PARAMETERS
     )
 
 

@@ -85,9 +85,35 @@
   });
 
   // Dropping logs: three are sent at a time, each in a request of its own.
-  const dropArea = $("drop"), uploadList = $("uploads"), uploadItems = new Map();
+  const dropArea = $("drop"), uploadList = $("uploads"), uploadItems = new Map(), MAX_SHOWN_UPLOADS = 8;
+  // The list has failures first, then what is in work, and last what is done, which the table below has too. Its summary
+  // counts all of them.
+  const arrangeUploads = () => {
+    const items = [...uploadList.children], counts = { failed: 0, working: 0, done: 0 };
+    for (const item of items) counts[item.dataset.state] += 1;
+    let shown = 0;
+    for (const state of ["failed", "working", "done"]) {
+      for (const item of items) {
+        if (item.dataset.state !== state) continue;
+        item.classList.toggle("hidden", state !== "failed" && shown >= MAX_SHOWN_UPLOADS);
+        shown += 1;
+        if (item !== uploadList.lastElementChild) uploadList.append(item);
+      }
+    }
+    const texts = [[counts.failed, "not read"], [counts.working, "in work"], [counts.done, "done"]];
+    const text = texts.filter(([count]) => count).map(([count, words]) => `${count} ${words}`).join(", ");
+    $("uploadcount").textContent = items.length > 1 ? `${items.length} files: ${text}` : "";
+  };
+  const setUpload = (item, state, level, text) => {
+    item.dataset.state = state;
+    item.status.className = `said ${level}`;
+    item.status.textContent = marks[level] && state !== "working" ? `${marks[level]} ${text}` : text;
+    if (state !== "working") item.bar.remove();
+    arrangeUploads();
+  };
   const addUploadItem = name => {
     const item = element("li", "", uploadList);
+    item.dataset.state = "working";
     element("span", name, item);
     item.bar = element("progress", "", item);
     item.bar.max = 1;
@@ -115,13 +141,12 @@
         const content = request.response;
         if (request.status !== 201) {
           if (request.status === 503) { queue.push([file, item]); return void setTimeout(send, 3000); }
-          item.bar.remove();
-          item.status.className = "said bad";
-          item.status.textContent = content?.error ? `${content.error.reason} ${content.error.remedy}` : "The server does not answer.";
+          setUpload(item, "failed", "bad", content?.error ? `${content.error.reason} ${content.error.remedy}` : "The server does not answer.");
           return;
         }
         if (item.isOnlyUpload) { location = `/f/${content.flights[0].id}`; return; }
-        for (const flight of content.flights) uploadItems.set(flight.id, item), showProgress(flight);
+        // Copies of one log are one flight.
+        for (const flight of content.flights) uploadItems.set(flight.id, [...uploadItems.get(flight.id) ?? [], item]), showProgress(flight);
         searchAfter(300);
         watchProgress();
       };
@@ -135,6 +160,7 @@
       item.status.textContent = "Waits to be sent";
       queue.push([file, item]);
     }
+    arrangeUploads();
     send();
   };
   // The estimated time until a log is read: in seconds up to a minute and a half, then in minutes, then in hours.
@@ -156,18 +182,18 @@
   };
   const progressByStage = { waiting: 0.3, reading: 0.4, judging: 0.5, learning: 0.6, drawing: 0.8, done: 1, failed: 1 };
   const showProgress = flight => {
-    const item = uploadItems.get(flight.id);
-    if (!item) return;
-    item.bar.value = progressByStage[flight.stage];
-    const name = item.firstChild;
-    if (name.tagName !== "A") {
-      const link = element("a", name.textContent, null);
-      link.href = `/f/${flight.id}`;
-      name.replaceWith(link);
+    const items = uploadItems.get(flight.id) ?? [], hasFailed = flight.stage === "failed", isOver = hasFailed || flight.stage === "done";
+    for (const item of items) {
+      item.bar.value = progressByStage[flight.stage];
+      const name = item.firstChild;
+      if (name.tagName !== "A") {
+        const link = element("a", name.textContent, null);
+        link.href = `/f/${flight.id}`;
+        name.replaceWith(link);
+      }
+      setUpload(item, hasFailed ? "failed" : isOver ? "done" : "working", hasFailed ? "bad" : flight.level, flight.problem || flight.headline || progressText(flight));
     }
-    item.status.className = `said ${flight.stage === "failed" ? "bad" : flight.level}`;
-    item.status.textContent = flight.problem || flight.headline || progressText(flight);
-    if (flight.stage === "done" || flight.stage === "failed") uploadItems.delete(flight.id), item.bar.remove(), searchAfter(200);
+    if (isOver && items.length) uploadItems.delete(flight.id), searchAfter(200);
   };
   $("filearg")?.addEventListener("change", event => { uploadFiles(event.target.files); event.target.value = ""; });
   if (dropArea) {
@@ -320,39 +346,59 @@
     button.disabled = false;
   });
 
-  // Any field of the log: a list that is searched, and a plot of each field that is chosen below the others. What is
-  // plotted stands in the address, so that a link shows it too.
+  // Any field of the log: a list that is searched, and plots of the fields that are chosen below the others. With Shift a
+  // field joins the last of these plots. What is plotted stands in the address, so that a link shows it too.
   const fieldsPart = $("fields"), plots = document.documentElement.charts, column = document.querySelector("#flight .charts .column");
   const vehicle = new URL(location).searchParams.get("vehicle") ?? "";
   const fieldColours = ["#1f7ad6", "#12997a", "#b5852a", "#9461d1", "#c2477f"];
-  const fieldPlots = new Map();
-  let listedMessages = null, usedColours = 0;
+  const fieldPlots = [];
+  let listedMessages = null;
   const fieldName = ({ message, field, instance }) => `${message}${instance == null ? "" : `[${instance}]`}.${field}`;
+  const plotOf = wanted => fieldPlots.find(plot => plot.wanted.some(one => fieldName(one) === fieldName(wanted)));
   const keepPlotsInAddress = () => {
     const address = new URL(location);
     address.searchParams.delete("plot");
-    for (const { wanted } of fieldPlots.values()) address.searchParams.append("plot", [wanted.message, wanted.instance ?? "", wanted.field].join("~"));
+    for (const { wanted } of fieldPlots) address.searchParams.append("plot", wanted.map(({ message, instance, field }) => [message, instance ?? "", field].join("~")).join("|"));
     history.replaceState(null, "", address);
   };
+  const unitOf = ({ message, field }) => {
+    const listed = listedMessages?.find(({ shown }) => shown === message);
+    return listed?.units[listed.fields.indexOf(field)] ?? "";
+  };
+  const nameWithUnit = wanted => unitOf(wanted) ? `${fieldName(wanted)} (${unitOf(wanted)})` : fieldName(wanted);
   const fetchSamples = (wanted, [start, end]) => {
     const query = new URLSearchParams({ message: wanted.message, field: wanted.field, boot: fieldsPart.dataset.boot, start, end, vehicle });
     if (wanted.instance != null) query.set("instance", wanted.instance);
     return callApi("GET", `/api/flights/${id}/samples?${query}`);
   };
-  const plotField = async wanted => {
-    const name = fieldName(wanted), status = $("fieldstatus");
-    if (fieldPlots.has(name)) { fieldPlots.get(name).figure.scrollIntoView({ block: "nearest" }); return; }
-    status.textContent = `Reading ${name} …`;
+  // The samples of the fields of one plot, as its lines.
+  const fetchLines = (wanted, span, colours) => Promise.all(wanted.map(async (one, i) => {
+    const { time, values, is_thinned: isThinned, count } = await fetchSamples(one, span);
+    return { name: nameWithUnit(one), colour: colours[i], times: time, values, isThinned, count };
+  }));
+  const removePlot = plot => {
+    plot.chart.remove();
+    fieldPlots.splice(fieldPlots.indexOf(plot), 1);
+  };
+  // Plots fields in one plot below the others, or, if they are added, in the last of the plots of fields.
+  const plotFields = async (fields, isAdded = false) => {
+    const newFields = fields.filter(one => !plotOf(one)), status = $("fieldstatus"), last = isAdded ? fieldPlots.at(-1) : null;
+    if (!newFields.length) { plotOf(fields[0]).chart.figure.scrollIntoView({ block: "nearest" }); return; }
+    const wanted = [...last?.wanted ?? [], ...newFields], newNames = newFields.map(fieldName).join(", ");
+    const colours = wanted.map((_, i) => fieldColours[((last ? fieldPlots.length - 1 : fieldPlots.length) + i) % fieldColours.length]);
+    status.textContent = `Reading ${newNames} …`;
     try {
-      const group = plots.groups.flight, samples = await fetchSamples(wanted, group.whole);
-      if (fieldPlots.has(name)) return;
-      if (samples.values.every(value => value == null)) { status.textContent = `${name} has no values in this flight.`; return; }
-      const chart = plots.add(column, name, fieldColours[usedColours++ % fieldColours.length], samples.time, samples.values);
+      const group = plots.groups.flight, lines = await fetchLines(wanted, group.whole, colours), newLines = lines.slice(-newFields.length);
+      if (newFields.some(plotOf) || last && !fieldPlots.includes(last)) return;
+      if (newLines.every(({ values }) => values.every(value => value == null))) { status.textContent = `${newNames} has no values in this flight.`; return; }
+      if (last) removePlot(last);
+      const title = lines.map(({ name }) => name).join(", "), chart = plots.addLines(column, title, lines);
+      const plot = { chart, wanted, colours, isThinned: lines.some(({ isThinned }) => isThinned), span: String(group.whole) };
       const close = element("button", "×", chart.header, "plain close");
-      Object.assign(close, { type: "button", title: "Remove this plot" }).setAttribute("aria-label", `Remove the plot of ${name}`);
-      close.addEventListener("click", () => { chart.remove(); fieldPlots.delete(name); keepPlotsInAddress(); showFields(); });
-      fieldPlots.set(name, { ...chart, wanted, isThinned: samples.is_thinned, span: String(group.whole) });
-      status.textContent = `${name}: ${samples.count} samples, below the other plots.`;
+      Object.assign(close, { type: "button", title: "Remove this plot" }).setAttribute("aria-label", `Remove the plot of ${title}`);
+      close.addEventListener("click", () => { removePlot(plot); keepPlotsInAddress(); showFields(); });
+      fieldPlots.push(plot);
+      status.textContent = `${newNames}: ${newLines[0].count} samples, below the other plots.`;
       keepPlotsInAddress();
       showFields();
     } catch (error) { status.textContent = error.message; }
@@ -363,18 +409,27 @@
     if (group !== plots?.groups.flight) return;
     clearTimeout(zoomTimer);
     zoomTimer = setTimeout(async () => {
-      for (const plot of fieldPlots.values()) {
+      for (const plot of [...fieldPlots]) {
         const span = String(group.span);
         if (!plot.isThinned || plot.span === span) continue;
         plot.span = span;
         try {
-          const samples = await fetchSamples(plot.wanted, group.span);
-          if (plot.span === span && samples.time.length) plot.replace(samples.time, samples.values);
+          const lines = await fetchLines(plot.wanted, group.span, plot.colours);
+          if (plot.span === span && lines.some(({ times }) => times.length)) plot.chart.replace(lines);
         } catch { /* What is shown stays. */ }
       }
     }, 250);
   });
   const MAX_SHOWN_FIELDS = 60;
+  // The elements of arrays, such as "gyro[0]", by the array's name.
+  const elementsOf = fields => {
+    const arrays = new Map();
+    for (const field of fields) {
+      const name = /^(.*)\[\d+\]$/.exec(field)?.[1];
+      if (name) arrays.set(name, [...arrays.get(name) ?? [], field]);
+    }
+    return [...arrays].filter(([, elements]) => elements.length > 1);
+  };
   // Without a search the messages are listed, of which one is chosen; with one the fields that have all its words.
   const showFields = () => {
     if (!listedMessages) return;
@@ -394,16 +449,25 @@
       return;
     }
     let found = 0;
+    const noteOn = (message, field) => [unitOf({ message: message.shown, field }), message.rate && `${Number(message.rate.toPrecision(2))} Hz`].filter(Boolean).join(", ");
     for (const message of listedMessages) {
-      for (const instance of message.instances.length > 1 ? message.instances : [null]) for (const field of message.fields) {
+      for (const instance of message.instances.length > 1 ? message.instances : [null]) for (const [label, fields] of [...elementsOf(message.fields).map(([array, elements]) => [`${array}[all ${elements.length}]`, elements]), ...message.fields.map(field => [field, [field]])]) {
+        const field = label, wanted = fields.map(one => ({ message: message.shown, field: one, instance }));
         const name = fieldName({ message: message.shown, field, instance }), searched = `${name} ${message.message}.${field}`.toLowerCase();
         if (!words.every(word => searched.includes(word)) && !(words.length === 1 && `${message.shown}.${field}`.toLowerCase().startsWith(words[0]))) continue;
         if (++found > MAX_SHOWN_FIELDS) continue;
-        add(name, message.rate ? `${Number(message.rate.toPrecision(2))} Hz` : "", () => plotField({ message: message.shown, field, instance }), fieldPlots.has(name));
+        add(name, noteOn(message, fields[0]), event => plotFields(wanted, event.shiftKey), wanted.every(plotOf));
       }
     }
     if (found > MAX_SHOWN_FIELDS) element("li", `and ${found - MAX_SHOWN_FIELDS} more: add a word`, list, "soft");
     if (!found) element("li", "No field has all these words.", list, "soft");
+  };
+  // An Enter that came while the log was read counts once it is read.
+  let isEnterWaiting = null;
+  const plotFirstField = isAdded => {
+    isEnterWaiting = null;
+    const button = $("fieldlist").querySelector("button[aria-pressed=false]");
+    button?.dispatchEvent(new MouseEvent("click", { shiftKey: isAdded }));
   };
   const listFields = async () => {
     if (listedMessages) return;
@@ -417,11 +481,13 @@
       for (const { shown } of listedMessages) counts.set(shown, (counts.get(shown) ?? 0) + 1);
       for (const message of listedMessages) if (counts.get(message.shown) > 1) message.shown = message.message;
       listedMessages.sort((a, b) => a.shown.localeCompare(b.shown));
-      status.textContent = `${messages.length} messages. Choose a field, and it is plotted with the others.`;
+      status.textContent = `${messages.length} messages. Choose a field, and it is plotted with the others; with Shift, in the last plot.`;
       showFields();
+      if (isEnterWaiting) plotFirstField(isEnterWaiting.shiftKey);
     } catch (error) { status.textContent = error.message; }
   };
-  if (fieldsPart && plots && column && $("bar")) {
+  // A page that an earlier version wrote has no plots that others can be added to.
+  if (fieldsPart && plots?.addLines && column && $("bar")) {
     const details = element("details", "", null, "fields"), label = element("label", "Search ", null), input = element("input", "", label);
     element("summary", "Plot any field of the log", details);
     Object.assign(input, { id: "fieldsearch", type: "search", placeholder: "words of message and field", autocomplete: "off" });
@@ -435,12 +501,17 @@
     input.addEventListener("keydown", event => {
       if (event.key !== "Enter") return;
       event.preventDefault();
-      list.querySelector("button[aria-pressed=false]")?.click();
+      if (listedMessages) return plotFirstField(event.shiftKey);
+      isEnterWaiting = event;
+      status.textContent = "Reading the log; then the first field that is found is plotted …";
     });
     details.addEventListener("toggle", () => { if (details.open) listFields(); });
-    const plotted = new URL(location).searchParams.getAll("plot").map(text => text.split("~")).filter(parts => parts.length === 3);
+    const plotted = new URL(location).searchParams.getAll("plot").map(text => text.split("|").map(part => part.split("~")).filter(parts => parts.length === 3)).filter(fields => fields.length);
     const plotThose = async () => {
-      for (const [message, instance, field] of plotted) await plotField({ message, field, instance: instance ? Number(instance) : null });
+      // The list has the units.
+      details.open = true;
+      await listFields();
+      for (const fields of plotted) await plotFields(fields.map(([message, instance, field]) => ({ message, field, instance: instance ? Number(instance) : null })));
     };
     if (plotted.length) {
       if (plots.groups.flight) plotThose(); else document.documentElement.addEventListener("drawn", plotThose, { once: true });

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet.difference import vehicle_difference
+from mavdem.fleet.parameter_changes import ParameterChange
 from mavdem.fleet.quantities import SHARE
 from mavdem.report.blocks import plain_text
 from mavdem.report.charts.change_plan import change_plan
@@ -27,6 +28,7 @@ from mavdem.report.difference.motors import motor_table
 from mavdem.report.difference.next_step import next_blocks
 from mavdem.report.difference.reviewed import reviewed_difference
 from mavdem.report.pages.difference_page import (
+    MAX_LISTED_PARAMETERS,
     _trim_chart,
     _with_single_side,
     comparison_page,
@@ -392,3 +394,15 @@ def test_a_motor_that_perhaps_became_weaker_is_inspected_before_the_next_flight(
     )
     (step,) = next_blocks(reviewed_difference(difference._replace(changes=(doubtful,))))
     assert step.text.startswith(f"Inspect motor {share.quantity.motor} and its propeller. Then fly")
+
+
+def test_a_page_lists_no_more_parameters_than_an_autopilot_has(difference):
+    parameters = [
+        ParameterChange(f"P{number}", 0.0, 1.0) for number in range(MAX_LISTED_PARAMETERS + 9)
+    ]
+    reviewed = reviewed_difference(
+        difference, {"A": {}, "B": {}}, parameters, (), 2 * len(parameters)
+    )
+    page = comparison_page(("a.bin", "b.bin"), reviewed)
+    assert f">P{MAX_LISTED_PARAMETERS - 1}<" in page and f">P{MAX_LISTED_PARAMETERS}<" not in page
+    assert f"{len(parameters)} of {2 * len(parameters)} parameters changed, the first" in page
