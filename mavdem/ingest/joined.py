@@ -197,15 +197,15 @@ def _joined_pair(earlier: Recording, later: Recording) -> Log:
         Unreadable: The logs are not of one flight.
     """
     gap = _gap_by_utc(earlier, later)
-    separation = _separation_of_vehicles(earlier.vehicle, later.vehicle)
-    if separation is None:
-        separation = _separation_in_time(earlier, later, gap)
-    if separation is not None:
+    reason_against_joining = _separation_of_vehicles(earlier.vehicle, later.vehicle)
+    if reason_against_joining is None:
+        reason_against_joining = _separation_in_time(earlier, later, gap)
+    if reason_against_joining is not None:
         raise Unreadable(
             SourceFact.LOGS_NOT_JOINED,
             path=earlier.log.source,
             other=later.log.source,
-            reason=separation,
+            reason=reason_against_joining,
             duration=gap,
         )
     has_restarted = not _clock_runs_on(earlier, later)
@@ -416,7 +416,7 @@ def _joined_log(earlier: Log, later: Log, vehicle: Telemetry) -> Log:
         The joined log, named after the earlier file.
     """
     components: dict[tuple[int, int], Component] = {}
-    for component in (*earlier.components, *later.components):
+    for component in earlier.components + later.components:
         ids = (component.system, component.component)
         if ids in components:
             component = replace(
@@ -425,8 +425,9 @@ def _joined_log(earlier: Log, later: Log, vehicle: Telemetry) -> Log:
                 lost=components[ids].lost + component.lost,
             )
         components[ids] = component
-    stamps = (*earlier.receive_time, *later.receive_time)
-    known_stamps = [stamp for stamp in stamps if np.isfinite(stamp)]
+    # First and last time of reception of both logs; NaN in a log that does not have them.
+    receive_stamps = np.array([earlier.receive_time, later.receive_time])
+    known_stamps = receive_stamps[np.isfinite(receive_stamps)].tolist()
     return Log(
         source=earlier.source,
         vehicles=(vehicle,),

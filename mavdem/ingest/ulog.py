@@ -76,16 +76,7 @@ def read_ulog(path: PathName) -> Log:
     loss = records.loss
     parsed_records = parse_records(records)
     other_records = parsed_records.other
-    initial_settings = {
-        name: value for name, value in other_records.initial_settings.items() if isfinite(value)
-    }
-    parameters = dict(initial_settings)
-    for setting in other_records.changed_settings:
-        if isfinite(setting.value):
-            parameters[setting.name] = setting.value
-    initial_parameters = {
-        name: value for name, value in initial_settings.items() if value != parameters[name]
-    }
+    parameters, initial_parameters = _last_and_changed_first_values(other_records)
     topics, outlier_count = _cleaned_topics(
         parsed_records.topics, other_records.start_stamp / MICROSECONDS
     )
@@ -172,6 +163,28 @@ def _sound_records_of(path: PathName) -> SoundRecords:
     return records
 
 
+def _last_and_changed_first_values(other_records: OtherRecords) -> tuple[Parameters, Parameters]:
+    """Collects the parameters with a finite value: those at the end of the log, and those before they were changed.
+
+    Args:
+        other_records: The records with the parameters' values when the logger began, and with each later setting.
+
+    Returns:
+        The last value of each parameter by its name, and the first value of those that ended with another one.
+    """
+    initial_values = {
+        name: value for name, value in other_records.initial_settings.items() if isfinite(value)
+    }
+    last_values = dict(initial_values)
+    for setting in other_records.changed_settings:
+        if isfinite(setting.value):
+            last_values[setting.name] = setting.value
+    changed_first_values = {
+        name: value for name, value in initial_values.items() if value != last_values[name]
+    }
+    return last_values, changed_first_values
+
+
 def _status_texts(texts: Sequence[LoggedText]) -> Columns:
     """Makes STATUSTEXT from the N texts that PX4 logged.
 
@@ -205,11 +218,18 @@ def _parameter_values(other_records: OtherRecords) -> Columns:
     Returns:
         Columns (N,) of the N settings in the order of the log, ``time`` in s.
     """
-    initial = other_records.initial_settings
-    changed = other_records.changed_settings
-    stamps = [other_records.start_stamp] * len(initial) + [setting.stamp for setting in changed]
-    names = [*initial, *(setting.name for setting in changed)]
-    values = [*initial.values(), *(setting.value for setting in changed)]
+    # The values when the logger began come first, all of the same time.
+    stamps = []
+    names = []
+    values = []
+    for name, value in other_records.initial_settings.items():
+        stamps.append(other_records.start_stamp)
+        names.append(name)
+        values.append(value)
+    for setting in other_records.changed_settings:
+        stamps.append(setting.stamp)
+        names.append(setting.name)
+        values.append(setting.value)
     return {
         "time": np.array(stamps, np.float64) / MICROSECONDS,
         "boot": np.zeros(len(names), np.int64),
@@ -299,17 +319,17 @@ def _with_ascending_time(fields: Columns, start: float) -> Columns:
 
 
 def _span_without_long_silence(tables: Iterable[Columns]) -> tuple[int, int]:
-    """Returns the first and the last stamp of the part of a log that no silence of ``MAX_SILENCE_SECONDS`` interrupts.
+    """Returns the first and the last stamp of a log, without parts whose stamps are wrong by a day or more.
 
-    The clock of a boot does not jump, so that parts that are further apart have wrong stamps, as those of a log that
-    was put together have. Of several parts the one with most messages is the log.
+    The clock of a boot does not jump. If it pauses for longer than ``MAX_SILENCE_SECONDS``, the stamps on one side are
+    wrong, as in a file that was put together of several logs. Of several parts the one with most messages is the log.
 
     Args:
         tables: columns of each topic, with ``timestamp``, µs. The first message of a topic may be long past, and does
             not count.
 
     Returns:
-        Both stamps, µs; 0 and the largest stamp where no message counts.
+        Both stamps, µs; 0 and the largest possible stamp if no message counts.
     """
     counted_stamps = [table["timestamp"][1:] for table in tables if len(table["timestamp"]) > 1]
     if not counted_stamps:
@@ -320,10 +340,10 @@ def _span_without_long_silence(tables: Iterable[Columns]) -> tuple[int, int]:
     if latest - earliest <= max_silence:
         return earliest, latest
     stamps = np.sort(np.concatenate(counted_stamps))
-    part_starts = np.flatnonzero(np.diff(stamps, prepend=stamps[:1]) > max_silence)
-    part_edges = np.array([0, *part_starts, len(stamps)])
-    largest_part = np.argmax(np.diff(part_edges))
-    return int(stamps[part_edges[largest_part]]), int(stamps[part_edges[largest_part + 1] - 1])
+    later_part_starts = 1 + np.flatnonzero(np.diff(stamps) > max_silence)
+    parts = np.split(stamps, later_part_starts)
+    largest_part = max(parts, key=len)
+    return int(largest_part[0]), int(largest_part[-1])
 
 
 def _file_repairs(other_records: OtherRecords, loss: RecordLoss, outlier_count: int) -> Facts:

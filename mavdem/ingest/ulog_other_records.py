@@ -129,7 +129,7 @@ def is_of_later_format(records: SoundRecords) -> bool:
 def read_other_records(
     records: SoundRecords, other_offsets: Offsets, data_offsets: Offsets
 ) -> OtherRecords:
-    """Reads the records of a file that are not logged data.
+    """Reads the records of a file that are not logged data: information, parameters, texts and dropouts.
 
     A parameter that is set in flight has no stamp: as pyulog does, it is dated to the latest stamp of the data before.
 
@@ -146,40 +146,57 @@ def read_other_records(
     other = OtherRecords(start_stamp)
     latest_stamp = start_stamp
     has_begun_data = False
-    data_before = np.searchsorted(data_offsets, other_offsets)
-    for offset, data_count in zip(other_offsets.tolist(), data_before.tolist(), strict=True):
+    # Number of data records before each of the other records.
+    data_counts = np.searchsorted(data_offsets, other_offsets)
+    for offset, data_count in zip(other_offsets.tolist(), data_counts.tolist(), strict=True):
         length, record_type = HEADER.unpack_from(content, offset)
+        body_offset = offset + HEADER.size
+        record_end = body_offset + length
         has_begun_data = has_begun_data or record_type in START_OF_DATA
-        if record_type in KEY_OFFSETS:
-            record = content[offset : offset + HEADER.size + length]
-            name, value = _name_and_value(record, KEY_OFFSETS[record_type])
-            if record_type == INFORMATION:
-                other.information[name] = value
-            elif isinstance(value, str | bytes):
-                continue
-            elif record_type == DEFAULT:
-                if record[HEADER.size] & FIRMWARE_DEFAULT:
-                    other.firmware_defaults[name] = float(value)
-                if record[HEADER.size] & AIRFRAME_DEFAULT:
-                    other.airframe_defaults[name] = float(value)
-            elif record_type == PARAMETER and has_begun_data:
+        if record_type == PARAMETER and has_begun_data:
+            name, value = _name_and_value(content[offset:record_end], KEY_OFFSETS[PARAMETER])
+            if not isinstance(value, str | bytes):
                 last_offsets = data_offsets[max(data_count - RECORDS_TO_DATE_BY, 0) : data_count]
                 latest_stamp = max(latest_stamp, _latest_stamp(records, last_offsets))
                 setting = ParameterSetting(latest_stamp, name, float(value))
                 other.changed_settings.append(setting)
-            elif record_type == PARAMETER:
-                other.initial_settings[name] = float(value)
+        elif record_type in KEY_OFFSETS:
+            _add_value(other, record_type, content[offset:record_end])
         elif record_type == TEXT:
-            level, stamp = TEXT_HEADER.unpack_from(content, offset + HEADER.size)
-            text_start = offset + HEADER.size + TEXT_HEADER.size
-            text = content[text_start : offset + HEADER.size + length].decode(errors="ignore")
+            level, stamp = TEXT_HEADER.unpack_from(content, body_offset)
+            text = content[body_offset + TEXT_HEADER.size : record_end].decode(errors="ignore")
             other.texts.append(LoggedText(level, stamp, text))
         elif record_type == DROPOUT and has_begun_data:
-            other.dropout_durations.extend(DURATION.unpack_from(content, offset + HEADER.size))
+            other.dropout_durations.extend(DURATION.unpack_from(content, body_offset))
+    # Without this flag of the file, records of the type of default values are damage.
     if not records.flags.compatible & DEFAULTS_FLAG:
         other.firmware_defaults.clear()
         other.airframe_defaults.clear()
     return other
+
+
+def _add_value(other: OtherRecords, record_type: int, record: bytes) -> None:
+    """Adds the value in an information record, a record of a default, or one of a parameter at the logger's start.
+
+    Args:
+        other: Contents of the records so far, which are extended in place.
+        record_type: Type of the record: ``INFORMATION``, ``DEFAULT`` or ``PARAMETER``; others are ignored.
+        record: All bytes of the record, header included. The value of a default or parameter must be a number.
+    """
+    name, value = _name_and_value(record, KEY_OFFSETS[record_type])
+    if record_type == INFORMATION:
+        other.information[name] = value
+    elif isinstance(value, str | bytes):
+        return
+    elif record_type == PARAMETER:
+        other.initial_settings[name] = float(value)
+    elif record_type == DEFAULT:
+        # The first byte after the header has a flag for each kind of default value.
+        kinds = record[HEADER.size]
+        if kinds & FIRMWARE_DEFAULT:
+            other.firmware_defaults[name] = float(value)
+        if kinds & AIRFRAME_DEFAULT:
+            other.airframe_defaults[name] = float(value)
 
 
 def _name_and_value(record: bytes, key_offset: int) -> tuple[str, KeyedValue]:

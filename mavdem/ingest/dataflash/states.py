@@ -97,6 +97,26 @@ class _StateChanges:
     def __len__(self) -> int:
         return len(self.boot)
 
+    def of_boot(self, boot: int) -> "_StateChanges":
+        """Returns the changes in one boot."""
+        is_of_boot = self.boot == boot
+        return _StateChanges(
+            self.boot[is_of_boot],
+            self.time[is_of_boot],
+            self.before[is_of_boot],
+            self.after[is_of_boot],
+        )
+
+
+class _ArmedFlags(NamedTuple):
+    """The flag of armed motors that the messages POWR of one boot have."""
+
+    time: Array
+    """Times (M,) of the messages, s since boot."""
+
+    state: Array
+    """The armed state (M,): ``ARMED`` or ``DISARMED``."""
+
 
 class StateMessages(NamedTuple):
     """Messages of MAVLink with the states of the vehicle, made of the events of a log."""
@@ -111,8 +131,8 @@ class StateMessages(NamedTuple):
 def states_of(tables: Tables, vehicle_type: int) -> StateMessages:
     """Makes HEARTBEAT and EXTENDED_SYS_STATE from the events of a log.
 
-    The armed state is read from EV or from ARM: from the message that has more changes. Changes that it lacks are those
-    of the armed flag in POWR.
+    Armings are reported by EV and, in newer firmware, by ARM: of these the message with more changes is read. Changes
+    that it lacks are added from the flag of armed motors in POWR.
 
     Args:
         tables: Columns of DataFlash's messages, by the name of the message ("ATT").
@@ -125,11 +145,9 @@ def states_of(tables: Tables, vehicle_type: int) -> StateMessages:
     boot_stamps = cache(partial(_boot_stamps, tables))
     changes_by_events = _state_changes(tables, "EV", "Id", ARMED_EVENTS, boot_stamps)
     changes_by_arm_messages = _state_changes(tables, "ARM", "ArmState", ARM_STATES, boot_stamps)
-    armed_changes = (
-        changes_by_arm_messages
-        if len(changes_by_arm_messages) > len(changes_by_events)
-        else changes_by_events
-    )
+    armed_changes = changes_by_events
+    if len(changes_by_arm_messages) > len(changes_by_events):
+        armed_changes = changes_by_arm_messages
     armed_changes = _with_changes_of_power_flags(armed_changes, tables)
     landed_changes = _state_changes(tables, "EV", "Id", LANDED_EVENTS, boot_stamps)
     return StateMessages(
@@ -147,9 +165,8 @@ def _state_changes(
 ) -> _StateChanges:
     """Collects the changes of a state, such as the armed state, from the events of a log.
 
-    What the state was before the first event of a boot follows from that event: it was the one that the event ended. So
-    for each boot with an event an entry is added at its first message, which has this state. The state is then known
-    from the beginning of the boot on.
+    The state before the first event of a boot follows from that event: a disarming shows that the vehicle was armed. So
+    each boot with an event gets another entry at its first message, which has this state before and after it.
 
     Args:
         tables: Columns of DataFlash's messages, by the name of the message ("ATT").
@@ -164,8 +181,8 @@ def _state_changes(
     logged_columns = tables.get(message, {})
     changes: list[_DatedChange] = []
     if field in logged_columns:
-        # Boots that have an entry at their beginning already.
-        boots_with_change = set()
+        # Boots whose state at the beginning has an entry already.
+        boots_with_initial_state = set()
         events = zip(
             logged_columns["boot"].tolist(),
             logged_columns["time"].tolist(),
@@ -176,8 +193,8 @@ def _state_changes(
             change = changes_by_value.get(event)
             if change is None:
                 continue
-            if boot not in boots_with_change:
-                boots_with_change.add(boot)
+            if boot not in boots_with_initial_state:
+                boots_with_initial_state.add(boot)
                 boot_start = float(boot_stamps(boot)[0])
                 changes.append(_DatedChange(boot, boot_start, change.before, change.before))
             changes.append(_DatedChange(boot, time, change.before, change.after))
@@ -193,15 +210,17 @@ def _sorted_changes(changes: list[_DatedChange]) -> _StateChanges:
 
 
 def _with_changes_of_power_flags(event_changes: _StateChanges, tables: Tables) -> _StateChanges:
-    """Adds the changes of the armed flag in POWR that no event reports, in boots that have events.
+    """Adds the armings and disarmings that no event reports, by the flag of armed motors in POWR.
+
+    A log that is written only while the motors are armed may lack the event of the arming itself.
 
     Args:
-        event_changes: Changes of the armed state by EV or ARM, which are dated to the message.
+        event_changes: Armings and disarmings (N,) by the events EV or ARM, dated to the event.
         tables: Columns of DataFlash's messages, by the name of the message ("POWR").
 
     Returns:
-        The changes in the order of boot and time: those of the events alone if POWR has no flag, or never a set one,
-        as in firmware that did not set it.
+        The changes in the order of boot and time, in the boots that have events. If POWR has no flag, or one that is
+        never set, as in older firmware, these are the events alone.
     """
     power = tables.get("POWR", {})
     if "Safety" not in power:
@@ -209,33 +228,72 @@ def _with_changes_of_power_flags(event_changes: _StateChanges, tables: Tables) -
     has_armed_flag = (power["Safety"].astype(np.int64) & ARMED_SAFETY_FLAG) != 0
     if not np.any(has_armed_flag):
         return event_changes
-    flag_states = np.where(has_armed_flag, ARMED, DISARMED)
-
-    changes = []
-    for boot in np.unique(event_changes.boot).astype(int):
-        is_event = event_changes.boot == boot
-        event_time = event_changes.time[is_event]
-        before_event = event_changes.before[is_event]
-        after_event = event_changes.after[is_event]
-        is_flag = power["boot"] == boot
-        flag_time = power["time"][is_flag]
-        flag_state = flag_states[is_flag]
-        if len(flag_time) and flag_time[0] < event_time[1]:
-            # The entry at the beginning of the boot has the state before the first event, which may be a later one.
-            before_event[0] = after_event[0] = flag_state[0]
-        for time, before, after in zip(event_time, before_event, after_event, strict=True):
-            changes.append(_DatedChange(boot, time, before, after))
-        for row in np.flatnonzero(np.diff(flag_state)) + 1:
-            before, after = flag_state[row - 1], flag_state[row]
-            is_same_change = (
-                (event_time >= flag_time[row - 1] - MAX_FLAG_LEAD)
-                & (event_time <= flag_time[row])
-                & (before_event == before)
-                & (after_event == after)
-            )
-            if not np.any(is_same_change):
-                changes.append(_DatedChange(boot, flag_time[row], before, after))
+    armed_state = np.where(has_armed_flag, ARMED, DISARMED)
+    changes: list[_DatedChange] = []
+    for boot in np.unique(event_changes.boot).astype(int).tolist():
+        is_of_boot = power["boot"] == boot
+        flags = _ArmedFlags(power["time"][is_of_boot], armed_state[is_of_boot])
+        events = event_changes.of_boot(boot)
+        changes += _event_changes_of_boot(boot, events, flags)
+        changes += _flag_changes_without_event(boot, events, flags)
     return _sorted_changes(changes)
+
+
+def _event_changes_of_boot(
+    boot: int, events: _StateChanges, flags: _ArmedFlags
+) -> list[_DatedChange]:
+    """Lists the changes of the armed state by the events of one boot, from the state with which the flag begins.
+
+    The first entry changes nothing: it has the state at the beginning of the boot, which is inferred from the first
+    event. A flag before that event shows this state directly, also where the events before it are missing.
+
+    Args:
+        boot: Number of the boot.
+        events: Changes (N,) by the events of the boot; the second one belongs to the first event.
+        flags: Armed flags (M,) of the boot.
+
+    Returns:
+        The N changes.
+    """
+    before = events.before.copy()
+    after = events.after.copy()
+    first_event_time = events.time[1]
+    if len(flags.time) and flags.time[0] < first_event_time:
+        before[0] = flags.state[0]
+        after[0] = flags.state[0]
+    return [_DatedChange(boot, *change) for change in zip(events.time, before, after, strict=True)]
+
+
+def _flag_changes_without_event(
+    boot: int, events: _StateChanges, flags: _ArmedFlags
+) -> list[_DatedChange]:
+    """Lists the changes of the armed flag in one boot that no event reports.
+
+    An event reports a change of the flag if it leads from the same state to the same state, and lies between the
+    message before the change and the message after it, or up to ``MAX_FLAG_LEAD`` earlier.
+
+    Args:
+        boot: Number of the boot.
+        events: Changes (N,) by the events of the boot.
+        flags: Armed flags (M,) of the boot.
+
+    Returns:
+        The changes, dated to the first message with the new state.
+    """
+    changes = []
+    changed_rows = 1 + np.flatnonzero(np.diff(flags.state))
+    for row in changed_rows.tolist():
+        before = flags.state[row - 1]
+        after = flags.state[row]
+        is_reported = (
+            (events.time >= flags.time[row - 1] - MAX_FLAG_LEAD)
+            & (events.time <= flags.time[row])
+            & (events.before == before)
+            & (events.after == after)
+        )
+        if not np.any(is_reported):
+            changes.append(_DatedChange(boot, flags.time[row], before, after))
+    return changes
 
 
 def _heartbeats_of_changes(
@@ -243,22 +301,21 @@ def _heartbeats_of_changes(
 ) -> Columns:
     """Converts the changes of the armed state to a table of HEARTBEATs, five for each change.
 
-    The first has the state after the previous change, the next two the state before this change, the last two the state
-    after it. States come twice because a reader takes a single differing row for damage.
+    The first row has the state after the previous change, the next two the state before this change, the last two the
+    state after it. States come twice because readers of HEARTBEAT ignore a single differing row as damage.
 
-    The first row differs from the second if a change between the two events was not logged. It happened before the last
-    message before this event, so the first three rows get the time of that message.
+    If the state after the previous change is not the one before this change, a change between them was not logged. It
+    is dated to the last message before this change: the first three rows get the time of that message.
 
     Args:
-        changes: The K changes of base_mode.
+        changes: The changes (K,) of the armed state (base_mode), in the order of boot and time.
         vehicle_type: MAV_TYPE.
-        boot_stamps: Function that returns the stamps of a boot.
+        boot_stamps: Function that returns the stamps of all messages of a boot, s, ascending.
 
     Returns:
         Columns (5 K,) of HEARTBEAT.
     """
-    # The number of the boot rises at the first change of each boot. The state after the previous change is in the row
-    # before; for the first change of a boot there is none, and the state before that change is used.
+    # The first change of a boot has no previous change, and the state before it is used.
     is_first_of_boot = np.diff(changes.boot, prepend=-1) > 0
     previous_state = np.where(is_first_of_boot, changes.before, np.roll(changes.after, 1))
     time_before = changes.time.copy()

@@ -208,26 +208,41 @@ def _texts_with_decimal_points(values: bytes, definition: FormatDefinition) -> l
     """
     field_count = len(definition.fields)
     texts = values.strip().split(b", ", field_count - 1)
-    if len(texts) == field_count:
-        return [
-            text.replace(b",", b".") if character not in NON_NUMERIC_CHARACTERS else text
-            for text, character in zip(texts, definition.characters, strict=True)
-        ]
+    if len(texts) != field_count:
+        return _fields_of_pieces(values.split(b","), definition.characters)
+    fields = []
+    for text, character in zip(texts, definition.characters, strict=True):
+        is_numeric = character not in NON_NUMERIC_CHARACTERS
+        fields.append(text.replace(b",", b".") if is_numeric else text)
+    return fields
+
+
+def _fields_of_pieces(pieces: list[bytes], characters: str) -> list[bytes]:
+    """Joins the pieces of a line that was split at all commas, also at the decimal commas of its numbers.
+
+    A number with a fraction has two pieces, its integer part and its fraction; every other field has one.
+
+    Args:
+        pieces: The pieces between the commas ("1000", "0", "5").
+        characters: Format character of each field, which says whether it can have a fraction.
+
+    Returns:
+        The text of each field, with decimal points ("1000", "0.5"); empty if there are not as many pieces as this
+        needs, because some numbers were written without a fraction.
+    """
     # Format characters of fields without a fraction: integers, texts and arrays.
     whole_characters = INTEGER_CHARACTERS + NON_NUMERIC_CHARACTERS
-    fraction_count = sum(character not in whole_characters for character in definition.characters)
-    # Each comma separates two pieces, so that a number with a fraction has two.
-    pieces = values.split(b",")
-    if len(pieces) != field_count + fraction_count:
+    piece_counts = [1 if character in whole_characters else 2 for character in characters]
+    if len(pieces) != sum(piece_counts):
         return []
-    texts = []
+    fields = []
     next_piece = 0
-    for character in definition.characters:
-        if character in whole_characters:
-            texts.append(pieces[next_piece])
-            next_piece += 1
+    for piece_count in piece_counts:
+        parts = pieces[next_piece : next_piece + piece_count]
+        if piece_count == 1:
+            fields.append(parts[0])
         else:
-            integer_part, fraction = pieces[next_piece : next_piece + 2]
-            texts.append(integer_part.strip() + b"." + fraction.strip())
-            next_piece += 2
-    return texts
+            integer_part, fraction = parts
+            fields.append(integer_part.strip() + b"." + fraction.strip())
+        next_piece += piece_count
+    return fields

@@ -77,14 +77,14 @@ def _vibration_by_imu(vibe: Columns) -> list[Columns]:
 
 
 def _clip_counter(imus: Sequence[Columns], number: int) -> NDArray[Any]:
-    """Returns the counter (N,) of the clips of one IMU; zeros if there is none.
+    """Returns how many samples of one IMU's accelerometer were beyond its range so far (clips).
 
     Args:
-        imus: the rows of VIBE by IMU, N of each.
-        number: number of the IMU, from 0.
+        imus: The rows of VIBE by IMU, N of each.
+        number: Number of the IMU, from 0.
 
     Returns:
-        The number of clips so far (N,), for each row of the first IMU.
+        The counter of clips (N,) at each row; zeros if the IMU has no counter.
     """
     if "Clip" in imus[0]:
         # Each IMU's messages have its own counter.

@@ -152,6 +152,7 @@ def _reboot_rows(time: Times) -> Rows:
     Returns:
         The first row of each boot after the first one, ascending.
     """
+    # The highest of the ``MIN_RESET_STAMPS`` stamps from each row on.
     highest_ahead = _highest_ahead(time, MIN_RESET_STAMPS)
     if not (highest_ahead < np.maximum.accumulate(time) - MIN_RESET_STEP).any():
         return np.zeros(0, dtype=np.int64)
@@ -159,27 +160,25 @@ def _reboot_rows(time: Times) -> Rows:
     rising_steps = rising_steps[rising_steps > 0]
     median_step = float(np.median(rising_steps)) if len(rising_steps) else MAX_LATE_SECONDS
     late_stamps = min(len(time), MIN_RESET_STAMPS + round(MAX_LATE_SECONDS / median_step))
+    # The same of the stamps that arrive within ``MAX_LATE_SECONDS``.
     highest_far_ahead = _highest_ahead(time, late_stamps)
     reboot_rows = []
     highest_of_boot = -np.inf
-    # Each stamp comes with the highest of the ``MIN_RESET_STAMPS`` from it on, and of those of ``MAX_LATE_SECONDS``.
     stamps = zip(time.tolist(), highest_ahead.tolist(), highest_far_ahead.tolist(), strict=True)
     for row, (stamp, highest_near, highest_far) in enumerate(stamps):
-        is_near_zero = stamp <= MAX_RESTART_TIME
-        has_fallen_far = highest_near < highest_of_boot - MAX_LATE_SECONDS
-        if is_near_zero and has_fallen_far:
-            has_restarted = True
-        elif is_near_zero:
-            has_fallen = highest_near < highest_of_boot - MIN_RESET_STEP
-            stays_below = highest_far < highest_of_boot - MIN_RESET_STEP
-            following_stamps = time[row : row + late_stamps]
-            has_restarted = stays_below or (
-                has_fallen and rises_steadily(following_stamps, highest_of_boot, median_step)
-            )
-        elif has_fallen_far:
-            has_restarted = highest_far < highest_of_boot - MIN_RESET_STEP
+        fall_near = highest_of_boot - highest_near
+        fall_far = highest_of_boot - highest_far
+        has_fallen_far = fall_near > MAX_LATE_SECONDS
+        if stamp <= MAX_RESTART_TIME:
+            has_restarted = has_fallen_far or fall_far > MIN_RESET_STEP
+            if not has_restarted and fall_near > MIN_RESET_STEP:
+                # The former clock returns within ``MAX_LATE_SECONDS``, but perhaps as the clock of a new boot that
+                # rises to it step by step.
+                following_stamps = time[row : row + late_stamps]
+                has_restarted = rises_steadily(following_stamps, highest_of_boot, median_step)
         else:
-            has_restarted = False
+            # Messages of another time may be mixed in: the clock must stay below the former one.
+            has_restarted = has_fallen_far and fall_far > MIN_RESET_STEP
         if has_restarted:
             reboot_rows.append(row)
             highest_of_boot = stamp

@@ -42,6 +42,7 @@ def assign_times_to_unstamped_messages(
     if not untimed_types:
         return
     first_type = min(timed_types, key=lambda readings: int(readings.positions[0]))
+    # Messages before the first stamped one get its time; the loop below replaces the times of all others.
     for untimed in untimed_types:
         untimed.set_times(0, first_type.time[:1], first_type.boot[:1])
     for readings in _merged_in_stream_order(timed_types):
@@ -91,11 +92,13 @@ def _unmixed_reboots(timed_types: Sequence[ClockReadings]) -> list[_Reboot]:
                 first_time=float(readings.time[row + 1]),
                 boot=boot,
             )
-            # Each message type shows the restart. The last stamp before it and the first one after it, of all types,
-            # are the nearest to the restart.
-            other = reboots.get(boot, reboot)
-            earliest = min(reboot, other, key=lambda candidate: candidate.first_position)
-            last_position = max(reboot.last_position, other.last_position)
+            # Each message type shows the same restart. The last stamp before it and the first one after it, of all
+            # types, are the nearest to the restart.
+            reboot_by_former_types = reboots.get(boot, reboot)
+            earliest = min(
+                reboot, reboot_by_former_types, key=lambda candidate: candidate.first_position
+            )
+            last_position = max(reboot.last_position, reboot_by_former_types.last_position)
             reboots[boot] = earliest._replace(last_position=last_position)
     ordered = [reboots[boot] for boot in sorted(reboots)]
     return [reboot for reboot in ordered if reboot.last_position < reboot.first_position]
@@ -137,16 +140,17 @@ class _UntimedMessages(NamedTuple):
     """Positions of the m messages in the stream."""
 
     def set_times(self, first: int, time: Times, boot: Rows) -> None:
-        """Sets the times of these messages from one on to the last.
+        """Sets the times and boots of the last m − first of these messages, from message ``first`` on.
 
         Args:
-            first: Number of the first of the m messages whose time is set.
+            first: Number of the first message whose time is set, 0 to m.
             time: Times (m − first,), s, or one (1,) for all.
             boot: Numbers of the boots, likewise. In a log of a single boot they cannot be written to, and stay 0.
         """
-        self.times.time[self.rows[first:]] = time
+        changed_rows = self.rows[first:]
+        self.times.time[changed_rows] = time
         if self.times.boot.flags.writeable:
-            self.times.boot[self.rows[first:]] = boot
+            self.times.boot[changed_rows] = boot
 
     def move_to_next_boot(self, reboot: _Reboot, receive_times: ReceiveTimes) -> None:
         """Assigns the messages that a restarted autopilot sent before its first stamped message to the new boot.
@@ -219,7 +223,9 @@ def _merged_in_stream_order(timed_types: Sequence[ClockReadings]) -> Iterator[Cl
             first_row, end_row = np.searchsorted(readings.positions, bounds).tolist()
             sections.append(readings.select(slice(first_row, end_row)))
         merged = ClockReadings(
-            *(np.concatenate(columns) for columns in zip(*sections, strict=True))
+            np.concatenate([section.positions for section in sections]),
+            np.concatenate([section.time for section in sections]),
+            np.concatenate([section.boot for section in sections]),
         )
         if len(merged.positions):
             yield merged.select(np.argsort(merged.positions, kind="stable"))

@@ -129,7 +129,7 @@ class _VehicleTrack:
         return self.clock_advances >= MIN_CLOCK_STEPS
 
     def add(self, reading: Reading) -> None:
-        """Makes a reading the latest of this vehicle, and counts whether its clock is ahead of the reading before.
+        """Stores a reading as the latest of this vehicle, and counts it if its clock is ahead of the reading before.
 
         Args:
             reading: time since boot, s, and heading or position where they were sent; otherwise they are NaN.
@@ -164,13 +164,12 @@ class _VehicleTrack:
             seconds = abs(reading.clock - position.clock)
             if distance > MAX_POSITION_DIFFERENCE + MAX_SPEED * seconds:
                 return Contradiction.POSITION
-        former = self.latest_heading
-        if former is not None and not isnan(reading.heading):
-            # The smaller of the two angles between the headings.
-            turn = abs(reading.heading - former.heading) % (2 * pi)
-            turn = min(turn, 2 * pi - turn)
-            seconds = abs(reading.clock - former.clock)
-            if turn > MAX_HEADING_DIFFERENCE + MAX_YAW_RATE * seconds:
+        heading = self.latest_heading
+        if heading is not None and not isnan(reading.heading):
+            turn = abs(reading.heading - heading.heading) % (2 * pi)
+            smaller_turn = min(turn, 2 * pi - turn)
+            seconds = abs(reading.clock - heading.clock)
+            if smaller_turn > MAX_HEADING_DIFFERENCE + MAX_YAW_RATE * seconds:
                 return Contradiction.HEADING
         return None
 
@@ -227,17 +226,18 @@ class VehicleTracks:
         if not isnan(reading.heading):
             self._reading_counts[Contradiction.HEADING] += 1
             self._latest_heading = reading
-        contradictions = []
         for row, track in enumerate(self._tracks):
-            contradiction = track.contradiction(reading)
-            if contradiction is not None:
-                contradictions.append(contradiction)
+            if track.contradiction(reading) is not None:
                 continue
             track.add(reading)
             if row > 0:
-                if track.has_advancing_clock and self._tracks[0].has_advancing_clock:
-                    contradiction_to_first_track = contradictions[0]
-                    self._record_switch(contradiction_to_first_track)
+                most_recent_track = self._tracks[0]
+                contradiction = most_recent_track.contradiction(reading)
+                have_advancing_clocks = (
+                    track.has_advancing_clock and most_recent_track.has_advancing_clock
+                )
+                if contradiction is not None and have_advancing_clocks:
+                    self._record_switch(contradiction)
                 self._tracks.insert(0, self._tracks.pop(row))
             return
         new_track = _VehicleTrack(reading)

@@ -100,28 +100,19 @@ def assemble(stream: FrameStream) -> Log:
     Raises:
         Unreadable: The only vehicles are two with the same ids.
     """
+    sender_streams, is_first = _streams_by_sender(stream)
     frames = stream.frames
-    sender_ids = _sender_ids(frames)
-    sender_streams = {}
-    is_first = np.ones(len(frames), dtype=np.bool_)
-    for sender_id, rows in rows_by_value(sender_ids).items():
-        sender_stream = sender_stream_of(stream.data, frames, rows)
-        sender_streams[sender_id] = sender_stream
-        if sender_stream.copies:
-            is_first[rows] = sender_stream.is_first
     if not is_first.all():
         frames = frames[is_first]
-        sender_ids = sender_ids[is_first]
-    del is_first
+    sender_ids = _sender_ids(frames)
     frames_of_senders = _matching_frames(frames, sender_ids)
     unread = tuple(_unread_frames(frames, sender_ids, frames_of_senders))
     # These take tens of megabytes for a recording of hours.
-    del frames, sender_ids
+    del frames, sender_ids, is_first
     records = []
     for sender_id, frames_of_messages in frames_of_senders.items():
-        records.append(
-            _component_record(stream, sender_id, frames_of_messages, sender_streams[sender_id])
-        )
+        sender_stream = sender_streams[sender_id]
+        records.append(_component_record(stream, sender_id, frames_of_messages, sender_stream))
     stream_repairs = _stream_repairs(stream, unread)
     vehicles = []
     shared_ids = []
@@ -289,6 +280,28 @@ def _unread_frames(
         )
 
 
+def _streams_by_sender(
+    stream: FrameStream,
+) -> tuple[dict[int, SenderStream], NDArray[np.bool_]]:
+    """Groups the frames of a recording by sender, and finds losses and copies among the frames of each.
+
+    Args:
+        stream: The frames (N,) of a recording.
+
+    Returns:
+        The stream of each sender, by system id << 8 | component id; and flags (N,) of the frames that are no copies,
+        such as those that were received over a second link.
+    """
+    sender_streams = {}
+    is_first = np.ones(len(stream.frames), dtype=np.bool_)
+    for sender_id, rows in rows_by_value(_sender_ids(stream.frames)).items():
+        sender_stream = sender_stream_of(stream.data, stream.frames, rows)
+        sender_streams[sender_id] = sender_stream
+        if sender_stream.copies:
+            is_first[rows] = sender_stream.is_first
+    return sender_streams, is_first
+
+
 def _component_record(
     stream: FrameStream,
     sender_id: int,
@@ -433,21 +446,7 @@ def _messages_on_boot_clock(
         _message_stamps(stream.data, definitions[message_id], starts)
         for message_id, starts in frames_of_messages.items()
     ]
-    repairs: Facts = ()
-    blocks = _blocks_of_other_recordings(stream, message_stamps)
-    if blocks:
-        kept_stamps = []
-        count = 0
-        for stamps in message_stamps:
-            is_kept = outside_blocks(blocks, stamps.positions)
-            count += int(np.count_nonzero(~is_kept))
-            if is_kept.any():
-                definition = definitions_by_name()[stamps.message]
-                kept_starts = stamps.positions[is_kept]
-                kept_stamps.append(_message_stamps(stream.data, definition, kept_starts))
-        message_stamps = kept_stamps
-        duration = sum(block.duration for block in blocks)
-        repairs = repair_facts(Repair.OTHER_CLOCK_LEFT_OUT, count=count, duration=duration)
+    message_stamps, repairs = _without_other_recordings(stream, message_stamps)
     boot_times, clock_repairs = boot_clock(
         message_stamps, lambda positions: _receive_times(stream, positions)
     )
@@ -465,6 +464,35 @@ def _messages_on_boot_clock(
             stream.data, starts, definition, times, decoded_columns
         )
     return tables, repairs + clock_repairs
+
+
+def _without_other_recordings(
+    stream: FrameStream, message_stamps: list[MessageStamps]
+) -> tuple[list[MessageStamps], Facts]:
+    """Leaves out the messages of one component that belong to another recording, such as an earlier flight.
+
+    Args:
+        stream: MAVLink frames of the recording, with their receive stamps.
+        message_stamps: The component's messages by type, with the stamps of their fields.
+
+    Returns:
+        The messages outside the blocks of other recordings, and a fact that reports what was left out.
+    """
+    blocks = _blocks_of_other_recordings(stream, message_stamps)
+    if not blocks:
+        return message_stamps, ()
+    stamps_outside_blocks = []
+    left_out_count = 0
+    for stamps in message_stamps:
+        is_outside = outside_blocks(blocks, stamps.positions)
+        left_out_count += int(np.count_nonzero(~is_outside))
+        if is_outside.any():
+            definition = definitions_by_name()[stamps.message]
+            starts = stamps.positions[is_outside]
+            stamps_outside_blocks.append(_message_stamps(stream.data, definition, starts))
+    duration = sum(block.duration for block in blocks)
+    repairs = repair_facts(Repair.OTHER_CLOCK_LEFT_OUT, count=left_out_count, duration=duration)
+    return stamps_outside_blocks, repairs
 
 
 def _blocks_of_other_recordings(

@@ -315,23 +315,34 @@ def _frames_of_json(content: bytes, topics: Mapping[int, JsonTopic]) -> _JsonMes
         else:
             frame = encode_frame(json_message.payload, definition, topic.sender, sequence)
             recorded_frames.append(_RecordedBytes(message_number, message.log_time, frame))
-    names = [name for name, _ in unknown_messages.most_common(MAX_REPORTED_NAMES)]
-    repairs = (
-        *repair_facts(
-            Repair.LOGGED_MESSAGES_LEFT_OUT,
-            count=undecodable_topics.total(),
-            flaw=Flaw.UNDECODABLE,
-            names=sorted(undecodable_topics),
-        ),
-        *repair_facts(
-            Repair.JSON_OF_NO_DIALECT,
-            count=unknown_messages.total(),
-            names=names,
-            more=len(unknown_messages) - len(names),
-        ),
-    )
+    repairs = _json_repairs(unknown_messages, undecodable_topics)
     unread_messages = unknown_messages.total() + undecodable_topics.total()
     return _JsonMessages(_frames_of_channel(recorded_frames), unread_messages, repairs)
+
+
+def _json_repairs(unknown_messages: Counter[str], undecodable_topics: Counter[str]) -> Facts:
+    """Reports the JSON messages that cannot be encoded as MAVLink frames.
+
+    Args:
+        unknown_messages: Number of messages whose name MAVLink's definitions do not have, by this name.
+        undecodable_topics: Number of messages with a damaged or missing field, by topic.
+
+    Returns:
+        A fact for each of the two causes that occurred.
+    """
+    repairs = repair_facts(
+        Repair.LOGGED_MESSAGES_LEFT_OUT,
+        count=undecodable_topics.total(),
+        flaw=Flaw.UNDECODABLE,
+        names=sorted(undecodable_topics),
+    )
+    names = [name for name, _ in unknown_messages.most_common(MAX_REPORTED_NAMES)]
+    return repairs + repair_facts(
+        Repair.JSON_OF_NO_DIALECT,
+        count=unknown_messages.total(),
+        names=names,
+        more=len(unknown_messages) - len(names),
+    )
 
 
 def _no_mavlink_fact(source: str, recording: McapRecording, candidates: int) -> Fact:

@@ -38,15 +38,15 @@ EDGE_MESSAGES = 50
 def with_joined_clocks(
     stamps: Mapping[str, Integers], positions: Mapping[str, Integers], receive_times: ReceiveTimes
 ) -> tuple[dict[str, Integers], Facts]:
-    """Moves the stamps after each setting of the clock to the clock before it.
+    """Undoes each setting of the autopilot's clock: the stamps after it are moved to the clock before it.
 
-    The offset of a stamp from the time of reception jumps where the clock was set. The autopilot did not restart, since
-    its messages continue without a pause. The delay of a message is not changed.
+    Where the clock is set, the offset of the stamps from the times of reception jumps, but the messages continue
+    without a pause, unlike at a restart of the autopilot. The jump is subtracted from all later stamps.
 
     Args:
         stamps: Stamps (n,) of each topic, ns; 0 for none.
         positions: Numbers (n,) of the messages of each topic in the recording.
-        receive_times: Reception time of each message.
+        receive_times: When each message was recorded, UNIX ns, by its number in the recording.
 
     Returns:
         The stamps on one clock, and a fact that reports the setting if there was one.
@@ -56,39 +56,58 @@ def with_joined_clocks(
         return dict(stamps), ()
     all_positions = np.concatenate([positions[name] for name in names])
     all_stamps = np.concatenate([stamps[name] for name in names])
-    stamped_rows = np.argsort(all_positions, kind="stable")
-    stamped_rows = stamped_rows[all_stamps[stamped_rows] > 0]
+    # Rows of the messages with a stamp, in the order of the recording.
+    recorded_order = np.argsort(all_positions, kind="stable")
+    stamped_rows = recorded_order[all_stamps[recorded_order] > 0]
+    if not len(stamped_rows):
+        return dict(stamps), ()
     receive_stamps = np.array(
         [receive_times[position] for position in all_positions[stamped_rows].tolist()]
     )
-    ordered_stamps = all_stamps[stamped_rows]
-    if not len(stamped_rows):
-        return dict(stamps), ()
-    # Offsets are taken from the first one, so that floats resolve them to a microsecond.
-    offsets = (ordered_stamps - receive_stamps) - (ordered_stamps[0] - receive_stamps[0])
-    offset_seconds = offsets / NANOSECONDS
-    typical_offsets = scipy.ndimage.median_filter(offset_seconds, OFFSET_WINDOW, mode="mirror")
-    shifts = np.zeros(len(stamped_rows), dtype=np.int64)
-    settings_count = 0
-    for row in (1 + np.flatnonzero(abs(np.diff(typical_offsets)) > MAX_STAMP_DEVIATION)).tolist():
-        offset_before = np.median(offset_seconds[max(row - EDGE_MESSAGES, 0) : row])
-        offset_after = np.median(offset_seconds[row : row + EDGE_MESSAGES])
-        reads_nearly_zero = ordered_stamps[row] / NANOSECONDS <= MAX_RESTART_TIME
-        max_silence = MAX_SILENCE_BEFORE_ZERO if reads_nearly_zero else MAX_SILENCE
-        if (receive_stamps[row] - receive_stamps[row - 1]) / NANOSECONDS > max_silence:
-            continue
-        jump = round((offset_after - offset_before) * NANOSECONDS)
-        # Around the setting a message may have been stamped before it and recorded after it.
-        is_after = np.arange(len(stamped_rows)) >= row
-        near_rows = slice(max(row - EDGE_MESSAGES, 0), row + EDGE_MESSAGES)
-        is_after[near_rows] = abs(offset_seconds[near_rows] - offset_after) < abs(
-            offset_seconds[near_rows] - offset_before
-        )
-        shifts[is_after] -= jump
-        settings_count += 1
+    shifts, settings_count = _shifts_of_stamps(all_stamps[stamped_rows], receive_stamps)
     joined_stamps = all_stamps.copy()
     joined_stamps[stamped_rows] += shifts
     message_counts = [len(stamps[name]) for name in names]
     stamps_of_names = np.split(joined_stamps, np.cumsum(message_counts)[:-1])
     repairs = repair_facts(Repair.CLOCK_SET, count=settings_count)
     return dict(stamps) | dict(zip(names, stamps_of_names, strict=True)), repairs
+
+
+def _shifts_of_stamps(stamps: Integers, receive_stamps: Integers) -> tuple[Integers, int]:
+    """Computes by how much each stamp must be moved so that the clock seems never to have been set.
+
+    Args:
+        stamps: Stamps (N,) of all messages in the order of the recording, ns.
+        receive_stamps: Their times of reception (N,), UNIX ns.
+
+    Returns:
+        The shifts (N,), ns, and the number of settings.
+    """
+    # Offsets are taken from the first one, so that floats resolve them to a microsecond.
+    offsets = (stamps - receive_stamps) - (stamps[0] - receive_stamps[0])
+    offset_seconds = offsets / NANOSECONDS
+    typical_offsets = scipy.ndimage.median_filter(offset_seconds, OFFSET_WINDOW, mode="mirror")
+    jump_rows = 1 + np.flatnonzero(abs(np.diff(typical_offsets)) > MAX_STAMP_DEVIATION)
+    shifts = np.zeros(len(stamps), dtype=np.int64)
+    settings_count = 0
+    for row in jump_rows.tolist():
+        # A longer silence before the jump is a restart of the autopilot, whose clock begins again.
+        silence = (receive_stamps[row] - receive_stamps[row - 1]) / NANOSECONDS
+        reads_nearly_zero = stamps[row] / NANOSECONDS <= MAX_RESTART_TIME
+        max_silence = MAX_SILENCE_BEFORE_ZERO if reads_nearly_zero else MAX_SILENCE
+        if silence > max_silence:
+            continue
+        edge_start = max(row - EDGE_MESSAGES, 0)
+        edge_end = row + EDGE_MESSAGES
+        offset_before = np.median(offset_seconds[edge_start:row])
+        offset_after = np.median(offset_seconds[row:edge_end])
+        # A message may have been stamped before the setting and recorded after it. So near the setting each stamp
+        # belongs to the clock whose offset is nearer to its own.
+        is_after = np.arange(len(stamps)) >= row
+        offsets_at_edge = offset_seconds[edge_start:edge_end]
+        distance_before = abs(offsets_at_edge - offset_before)
+        distance_after = abs(offsets_at_edge - offset_after)
+        is_after[edge_start:edge_end] = distance_after < distance_before
+        shifts[is_after] -= round((offset_after - offset_before) * NANOSECONDS)
+        settings_count += 1
+    return shifts, settings_count

@@ -283,12 +283,13 @@ def _px4_telemetry(
         The vehicle with its messages; None if the topics hold no flight.
     """
     topics, repairs = _on_boot_clock(tables, receive_times, STAMP_UNITS[PX4_BRIDGE])
-    instances = {}
+    topics_on_one_clock = {}
     for name, columns in topics.items():
-        one_clock = {**columns, "time": columns["time"] + BOOT_INTERVAL * columns["boot"]}
-        time_order = np.argsort(one_clock["time"], kind="stable")
-        instances[name] = {0: selected_rows(one_clock, time_order)}
-    translation = messages_of_topics(instances, {})
+        time = columns["time"] + BOOT_INTERVAL * columns["boot"]
+        time_order = np.argsort(time, kind="stable")
+        # Each topic has one instance, number 0.
+        topics_on_one_clock[name] = {0: selected_rows({**columns, "time": time}, time_order)}
+    translation = messages_of_topics(topics_on_one_clock, parameters={})
     if not translation.messages:
         return None
     messages = {}
@@ -350,36 +351,25 @@ def _mavros_telemetry(
 def _on_boot_clock(
     tables: Mapping[str, TopicColumns], receive_times: ReceiveTimes, stamp_units: Mapping[str, int]
 ) -> tuple[Tables, Facts]:
-    """Puts the topics of one vehicle on its boot clock.
+    """Puts the topics of one vehicle on its boot clock, the time since the autopilot started.
 
-    Stamps are added up as integers of nanoseconds and moved to an origin near the flight before they become floats:
-    floats of seconds since 1970 do not resolve a microsecond. Messages without a stamp, or with one before the origin,
-    are left out.
+    Stamps are integers of nanoseconds, and are moved to an origin near the flight before they become floats: floats of
+    seconds since 1970 do not resolve a microsecond. Messages without a stamp, or with one before the origin, are left
+    out.
 
     Args:
         tables: The topics by name.
         receive_times: Reception time of each message.
-        stamp_units: Fields that together are the stamp of a message, and the unit of each, ns.
+        stamp_units: Fields whose sum is the stamp of a message, and the unit of each, ns.
 
     Returns:
         The topics' columns with ``time``, s, and ``boot``, without messages whose stamps are missing or wrong; and
         facts that report what was repaired.
     """
-    stamps: dict[str, Integers] = {}
-    for name, table in tables.items():
-        summands = [
-            _stamps_in_nanoseconds(table.columns[field], unit)
-            for field, unit in stamp_units.items()
-        ]
-        stamps[name] = np.sum(summands, axis=0)
-    # A counter that wraps looks like a clock that is set; that is undone later.
-    steady_stamps = {name: values for name, values in stamps.items() if name not in WRAP_PERIODS}
-    steady_positions = {name: tables[name].positions for name in steady_stamps}
-    joined_stamps, joining = with_joined_clocks(steady_stamps, steady_positions, receive_times)
-    stamps |= joined_stamps
+    stamps, repairs = _stamps_of_topics(tables, receive_times, stamp_units)
     all_stamps = np.concatenate([*stamps.values(), np.empty(0, dtype=np.int64)])
-    origin, repairs = _time_origin(all_stamps[all_stamps > 0])
-    repairs = joining + repairs
+    origin, origin_repairs = _time_origin(all_stamps[all_stamps > 0])
+    repairs += origin_repairs
     is_usable: dict[str, Flags] = {}
     message_stamps = []
     unusable_count = 0
@@ -404,6 +394,35 @@ def _on_boot_clock(
         columns = selected_rows(tables[name].columns, rows)
         columns_on_boot_clock[name] = columns | {"time": time[is_new], "boot": boot[is_new]}
     return columns_on_boot_clock, repairs + clock_repairs
+
+
+def _stamps_of_topics(
+    tables: Mapping[str, TopicColumns], receive_times: ReceiveTimes, stamp_units: Mapping[str, int]
+) -> tuple[dict[str, Integers], Facts]:
+    """Reads the time stamps of all topics of one vehicle, and undoes settings of its clock during the recording.
+
+    Args:
+        tables: The topics by name.
+        receive_times: Reception time of each message.
+        stamp_units: Fields whose sum is the stamp of a message, and the unit of each, ns.
+
+    Returns:
+        The stamps (n,) of each topic, ns, 0 for none; and a fact that reports the settings if there were some.
+    """
+    stamps: dict[str, Integers] = {}
+    for name, table in tables.items():
+        summands = [
+            _stamps_in_nanoseconds(table.columns[field], unit)
+            for field, unit in stamp_units.items()
+        ]
+        stamps[name] = np.sum(summands, axis=0)
+    # Where a counter wraps, it would be taken for a clock that is set. Wraps are undone later.
+    stamps_without_wraps = {
+        name: values for name, values in stamps.items() if name not in WRAP_PERIODS
+    }
+    positions = {name: tables[name].positions for name in stamps_without_wraps}
+    joined_stamps, repairs = with_joined_clocks(stamps_without_wraps, positions, receive_times)
+    return stamps | joined_stamps, repairs
 
 
 MIN_UNIX_STAMP = 10**9 * SECOND
