@@ -122,15 +122,8 @@ def generative_model(
     p = settings.p
     d = settings.d
     motors = record.inputs.shape[1]
-    # With the regulated prior the first m states are the outputs. The hidden states form a chain, and one more
-    # derivative of the last output is needed for each of them.
-    max_order = m + p
     if settings.prior == "regulated":
-        is_too_high = n > max_order and not settings.last_derivative_zero
-        if n < m or is_too_high:
-            raise ValueError(
-                f"order must be between {m} and {max_order} with {m} outputs and p = {p}, not {n}"
-            )
+        _require_regulated_order(settings, m)
     r = motors + 1 if scaling.constant else motors
     smoothness = _noise_smoothness(settings, record.dt)
     q = p if settings.last_derivative_zero else p - 1
@@ -157,6 +150,25 @@ def generative_model(
             lambda_precision=np.diag(np.exp(settings.lambda_log_precision)),
         ),
     )
+
+
+def _require_regulated_order(settings: CompleteSettings, m: int) -> None:
+    """Raises ValueError unless a model with the regulated prior can have the order in the settings.
+
+    The first m states are the outputs. The hidden states form a chain, and one more derivative of the last output is
+    needed for each of them.
+
+    Args:
+        settings: order n and embedding order p of the fit.
+        m: number of outputs.
+    """
+    n = settings.order
+    max_order = m + settings.p
+    is_too_high = n > max_order and not settings.last_derivative_zero
+    if n < m or is_too_high:
+        raise ValueError(
+            f"order must be between {m} and {max_order} with {m} outputs and p = {settings.p}, not {n}"
+        )
 
 
 def _parameter_prior(

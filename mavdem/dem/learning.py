@@ -167,37 +167,44 @@ def complete_settings(settings: Settings, record: Record) -> CompleteSettings:
     if order is None:
         # The additional state represents the lag between motor output and torque.
         order = record.outputs.shape[1] + 1
-    d = min(DEFAULT_INPUT_ORDER, settings.p) if settings.d is None else settings.d
+    d = settings.d
+    if d is None:
+        d = min(DEFAULT_INPUT_ORDER, settings.p)
     precision = settings.parameter_precision
     if precision is None:
         is_regulated = settings.prior == "regulated"
         precision = PARAMETER_PRECISION if is_regulated else OTHER_PARAMETER_PRECISION
 
-    if settings.window is None:
+    window = settings.window
+    if window is None:
         # A derivative of order k needs at least k + 1 samples.
         min_window = max(settings.p, d) + 1
-        # The usual window is tried first, and then the shortest.
-        usual_window = _odd_window(EMBEDDING_SECONDS / record.dt, min_window)
-        windows = [usual_window, _odd_window(0, min_window)]
-    else:
-        windows = [settings.window]
-    for window in windows:
-        # There are derivatives only at samples with a whole window, which must be half of all samples.
-        if record.window_count(window) >= len(record) // 2:
-            chosen = {
-                "order": order,
-                "d": d,
-                "window": window,
-                "parameter_precision": precision,
-            }
-            return CompleteSettings(**(vars(settings) | chosen))
+        window = _odd_window(EMBEDDING_SECONDS / record.dt, min_window)
+        if not _has_enough_windows(record, window):
+            window = _odd_window(0, min_window)
+    if _has_enough_windows(record, window):
+        chosen_values = {
+            "order": order,
+            "d": d,
+            "window": window,
+            "parameter_precision": precision,
+        }
+        return CompleteSettings(**(vars(settings) | chosen_values))
     raise NotLearnable(
         ModelRefusal.TOO_SHORT_FOR_WINDOW,
-        window=windows[-1],
-        least_samples=2 * windows[-1],
+        window=window,
+        least_samples=2 * window,
         samples=len(record),
         longest=record.longest_segment,
     )
+
+
+def _has_enough_windows(record: Record, window: int) -> bool:
+    """Returns whether at least half of the samples of a record have a whole window of samples in their segment.
+
+    Only these samples have derivatives.
+    """
+    return record.window_count(window) >= len(record) // 2
 
 
 def _odd_window(samples: float, min_window: int) -> int:

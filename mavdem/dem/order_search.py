@@ -151,10 +151,10 @@ class BlackBoxData:
             [np.repeat(np.arange(p + 1), m), np.repeat(np.arange(p), r)]
         )
         unit_per_column = time_unit**derivative_orders
-        precision_per_input = np.full(
-            r, KNOWN_INPUT_PRECISION if known_inputs else UNKNOWN_INPUT_PRECISION
-        )
-        precision_per_input[recorded_inputs:] = KNOWN_INPUT_PRECISION
+        # The constant input is known in any case.
+        precision_per_input = np.full(r, KNOWN_INPUT_PRECISION)
+        if not known_inputs:
+            precision_per_input[:recorded_inputs] = UNKNOWN_INPUT_PRECISION
         return cls(
             SufficientStatistics.from_segments(data * unit_per_column),
             r=r,
@@ -247,18 +247,18 @@ def embed_by_kernel(
         samples around which the whole kernel lies in the signal. Empty if the kernel is longer than the signal.
     """
     # Samples to either side of the kernel's centre. Without the tolerance, rounding might add one more.
-    reach = ceil(KERNEL_REACH * width / dt * (1 - ROUNDING_TOLERANCE))
-    if len(samples) <= 2 * reach:
+    kernel_reach = ceil(KERNEL_REACH * width / dt * (1 - ROUNDING_TOLERANCE))
+    if len(samples) <= 2 * kernel_reach:
         return np.empty((0, (order + 1) * samples.shape[1]))
     derivatives = []
     for k in range(order + 1):
         derivative_per_step = scipy.ndimage.gaussian_filter1d(
-            samples, width / dt, axis=0, order=k, radius=reach
+            samples, width / dt, axis=0, order=k, radius=kernel_reach
         )
         # SciPy takes the sampling step as the unit of time; dividing the k-th derivative by dtᵏ converts it to seconds.
         derivatives.append(derivative_per_step / dt**k)
     # At both ends the kernel reaches beyond the signal.
-    return np.hstack(derivatives)[reach:-reach]
+    return np.hstack(derivatives)[kernel_reach:-kernel_reach]
 
 
 def _samples_per_effective_sample(width: float, dt: float) -> float:
@@ -318,8 +318,10 @@ def _time_of_output_change(record: Record) -> float | None:
     rate_kernel_width = 2 * record.dt
     derivatives_of_segments = []
     for _, outputs in record.segments:
-        scaled = (outputs - statistics.mean) / np.sqrt(statistics.variance)
-        derivatives_of_segments.append(embed_by_kernel(scaled, 1, rate_kernel_width, record.dt))
+        scaled_outputs = (outputs - statistics.mean) / np.sqrt(statistics.variance)
+        derivatives_of_segments.append(
+            embed_by_kernel(scaled_outputs, 1, rate_kernel_width, record.dt)
+        )
     # The columns are the smoothed outputs, and then their rates.
     derivatives = np.concatenate(derivatives_of_segments)
     if not len(derivatives):
@@ -394,8 +396,8 @@ def theta_from_data(data: BlackBoxData, order: int) -> Array:
     """Estimates the parameters θ = (A, B, C) of a model by regressions, as a start for the fit.
 
     The states are chosen as linear functions of the generalized data. The first states are the outputs. Further states
-    are added from the outputs' first, second, … derivative until there are enough: what the states so far and the
-    inputs do not explain of it, the largest combinations first. The rate of each state is the same function of the next
+    are the principal components of the outputs' first, second, … derivative, after the part that the earlier states and
+    the inputs explain is subtracted, until there are enough. The rate of each state is the same function of the next
     higher derivatives. With states and rates as functions of the data, A, B and C are computed by regression.
 
     Args:
@@ -414,25 +416,25 @@ def theta_from_data(data: BlackBoxData, order: int) -> Array:
     states = np.zeros((0, len(data.statistics.gram)))
     rates = states
     for k in range(data.p):
-        # The k-th derivative of the outputs, and its own rate, as linear functions of the data.
+        # The k-th derivative of the outputs, and its own rate, as linear functions of the data. From the first
+        # derivative on, what the states and the inputs up to order k − 1 explain is subtracted.
         residual_derivative = y[k]
-        rate_of_unexplained = y[k + 1]
-        # From the first derivative on, what the states and the inputs up to order k − 1 explain is subtracted.
+        residual_rate = y[k + 1]
         if k > 0:
             regressors = np.vstack([states, *v[:k]])
             regressor_rates = np.vstack([rates, *v[1 : k + 1]])
             coefficients = _regress_with_ridge(data, y[k], regressors, ROUNDING_TOLERANCE)
             residual_derivative = residual_derivative - coefficients @ regressors
-            rate_of_unexplained = rate_of_unexplained - coefficients @ regressor_rates
-        # The principal components of what is unexplained, the largest first, become further states, as many as are
-        # still missing. Outputs are compared in units of the derivatives' standard deviations.
+            residual_rate = residual_rate - coefficients @ regressor_rates
+        # The largest principal components of the residual become further states, as many as are still missing. Outputs
+        # are compared in units of the derivatives' standard deviations.
         deviation = np.sqrt(np.diag(_mean_products(data, y[k], y[k])))
-        scaled = residual_derivative / deviation[:, None]
-        directions = _principal_directions(_mean_products(data, scaled, scaled))
+        scaled_residual = residual_derivative / deviation[:, None]
+        directions = _principal_directions(_mean_products(data, scaled_residual, scaled_residual))
         missing_states = order - len(states)
         combinations = directions[:missing_states] / deviation
         states = np.vstack([states, combinations @ residual_derivative])
-        rates = np.vstack([rates, combinations @ rate_of_unexplained])
+        rates = np.vstack([rates, combinations @ residual_rate])
         if len(states) == order:
             return _theta_by_regression(data, states, rates)
     raise LinAlgError("too few derivatives for as many states")
@@ -512,9 +514,9 @@ def _regress_with_ridge(
     return (scaled_coefficients / scale).T
 
 
-def _principal_directions(symmetric: Array) -> Array:
+def _principal_directions(symmetric_matrix: Array) -> Array:
     """Returns the eigenvectors of a symmetric matrix as rows, the largest eigenvalues first."""
-    return np.linalg.eigh(symmetric)[1].T[::-1]
+    return np.linalg.eigh(symmetric_matrix)[1].T[::-1]
 
 
 def _theta_by_regression(data: BlackBoxData, states: Array, rates: Array) -> Array:

@@ -223,7 +223,7 @@ def process_pool(
     try:
         with blocked_signals(*TERMINATION_SIGNALS), _pool_start_lock:
             earlier_processes = active_children()
-            # An executor starts its processes one by one, when jobs are submitted.
+            # An executor starts its processes one by one, when jobs are submitted. So it gets as many short jobs.
             for _ in range(workers):
                 executor.submit(os.getpid)
             executor.processes = [

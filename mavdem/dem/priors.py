@@ -156,12 +156,13 @@ def regulated_prior(
         A[rate, angle] = -(NATURAL_FREQUENCY**2) * output_scale[angle] / output_scale[rate]
         A_precision[angle] = KINEMATIC_PRECISION
         B_precision[angle, :motors] = KINEMATIC_PRECISION
-    for hidden in range(m, n):
-        A[hidden, hidden] = -ACTUATOR_RATE
+    for hidden_state in range(m, n):
+        A[hidden_state, hidden_state] = -ACTUATOR_RATE
         # The data do not determine the unit of a hidden state. It is fixed by the known effect on the state before,
         # which has unit gain in steady state, so that the posterior of the other parameters describes the vehicle.
-        A[hidden - 1, hidden] = ACTUATOR_RATE
-        A_precision[hidden, :m] = KINEMATIC_PRECISION
-        A_precision[hidden - 1, hidden] = KINEMATIC_PRECISION
-    precisions = pack(A_precision, B_precision, C_precision)
-    return MeanAndPrecision(pack(A, B, C), np.diag(precisions))
+        A[hidden_state - 1, hidden_state] = ACTUATOR_RATE
+        A_precision[hidden_state, :m] = KINEMATIC_PRECISION
+        A_precision[hidden_state - 1, hidden_state] = KINEMATIC_PRECISION
+    theta_mean = pack(A, B, C)
+    theta_precisions = pack(A_precision, B_precision, C_precision)
+    return MeanAndPrecision(theta_mean, np.diag(theta_precisions))

@@ -338,9 +338,9 @@ class Settings:
         if not isinstance(values, dict):
             raise ValueError(f"settings must be an object of settings by name, not {values!r}")
         names = {field.name for field in fields(cls)}
-        unknown = set(values) - names - FORMER_SETTINGS
-        if unknown:
-            raise ValueError(f"not a setting: {', '.join(sorted(unknown))}")
+        unknown_names = set(values) - names - FORMER_SETTINGS
+        if unknown_names:
+            raise ValueError(f"not a setting: {', '.join(sorted(unknown_names))}")
         # In JSON a Gaussian prior is an object, and any other prior is a string.
         if isinstance(values.get("prior"), dict):
             values = values | {"prior": Gaussian.from_dict(values["prior"])}

@@ -236,41 +236,82 @@ def gauss_newton(
         gain is the one that the last expansion predicts.
     """
     trace = [start]
-    damping_now = damping.initial
+    present_damping = damping.initial
     gain = np.inf
-    attempt = 0
+    # If the step before succeeded at the first attempt, the next one probably does as well.
+    is_likely = True
     correction = CurvatureCorrection(len(start.point)) if corrects_curvature else None
     while gain > CONVERGED_STEP_NATS and len(trace) <= iterations and not stop(trace[-1]):
         current = trace[-1]
-        # The damping is increased, which makes the step shorter and turns it towards the gradient, until the step
-        # increases the function.
-        next_expansion = None
-        needed_one_attempt = attempt == 0
         curvature = current.curvature if correction is None else correction.curvature(current)
-        for attempt in range(damping.max_attempts):
-            damped_curvature = curvature + damping_now * np.diag(current.curvature.diagonal())
-            newton_step = np.asarray(np.linalg.solve(damped_curvature, current.gradient), float)
-            step = damping.limit_step(newton_step)
-            next_expansion = _higher_expansion(
-                objective,
-                point=current.point + step,
-                present_value=current.value,
-                # If the step before succeeded at the first attempt, this one probably does as well.
-                is_likely=needed_one_attempt and attempt == 0,
-            )
-            if next_expansion is not None:
-                break
-            damping_now *= damping.factor
-        if next_expansion is None:
+        attempt = _attempt_step(
+            objective, current, curvature, damping, present_damping, is_likely=is_likely
+        )
+        if attempt.expansion is None:
             return trace, current.predicted_gain
-        gain = next_expansion.value - current.value
-        damping_now = damping.after_step(
-            damping_now, gain, predicted_gain(current, curvature, step)
+        is_likely = attempt.attempts == 1
+        gain = attempt.expansion.value - current.value
+        present_damping = damping.after_step(
+            attempt.damping, gain, predicted_gain(current, curvature, attempt.step)
         )
         if correction is not None:
-            correction.update(current, next_expansion)
-        trace.append(next_expansion)
+            correction.update(current, attempt.expansion)
+        trace.append(attempt.expansion)
     return trace, gain
+
+
+class _StepAttempt(NamedTuple):
+    """A damped step of the search, after some attempts with increasing damping."""
+
+    expansion: QuadraticExpansion | None
+    """Expansion about the point after the step; None if no attempt increased the function."""
+    step: Array
+    """The step of the last attempt (k,)."""
+    damping: float
+    """The damping of a successful step."""
+    attempts: int
+    """Number of attempts."""
+
+
+def _attempt_step(
+    objective: Objective,
+    current: QuadraticExpansion,
+    curvature: Array,
+    damping: Damping,
+    present_damping: float,
+    *,
+    is_likely: bool,
+) -> _StepAttempt:
+    """Takes one step from an iterate, with increasing damping until it increases the function.
+
+    More damping makes the step shorter, and turns it towards the gradient.
+
+    Args:
+        objective: function to maximise.
+        current: its expansion about the iterate, a point with k coordinates.
+        curvature: (k, k) curvature H to use, which may be a corrected one.
+        damping: settings of the damping of steps.
+        present_damping: factor of the damping term in the first attempt.
+        is_likely: whether the first attempt will probably increase the function.
+
+    Returns:
+        The last attempt.
+    """
+    step = np.zeros(len(current.point))
+    for attempt in range(damping.max_attempts):
+        damped_curvature = curvature + present_damping * np.diag(current.curvature.diagonal())
+        newton_step = np.asarray(np.linalg.solve(damped_curvature, current.gradient), float)
+        step = damping.limit_step(newton_step)
+        expansion = _higher_expansion(
+            objective,
+            point=current.point + step,
+            present_value=current.value,
+            is_likely=is_likely and attempt == 0,
+        )
+        if expansion is not None:
+            return _StepAttempt(expansion, step, present_damping, attempt + 1)
+        present_damping *= damping.factor
+    return _StepAttempt(None, step, present_damping, damping.max_attempts)
 
 
 def _higher_expansion(

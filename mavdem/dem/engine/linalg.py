@@ -27,21 +27,21 @@ A choice: rounding of a float is 2e-16, and the computations here lose up to six
 """
 
 
-def solve(matrix: Array, right: Array) -> Array:
+def solve(matrix: Array, right_hand_side: Array) -> Array:
     """Solves matrix · X = right for a symmetric positive definite matrix, by Cholesky's factorization.
 
     Args:
         matrix: (k, k) symmetric positive definite.
-        right: (k,) or (k, columns) right-hand side.
+        right_hand_side: (k,) or (k, columns) right-hand side.
 
     Returns:
-        X, in the shape of ``right``: (k,) or (k, columns).
+        X, in the shape of ``right_hand_side``: (k,) or (k, columns).
 
     Raises:
         numpy.linalg.LinAlgError: the matrix is not positive definite.
     """
-    scale, scaled = _scaled_to_unit_diagonal(matrix)
-    _, solution, info = scipy.linalg.lapack.dposv(scaled, (right.T * scale).T)
+    scale, scaled_matrix = _scaled_to_unit_diagonal(matrix)
+    _, solution, info = scipy.linalg.lapack.dposv(scaled_matrix, (right_hand_side.T * scale).T)
     _raise_if_not_factorized(info)
     return (solution.T * scale).T
 
@@ -58,8 +58,8 @@ def inverse(matrix: Array) -> Array:
     Raises:
         numpy.linalg.LinAlgError: the matrix is not positive definite.
     """
-    scale, scaled = _scaled_to_unit_diagonal(matrix)
-    factor, info = scipy.linalg.lapack.dpotrf(scaled, clean=1)
+    scale, scaled_matrix = _scaled_to_unit_diagonal(matrix)
+    factor, info = scipy.linalg.lapack.dpotrf(scaled_matrix, clean=1)
     _raise_if_not_factorized(info)
     # LAPACK computes only the upper triangle; the entries below it are 0.
     upper_triangle = scipy.linalg.lapack.dpotri(factor)[0] * scale * scale[:, None]
@@ -77,8 +77,8 @@ def logdet(matrix: Array) -> float:
     Raises:
         numpy.linalg.LinAlgError: the matrix is not positive definite.
     """
-    scale, scaled = _scaled_to_unit_diagonal(matrix)
-    factor, info = scipy.linalg.lapack.dpotrf(scaled)
+    scale, scaled_matrix = _scaled_to_unit_diagonal(matrix)
+    factor, info = scipy.linalg.lapack.dpotrf(scaled_matrix)
     _raise_if_not_factorized(info)
     # The determinant is Π (L_ii / s_i)², with the Cholesky factor L of the scaled matrix and the scale s.
     return 2.0 * float(np.log(factor.diagonal() / scale).sum())
@@ -116,15 +116,15 @@ def normal_draws(mean: Array, covariance: Array, number: int, seed: int) -> Arra
         Samples (number, k).
     """
     # The first half of the standard normal samples; the second half has the opposite signs, so that the mean is 0.
-    half = default_rng(seed).standard_normal(((number + 1) // 2, len(mean)))
-    if len(mean) <= len(half):
+    half_of_samples = default_rng(seed).standard_normal(((number + 1) // 2, len(mean)))
+    if len(mean) <= len(half_of_samples):
         # Orthonormal columns, times √(number of rows), have the identity as their sample covariance.
-        half = np.linalg.qr(half)[0] * np.sqrt(len(half))
+        half_of_samples = np.linalg.qr(half_of_samples)[0] * np.sqrt(len(half_of_samples))
     # The symmetric root is used because it is unique, while the signs of eigenvectors differ between processors. By
     # rounding, eigenvalues of a singular covariance may be slightly negative.
-    values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
-    root = vectors * np.sqrt(values.clip(0)) @ vectors.T
-    return mean + np.vstack([half, -half])[:number] @ root
+    eigenvalues, eigenvectors = np.linalg.eigh((covariance + covariance.T) / 2)
+    covariance_root = eigenvectors * np.sqrt(eigenvalues.clip(0)) @ eigenvectors.T
+    return mean + np.vstack([half_of_samples, -half_of_samples])[:number] @ covariance_root
 
 
 def require_positive_definite(matrix: Array, name: str, size: int) -> None:
@@ -148,10 +148,10 @@ def require_positive_definite(matrix: Array, name: str, size: int) -> None:
         raise ValueError(f"{name} must be symmetric")
     # An empty matrix has nothing to factorize.
     if size:
-        _, scaled = _scaled_to_unit_diagonal(matrix)
+        _, scaled_matrix = _scaled_to_unit_diagonal(matrix)
         try:
             # NumPy's factorization, so that a mere check of an argument does not import SciPy's.
-            np.linalg.cholesky(scaled)
+            np.linalg.cholesky(scaled_matrix)
         except LinAlgError:
             raise ValueError(f"{name} must be positive definite") from None
 

@@ -128,8 +128,7 @@ class LagStatistics(NamedTuple):
 
         Returns:
             Number and second moments of the rows [lagged samples, 1, sample] of all segments; no rows if every segment
-            has
-            at most L samples.
+            has at most L samples.
         """
         regression_rows = []
         for channels in segments:
@@ -294,10 +293,8 @@ def regress(
     explained = covariance_root @ moments[:q, q:]
     deviation = covariance_root.T @ explained
     squared_errors = moments[q:, q:] - explained.T @ explained
-    # If errors vanish, rounding makes eigenvalues negative. They are set to 0, which gives the nearest positive
-    # semidefinite matrix.
-    eigenvalues, eigenvectors = np.linalg.eigh((squared_errors + squared_errors.T) / 2)
-    squared_errors = (eigenvectors * np.maximum(eigenvalues, 0.0)) @ eigenvectors.T
+    # If errors vanish, rounding makes eigenvalues negative.
+    squared_errors = _nearest_positive_semidefinite(squared_errors)
     # The trace of prior precision times posterior covariance is the number of coefficients that the prior determines
     # and not the data.
     effective_coefficients = q - np.sum(precision * (covariance_root.T @ covariance_root))
@@ -319,3 +316,13 @@ def regress(
     }
     freedom = max(row_count - effective_coefficients, MIN_RESIDUAL_FREEDOM)
     return Regression(random_walk + deviation, covariance_root, squared_errors / freedom, terms)
+
+
+def _nearest_positive_semidefinite(matrix: Array) -> Array:
+    """Returns the positive semidefinite matrix that is nearest to a square matrix, by the Frobenius norm.
+
+    Negative eigenvalues of the symmetric part are set to 0 (N. Higham, "Computing a nearest symmetric positive
+    semidefinite matrix", Linear Algebra and its Applications 103, 1988).
+    """
+    eigenvalues, eigenvectors = np.linalg.eigh((matrix + matrix.T) / 2)
+    return np.asarray((eigenvectors * np.maximum(eigenvalues, 0.0)) @ eigenvectors.T)

@@ -485,14 +485,14 @@ def fit_simulation_error(
     fitted_theta[free] = trace[-1].point
     effective_samples = objective.effective_samples
     terms = [objective.terms(expansion) for expansion in trace]
+    # In the curvature the noise variance is the mean squared error, which is too small since the parameters were
+    # fitted. The factor corrects it to the sum of squares divided by the degrees of freedom.
+    freedom = effective_samples - len(free)
+    covariance = inverse(trace[-1].curvature) * effective_samples / freedom
     return SimulationFit(
         theta=fitted_theta,
         free=free,
-        # In the curvature the noise variance is the mean squared error, which is too small since the parameters were
-        # fitted. The factor corrects it to the sum of squares divided by the degrees of freedom.
-        covariance=inverse(trace[-1].curvature)
-        * effective_samples
-        / (effective_samples - len(free)),
+        covariance=covariance,
         effective_samples=effective_samples,
         horizon=pieces.filter_steps,
         terms={name: np.array([row[name] for row in terms]) for name in terms[0]},
@@ -518,8 +518,8 @@ def _weak_prior_precision(model: GenerativeModel, is_free: Flags, record: Record
     """
     size_of_A = model.n * model.n
     size_of_A_and_B = size_of_A + model.n * model.r
-    weak = FREE_PARAMETER_PRECISION * np.eye(len(is_free))
-    precision = np.where(np.outer(is_free, is_free), weak, model.prior.theta_precision)
+    weak_precision = FREE_PARAMETER_PRECISION * np.eye(len(is_free))
+    precision = np.where(np.outer(is_free, is_free), weak_precision, model.prior.theta_precision)
     # Columns are an orthonormal basis of the motor combinations that should not turn the vehicle.
     non_turning = scipy.linalg.null_space(axis_mixer(record).T)
     # The first entry of a row of B, which is a motor's, shows whether the row is free.

@@ -304,7 +304,9 @@ class OnlineForecaster:
         # Trying all hyperparameters of the grid at each fit would take too long. Each fit tries one alternative, and
         # successive fits try them all.
         candidates = self._hyperparameters, next(self._alternatives)
-        chosen, regression = select_hyperparameters(statistics, MAX_LAGS, candidates)
+        selected_hyperparameters, regression = select_hyperparameters(
+            statistics, MAX_LAGS, candidates
+        )
         process = VectorAutoregression.from_regression(regression, scaling)
         # The spectral radius is the factor by which the fastest growing motion of the model grows in each step. With
         # the factor 1 + 1/h it grows by (1 + 1/h)ʰ ≈ e over the longest horizon of h steps.
@@ -315,7 +317,7 @@ class OnlineForecaster:
             # the model is fitted again with the next block, which contains more of the manoeuvre.
             self._samples_since_fit = round(REFIT_SECONDS / self._dt)
             return
-        self._hyperparameters = chosen
+        self._hyperparameters = selected_hyperparameters
         self._maps = self._prediction_maps(axis_mixer, process, scaling)
 
     def _prediction_maps(

@@ -443,14 +443,9 @@ class OnlineLearner:
             surprise = self._surprise.add(free_energy)
         is_marked = self._anomaly_marks.add(surprise)
         if is_marked:
-            self._latest_mark = SurpriseMark(
-                sample.time, self._cause_of_latest_surprise(monitor.learned)
-            )
-            # The vehicle may have changed. So the model is learned again when enough samples have been recorded since
-            # the mark, and the pause after the last fit is over.
-            after_mark = self._sample_count + round(LEARNING_SECONDS / self._dt)
-            earliest_sample = max(after_mark, self._pause_end_sample)
-            self._next_fit_sample = min(self._next_fit_sample, earliest_sample)
+            cause = self._cause_of_latest_surprise(monitor.learned)
+            self._latest_mark = SurpriseMark(sample.time, cause)
+            self._schedule_fit_after_mark()
         # The free energy belongs to the sample at the centre of the embedding window, which ends with this sample.
         window = monitor.learned.settings.window
         samples_since_center = window - 1 - window // 2
@@ -465,6 +460,16 @@ class OnlineLearner:
             unusual=is_marked,
             latest_mark=self._latest_mark,
         )
+
+    def _schedule_fit_after_mark(self) -> None:
+        """Advances the next fit, since a mark of surprise shows that the vehicle may have changed.
+
+        The model is learned again when enough samples have been recorded since the mark, and the pause after the last
+        fit is over.
+        """
+        after_mark = self._sample_count + round(LEARNING_SECONDS / self._dt)
+        earliest_sample = max(after_mark, self._pause_end_sample)
+        self._next_fit_sample = min(self._next_fit_sample, earliest_sample)
 
     def _cause_of_latest_surprise(self, learned: Learned) -> SurpriseCause | None:
         """Returns why the latest samples agree so badly with the model: a wrong model, or a disturbance.
