@@ -8,7 +8,7 @@ from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import SensorFact
 from mavdem.witnesses.boot_sensors import BootSensors
-from mavdem.witnesses.ground_heights import ground_heights
+from mavdem.witnesses.ground_heights import GroundHeights, ground_heights
 from mavdem.witnesses.sensor_facts import supporting_fact
 
 MIN_DRIFT = 3.0
@@ -57,14 +57,7 @@ def barometer_drifts(
     change = heights.barometer_change
     flight_start, flight_end = flight_interval
     duration = min(flight_end, sensors.record_end) - flight_start
-    limit = max(MIN_DRIFT + WEATHER_RATE * duration, NOISE_RATIO * heights.barometer_scatter)
-    is_large = abs(change) >= limit
-    # The size of the change by satellites decides, not its sign: one that is large the other way shows that the
-    # altitude by satellites drifted itself, and proves no drift of the barometer.
-    satellite_fraction = abs(heights.satellite_change / change) if change else 0.0
-    is_level_by_satellites = satellite_fraction <= MAX_SATELLITE_FRACTION
-    is_one_place = heights.distance <= MAX_DISTANCE
-    if not (is_large and is_level_by_satellites and is_one_place):
+    if not _is_drift(heights, duration):
         return
     yield Fact(
         MotionEvent.BAROMETER_DRIFTED,
@@ -82,6 +75,25 @@ def barometer_drifts(
             ),
         ),
     )
+
+
+def _is_drift(heights: GroundHeights, duration: float) -> bool:
+    """Returns whether the barometer drifted, so that it reads another height on the ground after the flight.
+
+    Args:
+        heights: changes from before the flight to after it, m, by barometer and by satellites, and the distance, m,
+            between the places of take-off and landing.
+        duration: duration of the flight, s, in which the weather changes the pressure.
+    """
+    change = heights.barometer_change
+    limit = max(MIN_DRIFT + WEATHER_RATE * duration, NOISE_RATIO * heights.barometer_scatter)
+    is_large = abs(change) >= limit
+    # The size of the change by satellites decides, not its sign: one that is large the other way shows that the
+    # altitude by satellites drifted itself, and proves no drift of the barometer.
+    satellite_fraction = abs(heights.satellite_change / change) if change else 0.0
+    is_level_by_satellites = satellite_fraction <= MAX_SATELLITE_FRACTION
+    is_one_place = heights.distance <= MAX_DISTANCE
+    return is_large and is_level_by_satellites and is_one_place
 
 
 def drift_with_onset_time(drift: Fact, disagreement: Fact | None) -> Fact:

@@ -65,17 +65,12 @@ def find_ending(
     reports = [event for event in bad_events if event.code in REPORTS_OF_LOSS]
     if losses:
         loss = losses[-1]
-        cause = first_failure(signals, events, loss, collective)
+        cause = _cause_of_loss(signals, events, loss, collective)
     elif reports:
-        loss = cause = reports[-1]
+        loss = reports[-1]
+        cause = loss
     else:
         return None
-    if loss.code is MotionEvent.TIPPED:
-        # The ground tipped the vehicle over, so that no part of it failed first.
-        cause = None
-    elif loss.code is MotionEvent.TOPPLED:
-        # The ground drives the motors of a toppling vehicle to their limits: they show no cause, but the stick may.
-        cause = _throttle_closed(loss)
     boot = loss.figures["boot"]
     motor_report = _motor_report(signals, bad_events, boot)
     # A motor is named only if cause and report do not name two different ones.
@@ -98,6 +93,26 @@ def find_ending(
         **{name: loss.figures.get(name) for name in ("height", "height_source", "speed", "boot")},
         **{name: loss.figures[name] for name in OPTIONAL_FIGURES if name in loss.figures},
     )
+
+
+def _cause_of_loss(
+    signals: Signals, events: Sequence[Fact], loss: Fact, collective: float | None
+) -> Fact | None:
+    """Returns the fact about what failed first in a loss that the motion shows; None if nothing did or it is unknown.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        events: events of ``motion_events`` and ``reported_events``.
+        loss: the event by which the vehicle was lost.
+        collective: mean output of all motors in the hover, as a fraction of their range; None if it is not known.
+    """
+    if loss.code is MotionEvent.TIPPED:
+        # The ground tipped the vehicle over, so that no part of it failed first.
+        return None
+    if loss.code is MotionEvent.TOPPLED:
+        # The ground drives the motors of a toppling vehicle to their limits: they show no cause, but the stick may.
+        return _throttle_closed(loss)
+    return first_failure(signals, events, loss, collective)
 
 
 def _throttle_closed(loss: Fact) -> Fact | None:

@@ -320,7 +320,7 @@ def _thrust_limit_fact(commands: _LossCommands, loss_context: LossContext) -> Fa
 
 
 def _failure_of_motor(
-    commands: _LossCommands, loss_context: LossContext, weak: WeakMotor
+    commands: _LossCommands, loss_context: LossContext, motor_pair: WeakMotor
 ) -> Fact | None:
     """Returns the fact that one motor failed, by its command and the command of the motor across from it.
 
@@ -332,7 +332,7 @@ def _failure_of_motor(
         commands: commands of the motors while the vehicle was lost, just before, and as usual in the flight.
         loss_context: how and when the vehicle was lost. If it hit something, and did not fall to a side, this motor
             must be the only one that was at its limit before.
-        weak: the motor with too little thrust, and the opposite one.
+        motor_pair: the motor with too little thrust, and the opposite one.
 
     Returns:
         The fact, with the time when the motor reached its limit or the opposite one its idle; None if neither did. It
@@ -340,30 +340,32 @@ def _failure_of_motor(
         highest command of the motor as ``share``.
     """
     motors = commands.motors
-    motor_name = motors.geometry.names[weak.motor]
+    motor_name = motors.geometry.names[motor_pair.motor]
     fell_to_side = loss_context.fall_direction is not None
     if not fell_to_side and list(loss_context.names_at_limit) != [motor_name]:
         return None
     idle_command = min_running_command(motors)
-    before = commands.just_before
-    was_opposite_at_limit, _ = samples_at_limits(before[:, weak.opposite], motors.scale)
-    was_motor_idle = before[:, weak.motor] < idle_command
+    commands_before = commands.just_before
+    was_opposite_at_limit, _ = samples_at_limits(
+        commands_before[:, motor_pair.opposite], motors.scale
+    )
+    was_motor_idle = commands_before[:, motor_pair.motor] < idle_command
     if (was_opposite_at_limit | was_motor_idle).any():
         # The two motors were commanded the other way.
         return None
     is_at_limit, _ = samples_at_limits(commands.during, motors.scale)
-    is_opposite_idle = commands.during[:, weak.opposite] < idle_command
-    failure_samples = np.flatnonzero(is_at_limit[:, weak.motor] | is_opposite_idle)
+    is_opposite_idle = commands.during[:, motor_pair.opposite] < idle_command
+    failure_samples = np.flatnonzero(is_at_limit[:, motor_pair.motor] | is_opposite_idle)
     if not len(failure_samples):
         return None
     failure_time = commands.time[failure_samples[0]]
-    if is_first_at_limit(is_at_limit, weak.motor):
+    if is_first_at_limit(is_at_limit, motor_pair.motor):
         return Fact(FailedFirst.LIMIT_FIRST, time=failure_time, subject=motor_name)
     return Fact(
         FailedFirst.THRUST_MISSING_FIRST,
         time=failure_time,
         subject=motor_name,
-        share=commands.during[:, weak.motor].max(),
+        share=commands.during[:, motor_pair.motor].max(),
     )
 
 

@@ -150,10 +150,10 @@ def _stopped_motor_fact(
 
 
 def _context_of_impact(events: Sequence[Fact], boot: int, impact: float) -> LossContext:
-    """Finds the time before an impact in which something went wrong, and the motors that were at their limit.
+    """Finds when something went wrong before an impact, and which motors were at their limit then.
 
-    It begins with the first sign of a failure, which is a motor at its limit or a fall, but not later than
-    ``MAX_SETPOINT_DELAY`` before the impact.
+    The first sign of a failure is a motor at its limit or a fall. Without one, the time begins ``MAX_SETPOINT_DELAY``
+    before the impact.
 
     Args:
         events: events of the flight, each a fact (a coded finding) with its time.

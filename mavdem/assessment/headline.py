@@ -79,19 +79,21 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     # How a flight was lost comes before all other events.
     ending = [] if evidence.ending is None else [evidence.ending]
     bad_events = [fact for fact in (*ending, *evidence.events) if fact.is_bad]
-    urgent = _urgent_warnings(evidence)
+    urgent_warnings = _urgent_warnings(evidence)
     # If the log ends in the air, it is not known whether the vehicle was lost, so facts that are certain come first.
-    open_ends = [fact for fact in urgent if fact.code is MotionEvent.LOG_ENDED_IN_AIR]
-    urgent = [fact for fact in urgent if fact.code is not MotionEvent.LOG_ENDED_IN_AIR]
+    open_ends = [fact for fact in urgent_warnings if fact.code is MotionEvent.LOG_ENDED_IN_AIR]
+    urgent_warnings = [
+        fact for fact in urgent_warnings if fact.code is not MotionEvent.LOG_ENDED_IN_AIR
+    ]
     bad_lights = [fact for fact in (*vehicle_lights, *other_lights) if fact.is_bad]
     # A battery or an estimator that is bad is the reason for a failsafe.
     reasons = [lights[name] for name in (Light.POWER, Light.ESTIMATOR) if lights[name].is_bad]
-    if urgent and reasons:
-        urgent = reasons
+    if urgent_warnings and reasons:
+        urgent_warnings = reasons
     if bad_events:
         return with_weak_motor(_worst_event(bad_events), lights[Light.MOTORS])
-    if urgent:
-        return urgent[0]
+    if urgent_warnings:
+        return urgent_warnings[0]
     if bad_lights:
         return _largest_of_first_kind(bad_lights)
     if open_ends:

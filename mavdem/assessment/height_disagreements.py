@@ -125,10 +125,11 @@ def disagreement(
     *,
     is_known: bool = False,
 ) -> Fact | None:
-    """Returns the event that both heights disagree in a flight, or in its latest part.
+    """Returns the event that the heights by barometer and by satellites disagree in a flight, or in its latest part.
 
-    They disagree from a difference of ``MIN_DISAGREEMENT`` for ``MIN_DISAGREEMENT_SECONDS`` on, until it is less than
-    ``MAX_AGREEMENT``. One of them has drifted since earlier, by a line through both differences.
+    They begin to disagree if their difference changes by ``MIN_DISAGREEMENT`` for ``MIN_DISAGREEMENT_SECONDS``, and
+    agree again once the change is less than ``MAX_AGREEMENT``. One of them began to drift earlier; a line through the
+    differences before shows when.
 
     Args:
         difference: how much higher the barometer reads (N,), m.
@@ -149,12 +150,9 @@ def disagreement(
     weather_change = WEATHER_RATE * (times - first_time)
     disagreements = true_intervals(times, abs(changes) >= MAX_AGREEMENT + weather_change)
     if not is_known:
-        large_disagreements = true_intervals(
-            times, abs(changes) >= MIN_DISAGREEMENT + weather_change
-        )
-        lasting_intervals = [
-            interval for interval in large_disagreements if _lasts(interval, times)
-        ]
+        # Of these intervals only those count in which the difference was large for long.
+        large_intervals = true_intervals(times, abs(changes) >= MIN_DISAGREEMENT + weather_change)
+        lasting_intervals = [interval for interval in large_intervals if _lasts(interval, times)]
         disagreements = [
             interval for interval in disagreements if intersection([interval], lasting_intervals)
         ]

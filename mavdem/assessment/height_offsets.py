@@ -112,8 +112,10 @@ def _offset_from_both_sensors(
     satellite_height = windowed_mean(
         time, initial_satellites - above_satellites.values[is_in_flight], OFFSET_MEAN_SECONDS
     )
-    distance_above = np.maximum(estimate_height - np.maximum(satellite_height, 0.0), 0.0)
-    distance_below = np.maximum(np.minimum(satellite_height, 0.0) - estimate_height, 0.0)
+    higher_sensor = np.maximum(satellite_height, 0.0)
+    lower_sensor = np.minimum(satellite_height, 0.0)
+    distance_above = np.maximum(estimate_height - higher_sensor, 0.0)
+    distance_below = np.maximum(lower_sensor - estimate_height, 0.0)
     # Close to the ends of the flight a mean is that of fewer seconds.
     half_window = OFFSET_MEAN_SECONDS / 2
     is_whole_mean = (time >= time[:1] + half_window) & (time <= time[-1:] - half_window)

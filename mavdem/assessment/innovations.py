@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mavdem.arrays import Array
+from mavdem.arrays import Array, Flags
 from mavdem.dataset.intervals import (
     intersection,
     longest_true_duration,
@@ -143,8 +143,7 @@ def longest_rejection(time: Array, ratios: Array, failsafe_limit: float) -> Reje
     """Finds the innovation that exceeded its limit longest, or the largest one if none did.
 
     An innovation is a measurement minus its prediction by the filter, here divided by the limit of the filter's test.
-    ArduCopter's failsafe (``ekf_check.cpp``) has another limit: it acts if two of the innovations of velocity, position
-    and compass exceed it; a velocity of twice the limit counts as two. It does not check the height.
+    ArduCopter's failsafe has another limit, and does not check the height (:func:`_meets_failsafe`).
 
     Args:
         time: (N,) times of the samples, s since boot.
@@ -156,18 +155,11 @@ def longest_rejection(time: Array, ratios: Array, failsafe_limit: float) -> Reje
         The innovation with its largest ratio, the time of that, s since boot, and how long it exceeded its limit
         without a break and in all, s; and how long the failsafe's condition held, s.
     """
-    velocity_ratio, position_ratio, _, compass_ratio = ratios.T
-    # How many of the three exceed the failsafe's limit, at each sample; a very large velocity innovation counts twice.
-    exceeding_count = np.zeros(len(time))
-    exceeding_count += velocity_ratio >= failsafe_limit
-    exceeding_count += velocity_ratio >= 2 * failsafe_limit
-    exceeding_count += position_ratio >= failsafe_limit
-    exceeding_count += compass_ratio >= failsafe_limit
     # The longest time, s, for which each of the four innovations exceeded the filter's own limit.
     is_rejected = ratios >= INNOVATION_LIMIT
-    durations = [longest_true_duration(time, is_true) for is_true in is_rejected.T]
+    durations = [longest_true_duration(time, is_exceeded) for is_exceeded in is_rejected.T]
     largest_ratios = ratios.max(axis=0)
-    failsafe_duration = longest_true_duration(time, exceeding_count >= 2)
+    failsafe_duration = longest_true_duration(time, _meets_failsafe(ratios, failsafe_limit))
     # If the failsafe would have acted, the worst innovation must be one that it checks.
     candidates = [
         column
@@ -185,6 +177,28 @@ def longest_rejection(time: Array, ratios: Array, failsafe_limit: float) -> Reje
         total_duration=total_duration(intersection(rejected_intervals, [(time[0], time[-1])])),
         failsafe_duration=failsafe_duration,
     )
+
+
+def _meets_failsafe(ratios: Array, failsafe_limit: float) -> Flags:
+    """Determines at which samples the condition of ArduCopter's EKF failsafe holds (``ekf_check.cpp``).
+
+    Two of the innovations of velocity, position and compass must exceed its limit; a velocity innovation of twice the
+    limit counts as two.
+
+    Args:
+        ratios: (N, 4) innovations over the limit of the filter's own test, one column for each of the ``INNOVATIONS``.
+        failsafe_limit: ratio from which on the failsafe counts an innovation.
+
+    Returns:
+        (N,) whether it holds.
+    """
+    velocity_ratio, position_ratio, _, compass_ratio = ratios.T
+    exceeding_count = np.zeros(len(ratios))
+    exceeding_count += velocity_ratio >= failsafe_limit
+    exceeding_count += velocity_ratio >= 2 * failsafe_limit
+    exceeding_count += position_ratio >= failsafe_limit
+    exceeding_count += compass_ratio >= failsafe_limit
+    return exceeding_count >= 2
 
 
 def latest_time_above(telemetry: Telemetry, name: EstimatorRatio, limit: float) -> float | None:

@@ -247,8 +247,8 @@ def _missing_fraction(telemetry: Telemetry) -> float | None:
         if message_count < MIN_MESSAGES_FOR_STEP or not len(steps):
             continue
         # The mean without the lowest and the highest quarter of the steps (interquartile mean).
-        quarter = len(steps) // 4
-        middle_half = np.sort(steps)[quarter : len(steps) - quarter]
+        quarter_length = len(steps) // 4
+        middle_half = np.sort(steps)[quarter_length : len(steps) - quarter_length]
         usual_step = middle_half.mean()
         if usual_step <= 0:
             continue

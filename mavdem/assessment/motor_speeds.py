@@ -187,9 +187,12 @@ def _standstill(
         sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
         error: error of the attitude in this boot.
         reports: events that the autopilot reports.
-        controller: controller of the motor.
+        controller: speed controller (ESC) of the motor, which measures its speed.
         motor: index of the motor.
         interval: time when the controller measured no rotation, s since boot; the end may be infinite.
+
+    Returns:
+        The event, with the mean command of the motor in that time as ``share`` of its range.
     """
     motors = sensors.signals.motors
     assert motors is not None
@@ -199,14 +202,16 @@ def _standstill(
     recorded_interval = (start, end)
     command = motors.motor_fractions(sensors.boot, motor)
     is_in_interval = in_intervals(command.time, [recorded_interval])
-    share = float(command.values[is_in_interval].mean()) if is_in_interval.any() else 0.0
+    mean_command = 0.0
+    if is_in_interval.any():
+        mean_command = float(command.values[is_in_interval].mean())
     no_rotation = supporting_fact(
         SensorFact.SPEED_ZERO,
         time=start,
         end_time=end,
         name=controller.name,
         duration=end - start,
-        share=share,
+        share=mean_command,
     )
     sensor_facts = (
         no_rotation,
@@ -221,7 +226,7 @@ def _standstill(
         end_time=None if np.isinf(interval_end) else interval_end,
         subject=name,
         name=controller.name,
-        share=share,
+        share=mean_command,
         boot=sensors.boot,
     )
     return checked_event(event, sensor_facts)
@@ -320,14 +325,14 @@ def _reaction_of_attitude(error: AttitudeError, interval: TimeInterval) -> Facts
         return ()
     if peak_error.counted_angle > MIN_LEAN_ERROR:
         return (supporting_fact(SensorFact.ATTITUDE_LEFT_SETPOINT, **peak_error._asdict()),)
-    held = contradicting_fact(
+    attitude_held = contradicting_fact(
         SensorFact.ATTITUDE_HELD,
         time=interval_of_error[0],
         end_time=end,
         angle=peak_error.angle,
         has_setpoint=peak_error.has_setpoint,
     )
-    return (held,)
+    return (attitude_held,)
 
 
 def _error_count_fact(controller: SpeedController, boot: int, interval: TimeInterval) -> Facts:

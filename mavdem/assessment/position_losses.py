@@ -49,27 +49,23 @@ def position_losses(
         Events with start, end and duration of the loss within the flight, s, and ``witnesses``: what sensors and the
         autopilot show. Where the position did not come back at all, the event has the figure ``is_permanent``.
     """
-    position = sensors.trust.position
-    # Flags of the estimator, whether it has a position, and of the GPS receivers, whether one has a fix.
-    validity, fix = position.validity, position.fix
+    # Whether the estimator has a position, and whether one of the GPS receivers has a fix, over time.
+    validity = sensors.trust.position.validity
+    fix = sensors.trust.position.fix
     has_position = fix if validity is None else validity
     if has_position is None:
         return
     for start, end in _long_losses(has_position, flight_interval):
         reactions = _autopilot_reactions(sensors, (start, end), reports)
-        # A position that never came back has no end: the landing is none.
+        # A position that never came back has no end: a landing does not end its loss.
         came_back = bool(has_position.values[has_position.time > start].any())
         known_end = end if came_back else None
         invalid: Facts = ()
         if validity is not None:
-            invalid = (
-                supporting_fact(
-                    SensorFact.POSITION_INVALID,
-                    time=start,
-                    end_time=known_end,
-                    duration=end - start,
-                ),
+            position_invalid = supporting_fact(
+                SensorFact.POSITION_INVALID, time=start, end_time=known_end, duration=end - start
             )
+            invalid = (position_invalid,)
         loss = Fact(
             MotionEvent.POSITION_LOST,
             Level.BAD if reactions else Level.WATCH,

@@ -120,35 +120,50 @@ def reported_events(signals: Signals) -> Facts:
         for problem in reported_problems(signals.telemetry)
     ]
     possible_problems = [problem for problem in problems if _is_possible_problem(problem, signals)]
-    events = []
+    events: list[Fact] = []
     for recorded_span in recorded_spans(signals):
-        flights = flights_in_boot(signals, recorded_span.boot)
-        # Faults shortly before arming and after disarming belong to the flight too.
-        around_armed = [
-            (start - AVERAGING_SECONDS, end + AVERAGING_SECONDS)
-            for start, end in armed_intervals(signals, recorded_span.boot)
-        ]
-        state_changes = [
-            *_arming_events(signals, recorded_span),
-            *_take_offs_and_landings(signals, recorded_span),
-            *_mode_changes(signals, recorded_span),
-        ]
         faults = merge_repeats(
             _faults_of_boot(signals, recorded_span, possible_problems, fault_states)
         )
-        for fact in in_time_order([*state_changes, *faults]):
-            time = fact.start_time
-            trigger = _failsafe_trigger(fact, faults)
-            if trigger is not None:
-                fact = fact.replace(cause=trigger)
-            # A restart in flight is bad even if the motors are off after it.
-            is_restart = fact.code is ReportedEvent.RESTARTED_IN_FLIGHT
-            if fact.is_bad and not is_restart and not in_intervals(time, around_armed):
-                fact = fact.replace(Level.WATCH)
-            events.append(
-                fact.replace(height=_height_at(signals, recorded_span.boot, flights, time))
-            )
+        events += _events_of_boot(signals, recorded_span, faults)
     return tuple(events)
+
+
+def _events_of_boot(
+    signals: Signals, recorded_span: Segment, faults: Sequence[Fact]
+) -> Iterator[Fact]:
+    """Yields the changes of state and the faults of one boot in the order of time, with height and trigger.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        recorded_span: recorded time of the boot.
+        faults: faults that the autopilot reports in this boot, in any order.
+
+    Yields:
+        Facts with the figure ``height``, m; a failsafe has its trigger as ``cause``. A fault of a disarmed vehicle is
+        at most to be watched.
+    """
+    flights = flights_in_boot(signals, recorded_span.boot)
+    # Faults shortly before arming and after disarming belong to the flight too.
+    around_armed = [
+        (start - AVERAGING_SECONDS, end + AVERAGING_SECONDS)
+        for start, end in armed_intervals(signals, recorded_span.boot)
+    ]
+    state_changes = [
+        *_arming_events(signals, recorded_span),
+        *_take_offs_and_landings(signals, recorded_span),
+        *_mode_changes(signals, recorded_span),
+    ]
+    for fact in in_time_order([*state_changes, *faults]):
+        time = fact.start_time
+        trigger = _failsafe_trigger(fact, faults)
+        if trigger is not None:
+            fact = fact.replace(cause=trigger)
+        # A restart in flight is bad even if the motors are off after it.
+        is_restart = fact.code is ReportedEvent.RESTARTED_IN_FLIGHT
+        if fact.is_bad and not is_restart and not in_intervals(time, around_armed):
+            fact = fact.replace(Level.WATCH)
+        yield fact.replace(height=_height_at(signals, recorded_span.boot, flights, time))
 
 
 def _faults_of_boot(

@@ -91,7 +91,8 @@ def restarts(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
     if is_watchdog or was_flying:
         is_in_flight = has_fallen or _begins_in_flight(signals, recorded_span)
     else:
-        # Nothing else shows a flight. So only a fall from a greater height with a tumble, soon after the boot, does.
+        # Nothing before the restart shows a flight: only a fall from a greater height with a tumble, soon after the
+        # boot, shows that the vehicle was in the air.
         has_fallen_far = descent >= MIN_UNREPORTED_FALL_HEIGHT
         is_early = recorded_span.start <= MAX_BOOT_CLOCK
         is_in_flight = is_early and has_fallen_far and _tilts_far_at_start(signals, recorded_span)

@@ -80,15 +80,15 @@ def log_tier(learnability: Learnability, condition: Condition) -> Tier:
     # A rate of 0 is not known.
     is_too_slow = 0 < rate < MIN_CONDITION_RATE
     tier = None
-    allowed = None
+    allowed_uses = None
     if not condition.settled or not condition.lean or is_too_slow:
         next_tier = "c"
     elif rate >= MIN_SLOW_MOTION_RATE:
         tier = "b"
         next_tier = "a"
-        allowed = TIERS[tier]
+        allowed_uses = TIERS[tier]
     else:
         tier = "c"
         next_tier = "b"
-        allowed = TIERS[tier]
-    return Tier(tier, reason, allowed, NextTier(next_tier, reason, needs_faster_streams))
+        allowed_uses = TIERS[tier]
+    return Tier(tier, reason, allowed_uses, NextTier(next_tier, reason, needs_faster_streams))

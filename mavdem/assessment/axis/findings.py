@@ -294,23 +294,39 @@ def _damping_finding(physical: Physical) -> Finding:
         if effect_reason is not None and reason == _first_reason(effect_reason):
             reason = Fact(GradeReason.SAME_AS_EFFECT)
         return Finding(Purpose.DAMPING_AND_TIME_CONSTANT, Grade.NOT_IDENTIFIABLE, reason)
-    # Parameters that are in doubt for the same reason are named together.
+    reason = Fact(
+        GradeReason.MOTION_KNOWN,
+        shares=[
+            (name, half_width)
+            for name, half_width in relative_half_widths.items()
+            if isfinite(half_width)
+        ],
+        doubts=_doubts_about(physical, names=list(relative_half_widths)),
+    )
+    grade = Grade.GOOD if grades == {Grade.GOOD} else Grade.LIMITED
+    return Finding(Purpose.DAMPING_AND_TIME_CONSTANT, grade, reason)
+
+
+def _doubts_about(physical: Physical, names: Sequence[str]) -> list[Fact]:
+    """Lists why estimates of physical parameters are in doubt; those with the same reason are named together.
+
+    Args:
+        physical: physical parameters of the axis, with the status of each and the reason for it.
+        names: names of the parameters to examine, such as "damping".
+
+    Returns:
+        A fact for each different doubt, with the names of the parameters; empty if all are reported without one.
+    """
     names_by_doubt = dict[tuple[Status, Fact], list[str]]()
-    for name in relative_half_widths:
+    for name in names:
         status = physical.status[name]
         if status != Status.REPORTED:
             doubt = (status, _first_reason(physical.reasons[name]))
             names_by_doubt.setdefault(doubt, []).append(name)
-    reason = Fact(
-        GradeReason.MOTION_KNOWN,
-        shares=[pair for pair in relative_half_widths.items() if isfinite(pair[1])],
-        doubts=[
-            Fact(GradeReason.PARAMETERS_DOUBTED, names=names, status=status, reason=reason)
-            for (status, reason), names in names_by_doubt.items()
-        ],
-    )
-    grade = Grade.GOOD if grades == {Grade.GOOD} else Grade.LIMITED
-    return Finding(Purpose.DAMPING_AND_TIME_CONSTANT, grade, reason)
+    return [
+        Fact(GradeReason.PARAMETERS_DOUBTED, names=doubted_names, status=status, reason=reason)
+        for (status, reason), doubted_names in names_by_doubt.items()
+    ]
 
 
 def _wind_finding(wind_torque: WindTorque | None, physical: Physical) -> Finding:

@@ -2,7 +2,7 @@
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
@@ -107,9 +107,10 @@ def sections_with_one_gain_set(signals: Signals, flights: Flights) -> OneGainSet
     other_sets = []
     changed_names = set[str]()
     for gains, sections in sections_by_gains.items():
-        changes = sorted(set(gains) - set(longest_flown_gains))
-        other_sets.append((sum(section.duration for section in sections), changes))
-        changed_names.update(name for name, _ in changes)
+        differing_gains = sorted(set(gains) - set(longest_flown_gains))
+        duration = sum(section.duration for section in sections)
+        other_sets.append((duration, differing_gains))
+        changed_names.update(name for name, _ in differing_gains)
     caution = Fact(
         LoopFact.GAINS_OF_PART,
         names=sorted(changed_names),
@@ -335,17 +336,10 @@ def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
     history = gain_history(signals)
     gains_before = dict(_gains_at(history, start))
     gains_after = gains_before | _reported_gains(texts, signals.axis)
-    # Parameters that were set are used instead of the texts.
-    is_saved = False
-    for name, value in history[-1].values:
-        if gains_before[name] != value:
-            gains_after[name] = value
-            is_saved = True
-    # Each entry is the name of a changed gain, and its values before and after.
-    changes = []
-    for name, value in gains_after.items():
-        if gains_before.get(name) != value:
-            changes.append((name, gains_before.get(name), value))
+    # Parameters at the end of the log that were changed are used instead of the texts.
+    saved_gains = {name: value for name, value in history[-1].values if gains_before[name] != value}
+    gains_after |= saved_gains
+    changes = _changed_gains(gains_before, gains_after)
     fact = Fact(
         LoopFact.AUTOTUNED,
         time=start.time,
@@ -353,7 +347,7 @@ def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
         subject=signals.axis,
         boot=start.boot,
         changes=changes,
-        is_saved=is_saved,
+        is_saved=bool(saved_gains),
         too_large=_too_large_gains(changes, signals.axis),
         ratings=(),
     )
@@ -366,6 +360,18 @@ def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
     # If margins are small, the level is at most "watch", since the gains may not have been flown.
     level = min(rating_after.level, Level.WATCH, key=list(Level).index)
     return fact.replace(level, ratings=ratings)
+
+
+def _changed_gains(
+    gains_before: Mapping[str, float], gains_after: Mapping[str, float]
+) -> list[tuple[str, float | None, float]]:
+    """Lists the gains that differ between two sets, each with its value before (None if unknown) and after."""
+    changes = []
+    for name, value in gains_after.items():
+        value_before = gains_before.get(name)
+        if value_before != value:
+            changes.append((name, value_before, value))
+    return changes
 
 
 def _too_large_gains(

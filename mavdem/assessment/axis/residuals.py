@@ -97,11 +97,11 @@ def residuals(learned: Learned, output: int = -1) -> Residuals:
     command_correlation = lagged_correlation(centred_command, centred_errors, max_lag)
     # A correlation of two white series has the variance 1/T. For independent series with autocorrelations r and q it is
     # larger by the factor 1 + 2 Σ r q.
-    bound = float(coverage_factor(BOUND_LEVEL) / np.sqrt(len(is_predicted)))
+    correlation_bound = float(coverage_factor(BOUND_LEVEL) / np.sqrt(len(is_predicted)))
     variance_factor = 1 + 2 * float(autocorrelation[1:] @ autocorrelation_of_command[1:])
-    command_bound = bound * float(np.sqrt(max(variance_factor, 1.0)))
+    command_bound = correlation_bound * float(np.sqrt(max(variance_factor, 1.0)))
     lag_times = np.arange(max_lag + 1.0) * learned.dt
-    bounds = (bound, command_bound)
+    bounds = (correlation_bound, command_bound)
     return Residuals(errors, lag_times, autocorrelation, command_correlation, bounds)
 
 

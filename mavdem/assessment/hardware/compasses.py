@@ -97,8 +97,8 @@ def motor_correlation(evidence: Evidence, field: TimeSeries) -> float | None:
     return _correlation(np.concatenate(strengths), np.concatenate(commands))
 
 
-def _correlation(first: Array, second: Array) -> float | None:
+def _correlation(first_signal: Array, second_signal: Array) -> float | None:
     """Returns the correlation coefficient of two series (N,); None if one of them is constant."""
-    if np.ptp(first) == 0 or np.ptp(second) == 0:
+    if np.ptp(first_signal) == 0 or np.ptp(second_signal) == 0:
         return None
-    return float(np.corrcoef(first, second)[0, 1])
+    return float(np.corrcoef(first_signal, second_signal)[0, 1])

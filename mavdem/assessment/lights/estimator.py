@@ -108,7 +108,7 @@ def estimator_light(evidence: Evidence) -> Fact:
         A fact whose level is the colour of the light: good, watch, bad or unknown.
     """
     innovation_facts = _innovation_facts_worst_first(evidence)
-    unmeasured = Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=evidence.was_in_air)
+    unmeasured_fact = Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=evidence.was_in_air)
     missing_fixes = _missing_fixes(evidence)
     has_other_source = _has_other_position_source(evidence)
     if missing_fixes and (has_other_source or _needed_no_position(evidence)):
@@ -119,7 +119,7 @@ def estimator_light(evidence: Evidence) -> Fact:
         if not has_other_source:
             figures["is_position_unneeded"] = True
         innovation_facts = [fact.replace(**figures) for fact in innovation_facts]
-        unmeasured = unmeasured.replace(**figures)
+        unmeasured_fact = unmeasured_fact.replace(**figures)
         missing_fixes = []
     # ``worst_fact`` takes the first of equally bad facts, so the order matters.
     facts = [
@@ -135,7 +135,7 @@ def estimator_light(evidence: Evidence) -> Fact:
         # A vehicle without a receiver is flown so on purpose, which must not hide a sensor that is wrong.
         *_assumed_standstills(evidence),
     ]
-    return worst_fact(facts or [unmeasured])
+    return worst_fact(facts or [unmeasured_fact])
 
 
 def _innovation_facts_worst_first(evidence: Evidence) -> list[Fact]:

@@ -34,9 +34,9 @@ def margins_light(evidence: Evidence) -> Fact:
         return Fact(MarginsLight.OSCILLATES, reason=advice, **oscillation.figures)
     facts = _facts_by_margin(evidence)
     if facts:
-        worst = worst_fact(facts)
-        if worst.is_watch_or_bad:
-            return worst
+        worst_margin = worst_fact(facts)
+        if worst_margin.is_watch_or_bad:
+            return worst_margin
     # The facts are in the order of their margins, so that the first good one has the smallest of the good margins.
     smallest_good_margin = None
     axes_with_good_margins = []

@@ -133,14 +133,14 @@ def _limited_motors_of_flight(evidence: Evidence, hover: HoverFigures | None) ->
     return motors_at_limit.fact(MotorsLight.MOTOR_LIMITED).replace(is_settled=has_long_hover)
 
 
-def _with_yaw_trim(evidence: Evidence, limited: Fact) -> Fact:
+def _with_yaw_trim(evidence: Evidence, limited_motors_fact: Fact) -> Fact:
     """Adds the yaw trim to motors at their limit if it explains why they work harder than others.
 
     A twisted arm or motor makes all motors of one spin work harder, and one of them reaches its limit first.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        limited: the fact that motors were at their limit, with their ``names``.
+        limited_motors_fact: the fact that motors were at their limit, with their ``names``.
 
     Returns:
         The fact with the figure ``yaw_trim``, positive if counterclockwise motors work harder, and ``assumed`` if the
@@ -149,15 +149,17 @@ def _with_yaw_trim(evidence: Evidence, limited: Fact) -> Fact:
     """
     trim = trim_of_signals(evidence.signals)
     if trim is None or trim.code is not TrimFact.TRIM_OF_YAW:
-        return limited
+        return limited_motors_fact
     assert evidence.signals.motors is not None
     geometry = evidence.signals.motors.geometry
     spin_by_name = dict(zip(geometry.names, geometry.spins, strict=True))
     yaw_trim = trim.figures["share"]
-    works_harder = [spin_by_name[name] * yaw_trim > 0 for name in limited.figures["names"]]
+    works_harder = [
+        spin_by_name[name] * yaw_trim > 0 for name in limited_motors_fact.figures["names"]
+    ]
     if not all(works_harder):
-        return limited
-    return limited.replace(yaw_trim=yaw_trim, assumed=trim.figures["assumed"])
+        return limited_motors_fact
+    return limited_motors_fact.replace(yaw_trim=yaw_trim, assumed=trim.figures["assumed"])
 
 
 def _figures_of_whole_flight(motors: MotorOutputs, segments: Segments) -> HoverFigures | None:

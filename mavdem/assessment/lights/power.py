@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -245,18 +245,19 @@ def battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
             voltage_limit = levels.bad
     elif levels.watch > 0:
         code = PowerLight.BATTERY_HELD
-    is_named = len(evidence.signals.batteries) > 1 or battery.number != FIRST_BATTERY
     ending = evidence.ending
     time = None
     if code is PowerLight.BATTERY_LOW:
         time = _first_time_below(evidence, battery.voltage, voltage_limit)
+    identification: dict[str, Any] = {}
+    if len(evidence.signals.batteries) > 1 or battery.number != FIRST_BATTERY:
+        identification = {"subject": battery_name(battery.number), "battery": battery.number}
     return Fact(
         code,
         level,
         time=time,
         end_time=None if ending is None else loss_onset(ending),
-        subject=battery_name(battery.number) if is_named else "",
-        **({"battery": battery.number} if is_named else {}),
+        **identification,
         voltage=averages[0],
         cells=cells,
         current=load.max_current,
@@ -492,12 +493,12 @@ def _board_voltages(evidence: Evidence) -> Iterator[TimeSeries]:
         millivolts = recorded_series(evidence.signals.telemetry, message, "Vcc")
         if millivolts is None:
             continue
-        volts = TimeSeries(millivolts.time, millivolts.boot, millivolts.values / 1000)
-        possible = volts.select(
-            (volts.values >= lowest_possible) & (volts.values <= highest_possible)
+        all_volts = TimeSeries(millivolts.time, millivolts.boot, millivolts.values / 1000)
+        plausible_volts = all_volts.select(
+            (all_volts.values >= lowest_possible) & (all_volts.values <= highest_possible)
         )
-        if len(possible.time):
-            yield possible
+        if len(plausible_volts.time):
+            yield plausible_volts
 
 
 def _constant_board_voltage(evidence: Evidence) -> float | None:

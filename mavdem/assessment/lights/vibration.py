@@ -85,9 +85,12 @@ def vibration_light(evidence: Evidence) -> Fact:
         clips = all_clips
     is_of_settled_flight = settled_segments and not has_clipped_unsettled
     ending = None if is_of_settled_flight else evidence.ending
+    worse_level = max(
+        limits.level(largest_level), CLIP_LIMITS.level(clips), key=LEVELS_BY_SEVERITY.index
+    )
     fact = Fact(
         VibrationLight.VIBRATION_MEASURED,
-        max(limits.level(largest_level), CLIP_LIMITS.level(clips), key=LEVELS_BY_SEVERITY.index),
+        worse_level,
         end_time=None if ending is None else loss_onset(ending),
         subject=f"IMU {imu + 1}",
         axis=vibration.axes[axis],
