@@ -98,8 +98,8 @@ def ardupilot_thrusts(columns: Array, demands: Vector4) -> Array:
         is_raised_by_yaw = yaw * yaw_element > 0
         room_upwards = 1 - centred_thrust - tilt_thrust
         room_downwards = centred_thrust + tilt_thrust
-        room = room_upwards if is_raised_by_yaw else room_downwards
-        yaw_rooms.append(room / abs(yaw_element))
+        available_thrust = room_upwards if is_raised_by_yaw else room_downwards
+        yaw_rooms.append(available_thrust / abs(yaw_element))
     max_yaw = max(min(yaw_rooms), YAW_HEADROOM)
     limited_yaw = min(max(yaw, -max_yaw), max_yaw)
 

@@ -540,6 +540,6 @@ def _smooth_transition(time_fraction: float, final_rate: float = 0.0) -> Pair:
     """
     s = time_fraction
     # The polynomials of fifth order that end with the values (1, 0) and (0, 1) of fraction and rate.
-    travelled = s**3 * (10 - 15 * s + 6 * s**2) - final_rate * s**3 * (1 - s) * (4 - 3 * s)
+    travelled_fraction = s**3 * (10 - 15 * s + 6 * s**2) - final_rate * s**3 * (1 - s) * (4 - 3 * s)
     rate = 30 * s**2 * (1 - s) ** 2 - final_rate * s**2 * (12 - 28 * s + 15 * s**2)
-    return travelled, rate
+    return travelled_fraction, rate

@@ -433,8 +433,8 @@ def _rate_controller_response(
     # The integrator keeps the impulse forever, so that the demands cannot be summed. Their increments fade away.
     increments = np.diff(demands, prepend=0.0)
     threshold = NEGLIGIBLE_RESPONSE * abs(increments).max()
-    significant = np.flatnonzero(abs(increments) > threshold)
-    coefficients = increments[: significant[-1] + 1]
+    significant_cycles = np.flatnonzero(abs(increments) > threshold)
+    coefficients = increments[: significant_cycles[-1] + 1]
     # The z-transform of the increments over 1 − z⁻¹ is the z-transform of the demand.
     cycle_delay = np.exp(-phase)
     response = np.polynomial.polynomial.polyval(cycle_delay, coefficients)
@@ -497,15 +497,17 @@ def _motor_effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
     """
     vehicle = scenario.vehicle
     is_hover = motion.landed_state == IN_AIR
-    sound = no_damage(airframe(vehicle).rotors)
+    sound_state = no_damage(airframe(vehicle).rotors)
     # The damage of a sound vehicle never begins.
-    history = damage_history(scenario) or [DamageStep(np.inf, sound)]
+    history = damage_history(scenario) or [DamageStep(np.inf, sound_state)]
     first_damage, last_damage = history[0], history[-1]
     is_before = motion.time < BOOT_SECONDS + first_damage.time
     is_after = motion.time >= BOOT_SECONDS + last_damage.time
-    before = HoverPhase(is_hover & is_before, sound)
-    after = HoverPhase(is_hover & is_after, last_damage.damage)
-    flown_phases = [phase for phase in (before, after) if phase.is_in_phase.any()]
+    phase_before_damage = HoverPhase(is_hover & is_before, sound_state)
+    phase_after_damage = HoverPhase(is_hover & is_after, last_damage.damage)
+    flown_phases = [
+        phase for phase in (phase_before_damage, phase_after_damage) if phase.is_in_phase.any()
+    ]
     arrays: dict[str, Array] = {}
     for number, phase in enumerate(flown_phases):
         suffix = "" if number == 0 else "_weak"

@@ -381,23 +381,23 @@ def _joined_vehicle(earlier: Recording, later: Recording, *, has_restarted: bool
     )
 
 
-def _initial_parameters(before: Telemetry, after: Telemetry) -> Parameters:
+def _initial_parameters(earlier: Telemetry, later: Telemetry) -> Parameters:
     """Finds the parameters that changed within one of two logs or between them, and their values before that.
 
     ``initial_parameters`` of a log has the first values of the parameters that changed in it, and ``parameters`` the
     last values of all.
 
     Args:
-        before: The vehicle in the first log.
-        after: The vehicle in the second log.
+        earlier: The vehicle in the first log.
+        later: The vehicle in the second log.
 
     Returns:
         The value of each such parameter before its first change, by name.
     """
     # A parameter that changed in both logs has its first value from the first log.
-    initial_values = {**after.initial_parameters, **before.initial_parameters}
-    values_at_start_of_second = {**after.parameters, **after.initial_parameters}
-    for name, last_value_of_first in before.parameters.items():
+    initial_values = {**later.initial_parameters, **earlier.initial_parameters}
+    values_at_start_of_second = {**later.parameters, **later.initial_parameters}
+    for name, last_value_of_first in earlier.parameters.items():
         value_of_second = values_at_start_of_second.get(name, last_value_of_first)
         has_changed_between = value_of_second != last_value_of_first
         if has_changed_between:

@@ -431,24 +431,24 @@ def _may_be_same_recording(chain: _Chain, kept_chain: _Chain, rules: ClockRules)
         kept_chain: The larger chain, which is of the recording that is read.
         rules: Limits of what the clock may do.
     """
-    earlier, later = sorted((chain, kept_chain), key=_first_message)
-    is_interleaved = earlier.runs[-1].first > later.runs[0].first
+    earlier_chain, later_chain = sorted((chain, kept_chain), key=_first_message)
+    is_interleaved = earlier_chain.runs[-1].first > later_chain.runs[0].first
     if is_interleaved:
         return False
-    if later.runs[0].begins_log:
+    if later_chain.runs[0].begins_log:
         return True
-    later_start = later.runs[0].start_time
-    continues_time = later_start >= earlier.end_time - rules.max_fall
+    later_start = later_chain.runs[0].start_time
+    continues_time = later_start >= earlier_chain.end_time - rules.max_fall
     starts_near_zero = later_start <= MAX_RESTART_TIME
     # UTC at which the boot clock read 0 is the same throughout a boot, and shows which boot came first.
-    if earlier.utc_at_boot is None or later.utc_at_boot is None:
+    if earlier_chain.utc_at_boot is None or later_chain.utc_at_boot is None:
         return continues_time or starts_near_zero
-    seconds_between_boots = later.utc_at_boot - earlier.utc_at_boot
+    seconds_between_boots = later_chain.utc_at_boot - earlier_chain.utc_at_boot
     if continues_time and abs(seconds_between_boots) <= rules.max_utc_difference:
         return True
     if starts_near_zero and not rules.restarts_need_utc:
         return True
-    has_booted_afterwards = seconds_between_boots >= earlier.end_time - MAX_UTC_DIFFERENCE
+    has_booted_afterwards = seconds_between_boots >= earlier_chain.end_time - MAX_UTC_DIFFERENCE
     return has_booted_afterwards
 
 

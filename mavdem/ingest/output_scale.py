@@ -119,26 +119,33 @@ def output_scale(
     Returns:
         The scale. If none fits, its name is "unknown", and its range is 0 to the largest output.
     """
-    values = np.unique(outputs[np.isfinite(outputs)])
-    positive = values[values > 0]
-    if not len(positive):
+    distinct_outputs = np.unique(outputs[np.isfinite(outputs)])
+    positive_outputs = distinct_outputs[distinct_outputs > 0]
+    if not len(positive_outputs):
         return OutputScale(UNKNOWN_SCALE, "", low=0.0, high=1.0, step=0.0)
-    step = float(np.diff(values).min()) if len(values) > 1 else 0.0
-    smallest = float(positive[0])
-    largest = float(positive[-1])
+    step = float(np.diff(distinct_outputs).min()) if len(distinct_outputs) > 1 else 0.0
+    smallest_output = float(positive_outputs[0])
+    largest_output = float(positive_outputs[-1])
     is_px4 = bool(drivers)
     driver = drivers[0].name if is_px4 else ""
     px4_low, px4_high = _px4_range(drivers, parameters)
-    if not driver.startswith("PWM") and MAX_NORMALISED < largest <= px4_high:
+    if not driver.startswith("PWM") and MAX_NORMALISED < largest_output <= px4_high:
         name = "UAVCAN" if driver.startswith("UAVCAN") else "0-1000"
         return OutputScale(name, "", px4_low, px4_high, step)
-    if smallest >= MIN_PULSE_WIDTH and MIN_RUNNING_PULSE_WIDTH < largest <= MAX_PULSE_WIDTH:
-        return _pulse_width_scale(positive, step, parameters, drivers)
-    if is_px4 and MAX_IDLE_DSHOT < largest <= MAX_DSHOT_COMMAND and "DSHOT_MIN" in parameters:
+    if (
+        smallest_output >= MIN_PULSE_WIDTH
+        and MIN_RUNNING_PULSE_WIDTH < largest_output <= MAX_PULSE_WIDTH
+    ):
+        return _pulse_width_scale(positive_outputs, step, parameters, drivers)
+    if (
+        is_px4
+        and MAX_IDLE_DSHOT < largest_output <= MAX_DSHOT_COMMAND
+        and "DSHOT_MIN" in parameters
+    ):
         # DSHOT_MIN is the idle throttle as a fraction of the range, 0 to 1, so that the lower end is at idle.
         low = float(round(parameters["DSHOT_MIN"] * MAX_DSHOT))
         return OutputScale("DShot", "", low, MAX_DSHOT, step)
-    name, high = _scale_of_largest(largest, is_px4=is_px4)
+    name, high = _scale_of_largest(largest_output, is_px4=is_px4)
     return OutputScale(name, "", low=0.0, high=high, step=step)
 
 
@@ -160,30 +167,30 @@ def _pulse_width_scale(
     return OutputScale("PWM", "µs", low, high, step, upper_limit, lower_limit)
 
 
-def _scale_of_largest(largest: float, *, is_px4: bool) -> tuple[str, float]:
+def _scale_of_largest(largest_output: float, *, is_px4: bool) -> tuple[str, float]:
     """Chooses a scale of motor outputs by the largest output alone: the first one whose range contains it.
 
     The ranges are tried from the smallest to the largest. DShot commands occur in two of them: a vehicle that only
     idled sends the first few commands, one that flew sends more than the 1000 of PX4's simulators.
 
     Args:
-        largest: Largest output of any motor that occurred.
+        largest_output: Largest output of any motor that occurred.
         is_px4: Whether the autopilot is PX4, which alone logs commands of UAVCAN.
 
     Returns:
         Name of the scale and its output at full throttle; "unknown" and the largest output where it exceeds all.
     """
-    if largest <= MAX_NORMALISED:
+    if largest_output <= MAX_NORMALISED:
         return "normalised", 1.0
-    if largest <= MAX_IDLE_DSHOT:
+    if largest_output <= MAX_IDLE_DSHOT:
         return "DShot", DSHOT_FULL_THROTTLE
-    if largest <= SIMULATOR_FULL_THROTTLE:
+    if largest_output <= SIMULATOR_FULL_THROTTLE:
         return "0-1000", SIMULATOR_FULL_THROTTLE
-    if largest <= MAX_DSHOT_COMMAND:
+    if largest_output <= MAX_DSHOT_COMMAND:
         return "DShot", DSHOT_FULL_THROTTLE
-    if is_px4 and largest <= UAVCAN_FULL_THROTTLE:
+    if is_px4 and largest_output <= UAVCAN_FULL_THROTTLE:
         return "UAVCAN", UAVCAN_FULL_THROTTLE
-    return UNKNOWN_SCALE, largest
+    return UNKNOWN_SCALE, largest_output
 
 
 def _pulse_range(

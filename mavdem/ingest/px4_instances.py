@@ -270,7 +270,7 @@ def _largest_since_previous_time(time: Array, sample_time: Array, values: Array)
     Returns:
         Largest samples (T,); NaN where there are none.
     """
-    largest = np.full(len(time), np.nan)
+    largest_samples = np.full(len(time), np.nan)
     # Each time has a window of samples, from row ``starts`` to before row ``ends``.
     ends = np.searchsorted(sample_time, time, side="right")
     ends_before = np.append(ends[:1] - 1, ends[:-1])
@@ -281,8 +281,8 @@ def _largest_since_previous_time(time: Array, sample_time: Array, values: Array)
         # ``reduceat`` returns the maxima from each index to the next: of windows and of the gaps between them by turns.
         # The appended 0 makes the end of the last sample a valid index.
         maxima = np.maximum.reduceat(np.append(values, 0.0), windows.ravel())
-        largest[is_recent] = maxima[::2]
-    return largest
+        largest_samples[is_recent] = maxima[::2]
+    return largest_samples
 
 
 def _is_used(is_fused: Flags, is_rejected: Flags) -> Flags:

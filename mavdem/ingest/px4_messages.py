@@ -128,12 +128,12 @@ def interpolated_rotations(
     Returns:
         Unit quaternions (M, 4).
     """
-    unit = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
-    before = unit[next_rows - 1]
-    after = unit[next_rows]
-    cosine = np.sum(before * after, axis=1)
+    unit_quaternions = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    rotation_before = unit_quaternions[next_rows - 1]
+    rotation_after = unit_quaternions[next_rows]
+    cosine = np.sum(rotation_before * rotation_after, axis=1)
     # The quaternions q and −q are the same rotation; the one nearer to ``before`` gives the shorter way.
-    after = after * np.where(cosine < 0, -1.0, 1.0)[:, np.newaxis]
+    rotation_after = rotation_after * np.where(cosine < 0, -1.0, 1.0)[:, np.newaxis]
     angle = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
     time_before = time[next_rows - 1]
     share = (query_time - time_before) / (time[next_rows] - time_before)
@@ -141,7 +141,10 @@ def interpolated_rotations(
     # neighbours.
     weight_before = (1 - share) * np.sinc((1 - share) * angle / np.pi)
     weight_after = share * np.sinc(share * angle / np.pi)
-    weighted_sum = weight_before[:, np.newaxis] * before + weight_after[:, np.newaxis] * after
+    weighted_sum = (
+        weight_before[:, np.newaxis] * rotation_before
+        + weight_after[:, np.newaxis] * rotation_after
+    )
     return weighted_sum / np.sinc(angle / np.pi)[:, np.newaxis]
 
 

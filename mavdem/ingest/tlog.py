@@ -193,12 +193,12 @@ def _bytes_before(frames: Frames, rows: slice | Rows) -> NDArray[np.integer]:
         # A slice avoids arrays of row numbers for a large log. The frames before rows first to stop − 1 are the rows
         # first − 1 to stop − 2; the first frame of the log is preceded by byte 0, the beginning of the log.
         first, stop, _ = rows.indices(len(frames))
-        before = frames[max(first - 1, 0) : max(stop - 1, 0)].end
+        end_of_frame_before = frames[max(first - 1, 0) : max(stop - 1, 0)].end
         if first == 0:
-            before = np.insert(before, 0, 0)
-        return frames.start[rows] - before[: stop - first]
-    before = np.where(rows > 0, frames.start[rows - 1] + frames.size[rows - 1], 0)
-    return frames.start[rows] - before
+            end_of_frame_before = np.insert(end_of_frame_before, 0, 0)
+        return frames.start[rows] - end_of_frame_before[: stop - first]
+    end_of_frame_before = np.where(rows > 0, frames.start[rows - 1] + frames.size[rows - 1], 0)
+    return frames.start[rows] - end_of_frame_before
 
 
 def _receive_stamps(data: Bytes, frames: Frames, rows: slice | Rows) -> NDArray[np.uint64]:

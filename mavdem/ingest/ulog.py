@@ -334,11 +334,11 @@ def _span_without_long_silence(tables: Iterable[Columns]) -> tuple[int, int]:
     counted_stamps = [table["timestamp"][1:] for table in tables if len(table["timestamp"]) > 1]
     if not counted_stamps:
         return 0, np.iinfo(np.uint64).max
-    earliest = min(int(stamps.min()) for stamps in counted_stamps)
-    latest = max(int(stamps.max()) for stamps in counted_stamps)
+    earliest_stamp = min(int(stamps.min()) for stamps in counted_stamps)
+    latest_stamp = max(int(stamps.max()) for stamps in counted_stamps)
     max_silence = MAX_SILENCE_SECONDS * MICROSECONDS
-    if latest - earliest <= max_silence:
-        return earliest, latest
+    if latest_stamp - earliest_stamp <= max_silence:
+        return earliest_stamp, latest_stamp
     stamps = np.sort(np.concatenate(counted_stamps))
     later_part_starts = 1 + np.flatnonzero(np.diff(stamps) > max_silence)
     parts = np.split(stamps, later_part_starts)

@@ -343,7 +343,7 @@ class _RecordScan:
                 return match.start()
         return None
 
-    def _damaged_bytes(self, offset: int, section_end: int, recent: Sequence[int]) -> slice:
+    def _damaged_bytes(self, offset: int, section_end: int, recent_offsets: Sequence[int]) -> slice:
         """Finds the bytes to leave out around a record that does not fit, and adds them to ``loss``.
 
         The data record before it may be damaged too: if bytes are missing, it contains the beginning of a later record;
@@ -354,13 +354,15 @@ class _RecordScan:
         Args:
             offset: Offset of the record that does not fit.
             section_end: Offset at which the section of the file ends.
-            recent: Offsets of the last records before it, ascending.
+            recent_offsets: Offsets of the last records before it, ascending.
 
         Returns:
             The range of offsets to leave out.
         """
-        follows_data = bool(recent) and self.definitions.header(recent[-1]).record_type == DATA
-        start = recent[-1] if follows_data else offset
+        follows_data = (
+            bool(recent_offsets) and self.definitions.header(recent_offsets[-1]).record_type == DATA
+        )
+        start = recent_offsets[-1] if follows_data else offset
         next_sound = self._next_sound_record(offset, start + 1, section_end)
         has_sound_record_after = next_sound < section_end
         if not has_sound_record_after and self._may_be_cut_off(offset, section_end):
@@ -369,20 +371,20 @@ class _RecordScan:
             return slice(start, section_end)
         if self._has_wrong_header_only(offset, next_sound):
             start = offset
-        records_before = [record for record in recent if record < start]
+        records_before = [record for record in recent_offsets if record < start]
         records_after = self._data_offsets(next_sound, section_end)
         lost_seconds = self._seconds_between(records_before, records_after)
         self._add_loss(1, next_sound - start, lost_seconds)
         return slice(start, next_sound)
 
-    def _next_sound_record(self, damaged: int, search_start: int, section_end: int) -> int:
+    def _next_sound_record(self, damaged_offset: int, search_start: int, section_end: int) -> int:
         """Returns the offset of the first sound (undamaged) record after a damaged one.
 
         There are two candidates, of which the first one in the file counts: where the damaged record ends by the length
         in its header, if a sound record begins there; and the next place at which several records follow each other.
 
         Args:
-            damaged: Offset of the damaged record.
+            damaged_offset: Offset of the damaged record.
             search_start: Offset from which on the file is searched for successive records, byte by byte.
             section_end: Offset at which the section of the file ends.
 
@@ -391,7 +393,7 @@ class _RecordScan:
         """
         next_sequence = self._next_sequence(search_start, section_end, section_end)
         next_sound = section_end if next_sequence is None else next_sequence
-        record_end = self.definitions.record_end(damaged)
+        record_end = self.definitions.record_end(damaged_offset)
         if record_end < section_end and record_end <= next_sound:
             if self.definitions.fit(record_end, section_end) is Fit.SOUND:
                 return record_end
@@ -458,26 +460,28 @@ class _RecordScan:
             offset = self.definitions.record_end(offset)
         return data_offsets
 
-    def _seconds_between(self, before: Sequence[int], after: Sequence[int]) -> float:
+    def _seconds_between(
+        self, offsets_before: Sequence[int], offsets_after: Sequence[int]
+    ) -> float:
         """Returns the time between the records before a damaged place and those after it.
 
         The latest stamp before it and the earliest after it may be damaged too, or much older than their neighbours, as
         the first stamp of a topic is. So if a side has more than two stamps, its second one is used.
 
         Args:
-            before: Offsets of records before the place.
-            after: Offsets of records after the place.
+            offsets_before: Offsets of records before the place.
+            offsets_after: Offsets of records after the place.
 
         Returns:
             The time, s, at least 0; 0 if one of the sides has no data record.
         """
-        stamps_before = sorted(self._stamps_of_records(before), reverse=True)
-        stamps_after = sorted(self._stamps_of_records(after))
+        stamps_before = sorted(self._stamps_of_records(offsets_before), reverse=True)
+        stamps_after = sorted(self._stamps_of_records(offsets_after))
         if not stamps_before or not stamps_after:
             return 0.0
-        last = stamps_before[1] if len(stamps_before) > 2 else stamps_before[0]
-        first = stamps_after[1] if len(stamps_after) > 2 else stamps_after[0]
-        return max(first - last, 0) / MICROSECONDS
+        last_stamp = stamps_before[1] if len(stamps_before) > 2 else stamps_before[0]
+        first_stamp = stamps_after[1] if len(stamps_after) > 2 else stamps_after[0]
+        return max(first_stamp - last_stamp, 0) / MICROSECONDS
 
     def _stamps_of_records(self, offsets: Sequence[int]) -> list[int]:
         """Returns the time stamps of some records, µs since boot; records without a stamp are passed over.

@@ -115,16 +115,16 @@ def _fields_to_read(topic: str, fields: Sequence[NumberField]) -> Sequence[Numbe
 
 
 def _integers_at(
-    content: Bytes, offsets: Offsets, stored: np.dtype[Any]
+    content: Bytes, offsets: Offsets, stored_type: np.dtype[Any]
 ) -> NDArray[np.unsignedinteger[Any]]:
     """Reads one integer at each of N offsets of a file.
 
     Args:
         content: All bytes of the file.
         offsets: Offset (N,) of each integer.
-        stored: Data type of the integers in the file, with its size and byte order.
+        stored_type: Data type of the integers in the file, with its size and byte order.
 
     Returns:
         (N,) integers.
     """
-    return rows_of(content, offsets, stored.itemsize).view(stored)[:, 0]
+    return rows_of(content, offsets, stored_type.itemsize).view(stored_type)[:, 0]

@@ -359,14 +359,14 @@ def attitude_target(setpoints: Array) -> Fields:
         The columns type_mask, q and the three body rates.
     """
     count, width = setpoints.shape
-    unknown = np.full((count, 4), np.nan)
+    missing_setpoint = np.full((count, 4), np.nan)
     if width == 4:
         type_mask = IGNORE_BODY_RATES
         attitude = setpoints
-        roll_rate, pitch_rate, yaw_rate = unknown[:, :3].T
+        roll_rate, pitch_rate, yaw_rate = missing_setpoint[:, :3].T
     else:
         type_mask = IGNORE_ATTITUDE
-        attitude = unknown
+        attitude = missing_setpoint
         roll_rate, pitch_rate, yaw_rate = setpoints.T
     return {
         "type_mask": np.full(count, type_mask, np.uint8),

@@ -67,18 +67,18 @@ class Autopilot:
         Raises:
             ValueError: A replacement names a message that the autopilot does not send.
         """
-        usual = dict.fromkeys(self.full_rate_messages, rate)
-        usual |= dict.fromkeys(self.quarter_rate_messages, rate / 4)
-        usual |= self.fixed_rates
+        usual_rates = dict.fromkeys(self.full_rate_messages, rate)
+        usual_rates |= dict.fromkeys(self.quarter_rate_messages, rate / 4)
+        usual_rates |= self.fixed_rates
         if has_instruments:
-            usual |= self.instruments
+            usual_rates |= self.instruments
         for name in replacements:
-            if name not in usual:
-                names = ", ".join(usual)
+            if name not in usual_rates:
+                names = ", ".join(usual_rates)
                 raise ValueError(
                     f"stream.rates: {self.name} sends no {shortened(name)} here: choose among {names}"
                 )
-        return {**usual, **replacements}
+        return {**usual_rates, **replacements}
 
 
 AUTOPILOTS = TypeAdapter(dict[str, Autopilot]).validate_python(

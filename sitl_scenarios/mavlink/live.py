@@ -199,18 +199,18 @@ def _frames_by_tick(
     tick = min(TICK_SECONDS * speed, MAX_TICK_FLIGHT_SECONDS)
     cycles = max(round(tick / simulation.cycle), 1)
     start = None
-    now = 0.0
+    flight_time = 0.0
     while not simulation.finished:
         motion = simulation.advance(cycles)
         start = float(motion.time[0]) if start is None else start
-        now = float(motion.time[-1])
+        flight_time = float(motion.time[-1])
         in_transit.extend(link.pass_on(transmitter.send(motion)))
-        yield _Tick(now - start, _take_arrived_frames(in_transit, now))
+        yield _Tick(flight_time - start, _take_arrived_frames(in_transit, flight_time))
     # The flight is over: only time passes, until the last frames have arrived.
     in_transit.extend(link.held_frames())
     while in_transit and start is not None:
-        now += cycles * simulation.cycle
-        yield _Tick(now - start, _take_arrived_frames(in_transit, now))
+        flight_time += cycles * simulation.cycle
+        yield _Tick(flight_time - start, _take_arrived_frames(in_transit, flight_time))
 
 
 def _take_arrived_frames(in_transit: deque[TimedFrame], now: float) -> list[bytes]:

@@ -312,13 +312,13 @@ class Transmitter:
                 if change >= self.autopilot.interval_step:
                     self.schedule.set_interval(name, requested_interval, self.clock)
 
-    def _reboot(self, now: float) -> None:
+    def _reboot(self, time: float) -> None:
         """Boots the autopilot again at a time of the motion, s; it sends messages after ``REBOOT_SECONDS``."""
-        self._boot(now, now + REBOOT_SECONDS)
+        self._boot(time, time + REBOOT_SECONDS)
 
-    def _restart_by_watchdog(self, now: float) -> None:
+    def _restart_by_watchdog(self, time: float) -> None:
         """Boots the autopilot again in flight, and sends the text with the reason of the reboot."""
-        self._reboot(now)
+        self._reboot(time)
         # MAV_SEVERITY_CRITICAL
         self.send_once("STATUSTEXT", severity=2, text=WATCHDOG_TEXT[:50].encode())
 
@@ -326,20 +326,20 @@ class Transmitter:
         """Moves the boot clock ahead, as a simulator does that was paused."""
         self._boot_time -= self._scenario.faults.clock_jump_seconds
 
-    def _boot(self, boot: float, first: float) -> None:
+    def _boot(self, boot_time: float, first_time: float) -> None:
         """Boots the autopilot, at the beginning or again in flight: clock, sequence numbers and rates restart.
 
         In the first block after boot it reports its frame, and its parameters too unless messages are sent only on
         request.
 
         Args:
-            boot: Time of the motion at which the boot clock is zero, s.
-            first: Time of the motion from which on messages are sent, s.
+            boot_time: Time of the motion at which the boot clock is zero, s.
+            first_time: Time of the motion from which on messages are sent, s.
         """
-        self._boot_time = boot
-        self._first_time = first
+        self._boot_time = boot_time
+        self._first_time = first_time
         self._sequence = self._first_sequence
-        self.clock = first - boot
+        self.clock = first_time - boot_time
         self.schedule = self._initial_schedule(self.clock)
         self.parameters = parameters(self._scenario, self.autopilot)
         if not self._scenario.stream.only_when_asked:

@@ -305,7 +305,7 @@ class Instruments:
         )
 
     def _battery_voltages(
-        self, time: float, current: float, remaining_voltage: float
+        self, time: float, first_current: float, remaining_voltage: float
     ) -> BatteryVoltages:
         """Returns the voltages of both batteries under load.
 
@@ -314,7 +314,7 @@ class Instruments:
 
         Args:
             time: Seconds after arming.
-            current: Current of the first battery, A.
+            first_current: Current of the first battery, A.
             remaining_voltage: Fraction of the first battery's voltage that the scenario's ``battery_sag`` leaves, 0 to
                 1.
 
@@ -328,13 +328,13 @@ class Instruments:
             # This battery was used before the flight, and is empty when the failsafe acts.
             share_to_failsafe = min(max(time / mishap.start, 0.0), 1.0)
             open_voltage = _interpolated(DISCHARGED_VOLTAGE, EMPTY_VOLTAGE, share_to_failsafe)
-        first = remaining_voltage * open_voltage - RESISTANCE * current
+        first_voltage = remaining_voltage * open_voltage - RESISTANCE * first_current
         if not isinstance(mishap, EmptyBattery):
-            return BatteryVoltages(first, NO_BATTERY)
+            return BatteryVoltages(first_voltage, NO_BATTERY)
         cell_voltage = _interpolated(USED_CELL_VOLTAGE, mishap.cell, flown_share)
-        second_current = SECOND_BATTERY_SHARE * current
-        second = CELLS * cell_voltage - RESISTANCE * second_current
-        return BatteryVoltages(first, second)
+        second_current = SECOND_BATTERY_SHARE * first_current
+        second_voltage = CELLS * cell_voltage - RESISTANCE * second_current
+        return BatteryVoltages(first_voltage, second_voltage)
 
     def _board_voltage(self, time: float) -> float:
         """Returns the supply voltage of the autopilot's board.

@@ -148,12 +148,12 @@ def attitude(tables: Tables, units_per_degree: float) -> NamedMessage:
         rate_message = "RATE"
         body_rates = np.radians(float_table(rates, RATE_FIELDS)) / units_per_degree
     if message_count(rates) < enough_for_angles:
-        slower, slower_message = rates, rate_message
+        slower_columns, slower_message = rates, rate_message
     else:
-        slower, slower_message = angles, angle_message
+        slower_columns, slower_message = angles, angle_message
     euler_angles = np.radians(float_table(angles, ANGLE_FIELDS))
-    euler_angles = resampled(slower, angles, euler_angles, is_angle=True)
-    body_rates = resampled(slower, rates, body_rates)
+    euler_angles = resampled(slower_columns, angles, euler_angles, is_angle=True)
+    body_rates = resampled(slower_columns, rates, body_rates)
     # MAVLink's angles are within half a turn of zero. Those that already are, stay exactly as they are, since wrapping
     # would round them.
     euler_angles = np.where(abs(euler_angles) > np.pi, wrapped_angle(euler_angles), euler_angles)
@@ -167,7 +167,7 @@ def attitude(tables: Tables, units_per_degree: float) -> NamedMessage:
         "pitchspeed": pitch_rate,
         "yawspeed": yaw_rate,
     }
-    return NamedMessage(slower_message, with_stamps(slower, fields))
+    return NamedMessage(slower_message, with_stamps(slower_columns, fields))
 
 
 def _faster_angle_message(tables: Tables, fields: Names) -> str:

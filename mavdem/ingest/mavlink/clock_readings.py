@@ -109,8 +109,10 @@ def outlier_stamps(stamps: Times) -> Flags:
     steps = np.diff(stamps)
     # A shortcut for stamps that only rise: the running median of ascending values is the value itself, except within
     # half a window of either end. There it deviates by at most the duration of that half window.
-    half = OUTLIER_WINDOW // 2
-    longest_half_window = max(stamps[half] - stamps[0], stamps[-1] - stamps[-1 - half])
+    half_window = OUTLIER_WINDOW // 2
+    longest_half_window = max(
+        stamps[half_window] - stamps[0], stamps[-1] - stamps[-1 - half_window]
+    )
     if steps.min() >= 0 and longest_half_window <= MAX_STAMP_DEVIATION:
         return np.zeros(len(stamps), dtype=np.bool_)
     median_step = np.median(abs(steps))

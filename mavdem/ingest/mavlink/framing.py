@@ -210,22 +210,26 @@ def find_frames(data: Bytes, crc_extras: CrcExtras, gap: int = 0) -> Frames:
     for block_start in range(0, max(size, 1), SCANNED_BYTES):
         block_end = min(block_start + SCANNED_BYTES, size)
         block = _FrameBlock(data, block_start, block_end, gap, crc_extras)
-        linked = _without_overlaps(block.linked_frames(), assigned_end)
-        if len(linked) or block_end == size:
+        linked_frames = _without_overlaps(block.linked_frames(), assigned_end)
+        if len(linked_frames) or block_end == size:
             # The bytes up to this offset are assigned now.
-            new_end = size if block_end == size else int(linked.end[-1])
-            filling = _frames_between_linked(data, linked, assigned_end, new_end, gap, crc_extras)
-            accepted = _in_stream_order([linked, filling])
+            new_end = size if block_end == size else int(linked_frames.end[-1])
+            frames_between = _frames_between_linked(
+                data, linked_frames, assigned_end, new_end, gap, crc_extras
+            )
+            accepted_frames = _in_stream_order([linked_frames, frames_between])
             isolated = []
             for frames in waiting_isolated:
                 fits = _lies_in_free_space(
-                    frames.start, frames.end, accepted, assigned_end, new_end
+                    frames.start, frames.end, accepted_frames, assigned_end, new_end
                 )
                 isolated.append(frames[fits])
-            fits = _lies_in_free_space(block.start, block.end, accepted, assigned_end, new_end)
+            fits = _lies_in_free_space(
+                block.start, block.end, accepted_frames, assigned_end, new_end
+            )
             isolated.append(block.isolated_frames(fits))
             accepted_isolated = _without_overlaps(_in_stream_order(isolated), assigned_end)
-            found_frames.add(_in_stream_order([accepted, accepted_isolated]))
+            found_frames.add(_in_stream_order([accepted_frames, accepted_isolated]))
             assigned_end = new_end
             waiting_isolated = []
         waiting_isolated.append(block.isolated_frames(block.start >= assigned_end))
@@ -513,7 +517,7 @@ def frame_length(marker: int, payload_length: int, flags: int) -> int | None:
 
 
 def _lies_in_free_space(
-    start: Offsets, end: Offsets, accepted: Frames, first_offset: int, end_offset: int
+    start: Offsets, end: Offsets, accepted_frames: Frames, first_offset: int, end_offset: int
 ) -> Flags:
     """Flags the frames that lie between accepted frames without an overlap.
 
@@ -523,7 +527,7 @@ def _lies_in_free_space(
     Args:
         start: Offset (N,) of each frame's marker.
         end: Offset (N,) after each frame.
-        accepted: The A accepted frames in stream order.
+        accepted_frames: The A accepted frames in stream order.
         first_offset: Offset at which the first space begins.
         end_offset: Offset at which the last space ends.
 
@@ -531,9 +535,9 @@ def _lies_in_free_space(
         Flags (N,).
     """
     # The number of accepted frames that begin before a frame is the index of the space after the last of them.
-    space_index = np.searchsorted(accepted.start, start, side="right")
-    space_start = np.concatenate([[first_offset], accepted.end])[space_index]
-    space_end = np.append(accepted.start, end_offset)[space_index]
+    space_index = np.searchsorted(accepted_frames.start, start, side="right")
+    space_start = np.concatenate([[first_offset], accepted_frames.end])[space_index]
+    space_end = np.append(accepted_frames.start, end_offset)[space_index]
     return (start >= space_start) & (end <= space_end)
 
 

@@ -67,7 +67,7 @@ STAMP_FIELDS = ("time_boot_ms", "time_boot_us", "time_usec")
 """Names of fields with a time stamp."""
 
 
-def missing_messages(before: Any, after: Any) -> Any:
+def missing_messages(previous_sequence: Any, next_sequence: Any) -> Any:
     """Counts the messages that are missing between two messages of a sender, by their sequence numbers.
 
     A message that comes late was counted as missing when a later one overtook it, and the step after it counts the
@@ -75,14 +75,14 @@ def missing_messages(before: Any, after: Any) -> Any:
     messages sent less the number received, as in RTP (RFC 3550, section 6.4.1). Duplicates make the sum too small.
 
     Args:
-        before: Sequence number of the message before, or an array of them, as signed integers.
-        after: Sequence number of the message itself, or an array of them.
+        previous_sequence: Sequence number of the message before, or an array of them, as signed integers.
+        next_sequence: Sequence number of the message itself, or an array of them.
 
     Returns:
         The increase of the number of missing messages, −33 to 127.
     """
     # The step modulo 256, 0 to 255. Large values are steps back: 255 is a message that is late by one.
-    step = (after - before) & (SEQUENCE_NUMBERS - 1)
+    step = (next_sequence - previous_sequence) & (SEQUENCE_NUMBERS - 1)
     is_late = step >= SEQUENCE_NUMBERS - MAX_LATE_STEPS
     is_ahead = (step > 0) & (step <= MAX_MISSING_STEP)
     # A step of 1 misses nothing, and a late message counts as negative.

@@ -240,8 +240,8 @@ def _single_frames(data: Bytes, frames: Frames, first: int) -> Iterator[_SingleF
     # NumPy's view of the memory: slicing it is cheaper than slicing the array.
     content = data.data
     # Columns are converted to lists block by block, which is much faster than element by element.
-    for begin in range(first, len(frames), FRAMES_AT_ONCE):
-        block = frames[begin : begin + FRAMES_AT_ONCE]
+    for block_start in range(first, len(frames), FRAMES_AT_ONCE):
+        block = frames[block_start : block_start + FRAMES_AT_ONCE]
         for start, end, message_id, sequence, checksum in zip(
             block.start.tolist(),
             block.end.tolist(),

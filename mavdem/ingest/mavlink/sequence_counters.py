@@ -159,26 +159,26 @@ class SequenceCounters:
             The number of the frame before it on the same counter; None if it begins a counter.
         """
         self._frame_count += 1
-        latest = self.latest
-        other = 1 - latest
-        latest_number = self._numbers[latest]
+        latest_counter = self.latest
+        other_counter = 1 - latest_counter
+        latest_number = self._numbers[latest_counter]
         if latest_number is not None and (sequence - latest_number) % SEQUENCE_NUMBERS == 1:
             # The usual case, decided first since it is fast.
-            self._numbers[latest] = sequence
+            self._numbers[latest_counter] = sequence
             return latest_number
-        other_number = self._numbers[other]
+        other_number = self._numbers[other_counter]
         latest_step = _step(latest_number, sequence)
         other_step = _step(other_number, sequence)
         if min(latest_step, other_step) > MAX_COUNTER_STEP:
             # The counter in use is kept. The other one may date from before a restart, and is replaced.
-            self._numbers[other] = sequence
-            self.latest = other
+            self._numbers[other_counter] = sequence
+            self.latest = other_counter
             return None
         if latest_step <= other_step:
-            self._numbers[latest] = sequence
+            self._numbers[latest_counter] = sequence
             return latest_number
-        self._numbers[other] = sequence
-        self.latest = other
+        self._numbers[other_counter] = sequence
+        self.latest = other_counter
         self._frame_counts_at_switches.append(self._frame_count)
         return other_number
 
@@ -246,18 +246,18 @@ class AttitudeComparison:
             self.has_found_two_vehicles |= self.are_two_vehicles
 
 
-def attitudes_contradict(first: AttitudeReading, second: AttitudeReading) -> bool:
+def attitudes_contradict(first_reading: AttitudeReading, second_reading: AttitudeReading) -> bool:
     """Returns whether two attitudes differ by more than one vehicle can turn in the time between them.
 
     Args:
         first, second: the attitudes, at most some tenths of a second apart.
     """
-    seconds = second.clock - first.clock
+    seconds = second_reading.clock - first_reading.clock
     acceleration_angle = MAX_ANGULAR_ACCELERATION * seconds**2 / 2
     # Euler angles would contradict each other while a vehicle tumbles: upside down they turn against the body rates.
-    rotations = _rotation_vector(first.quaternion, second.quaternion)
+    rotations = _rotation_vector(first_reading.quaternion, second_reading.quaternion)
     for axis, rotation in enumerate(rotations):
-        predicted_rotation = (first.rates[axis] + second.rates[axis]) / 2 * seconds
+        predicted_rotation = (first_reading.rates[axis] + second_reading.rates[axis]) / 2 * seconds
         # A rotation about an axis is known but for whole turns.
         difference = abs((rotation - predicted_rotation + pi) % (2 * pi) - pi)
         rate_error = RATE_ERROR_FRACTION * abs(predicted_rotation)
@@ -266,7 +266,9 @@ def attitudes_contradict(first: AttitudeReading, second: AttitudeReading) -> boo
     return False
 
 
-def _rotation_vector(first: Sequence[float], second: Sequence[float]) -> list[float]:
+def _rotation_vector(
+    first_attitude: Sequence[float], second_attitude: Sequence[float]
+) -> list[float]:
     """Returns the rotation from one attitude to another about the three body axes, rad.
 
     Args:
@@ -275,8 +277,8 @@ def _rotation_vector(first: Sequence[float], second: Sequence[float]) -> list[fl
     Returns:
         The rotation vector, whose length is the angle of the rotation, 0 to π.
     """
-    w1, x1, y1, z1 = first
-    w2, x2, y2, z2 = second
+    w1, x1, y1, z1 = first_attitude
+    w2, x2, y2, z2 = second_attitude
     # The quaternion of the rotation is the inverse of the first one times the second one.
     w = w1 * w2 + x1 * x2 + y1 * y2 + z1 * z2
     vector = [

@@ -86,7 +86,7 @@ def _decoded_messages(
     }
     by_channel: dict[int, dict[int, Any]] = {channel_id: {} for channel_id in topics}
     receive_times: dict[int, int] = {}
-    undecodable: Counter[str] = Counter()
+    undecodable_counts: Counter[str] = Counter()
     for position, message in enumerate(second_reading.messages()):
         channel_id = message.channel_id
         if channel_id not in topics:
@@ -99,8 +99,8 @@ def _decoded_messages(
             receive_times[position] = message.log_time
         except Exception:
             # The library may raise anything on a message that is cut short, or of another type.
-            undecodable[second_reading.channels[channel_id].topic] += 1
-    return _DecodedMessages(by_channel, receive_times, undecodable)
+            undecodable_counts[second_reading.channels[channel_id].topic] += 1
+    return _DecodedMessages(by_channel, receive_times, undecodable_counts)
 
 
 def read_ros2(recording: McapRecording, source: str) -> Log:
@@ -124,12 +124,12 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
     second_reading = McapRecording(recording.content)
     decoded = _decoded_messages(recording, second_reading, topics)
     receive_times = decoded.receive_times
-    undecodable = decoded.undecodable
+    undecodable_counts = decoded.undecodable
     tables = []
     for channel_id, messages in decoded.by_channel.items():
         table = _topic_columns(topics[channel_id], messages)
         if table is None:
-            undecodable[second_reading.channels[channel_id].topic] += len(messages)
+            undecodable_counts[second_reading.channels[channel_id].topic] += len(messages)
         else:
             tables.append((topics[channel_id], table))
     vehicles = []
@@ -144,9 +144,9 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
         *repair_facts(
             Repair.LOGGED_MESSAGES_LEFT_OUT,
             flaw=Flaw.UNDECODABLE,
-            count=undecodable.total(),
+            count=undecodable_counts.total(),
             # The plus drops topics whose count is 0.
-            names=sorted(+undecodable),
+            names=sorted(+undecodable_counts),
         ),
     )
     return log_of_vehicles(
@@ -445,8 +445,8 @@ def _time_origin(stamps: Integers) -> tuple[int, Facts]:
     if not len(stamps):
         return 0, ()
     # One of the stamps, not ``np.median``: where half of them are UNIX time, it would be the mean of two unlike stamps.
-    half = len(stamps) // 2
-    middle_stamp = int(np.partition(stamps, half)[half])
+    middle_row = len(stamps) // 2
+    middle_stamp = int(np.partition(stamps, middle_row)[middle_row])
     if middle_stamp < MIN_UNIX_STAMP:
         return 0, ()
     is_of_recording = abs(stamps - middle_stamp) < MAX_RECORDING
