@@ -484,11 +484,12 @@ def _column_of_field(values: Sequence[Any]) -> NDArray[Any]:
     Returns:
         Array (N,) of numbers, or (N, n) of tuples.
     """
-    first = values[0]
-    if isinstance(first, tuple):
+    first_value = values[0]
+    if isinstance(first_value, tuple):
         # NumPy reads one series of floats several times as fast as tuples.
-        flat = np.fromiter(chain.from_iterable(values), np.float64, len(values) * len(first))
-        return flat.reshape(len(values), len(first))
+        shape = (len(values), len(first_value))
+        all_elements = chain.from_iterable(values)
+        return np.fromiter(all_elements, np.float64, shape[0] * shape[1]).reshape(shape)
     return np.array(values)
 
 

@@ -43,15 +43,15 @@ def control_parameters(scenario: Scenario) -> dict[str, float]:
         parameters = _px4_parameters(scenario.vehicle, gains)
     else:
         parameters = _ardupilot_parameters(scenario.vehicle, gains)
-    replaced = scenario.vehicle.parameters
+    scenario_parameters = scenario.vehicle.parameters
     # Before ArduCopter 3.4 gains had other names, such as RATE_RLL_P, without ATC_. No log has both, so a scenario
     # with the old names must not report the new ones as well.
-    if "RATE_RLL_P" in replaced:
+    if "RATE_RLL_P" in scenario_parameters:
         parameters = {
             name: value for name, value in parameters.items() if not name.startswith("ATC_")
         }
     loop_rate = {LOOP_RATE_PARAMETERS[autopilot]: round(1 / scenario.cycle)}
-    return parameters | loop_rate | replaced
+    return parameters | loop_rate | scenario_parameters
 
 
 def reciprocal_frequency(value: float) -> float:

@@ -90,17 +90,18 @@ def ardupilot_thrusts(columns: Array, demands: Vector4) -> Array:
         for roll_element, pitch_element in zip(roll_column, pitch_column, strict=True)
     ]
 
-    # Each motor has room for yaw up to 1 or down to 0, by the direction in which yaw moves it. The motor with the least
-    # room limits yaw.
+    # Each motor has a margin for yaw, up to 1 or down to 0, by the direction in which yaw moves it. The motor with the
+    # smallest margin limits yaw.
     centred_thrust = min(MAX_CENTRED_THRUST, thrust)
-    yaw_rooms = []
+    yaw_limits = []
     for tilt_thrust, yaw_element in zip(tilt_thrusts, yaw_column, strict=True):
         is_raised_by_yaw = yaw * yaw_element > 0
-        room_upwards = 1 - centred_thrust - tilt_thrust
-        room_downwards = centred_thrust + tilt_thrust
-        available_thrust = room_upwards if is_raised_by_yaw else room_downwards
-        yaw_rooms.append(available_thrust / abs(yaw_element))
-    max_yaw = max(min(yaw_rooms), YAW_HEADROOM)
+        if is_raised_by_yaw:
+            thrust_margin = 1 - centred_thrust - tilt_thrust
+        else:
+            thrust_margin = centred_thrust + tilt_thrust
+        yaw_limits.append(thrust_margin / abs(yaw_element))
+    max_yaw = max(min(yaw_limits), YAW_HEADROOM)
     limited_yaw = min(max(yaw, -max_yaw), max_yaw)
 
     # One factor for all motors: their spread fits into 1, and none falls below 0 at the demanded thrust.

@@ -375,22 +375,25 @@ def _move_rows(move: Move, start: Array, cycle: float) -> Array:
         cycle: Period of the rows, s.
 
     Returns:
-        (n, 7) values of ``CourseRow`` for each cycle.
+        (n, 7) values of ``CourseRow`` for each cycle: position (3), m, velocity (3), m/s, and yaw rate, rad/s.
     """
     displacement = np.array([move.north, move.east, move.up])
     timing = move_timing(move)
     cycles = round((timing.move_seconds + timing.hover_seconds) / cycle)
     time = cycle * np.arange(cycles)
     length = hypot(*displacement)
-    # The speed rises evenly during the ramp, stays, and falls evenly during a ramp before the leg's end.
+    # The speed rises evenly during the ramp, stays, and falls evenly during a ramp before the leg's end. Each of these
+    # phases has lasted for so many seconds at a time.
     ramp = timing.max_speed / MOVE_ACCELERATION
-    accelerating = np.minimum(time, ramp)
-    decelerating = np.clip(time - timing.leg_seconds + ramp, 0.0, ramp)
-    after_ramp = np.clip(time - ramp, 0.0, timing.leg_seconds - ramp)
+    seconds_of_rise = np.minimum(time, ramp)
+    seconds_of_fall = np.clip(time - timing.leg_seconds + ramp, 0.0, ramp)
+    seconds_after_rise = np.clip(time - ramp, 0.0, timing.leg_seconds - ramp)
+    # The distance is the integral of the speed: as if it stayed after the rise, less what the fall takes from it.
     distance = (
-        MOVE_ACCELERATION / 2 * (accelerating**2 - decelerating**2) + timing.max_speed * after_ramp
+        MOVE_ACCELERATION / 2 * (seconds_of_rise**2 - seconds_of_fall**2)
+        + timing.max_speed * seconds_after_rise
     )
-    speed = MOVE_ACCELERATION * (accelerating - decelerating)
+    speed = MOVE_ACCELERATION * (seconds_of_rise - seconds_of_fall)
     direction = displacement / (length or 1.0)
     positions = start + np.outer(distance, direction)
     velocities = np.outer(speed, direction)

@@ -138,16 +138,17 @@ def _circle_frame(circle: RotorCircle, radius: float) -> RotorFrame:
         Positions (n,), m, and columns of the mixer (n,).
     """
     arm = circle.size * radius
-    # Rounded, so that a rotor on an axis is exactly there.
-    forward = [round(cos(radians(bearing)), 9) for bearing in circle.bearings]
-    right = [round(sin(radians(bearing)), 9) for bearing in circle.bearings]
-    largest_forward = max(map(abs, forward))
-    largest_right = max(map(abs, right))
+    # Positions on a circle of radius 1. They are rounded, so that a rotor on an axis is exactly there.
+    unit_forward = [round(cos(radians(bearing)), 9) for bearing in circle.bearings]
+    unit_right = [round(sin(radians(bearing)), 9) for bearing in circle.bearings]
+    largest_forward = max(map(abs, unit_forward))
+    largest_right = max(map(abs, unit_right))
     return RotorFrame(
-        forward=tuple(arm * share for share in forward),
-        right=tuple(arm * share for share in right),
-        roll=tuple(-share / largest_right for share in right),
-        pitch=tuple(share / largest_forward for share in forward),
+        forward=tuple(arm * forward for forward in unit_forward),
+        right=tuple(arm * right for right in unit_right),
+        # Thrust acts upwards: a rotor on the right rolls the body to the left.
+        roll=tuple(-right / largest_right for right in unit_right),
+        pitch=tuple(forward / largest_forward for forward in unit_forward),
         yaw=tuple(1.0 if sign == "+" else -1.0 for sign in circle.directions),
     )
 
@@ -167,11 +168,10 @@ def mixed_commands(frame: RotorFrame, demands: Vector4) -> Vector4:
         Normalised command of each motor (n,), ``IDLE_COMMAND`` to 1.
     """
     roll, pitch, yaw, thrust = demands
+    effects = zip(frame.roll, frame.pitch, frame.yaw, strict=True)
     differential = [
         roll * roll_effect + pitch * pitch_effect + yaw * yaw_effect
-        for roll_effect, pitch_effect, yaw_effect in zip(
-            frame.roll, frame.pitch, frame.yaw, strict=True
-        )
+        for roll_effect, pitch_effect, yaw_effect in effects
     ]
     lowest = min(differential)
     highest = max(differential)

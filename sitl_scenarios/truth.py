@@ -133,11 +133,13 @@ def linearised_model(vehicle: VehicleSpec) -> LinearModel:
         # The Euler angles of a level vehicle change with the body rates.
         return np.array([*velocity, *accelerations.linear, *rates, *accelerations.angular])
 
-    hover_command = body.command_for(body.hover_speed)
-    hover = np.repeat([0.0, hover_command], [len(STATES), body.rotors])
-    command_step = COMMAND_STEP * body.full_command
-    steps = np.repeat([*LINEARISATION_STEPS.values(), command_step], [3, 3, 3, 3, body.rotors])
-    jacobian = _jacobian(derivative, hover, steps)
+    # In hover all states are 0, and all commands are equal.
+    hover_commands = np.full(body.rotors, body.command_for(body.hover_speed))
+    hover = np.concatenate([np.zeros(len(STATES)), hover_commands])
+    # The steps of position, velocity, angles and rates are each of three states.
+    state_steps = np.repeat([*LINEARISATION_STEPS.values()], 3)
+    command_steps = np.full(body.rotors, COMMAND_STEP * body.full_command)
+    jacobian = _jacobian(derivative, hover, np.concatenate([state_steps, command_steps]))
     return LinearModel(STATES, jacobian[:, : len(STATES)], jacobian[:, len(STATES) :])
 
 

@@ -344,20 +344,14 @@ def _command_document(
         ToolError: The command failed; the message is the last line of its standard error.
     """
     with TemporaryDirectory(prefix="mavdem-") as folder:
-        folder_option = ["--out", str(Path(folder, "results"))] if has_folder else []
+        arguments = [sys.executable, "-m", "mavdem", command, "--json"]
+        if has_folder:
+            arguments += ["--out", str(Path(folder, "results"))]
+        # After "--" the name of a log may begin with a hyphen.
+        arguments += [*options, "--", *logs]
         try:
             process = subprocess.run(
-                [
-                    sys.executable,
-                    "-m",
-                    "mavdem",
-                    command,
-                    "--json",
-                    *folder_option,
-                    *options,
-                    "--",
-                    *logs,
-                ],
+                arguments,
                 stdin=subprocess.DEVNULL,
                 capture_output=True,
                 encoding="utf-8",

@@ -123,7 +123,7 @@ def _print_analyses(
 
 
 def _print_assessments(document: JsonValues, assessments: Sequence[Assessment]) -> None:
-    """Prints for each vehicle of a log what was received, its lights, sensors and batteries, headline and next step.
+    """Prints all that a log holds of each vehicle: contents, lights, sensors, batteries, headline and next step.
 
     Args:
         document: JSON document of the command, with the contents of the log in its ``vehicles`` and ``speakers``.

@@ -86,32 +86,49 @@ def print_screen(
     if verbose:
         print_blocks([*title, *summary, *details, *footer])
         return
-    lines = []
+    title_lines = []
     for sentence in title:
-        lines += _block_lines(sentence)
+        title_lines += _block_lines(sentence)
     footer_lines = []
     for block in footer:
         footer_lines += _block_lines(block)
-    available_lines = SCREEN_LINES - reserved_lines - len(footer_lines)
-    line_count = len(lines)
-    fitting_blocks: list[tuple[Block, list[str]]] = []
-    for block in summary:
+    occupied_lines = len(title_lines) + len(footer_lines) + reserved_lines
+    summary_lines = _fitting_lines(
+        summary, SCREEN_LINES - occupied_lines, TERMINAL_LINES - occupied_lines
+    )
+    print_to_stdout("\n".join([*title_lines, *summary_lines, *footer_lines]))
+
+
+def _fitting_lines(blocks: Iterable[Block], max_short_lines: int, max_lines: int) -> list[str]:
+    """Returns the lines of those blocks that fit on the screen, with texts in tables as long as there is room.
+
+    Blocks are first selected with each row of a table shortened to one line. Then the tables get longer texts, from the
+    first one on, as far as the screen has room.
+
+    Args:
+        blocks: Blocks in the order of their importance.
+        max_short_lines: The selected blocks have fewer lines than this with shortened texts.
+        max_lines: They have fewer lines than this with longer texts.
+    """
+    line_count = 0
+    selected_blocks: list[tuple[Block, list[str]]] = []
+    for block in blocks:
         short_lines = _block_lines(block, lines_per_row=1)
-        if line_count + len(short_lines) < available_lines:
-            fitting_blocks.append((block, short_lines))
+        if line_count + len(short_lines) < max_short_lines:
+            selected_blocks.append((block, short_lines))
             line_count += len(short_lines)
-    available_lines += TERMINAL_LINES - SCREEN_LINES
-    for block, short_lines in fitting_blocks:
+    lines: list[str] = []
+    for block, short_lines in selected_blocks:
         shown_lines = short_lines
         for lines_per_row in LINES_PER_ROW:
             longer_lines = _block_lines(block, lines_per_row)
             further_count = len(longer_lines) - len(short_lines)
-            if line_count + further_count < available_lines:
+            if line_count + further_count < max_lines:
                 shown_lines = longer_lines
                 line_count += further_count
                 break
         lines += shown_lines
-    print_to_stdout("\n".join([*lines, *footer_lines]))
+    return lines
 
 
 def _block_lines(block: Block, lines_per_row: int | None = None) -> list[str]:

@@ -117,8 +117,17 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
         live_plot("Rates, °/s", "rates"),
         name="Motion",
     )
+    status = rrb.TextDocumentView(origin="status", name="Status", titlebar=False)
+    status_and_log = rrb.Horizontal(status, events_view(), name="Status")
+    scene = rrb.Vertical(live_scene_view(), name="3D")
+    tabs = rrb.Tabs(flight, motion, scene, _free_energy_tab(), status_and_log, active_tab=0)
+    return blueprint(tabs, play_state="following")
+
+
+def _free_energy_tab() -> rrb.Container:
+    """Returns the layout of the tab with F(t), its terms, F̄ of each learning run, and the surprise."""
     model_note = f"model: {ModelName.DEM}"
-    free_energy = rrb.Vertical(
+    return rrb.Vertical(
         live_plot(free_energy_title(), "free_energy"),
         live_plot(f"Terms of F(t), nats · {model_note}", "free_energy_terms"),
         live_plot(f"F̄ of each learning run, nats · {model_note}", "free_energy_action"),
@@ -126,11 +135,6 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
         row_shares=list(FREE_ENERGY_HEIGHTS),
         name="Free energy",
     )
-    status = rrb.TextDocumentView(origin="status", name="Status", titlebar=False)
-    status_and_log = rrb.Horizontal(status, events_view(), name="Status")
-    scene = rrb.Vertical(live_scene_view(), name="3D")
-    tabs = rrb.Tabs(flight, motion, scene, free_energy, status_and_log, active_tab=0)
-    return blueprint(tabs, play_state="following")
 
 
 def first_tab_paths(axis: str) -> dict[str, str]:

@@ -191,10 +191,11 @@ class SinkThread(threading.Thread):
         # Other threads may append to the queues meanwhile, so the numbers of items to send are fixed here.
         rows_stay = self.is_paused and not self.closing.is_set()
         row_count = 0 if rows_stay else len(self._rows)
-        rows = [self._rows.popleft() for _ in range(row_count)]
+        channels_and_rows = [self._rows.popleft() for _ in range(row_count)]
         events = [self._events.popleft() for _ in range(len(self._events))]
-        for channels, rows_of_channels in groupby(rows, key=itemgetter(0)):
-            self._send_rows(recording, channels, [row for _, row in rows_of_channels])
+        # Successive rows with the same channels are sent together.
+        for channels, group in groupby(channels_and_rows, key=itemgetter(0)):
+            self._send_rows(recording, channels, [row for _, row in group])
         for event in events:
             self._send_event(recording, event)
         if self._last_row and self._writer and wall.monotonic() >= self._next_status:

@@ -153,20 +153,14 @@ def draw_chart(
         drawn_lines += _band_and_line(line, value_range)
     # Bands lie below all lines, so that none hides the line of another.
     drawn_lines.sort(key=lambda drawn_line: drawn_line.values.ndim == 1)
-    low, high = value_range
     for mark in marks:
         if len(mark.times):
             drawn_lines.append(_upright_lines(mark, value_range))
     for number, drawn_line in enumerate(drawn_lines):
         # A unit such as 1/s is no folder.
         name = f"{number} {drawn_line.name.replace('/', ' per ')}"
-        path = f"{origin}/{rr.escape_entity_path_part(name)}"
-        is_band = drawn_line.values.ndim > 1
-        lines = Lines(
-            path, (drawn_line.name,), (drawn_line.colour,), drawn_line.width, is_filled=is_band
-        )
-        lines.send_style(recording)
-        lines.send(recording, drawn_line.time, drawn_line.values)
+        _send_line(recording, f"{origin}/{rr.escape_entity_path_part(name)}", drawn_line)
+    low, high = value_range
     margin = AXIS_MARGIN * (high - low)
     start_time, end_time = span
     start = rr.TimeRangeBoundary.absolute(seconds=start_time)
@@ -180,6 +174,22 @@ def draw_chart(
         axis_y=rrb.ScalarAxis(range=(low - margin, high + margin)),
         plot_legend=LEGEND if len(drawn_lines) > 1 else rrb.PlotLegend(visible=False),
     )
+
+
+def _send_line(recording: rr.RecordingStream, path: str, drawn_line: _DrawnLine) -> None:
+    """Sends one line of a chart, or one band, with its name, colour and width.
+
+    Args:
+        recording: recording to draw into.
+        path: path of the entity.
+        drawn_line: values (N,) of a line, or lower and upper edges (N, 2) of a band, over time.
+    """
+    is_band = drawn_line.values.ndim > 1
+    lines = Lines(
+        path, (drawn_line.name,), (drawn_line.colour,), drawn_line.width, is_filled=is_band
+    )
+    lines.send_style(recording)
+    lines.send(recording, drawn_line.time, drawn_line.values)
 
 
 def _upright_lines(mark: EventMarks, value_range: Interval) -> _DrawnLine:

@@ -178,14 +178,8 @@ class RecordingTabs:
         unit = Labels.of(learned).output_units[0]
         forecast = f"forecasts for {held_out.seconds:.2g} s"
         titles = plot_titles(axis, display_unit(unit).name, forecast, "%", held_out.model)
-        angle_chart = forecast_chart(0, held_out, series[OUTPUTS], unit)
-        lines_of_whole_record = self._angle_and_setpoint(axis)
-        if lines_of_whole_record:
-            # They replace the measured line of the forecasts, which has settled flight alone.
-            forecast_lines = [line for line in angle_chart.lines if line.name != "measured"]
-            angle_chart = angle_chart._replace(lines=(*lines_of_whole_record, *forecast_lines))
         charts = {
-            "angle": angle_chart,
+            "angle": self._angle_chart(held_out, series[OUTPUTS], unit),
             "motors": _chart_with_label(self._timeline.flight_charts, "Motors, %"),
             "parameters": parameter_chart(self._assessment),
             "wind": _chart_with_label(self._timeline.wind_charts, "Wind, m/s"),
@@ -225,6 +219,22 @@ class RecordingTabs:
             text = "See the headline." if is_headline else light.sentence_and_remedy
             lines.append(f"**{name.capitalize()} – {light.level}:** {text}")
         return log_text(self._recording, "headline", "", "\n\n".join(lines))
+
+    def _angle_chart(self, held_out: HeldOut, outputs: Series, unit: str) -> Chart:
+        """Returns the chart of the angle over the whole record, with its setpoint and its forecasts.
+
+        Args:
+            held_out: forecasts in windows that the model was not trained on.
+            outputs: outputs of the model (T, m) in settled flight, the angle first.
+            unit: unit of the angle in the data.
+        """
+        angle_chart = forecast_chart(0, held_out, outputs, unit)
+        lines_of_whole_record = self._angle_and_setpoint(axis=outputs.names[0])
+        if not lines_of_whole_record:
+            return angle_chart
+        # They replace the measured line of the forecasts, which has settled flight alone.
+        forecast_lines = [line for line in angle_chart.lines if line.name != "measured"]
+        return angle_chart._replace(lines=(*lines_of_whole_record, *forecast_lines))
 
     def _angle_and_setpoint(self, axis: str) -> Sequence[Line]:
         """Returns the measured angle of an axis and, if it was recorded, its setpoint as lines over the whole record.
@@ -309,32 +319,9 @@ class RecordingTabs:
         Returns:
             The layout of the tab; empty if neither a step response nor a loop is known.
         """
-        step_views = []
-        for axis, responses in self._assessment.responses.items():
-            for name, response in responses.items():
-                measured_response = response.measured
-                if isinstance(measured_response, StepResponse):
-                    step_views.append(
-                        self._draw_bars(
-                            f"steps/{axis}/{name}",
-                            f"{axis} {name}: step",
-                            measured_response.time,
-                            measured_response.step,
-                        )
-                    )
+        step_views = self._draw_step_responses()
         loops = self._assessment.identified_loops
-        sensitivity_views = []
-        for axis, loop in loops.items():
-            # The first response is by the estimate; draws from the posterior follow.
-            sensitivity = 1 / abs(1 + loop.rate.response[ESTIMATE])
-            sensitivity_views.append(
-                self._draw_bars(
-                    f"loops/{axis}",
-                    f"{axis} rate loop: sensitivity |S| over Hz",
-                    SENSITIVITY_FREQUENCIES,
-                    np.interp(SENSITIVITY_FREQUENCIES, loop.rate.frequency, sensitivity),
-                )
-            )
+        sensitivity_views = self._draw_sensitivities()
         views: list[rrb.View | rrb.Container] = []
         if step_views:
             views.append(rrb.Grid(*step_views, grid_columns=2))
@@ -346,6 +333,37 @@ class RecordingTabs:
             # The text is first, since it tells the user what to do.
             views.append(rrb.Tabs(margins, *sensitivity_views))
         return [rrb.Horizontal(*views, name="Loops")] if views else []
+
+    def _draw_step_responses(self) -> list[rrb.View]:
+        """Draws the measured step responses of angles and rates over time, a bar chart for each."""
+        views = []
+        for axis, responses in self._assessment.responses.items():
+            for name, response in responses.items():
+                measured_response = response.measured
+                if isinstance(measured_response, StepResponse):
+                    view = self._draw_bars(
+                        f"steps/{axis}/{name}",
+                        f"{axis} {name}: step",
+                        measured_response.time,
+                        measured_response.step,
+                    )
+                    views.append(view)
+        return views
+
+    def _draw_sensitivities(self) -> list[rrb.View]:
+        """Draws the sensitivity |S| of each identified rate loop over frequency, Hz, as a bar chart."""
+        views = []
+        for axis, loop in self._assessment.identified_loops.items():
+            # The first response is by the estimate; samples of the posterior follow.
+            sensitivity = 1 / abs(1 + loop.rate.response[ESTIMATE])
+            view = self._draw_bars(
+                f"loops/{axis}",
+                f"{axis} rate loop: sensitivity |S| over Hz",
+                SENSITIVITY_FREQUENCIES,
+                np.interp(SENSITIVITY_FREQUENCIES, loop.rate.frequency, sensitivity),
+            )
+            views.append(view)
+        return views
 
     def free_energy(self, learned: Learned, series: Mapping[str, Series]) -> rrb.Container:
         """Draws the free energy F(t) of each sample, nats, the terms that it consists of, and its sum over time.

@@ -202,7 +202,8 @@ def _frames_by_tick(
     flight_time = 0.0
     while not simulation.finished:
         motion = simulation.advance(cycles)
-        start = float(motion.time[0]) if start is None else start
+        if start is None:
+            start = float(motion.time[0])
         flight_time = float(motion.time[-1])
         in_transit.extend(link.pass_on(transmitter.send(motion)))
         yield _Tick(flight_time - start, _take_arrived_frames(in_transit, flight_time))

@@ -208,11 +208,13 @@ class Instruments:
             Values of this cycle, in the units of these fields.
         """
         noise = next(self._noises)
+        # Ratios to the values in hover.
         speed_ratios = [speed / self._hover_speed for speed in state.rotors]
         thrust_ratio = sum(ratio**2 for ratio in speed_ratios) / self._rotors
         power_ratio = sum(abs(ratio) ** 3 for ratio in speed_ratios) / self._rotors
         current = HOVER_CURRENT * self._rotors * power_ratio
         vibration = thrust_ratio * (SOUND_VIBRATION + errors.vibration)
+        # The number of clipped samples grows with the vibration above a level, and by an impact.
         self._clips += max(vibration - CLIPPING_LEVEL, 0.0) * CLIPS_PER_VIBRATION * self._cycle
         if impact > CLIPPING_IMPACT:
             self._clips += IMPACT_CLIPS
