@@ -191,6 +191,7 @@ class WindDriftDetector:
             sample: lean and motion in flight.
             parameters: known parameters of the vehicle; one of them limits the lean.
         """
+        # The samples of the last ``DRIFT_SECONDS``.
         samples = self._samples
         if samples and sample.time < samples[-1].time + SAMPLE_PERIOD:
             return

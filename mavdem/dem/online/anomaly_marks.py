@@ -73,8 +73,8 @@ class AnomalyMarks:
         if not np.isfinite(surprise):
             return False
         self._sample_count += 1
-        # An exponential average. The logarithm limits the weight of a single very large surprise, which would otherwise
-        # have the same effect as a lasting change.
+        # The evidence is an exponential average of log(1 + surprise). The logarithm limits the weight of a single very
+        # large surprise, which would otherwise have the same effect as a lasting change.
         self._evidence += self._smoothing * (np.log1p(max(surprise, 0.0)) - self._evidence)
         self._current_peak = max(self._current_peak, self._evidence)
         samples_since_mark = self._sample_count - self._marked_sample

@@ -106,11 +106,11 @@ class SampleMemory:
         # Inputs and outputs of the samples since the last gap, also of those within blocks: (2N, r) and (2N, m) for the
         # N latest, so that they lie in one piece. If the tables are full, the latest N move to their beginning.
         self._max_samples = max_blocks * block_size
-        self._inputs: Array = np.empty((0, 0))
-        self._outputs: Array = np.empty((0, 0))
+        self._input_table: Array = np.empty((0, 0))
+        self._output_table: Array = np.empty((0, 0))
         self._samples_since_gap = 0
         # The latest so many of them belong to no block yet.
-        self._open_samples = 0
+        self._samples_without_block = 0
         self._next_block_starts_segment = True
         self._latest_time = np.nan
 
@@ -125,15 +125,16 @@ class SampleMemory:
         Returns:
             Whether the sample has completed a block, which is now the last of ``blocks``.
         """
+        # The tables contain the samples since the last gap; all rows before this one are filled.
         row = self._samples_since_gap
-        if row == len(self._inputs):
+        if row == len(self._input_table):
             row = self._make_room(len(inputs), len(outputs))
-        self._inputs[row] = inputs
-        self._outputs[row] = outputs
+        self._input_table[row] = inputs
+        self._output_table[row] = outputs
         self._samples_since_gap = row + 1
-        self._open_samples += 1
+        self._samples_without_block += 1
         self._latest_time = time
-        if self._open_samples < self.block_size:
+        if self._samples_without_block < self.block_size:
             return False
         self._complete_block()
         return True
@@ -144,12 +145,12 @@ class SampleMemory:
         Returns:
             Whether this has completed a block, which contains the samples that belonged to none yet and may be short.
         """
-        has_open_samples = self._open_samples > 0
-        if has_open_samples:
+        has_samples_without_block = self._samples_without_block > 0
+        if has_samples_without_block:
             self._complete_block()
         self._next_block_starts_segment = True
         self._samples_since_gap = 0
-        return has_open_samples
+        return has_samples_without_block
 
     def record(self) -> Record:
         """Returns the samples of all blocks, of which there must be at least one, as a record for a fit."""
@@ -168,7 +169,7 @@ class SampleMemory:
         """
         end = self._samples_since_gap
         start = max(end - min(number, self._max_samples), 0)
-        return SegmentSamples(self._inputs[start:end], self._outputs[start:end])
+        return SegmentSamples(self._input_table[start:end], self._output_table[start:end])
 
     def _make_room(self, inputs: int, outputs: int) -> int:
         """Makes tables for the samples if there are none yet; otherwise moves the latest samples to their beginning.
@@ -180,12 +181,12 @@ class SampleMemory:
         Returns:
             Row of the tables for the next sample.
         """
-        if not len(self._inputs):
-            self._inputs = np.empty((2 * self._max_samples, inputs))
-            self._outputs = np.empty((2 * self._max_samples, outputs))
+        if not len(self._input_table):
+            self._input_table = np.empty((2 * self._max_samples, inputs))
+            self._output_table = np.empty((2 * self._max_samples, outputs))
             return 0
         kept_samples = self._max_samples
-        for table in (self._inputs, self._outputs):
+        for table in (self._input_table, self._output_table):
             table[:kept_samples] = table[-kept_samples:]
         return kept_samples
 
@@ -194,11 +195,11 @@ class SampleMemory:
 
         If there are ``max_blocks`` already, the oldest one is dropped.
         """
-        inputs, outputs = self.latest_samples(self._open_samples)
+        inputs, outputs = self.latest_samples(self._samples_without_block)
         # The tables of the memory will be overwritten, so that a block needs copies.
         block = MemoryBlock(
             inputs.copy(), outputs.copy(), self._next_block_starts_segment, self._latest_time
         )
         self.blocks.append(block)
-        self._open_samples = 0
+        self._samples_without_block = 0
         self._next_block_starts_segment = False

@@ -60,7 +60,7 @@ class PredictionErrors:
         Args:
             sample: (m,) outputs of the sample.
         """
-        # The prediction at horizon h was made h samples ago.
+        # The prediction at horizon h was made h samples ago. Its slot in the ring buffer is h before the next one.
         slots = (self._next_slot - self._horizons) % len(self._predictions)
         # (H, 3, m) errors of each way of prediction at each horizon.
         errors = sample - self._predictions[slots, :, self._horizon_indices]

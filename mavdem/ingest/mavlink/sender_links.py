@@ -116,7 +116,7 @@ class SenderLinks:
         self._has_two_counters = False
         # The bytes of each of the latest ``RECENT_FRAMES`` distinct frames, the oldest first, and the number of frames
         # received up to it.
-        self._count_by_content: OrderedDict[bytes, int] = OrderedDict()
+        self._frame_number_by_content: OrderedDict[bytes, int] = OrderedDict()
         # The latest boot clock, s, and the sequence number of the latest frame that was not late.
         self._latest_clock = 0.0
         self._latest_sequence = 0
@@ -236,15 +236,15 @@ class SenderLinks:
         """Remembers readable frames, by which later copies are recognised, and forgets frames of long ago.
 
         Args:
-            contents: for each frame in the order of the stream, the number of frames up to it, itself included, and
-                its bytes.
+            contents: for each frame in the order of the stream, its number among all frames received, from 1, and its
+                bytes.
         """
-        for frame_count, content in contents:
+        for frame_number, content in contents:
             # Only the latest of equal frames is kept, at the end of the order.
-            self._count_by_content.pop(content, None)
-            self._count_by_content[content] = frame_count
-        while len(self._count_by_content) > RECENT_FRAMES:
-            self._count_by_content.popitem(last=False)
+            self._frame_number_by_content.pop(content, None)
+            self._frame_number_by_content[content] = frame_number
+        while len(self._frame_number_by_content) > RECENT_FRAMES:
+            self._frame_number_by_content.popitem(last=False)
 
     def _is_copy(
         self, content: bytes, message_id: int, sequence: int, reading: Reading | None
@@ -264,17 +264,19 @@ class SenderLinks:
         Returns:
             Whether it is a copy.
         """
-        earlier_count = self._count_by_content.get(content)
-        if earlier_count is None:
+        earlier_frame_number = self._frame_number_by_content.get(content)
+        if earlier_frame_number is None:
             return False
         if reading is None:
-            return self._is_copy_without_reading(earlier_count, content, message_id, sequence)
+            return self._is_copy_without_reading(
+                earlier_frame_number, content, message_id, sequence
+            )
         self._frame_count_at_latest_copy = self._frame_count
         self.longest_delay = max(self.longest_delay, self._latest_clock - reading.clock)
         return True
 
     def _is_copy_without_reading(
-        self, earlier_count: int, content: bytes, message_id: int, sequence: int
+        self, earlier_frame_number: int, content: bytes, message_id: int, sequence: int
     ) -> bool:
         """Returns whether a frame without a boot clock is a copy of an earlier frame with the same bytes.
 
@@ -284,14 +286,14 @@ class SenderLinks:
         continues the numbers of the slower link.
 
         Args:
-            earlier_count: number of frames received up to the earlier frame, itself included.
+            earlier_frame_number: number of the earlier frame among all frames received, from 1.
             content: the bytes of both frames.
             message_id: MAVLink's number of their message (30 for ATTITUDE).
             sequence: their sequence number, 0 to 255.
         """
         if not self.has_slower_link:
             return False
-        follows_immediately = self._frame_count - earlier_count == 1
+        follows_immediately = self._frame_count - earlier_frame_number == 1
         if follows_immediately or _has_stamp(content, message_id):
             return True
         return self._continues_slower_link(sequence)
