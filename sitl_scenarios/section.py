@@ -23,7 +23,7 @@ Positive = Annotated[
 ]  # It bounds figures that are no times, too.
 NotNegative = Annotated[float, Field(ge=0, le=MAX_SECONDS)]
 Share = Annotated[float, Field(ge=0, le=1)]
-Size = Annotated[float, Field(ge=0, le=1000)]  # of what disturbs, in any unit
+Size = Annotated[float, Field(ge=0, le=1000)]  # A size of a disturbance, in any unit.
 Motor = Annotated[int, Field(ge=0, le=8)]
 
 

@@ -79,7 +79,7 @@ settings.register_profile("without deadline", settings(), deadline=None, derando
 settings.load_profile("without deadline")
 
 
-HANGING_SECONDS = 400.0  # of one test, however busy the machine is
+HANGING_SECONDS = 400.0  # A limit for one test, however busy the machine is.
 
 
 @hookimpl(wrapper=True)

@@ -23,8 +23,9 @@ from mavdem.documents.described_schema import DescribedSchema
 from mavdem.fleet.row import SCHEMA_VERSION, FlightRow
 
 FOLDER = Path(__file__).parents[1] / "docs" / "reference"
-BREAK = "\\\n"  # ends a line within a paragraph
-WORDING = {"description", "title", "default"}  # of a schema: what may change without a new version
+BREAK = "\\\n"  # Ends a line within a paragraph.
+# Keys of a schema that may change without a new version.
+WORDING = {"description", "title", "default"}
 
 
 Published = namedtuple("Published", "schema version title")

@@ -18,7 +18,7 @@ from mavdem.fleet.workers import JobLimits, JobOutcome, outcome_of
 
 LIMITS = JobLimits(seconds=1, megabytes=600)
 _held = []
-_read = []  # names, by this process
+_read = []  # Names of the logs that this process has read.
 
 
 def rows_of_log(path, key, page):
@@ -33,7 +33,7 @@ def rows_of_log(path, key, page):
     size = path.stat().st_size
     if "slow" in name:
         time.sleep(60)
-    if "waits" in name:  # for a disk, or for other processes, longer than its time of the processor
+    if "waits" in name:  # It waits for a disk or other processes, longer than its processor time.
         time.sleep(LIMITS.seconds + 0.5)
     if "crash" in name:
         time.sleep(0.1)

@@ -58,7 +58,8 @@ def test_examples_run(page, printed, here, monkeypatch, capsys):
     for code in re.findall(r"```python\n(.*?)```", PAGES[page], re.DOTALL):
         exec(code, names)
         if page == "docs/python.md":
-            names["flight"] = names["flight"][:800]  # of which the learner has a model, too
+            # The learner has a model of these samples, too.
+            names["flight"] = names["flight"][:800]
     assert printed in capsys.readouterr().out
 
 

@@ -28,7 +28,7 @@ from mavdem.live.link import ReceivedPiece
 
 GOLDEN = Path(__file__).parent / "golden"
 FULL_GOLDEN = Path(__file__).parents[1] / "build" / "golden"
-MANY = 6  # of more numbers, their count, ends, mean, deviation and quartiles stand for all
+MANY = 6  # Count, ends, mean, deviation and quartiles represent more numbers than this.
 DIGITS = 5
 PRECISION = 0.01
 FILES = {".html", ".csv", ".rrd", ".param", ".params", ".toml", ".sdf", ".tlog", ".npz"}
@@ -131,8 +131,8 @@ MORE_SCENARIOS = {
 FLOWN = "flown.tlog"
 FLIGHT_SECONDS, FULL_FLIGHT_SECONDS = 46, 60
 """For how long is flown what other commands then read, s, and with ``--in-full``; a wind needs 30 s of hover."""
-TIMES = re.compile(r"(fly)?\.took|learn\.seconds")  # that the machine takes
-TICK = 0.06  # s from one look at a link to the next
+TIMES = re.compile(r"(fly)?\.took|learn\.seconds")  # Times that the machine takes.
+TICK = 0.06  # Seconds from one look at the link to the next.
 OPTIONS = {
     "review": ["--out", "out", "--rrd"],
     "track": ["--out", "fleet", "--jobs", "1"],
@@ -294,10 +294,10 @@ def test_the_figures_of_a_flight_are_those_of_before(
     log, commands, here, monkeypatch, capsys, request
 ):
     """Runs commands on a log, and compares all numbers that they print or write with stored ones."""
-    sample = LOGS / log  # where the repository has it
+    sample = LOGS / log  # The repository may have the log.
     flights = [log]
     if sample.is_file():
-        Path(log).symlink_to(sample)  # a command in a next step has its name
+        Path(log).symlink_to(sample)  # A command in a next step contains this name.
     elif sample.suffix:
         flights = [shared(name) for name in log.split()]
     if "live" in commands:
@@ -374,5 +374,5 @@ def near(current_values, before):
     # A figure that never changes has a spread of its rounding alone, zero or not.
     rounding = 1e-12 * max(map(abs, before))
     spread = max(before[4], rounding) if len(before) > MANY else 1e-5
-    is_alike = [*map(type, current_values)] == [*map(type, before)]  # whole numbers stay whole
+    is_alike = [*map(type, current_values)] == [*map(type, before)]  # Integers must stay integers.
     return is_alike and current_values == approx(before, rel=PRECISION, abs=PRECISION * spread)

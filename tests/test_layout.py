@@ -75,14 +75,14 @@ UPWARD_IMPORTS = {
     ("dem.online.learner", "plant.parameters"),
     ("dem.online.estimate", "plant.parameters"),  # Estimate.physical, its type
     ("loops.axis_loops", "loops.advice"),  # Loop.advice
-    ("loops.twin_flight", "report.vehicle_files"),  # fly_twin()
+    ("loops.twin_flight", "report.vehicle_files"),  # For ``fly_twin()``.
     ("loops.twin_flight", "sitl_scenarios.files"),
     ("loops.twin_flight", "sitl_scenarios.replay"),
     ("assessment.record", "assessment.axis.tuning"),  # Assessment.advised_gains
     ("assessment.record", "documents"),  # Assessment.as_dict()
     ("assessment.record", "documents.review"),
     ("assessment.record", "report.pages.flight_page"),  # Assessment.page()
-    ("assessment.record", "report.review"),  # str(Assessment)
+    ("assessment.record", "report.review"),  # For ``str(Assessment)``.
 }
 """Modules of mavdem with a module above them that a method of a public result imports when it is called."""
 

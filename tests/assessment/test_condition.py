@@ -158,7 +158,7 @@ def test_the_date_is_when_the_settled_flight_began():
     clock = np.where(beat < 3, 0, 1e6 * (unix.timestamp() + beat)).astype(np.uint64)
     dated = changed(flown(), "SYSTEM_TIME", **columns(beat, time_unix_usec=clock))
     date = identify_vehicle(Signals(dated)).date
-    assert 11 <= (date - unix).total_seconds() <= 13  # level from 11 s on
+    assert 11 <= (date - unix).total_seconds() <= 13  # The vehicle is level from 11 s on.
     assert identify_vehicle(Signals(flown())).date is None
     assert identify_vehicle(Signals(flown()), unix.timestamp()).date == unix
     assert identify_vehicle(Signals(disarmed(dated))).date.second == 3

@@ -411,7 +411,7 @@ def test_what_topples_in_a_landing_falls_no_further(height):
 
 @mark.parametrize("angle, name", [(27.0, NAMES[1]), (33.0, "")])
 def test_a_motor_is_named_within_two_thirds_of_half_the_way_to_the_next(angle, name):
-    towards = np.cos(np.radians([225 + angle, 135 + angle]))  # motor 2 is at 225°
+    towards = np.cos(np.radians([225 + angle, 135 + angle]))  # Motor 2 is at 225°.
     assert (
         events_and_ending(with_lean(telemetry_of_lost_motor(1), towards, 60.0, 100.0))[1].subject
         == name
@@ -613,7 +613,7 @@ def test_what_falls_on_its_back_is_lost_whatever_is_asked(at_end):
 
 
 def test_an_estimate_that_runs_away_gives_no_speed():
-    telemetry = telemetry_of_lost_motor(1)  # at 9 m/s in the end
+    telemetry = telemetry_of_lost_motor(1)  # It moves at 9 m/s in the end.
     position = telemetry.messages["LOCAL_POSITION_NED"]
     away = position["time"] > FAILS + 1.5
     ran = {name: np.where(away, most, position[name]) for name, most in (("vz", 20.0), ("z", 50.0))}

@@ -204,7 +204,7 @@ def test_what_overrides_leaves_nothing_good_and_decides_what_to_do(known, code, 
     assert {purpose_finding.grade for purpose_finding in sound.purposes} == {GOOD}
     assert next_step_for_model(sound.purposes).code is NextStep.KEEP_MODEL
     doubted = model_findings(model(physical()), held_out(), **(free | known))
-    (override,) = doubted.overrides  # which explains what else is wrong
+    (override,) = doubted.overrides  # It explains the other faults.
     assert (override.code, override.subject) == (code, subject)
     summary = str(Fact(InShort.OVERRIDDEN, reason=override))
     assert vehicle.Override.model_validate(override).headline == summary

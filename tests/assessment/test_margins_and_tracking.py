@@ -50,7 +50,7 @@ from mavdem.wind_velocity.from_log import WindEvidence
 
 HOVER = Hover(hovering=40.0)
 TIME = HOVER.stamps(100.0)
-RATES, ATTITUDE = 7, 128  # bits of ATTITUDE_TARGET of what does not count
+RATES, ATTITUDE = 7, 128  # Bits of ATTITUDE_TARGET for ignored setpoints.
 
 
 def evidence(telemetry, **known):
@@ -210,7 +210,7 @@ def test_the_worst_loop_of_a_flight_is_rated():
     measured = MeasuredResponse((0.5, 9.0), 30.0, 30.0, 1.0, disagrees)
     loops["roll"] = replace(loops["roll"], measured=measured)
     light = margins_light(replace(flight_evidence, loops=loops))
-    assert light.figures["reason"] is disagrees  # pitch, which nothing confirms, does not count
+    assert light.figures["reason"] is disagrees  # Pitch, which nothing confirms, does not count.
 
 
 def evidence_of_delayed_roll(size, late=0.2, error=0.0):

@@ -409,7 +409,7 @@ def test_what_a_receiver_does_not_know_is_not_printed():
 )
 def test_a_compass_whose_field_is_another_in_flight(change, before, code):
     """The magnetic field changes at take-off by more or less than its limit, after enough seconds on the ground."""
-    time = TIME[29 - before :]  # it flies from there on
+    time = TIME[29 - before :]  # The vehicle flies from there on.
     field = 400.0 * np.where(time > 5.7, 1 + change, 1.0)
     report = columns(time, xmag=0.6 * field, ymag=0.0, zmag=0.8 * field)
     fact = estimator_light(evidence(changed(telemetry_with_innovations(), "RAW_IMU", **report)))

@@ -42,11 +42,11 @@ def test_a_vehicle_that_moves_against_its_thrust_is_carried_away():
 @mark.parametrize(
     "roll, east, yaw, parameters",
     [
-        (45.0, 8.0, 0.0, {}),  # it flies where it leans to
-        (45.0, -0.1, 0.0, {}),  # it holds its place
+        (45.0, 8.0, 0.0, {}),  # It flies where it leans to.
+        (45.0, -0.1, 0.0, {}),  # It holds its place.
         (45.0, -2.0, radians(180.0), {}),
-        (25.0, -2.0, 0.0, {}),  # lean is left
-        (45.0, np.minimum(-16.0 + 8.0 * np.arange(0.0, 10.0, 0.25), 0.0), 0.0, {}),  # it brakes
+        (25.0, -2.0, 0.0, {}),  # It could lean further.
+        (45.0, np.minimum(-16.0 + 8.0 * np.arange(0.0, 10.0, 0.25), 0.0), 0.0, {}),  # It brakes.
         (45.0, -2.0, 0.0, {"ANGLE_MAX": 6000.0}),
     ],
 )

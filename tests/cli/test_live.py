@@ -171,7 +171,7 @@ def test_without_a_vehicle_it_ends_with_nothing_kept(here, capsys, monkeypatch):
         assert main(words.split()) == 1
         stranger.settimeout(0.1)
         with raises(TimeoutError):
-            stranger.recv(100)  # not one byte is sent
+            stranger.recv(100)  # Not one byte is sent.
     captured = capsys.readouterr()
     document = strict_json(captured.out)
     assert "No vehicle" in captured.err
@@ -230,7 +230,7 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(here, capsys,
         run_on(session, asked, *given)
 
     def interrupted(session):
-        for number in (signal.SIGINT, signal.SIGHUP):  # which change nothing, whenever they come
+        for number in (signal.SIGINT, signal.SIGHUP):  # Signals change nothing, whenever they come.
             os.kill(os.getpid(), number)
         return final_model(session)
 
@@ -239,7 +239,7 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(here, capsys,
         "mavdem.dem.parallel.LearningProcess.submit": submitted,
         "mavdem.cli.live.LiveSession.final_model": interrupted,
         "mavdem.live.learning.FIT_SECONDS": PATIENCE,
-        "mavdem.live.link.SO_TIMESTAMPNS": 0,  # pieces arrive when they are read
+        "mavdem.live.link.SO_TIMESTAMPNS": 0,  # Pieces arrive when they are read.
         "mavdem.live.link.time": clock,
         "mavdem.live.clock.time": clock,
     }.items():

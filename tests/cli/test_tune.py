@@ -42,7 +42,8 @@ def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(
     assert "Stage 1 of 2, rate P, I and D" in page and roll["stage"] == 1
     monkeypatch.setattr("mavdem.cli.tune.tune_page", Mock(return_value=""))
     assert run(*arguments) == 0
-    assert [file.name for file in out.iterdir()] == ["tune.html"]  # no gains of the run before
+    # No gains of the run before remain.
+    assert [file.name for file in out.iterdir()] == ["tune.html"]
 
 
 WEAKENED = """

@@ -68,7 +68,7 @@ def test_the_twin_follows_the_recorded_setpoints_much_as_the_vehicle_did(folder)
     alike = json.loads((folder / "said.json").read_text())["alike"]
     assert list(alike) == ["roll", "pitch", "yaw"]
     for axis, compared in alike.items():
-        assert np.abs(compared["levels"]).max() < 1.5  # dB
+        assert np.abs(compared["levels"]).max() < 1.5  # Levels are in dB.
         names = ("sway", "rate") if axis != "yaw" else ("rate",)
         for name in names:
             assert compared[name][1] == approx(compared[name][0], rel=0.1), (axis, name)

@@ -129,7 +129,7 @@ def test_the_segment_is_the_hover_between_a_climb_and_a_sinking_however_slow():
 
 
 GROUNDED = Hover(hovering=40.0)
-ON_GROUND = GROUNDED.landed + 1.0  # the motors run on for 30 s, as if nobody disarmed them
+ON_GROUND = GROUNDED.landed + 1.0  # The motors run on for 30 s, as if nobody disarmed them.
 
 
 def landed(motors, rate=None):
@@ -335,7 +335,7 @@ def test_a_vibration_faster_than_the_grid_is_not_folded_into_it():
         ((4, 8, 8, 12, 8, 8, 4), 0.008),
         ((8, 12), 0.01),
         ((8, 8, 8, 8, 12), 0.0088),
-        ((12, 16, 16, 20, 16, 16, 12), 0.0154),  # four cycles
+        ((12, 16, 16, 20, 16, 16, 12), 0.0154),  # Four cycles.
         (([8] * 6 + [4, 12]) * 5 + [6, 2], 0.0078),  # 2 % of no whole cycles
     ],
 )
@@ -424,9 +424,9 @@ def test_the_inputs_that_are_asked_for_are_taken():
     "height, asked, leaned, stands",
     [
         (0.9, 1.05, 0.95, True),
-        (1.1, 1.05, 0.95, False),  # it rose
-        (0.9, 0.95, 0.85, False),  # little was asked
-        (0.9, 1.05, 1.1, False),  # it followed
+        (1.1, 1.05, 0.95, False),  # It rose.
+        (0.9, 0.95, 0.85, False),  # The setpoint was small.
+        (0.9, 1.05, 1.1, False),  # It followed.
     ],
 )
 def test_what_neither_rises_nor_leans_as_it_is_asked_is_held(height, asked, leaned, stands):

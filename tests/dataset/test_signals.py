@@ -126,7 +126,7 @@ def test_disordered_repeated_and_broken_samples_leave_clean_columns():
     shuffled = {name: column[order].copy() for name, column in table.items()}
     lost = shuffled["time"][7]
     shuffled["roll"][shuffled["time"] == lost] = np.nan
-    shuffled["roll"][-1] += 1.0  # another value at the same stamp
+    shuffled["roll"][-1] += 1.0  # Another value at the same stamp.
     cleaned = attitude.attitude_of_axis(changed(telemetry, "ATTITUDE", **shuffled), "roll")
     assert cleaned.unused_count == 1 + np.count_nonzero(np.isnan(shuffled["roll"]))
     expected_attitude = attitude.attitude_of_axis(telemetry, "roll")
@@ -236,7 +236,7 @@ def test_rounding_is_measured_before_a_bank_is_moved_to_the_stamps_of_another():
     time = HOVER.stamps(100.0)
     outputs = np.round(1500 + 100 * np.sin(np.outer(time, 1 + 0.1 * np.arange(16))))
     port = np.resize([0.0, 1.0], 2 * len(time))
-    banks = enumerate(outputs.reshape(-1, 8).T, 1)  # a row a message
+    banks = enumerate(outputs.reshape(-1, 8).T, 1)  # One row for each message.
     both = {f"servo{n}_raw": column for n, column in banks}
     both |= {"time": np.repeat(time, 2) + 0.003 * port, "port": port}
     motors = motor_outputs.motor_outputs_or_reason(

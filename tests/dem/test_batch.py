@@ -71,12 +71,12 @@ def test_the_machines_cores_answer_as_learn_does_and_in_order(two_workers, expec
     first = next(answers)
     assert len(multiprocessing.active_children()) == 2
     assert as_texts([first, *answers]) == expected
-    assert len(set(expected)) > len(JOBS) / 2  # so that another order would show
+    assert len(set(expected)) > len(JOBS) / 2  # Otherwise another order would not show.
     assert not multiprocessing.active_children()
 
 
 def test_a_job_without_an_answer_is_answered_by_its_error():
-    answers = list(learn_many(JOBS[4:7]))  # few enough that no process starts
+    answers = list(learn_many(JOBS[4:7]))  # For so few jobs no process starts.
     assert [type(each) for each in answers] == [Learned, NotLearnable, Learned]
     assert str(answers[1]) == str(answer(STILL, None))
     wrong = list(learn_many([(FLIGHTS[0], "none"), (FLIGHTS[0], {}), JOBS[0]]))
@@ -161,7 +161,7 @@ def test_threads_that_learn_take_turns(monkeypatch):
 
     def slow_complete_settings(*arguments):
         assert turn.acquire(blocking=False)
-        time.sleep(0.01)  # lets the others come
+        time.sleep(0.01)  # The other threads run meanwhile.
         turn.release()
         return fit_them(*arguments)
 

@@ -294,7 +294,8 @@ def test_a_state_that_grows_unseen_has_no_steady_gain():
 
 
 def test_draws_have_the_mean_and_the_covariance_that_are_asked_for():
-    mean, root = np.arange(3.0), default_rng(0).standard_normal((3, 2))  # singular
+    # The covariance is singular.
+    mean, root = np.arange(3.0), default_rng(0).standard_normal((3, 2))
     drawn = normal_draws(mean, root @ root.T, 40, seed=1)
     assert_allclose(drawn.mean(axis=0), mean, atol=1e-12)
     assert_allclose(np.cov(drawn, rowvar=False, ddof=0), root @ root.T, atol=1e-12)

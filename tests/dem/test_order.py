@@ -30,18 +30,19 @@ def choice(*flights):
 @mark.parametrize(
     "flights, chosen",
     [
-        ([[0.0, 100.0, 95.0, 90.0]], 2),  # the highest
+        ([[0.0, 100.0, 95.0, 90.0]], 2),  # The highest F̄.
         # A further state does not raise the highest by as much as is strong evidence.
         ([[0.0, 100.0, 102.9, 90.0]], 2),
         ([[0.0, 100.0, 103.1, 90.0]], 3),
-        ([[0.0, 100.0, 99.0, 110.0]], 4),  # beyond an order that gains nothing
-        ([[0.0, 500.0], [0.0, -5.0], [0.0, -5.0]], 1),  # one flight alone does not make an order
+        ([[0.0, 100.0, 99.0, 110.0]], 4),  # A higher order than one that gains nothing.
+        # One flight alone does not determine an order.
+        ([[0.0, 500.0], [0.0, -5.0], [0.0, -5.0]], 1),
         # The limit is two standard errors of the mean, 100 each.
         ([[0.0, 110.0], [0.0, 310.0]], 2),
         ([[0.0, 90.0], [0.0, 290.0]], 1),
-        ([[0.0, 10.0, np.nan]], 2),  # an order that could not be learnt
+        ([[0.0, 10.0, np.nan]], 2),  # An order that could not be learned.
         ([[np.nan, 10.0, 20.0]], 3),
-        ([[0.0, 10.0, np.nan], [0.0, 10.0, 30.0]], 3),  # as told by those flights that tell both
+        ([[0.0, 10.0, np.nan], [0.0, 10.0, 30.0]], 3),  # The flights that have both orders decide.
     ],
 )
 def test_the_order_is_the_lowest_that_no_higher_one_is_strongly_better_than(flights, chosen):

@@ -37,7 +37,7 @@ def test_a_process_that_is_killed_is_replaced():
             reopened.bind(address)
         # Tests that are run with a still lower priority, as beside other work, have processes of that.
         assert executor.submit(os.nice, 0).result() == max(LOW_PRIORITY, os.nice(0))
-        executor.submit(time.sleep, 3600)  # which is not waited for
+        executor.submit(time.sleep, 3600)  # Nobody waits for this job.
     with raises(ProcessLookupError):
         os.kill(second_process_id, 0)
 

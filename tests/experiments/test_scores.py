@@ -56,7 +56,7 @@ def test_the_constant_mean_has_one_at_every_horizon_and_the_truth_none():
     assert_allclose(scores.ratio, 1)
     assert evaluate.relative_mspe(TRAIN, TEST, TEST.outputs) == 0.0
     still = replace(TEST, outputs=np.tile(TRAIN.outputs.mean(axis=0), (150, 1)))
-    assert evaluate.relative_mspe(TRAIN, still, still.outputs) == 1  # neither errs
+    assert evaluate.relative_mspe(TRAIN, still, still.outputs) == 1  # Both errors are 0.
     # Outputs count in units of their training variance.
     scaled = replace(FLIGHT, outputs=FLIGHT.outputs * [57.3, 0.01] + 5)
     assert_allclose(scores_of(baselines.hold).ratio, scores_of(baselines.hold, scaled).ratio)

@@ -344,7 +344,8 @@ def allowances_of_effect(ratio):
     "changed, allowances",
     [
         ({"lean_roll": 0.1, "lean_pitch": 0.0}, {SHARE: 0.05}),
-        ({"lean_roll": None, "lean_pitch": None}, {SHARE: 0.035 * 2**0.5}),  # no lean of nothing
+        # A lean that is not known has no effect.
+        ({"lean_roll": None, "lean_pitch": None}, {SHARE: 0.035 * 2**0.5}),
         ({"voltage_mean": 12.0}, allowances_of_effect(4 / 3)),
         ({"collective": 0.6}, allowances_of_effect(1.5)),
     ],

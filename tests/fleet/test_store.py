@@ -181,7 +181,7 @@ def test_what_is_known_is_not_read_again_whatever_it_is_called(fleet):
     out, folder, (log, other_log), before = fleet
     assert track(out, log, folder / "*.bin").read == 0 and table_of(out) == before
     shutil.copy(log, folder / "z_copy.bin")
-    assert track(out, folder).read == 1  # looked at, and known by its content
+    assert track(out, folder).read == 1  # The file is read, and recognised by its content.
     assert table_of(out) == before and track(out, folder).read == 0
     other_log.rename(folder / "renamed.bin")
     track(out, folder)

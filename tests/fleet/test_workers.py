@@ -66,7 +66,7 @@ def test_an_outcome_has_the_log_s_name_and_key_and_why_it_has_no_rows(tmp_path):
     assert damaged.ended == "read" and row.status_code == SourceFact.FORMAT_UNKNOWN
     assert path not in row.status
     assert (row.file, row.key) == (path, outcome.key)
-    with raises(MemoryError):  # with a higher limit it may be read
+    with raises(MemoryError):  # With a higher limit it may be read.
         outcome_of(Job(path), Mock(side_effect=memory_error))
 
 
@@ -119,7 +119,7 @@ def test_an_exit_code_is_waited_for_while_another_thread_collects_it(monkeypatch
 
 def test_a_run_that_can_start_no_process_ends_and_says_so(tmp_path):
     _, most = limits = resource.getrlimit(resource.RLIMIT_NOFILE)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (3, most))  # too few open files for a pipe
+    resource.setrlimit(resource.RLIMIT_NOFILE, (3, most))  # A pipe needs more open files.
     try:
         fact = unreadable(LogReader().read, Job(str(tmp_path)), LIMITS, rows_of_log)
     finally:
@@ -162,7 +162,7 @@ def hanging(tmp_path):
     """A run whose two processes read logs that never end, and what waits until both have ended."""
     make_logs(tmp_path / "logs", 2, "hang")
     for number, log in enumerate(make_logs(tmp_path / "logs", 4)):
-        log.write_bytes(bytes(1000 + number))  # the largest are read first
+        log.write_bytes(bytes(1000 + number))  # The largest logs are read first.
     gate = tmp_path / "gate"
     scratch = tmp_path / "scratch"
     os.mkfifo(gate)
@@ -194,11 +194,11 @@ def hanging(tmp_path):
 def test_an_ended_run_leaves_nothing_and_is_resumed_to_the_same_table(tmp_path, hanging, number):
     """The run is interrupted or killed while two logs hang; the next run reads those that are missing."""
     run, names = hanging
-    for _ in range(2):  # impatience changes nothing
+    for _ in range(2):  # A second signal changes nothing.
         os.killpg(run.pid, number)
     # Both end when no process has them open any longer.
     error_output = run.communicate()[1]
-    assert "hang" not in names.read()  # nothing is begun any more
+    assert "hang" not in names.read()  # No further log is begun.
     assert run.returncode == (-number if number == signal.SIGKILL else 128 + number)
     assert "Traceback" not in error_output
     assert not list((tmp_path / "scratch").iterdir())
@@ -310,7 +310,7 @@ def test_an_outcome_has_the_time_and_the_largest_memory_of_its_reading(monkeypat
 )
 def test_a_process_is_supervised_by_its_time_and_memory(limits, ending):
     supervision = Supervision(os.getpid(), limits)
-    sum(range(10**6))  # some processor time
+    sum(range(10**6))  # This takes some processor time.
     assert supervision.is_beyond_limits() == (ending != "died")
     assert supervision.ending == ending
 
@@ -336,7 +336,7 @@ def folder(tmp_path):
 def test_a_folder_gives_what_looks_like_a_log_by_its_name_or_its_first_bytes(folder):
     log_names = ["a.bin", "b.ULG", "c.mcap", "d.ulg.xz", "no_ending"]
     assert names(folder, apart_from=folder / "results") == log_names
-    os.symlink(folder, folder / "below" / "up")  # is its own part, and read once
+    os.symlink(folder, folder / "below" / "up")  # The folder contains itself, and is read once.
     assert names(folder) == [*log_names, "e.bin"]
 
 
@@ -348,7 +348,7 @@ def test_a_file_is_taken_whatever_it_holds_and_each_log_once(folder):
         "notes.txt",
     ]
     assert names(folder / "**" / "*.bin", apart_from=folder / "results") == ["a.bin"]
-    (folder / "log[1].bin").write_bytes(b"?")  # looks like a pattern, and is a file first
+    (folder / "log[1].bin").write_bytes(b"?")  # The name looks like a pattern, but a file has it.
     assert names(folder / "log[1].bin") == ["log[1].bin"]
 
 

@@ -23,7 +23,7 @@ COLUMNS = {
 }
 TIMES = np.arange(20.0, 24.0, 0.02)
 CENTIDEGREES = Repair.CENTIDEGREES_CONVERTED
-ROLL_RATE = np.radians(40.0) * np.sin(5 * TIMES)  # rad/s
+ROLL_RATE = np.radians(40.0) * np.sin(5 * TIMES)  # Unit: rad/s.
 
 
 def log(

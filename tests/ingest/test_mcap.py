@@ -332,7 +332,8 @@ def test_json_of_a_damaged_chunk_is_not_used(tmp_path):
 
 def test_of_damaged_mavlink_alone_it_says_that_it_is_damaged(tmp_path):
     content = bytearray(small(tmp_path, CompressionType.ZSTD, frames=False))
-    for position in range(60, int.from_bytes(content[-28:-20], "little"), 40):  # up to the summary
+    # All positions up to the summary.
+    for position in range(60, int.from_bytes(content[-28:-20], "little"), 40):
         content[position] ^= 0xFF
     (tmp_path / "small.mcap").write_bytes(content)
     assert unreadable(read_mcap, tmp_path / "small.mcap").code is SourceFact.MCAP_DAMAGED

@@ -129,7 +129,8 @@ def test_attitude_is_moved_to_the_stamps_of_the_rates(tmp_path):
     """Attitude 20 times a second and rates 50, as PX4 logs them by default; one stretch without attitude."""
     slow, fast = np.arange(0, 4, 0.05), np.arange(0.5, 3.5, 0.02)
     slow = slow[(slow < 2.01) | (slow > 2.49)]
-    half = slow / 4 + np.pi * (np.arange(len(slow)) % 2)  # the same attitude with the other sign
+    # Odd rows have the same attitude with the other sign.
+    half = slow / 4 + np.pi * (np.arange(len(slow)) % 2)
     pieces = [
         data("vehicle_attitude", 20 + time, np.cos(angle), np.sin(angle), 0, 0, 0)
         for time, angle in zip(slow, half, strict=True)
@@ -206,7 +207,7 @@ def test_instances_of_outputs_are_ports(tmp_path):
             servo_outputs["servo1_raw"][servo_outputs["port"] == port],
             1000 * (port + 1) + np.arange(10) + 0.5,
         )
-    assert not servo_outputs["servo2_raw"].any()  # beyond the outputs in use
+    assert not servo_outputs["servo2_raw"].any()  # It is not among the outputs in use.
 
 
 def test_a_topic_subscribed_to_twice_is_one(tmp_path):

@@ -29,7 +29,8 @@ def test_a_gust_is_reported_once_and_a_motor_step_never(changed):
     """
     torque = default_rng(1).uniform(-1.0, 1.0, size=2500)
     torque[600:625] = 20.0
-    torque[625:690] = np.where(changed, np.nan, torque[625:690])  # as after a motor's alarm
+    # The same happens after the alarm of a motor.
+    torque[625:690] = np.where(changed, np.nan, torque[625:690])
     detector = GustDetector(DT)
     reported_gusts = []
     for i, torque_sample in enumerate(torque):

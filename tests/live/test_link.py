@@ -84,7 +84,7 @@ def test_datagrams_come_whole_in_order_and_stamped():
         for datagram in sent_datagrams:
             vehicle.sendto(datagram, address)
         pieces = []
-        while len(pieces) < len(sent_datagrams):  # a busy kernel delivers some ms later
+        while len(pieces) < len(sent_datagrams):  # A busy kernel delivers some ms later.
             pieces += (batch := link.receive(60.0))
             assert 0 < len(batch) <= MAX_PIECES
         stamps, received = zip(*pieces, strict=True)

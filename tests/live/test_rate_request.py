@@ -115,7 +115,8 @@ def test_answers_to_others_and_to_other_commands_are_not_ours():
     for command, to in others:
         request.add_reply(reply("COMMAND_ACK", command, 0, to))
         assert request.restoring_frames(), "it is still awaited"
-    request.add_reply(reply("COMMAND_ACK", SET_INTERVAL, 0, (0, 0)))  # older vehicles name nobody
+    # Older vehicles name no addressee.
+    request.add_reply(reply("COMMAND_ACK", SET_INTERVAL, 0, (0, 0)))
     assert request.restoring_frames() == []
 
 
@@ -292,7 +293,7 @@ def test_parameters_of_the_motors_are_asked_for_one_by_one_until_they_come():
             assert (message.target_system, message.target_component) == VEHICLE
             name = message.param_id.encode()
             request_counts[name] += 1
-            if request_counts[name] == 3:  # the requests before, or their replies, are lost
+            if request_counts[name] == 3:  # The requests before, or their replies, are lost.
                 known_parameters[name] = Message("PARAM_VALUE", 0.0, 0.0, (name, 1.0, 9))
     assert set(request_counts.values()) == {3} and request_counts.keys() == {
         name.encode() for name in names

@@ -51,7 +51,7 @@ def test_what_was_received_is_there_before_the_end(tmp_path, form):
     path = tmp_path / f"flight{form}"
     recording = RawRecording(path)
     record(recording, FRAMES, 0.01)
-    shutil.copy(path, tmp_path / f"copy{form}")  # as a process that is killed leaves it
+    shutil.copy(path, tmp_path / f"copy{form}")  # A process that is killed leaves such a file.
     (vehicle,) = read_log(tmp_path / f"copy{form}").vehicles
     kept = sum(len(columns["time"]) for columns in vehicle.messages.values())
     assert kept >= len(FRAMES) - (60 if form == ".tlog" else 600)

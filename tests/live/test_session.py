@@ -58,7 +58,8 @@ COMPLETE = Settings(order=3, d=2, window=9, parameter_precision=10.0)
 FRAMES = [(stamp / 1e6, frame) for stamp, frame in read_stream(FLIGHT).stamped_frames()]
 FIRST = next(stamp for stamp, frame in FRAMES if frame[7:10] == bytes([30, 0, 0]))
 """Of ATTITUDE; the parameters come before."""
-TURNING = np.array([-99.0, 99.0, 99.0, -99.0])  # µs of the motors, that turn an X about roll
+# Outputs, µs, that rotate an X quadrotor about roll.
+TURNING = np.array([-99.0, 99.0, 99.0, -99.0])
 
 
 class ScriptedLink:
@@ -448,7 +449,7 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     assert reported_facts[-1].figures["reason"] == TOO_FEW_SAMPLES, "it is reported once"
     alarms = [
         Fact(MotorWatchFact.MOTOR_RECOVERED, level, time=at, subject="motor 1")
-        for level, at in 2 * [(Level.BAD, 118.0), (Level.GOOD, 142.0)]  # a fault comes and goes
+        for level, at in 2 * [(Level.BAD, 118.0), (Level.GOOD, 142.0)]  # A fault comes and goes.
     ]
     for alarm in alarms:
         session._presentation.log(alarm)
@@ -681,7 +682,7 @@ def test_a_slow_computer_reports_it_and_puts_off_fits_then_plots_but_no_row(now,
     shed = []
 
     def slow(row, arrival_time):
-        now[0] += 0.03 * (107.0 < now[0] < 122.0)  # three times what it spans
+        now[0] += 0.03 * (107.0 < now[0] < 122.0)  # The time grows to three times its length.
         take(row, arrival_time)
 
     session._process_row = slow
@@ -783,7 +784,7 @@ def test_a_session_with_all_faults_ends_with_a_good_model(
     monkeypatch.setattr("live_faults.RATE", 50.0)
     long = load("ardupilot_faults").model_dump(mode="json")
     slower = {"SCHED_LOOP_RATE": 200.0}
-    weak = {**long["vehicle"], "weak_from": 37.0, "parameters": slower}  # all of the second flight
+    weak = {**long["vehicle"], "weak_from": 37.0, "parameters": slower}  # The whole second flight.
     scenario = scenario_from_table({**long, **SHORT, "faults": FAULTS, "vehicle": weak})
     session, account = run_session(scenario)
     reported_facts = {event.fact.code for event in session.history.events}

@@ -186,7 +186,7 @@ def test_an_unusual_ratio_of_the_log_is_named():
 
 
 @mark.slow
-@mark.parametrize("factor", [1.0, 1.7])  # surely, and perhaps
+@mark.parametrize("factor", [1.0, 1.7])  # A sound loop, and one that may be.
 def test_enough_margin_is_left_alone_unless_more_is_asked(factor):
     advice = advise(loop := made_up(factor))
     assert advice.gains and not advice.parameters

@@ -235,7 +235,7 @@ def test_gains_that_change_in_flight_come_with_it(monkeypatch):
     for start, earlier in ((segment.start, {"ATC_RAT_RLL_P": 0.5}), (41.0, {})):
         result = aligned_flight(signals, replace(segment, start=start))
         assert result.provenance["earlier"] == earlier
-    assert read.call_count == 1  # of a log with many boots each segment would read all
+    assert read.call_count == 1  # Otherwise each segment of a log with many boots would read all.
 
 
 def ac_pid(controller, frequency):

@@ -103,7 +103,7 @@ def test_a_loop_has_its_true_margins_at_200_and_at_25_hz(flight, every, within):
     for name, true, error in zip(("phase_margin", "gain_margin"), margins, within, strict=True):
         assert abs(getattr(loop, name) - true) < error
         low, high = getattr(loop, f"{name}_interval")
-        wider = (high - low) / 4  # of one flight 90 % are too few to test: 99 %
+        wider = (high - low) / 4  # One flight is too little to test 90 %: 99 %.
         assert low - wider <= true <= high + wider
     codes = [caution.code for caution in loop.cautions]
     if every == 8:
@@ -247,9 +247,10 @@ def test_an_unknown_margin_is_called_uncertain_only_if_its_interval_is_wide(
 @mark.parametrize(
     "more, change, status",
     [
-        (2.0, {}, Status.REPORTED),  # a phase margin of 33°
-        (2.6, {}, Status.BIASED),  # of 19°
-        (0.9, {"lag": 0.002, "delay": 0.05}, Status.REPORTED),  # of 19°, for the delay's sake
+        (2.0, {}, Status.REPORTED),  # The phase margin is 33°.
+        (2.6, {}, Status.BIASED),  # The phase margin is 19°.
+        # The phase margin is 19°, because of the delay.
+        (0.9, {"lag": 0.002, "delay": 0.05}, Status.REPORTED),
     ],
 )
 def test_of_a_loop_that_rings_beyond_its_motors_effect_and_lag_are_biased(

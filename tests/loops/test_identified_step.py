@@ -76,7 +76,7 @@ def test_intervals_of_margins_end_at_the_limit_of_stability():
     "scale, deviation, code",
     [
         (1.0, 0.0, None),
-        (8.0, 0.0, LoopFact.MARGIN_UNCERTAIN),  # unstable
+        (8.0, 0.0, LoopFact.MARGIN_UNCERTAIN),  # The loop is unstable.
         (1.0, 0.012, LoopFact.MARGIN_UNCERTAIN),
     ],
 )

@@ -22,7 +22,7 @@ def test_the_recorded_flight_has_its_chirped_margins():
     assert open_loop.phase_margin == approx(19, abs=1.5)
     assert open_loop.gain_margin == approx(2.8, abs=1)
     assert open_loop.ms == approx(4.9, rel=0.1)
-    assert not open_loop.disturbance.any()  # none was injected
+    assert not open_loop.disturbance.any()  # No signal was injected.
     # The setpoint's filter alone is beside the loop where D does little: ATC_RAT_PIT_FLTT of 20 Hz.
     setpoint_filter = 1 / (1 + 1j * open_loop.frequency / 20.0)
     followed = open_loop.response[0] / (1 + open_loop.response[0])

@@ -95,7 +95,7 @@ def test_the_size_is_that_of_the_motor_s_own_command_also_where_its_neighbours_h
     )
 
 
-LATER = {  # s, what the motors then have to give in place of 1
+LATER = {  # Commands after so many seconds, in the place of 1.
     "one while another lasts": {
         20: [1, 1.2, 1, 1],
         26: [1, 1.2, 1.25, 1],

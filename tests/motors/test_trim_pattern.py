@@ -132,7 +132,7 @@ def test_one_motor_that_leads_alone_is_to_be_watched(share, error, code):
 
 def test_nothing_is_said_of_little_flight_or_without_the_places():
     assert trim_pattern(None, geometry()).code is TrimFact.TRIM_UNKNOWN
-    for spins in ((), (0, 0)):  # not known, or turning nothing
+    for spins in ((), (0, 0)):  # Spins that are not known, or 0.
         fact = trim_pattern(None, geometry(spins=spins))
         assert (fact.code, fact.level) == (TrimFact.TRIM_OF_UNKNOWN_PLACES, "unknown")
     assumed = geometry(position_source=PositionSource.X_QUAD)

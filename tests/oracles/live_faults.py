@@ -17,7 +17,7 @@ from sitl_scenarios.scenario import Faults
 from sitl_scenarios.simulation import Simulation
 
 RATE = 100.0  # Hz that are asked for
-TICK = 0.06  # s from one look at the link to the next
+TICK = 0.06  # Seconds from one look at the link to the next.
 AHEAD_SECONDS = 0.25  # From the last known sample to the one that is forecast
 SETTLING_SECONDS = 2.0  # For which the filter of a forecast has run before errors count
 
@@ -42,7 +42,7 @@ class SimulatedLink:
 class Wire(Ground):
     """What the vehicle sends to: it runs the session that listens to it, whose clock is that of the flight."""
 
-    speed = TICK / 0.004  # of the vehicle, so that a tick of its flight is TICK
+    speed = TICK / 0.004  # At this speed a tick of the vehicle's flight is TICK.
     now = 0.0
 
     def __init__(self):

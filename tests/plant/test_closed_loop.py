@@ -35,7 +35,8 @@ from mavdem.plant.closed_loop.spectra import (
 
 CYCLE = 0.0025
 SECONDS = 90.0
-EFFECT, DAMPING, LAG, LATE = 150.0, 1.0, 0.03, 2  # cycles from the rate to the output that acts
+# LATE: cycles from the rate to the output that acts.
+EFFECT, DAMPING, LAG, LATE = 150.0, 1.0, 0.03, 2
 P, D, ANGLE = 0.1, 0.002, 5.0
 NOISE, ANGLE_NOISE = 0.005, 2e-4
 
@@ -60,7 +61,7 @@ def fly(seed, steered=1.0, in_time=1, turbulence=((0.5, 2.0),), noise=NOISE):
     A = np.array([[0, 1, 0], [0, -DAMPING, 1], [0, 0, -1 / LAG]])
     B = np.array([[0, 0], [0, 1], [EFFECT / LAG, 0]])
     A, B, *_ = cont2discrete((A, B, A, B), CYCLE)
-    holds = in_time * rng.integers(40 // in_time, 200 // in_time, count // 40)  # cycles
+    holds = in_time * rng.integers(40 // in_time, 200 // in_time, count // 40)  # Numbers of cycles.
     asked = steered * np.repeat(rng.normal(0, 1, len(holds)), holds)[:count]
     wind = sum(
         lfilter([(2 * CYCLE / time) ** 0.5], [1, CYCLE / time - 1], rng.normal(0, size, count))
@@ -311,7 +312,7 @@ def test_limits_explain_a_controller_of_less_gain_and_none_of_more():
     assert not of(2.0, 0.9).controller_consistent and of(2.0, 0.9).saturation_loss == 0.0
     assert not of(
         0.9, 0.0, likeliest=0.6
-    ).controller_consistent  # of several maxima the highest must, too
+    ).controller_consistent  # The highest of several maxima must be consistent, too.
 
 
 @mark.parametrize("rate", [80.0, 400.0])

@@ -153,7 +153,7 @@ def test_a_gust_is_found_where_it_is_with_its_length_and_size():
 def test_a_gust_lasts_as_long_as_the_estimate_resolves_and_returns_to_its_level():
     torque = turbulent(3, 6000)
     torque[3000:3003] += 12.0  # 30 ms
-    torque[4000:] += 20.0  # a step stays
+    torque[4000:] += 20.0  # A lasting step.
     (short,) = detect_gusts(torque, np.zeros(6000), record_of(6000)).gusts
     assert short.start == approx(30.0, abs=0.2)
     assert detect_gusts(torque, np.zeros(6000), record_of(6000), min_duration=0.05).gusts == ()

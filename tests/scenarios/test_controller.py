@@ -33,7 +33,8 @@ def test_saturation_takes_thrust_first_and_keeps_the_demands_in_proportion():
     pitch = beyond @ X.pitch
     assert roll / pitch == approx(1.5)
     turned = px4_thrusts(np.array([X.roll, X.pitch, X.yaw]), (0.0, 0.0, 0.3, 0.9))
-    assert np.ptp(turned) == approx(0.5)  # with a little more thrust than the most
+    # The demand is a little larger than the largest possible one.
+    assert np.ptp(turned) == approx(0.5)
 
 
 def sensed(sensors, states):

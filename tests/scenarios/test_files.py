@@ -9,7 +9,8 @@ GUST = '[[wind]]\nkind = "gust"\nstart = 5\nspeed = 3\n'
 
 
 def test_an_empty_file_is_the_default_scenario(tmp_path):
-    (tmp_path / "own.toml").write_bytes(b"\xef\xbb\xbf")  # a byte order mark is none of the text
+    # A byte order mark is no part of the text.
+    (tmp_path / "own.toml").write_bytes(b"\xef\xbb\xbf")
     assert load(tmp_path / "own.toml") == load(str(tmp_path / "own.toml")) == Scenario()
 
 

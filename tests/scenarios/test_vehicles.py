@@ -52,7 +52,7 @@ def test_px4_is_told_the_turning_of_each_rotor_as_it_turns(kind):
     assert [values[f"CA_ROTOR{n}_KM"] for n in range(4)] == [0.05, 0.05, -0.05, -0.05]
 
 
-ROLL = (0.1, 0.0, 0.0, 0.5)  # a demand, with thrust
+ROLL = (0.1, 0.0, 0.0, 0.5)  # A demand of roll, with thrust.
 
 
 def test_an_autopilot_may_take_the_frame_for_another():

@@ -49,7 +49,7 @@ class Connection:
                 if entry.get("source") not in (
                     "network",
                     "recommendation",
-                ):  # a refusal is no fault
+                ):  # A refusal is no fault.
                     self.said.append(entry)
             if answer.get("id") == number:
                 assert "error" not in answer, answer
@@ -83,7 +83,7 @@ class Page(Connection):
             try:
                 if self.run(f"!!({script})"):
                     return
-            except AssertionError:  # the page went away
+            except AssertionError:  # The page was closed.
                 pass
             time.sleep(0.02)
         raise AssertionError(script, self.run("document.body.innerText"))

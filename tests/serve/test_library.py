@@ -316,7 +316,7 @@ def test_a_log_that_comes_again_while_it_is_deleted_stays(library, monkeypatch):
 @mark.slow
 def test_a_fleet_is_shown_as_it_is(tmp_path):
     """A library opens the folder of a fleet, adds its logs, and follows its changes."""
-    tmp_path /= "\udcff"  # whose name is not UTF-8
+    tmp_path /= "\udcff"  # The name of the folder is not UTF-8.
     rows = [FlightRow(file=f"/logs/{name}.bin", vehicle=name, axis="roll") for name in "abc"]
     fleet_of(tmp_path, rows[:2])
     library = Library(tmp_path)

@@ -87,7 +87,7 @@ def test_a_session_has_a_page_and_leaves_its_log(tmp_path, heard):
     """A vehicle is received and falls silent: its flight has a page, and its recording is in the library."""
     begin, library, warned, come = heard
     live = begin()
-    until(lambda: come)  # it is silent
+    until(lambda: come)  # The link falls silent.
     assert "udpin:127.0.0.1:" in live.page.html and not warned
     assert '<a href="/">← Flights</a>' in live.page.html and "the last 0 s" not in live.page.html
     (entry,), _ = library.find("1", [], 10)

@@ -144,7 +144,7 @@ def test_multiples_of_a_motors_line_up_to_six_to_2_percent_are_its_harmonics():
     # Weaker than a hundredth of it, what has no name is of it.
     spectra = lined(*moving, (200.0, 400.0, 0.0), (25.0, 14.5, 0.0), (34.0, 9.0, 0.0)).lines
     assert [line.harmonics for line in spectra] == [(1, 2, 6), (1,), (1,), (1,), (1,)]
-    hertz = [50.0, 200.0, 153.3, 350.0, 25.0]  # the second is of the frame
+    hertz = [50.0, 200.0, 153.3, 350.0, 25.0]  # The second line is of the frame.
     assert [line.frequency for line in spectra] == approx(hertz, rel=2e-3)
 
 

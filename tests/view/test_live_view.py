@@ -156,7 +156,7 @@ def recording(tmp_path_factory):
             view.put(DisplayRow(t, 0.0, 0, y, u, model_estimate, None, wind, pose))
         view.log(Occurrence(TIME[-1], prose("link lost")))
     assert view.problems == [] and not file.is_broken
-    assert b"FOOT" in path.read_bytes()[-12:]  # it has the table of its chunks
+    assert b"FOOT" in path.read_bytes()[-12:]  # The file ends with the table of its chunks.
     return path
 
 
@@ -267,7 +267,7 @@ def test_other_channels_continue_the_lines_under_their_own_names(tmp_path):
                 )
             )
     (north,) = [batch for name, _, batch in chunks(path, static=True) if name == "world/north"]
-    assert north.num_rows == 1  # the 3D tab is drawn once, and its path goes on
+    assert north.num_rows == 1  # The 3D tab is drawn once, and its path continues.
     rows = [
         batch.column("Scalars:scalars").to_pylist()
         for name, _, batch in chunks(path)
@@ -403,7 +403,7 @@ def test_a_row_that_cannot_be_drawn_and_a_file_that_cannot_be_written_end_nothin
         until(lambda: thread._events)
         view.put(ROW._replace(time=50.1))
     size = path.stat().st_size
-    view.put(ROW)  # closed, it shows nothing more
+    view.put(ROW)  # A closed view shows nothing more.
     view.close()
     assert path.stat().st_size == size
     (problem,) = view.problems
@@ -441,7 +441,7 @@ def test_a_killed_process_or_a_full_disk_leaves_a_file_that_opens(tmp_path):
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     subprocess.run(command, env=environment, check=True, timeout=5 * PATIENCE)
     assert len(drawn(killed)["motors/0_outputs"][0]) == 500
-    assert len(drawn(path)["motors/0_outputs"][0])  # it opens
+    assert len(drawn(path)["motors/0_outputs"][0])  # The sink opens.
 
 
 def test_rows_wait_while_they_are_held_and_come_when_it_closes(tmp_path):

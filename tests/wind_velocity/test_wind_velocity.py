@@ -66,7 +66,8 @@ def flight(
     air = np.outer(1 + jump * (time > seconds / 2), wind) + gusts * gust / gust.std()
     course = np.floor(time / 20) * np.pi / 2 + np.pi * (time % 20 > 10)
     legs_flown = legs * np.column_stack([np.cos(course), np.sin(course), 0 * time])
-    velocity = uniform_filter1d(legs_flown, 20, 0, mode="nearest", origin=9)  # of the 2 s before
+    # A mean of the 2 s before.
+    velocity = uniform_filter1d(legs_flown, 20, 0, mode="nearest", origin=9)
     # The thrust is what drag and gravity leave of the acceleration, and body z is against it.
     needed = np.gradient(velocity, time, axis=0) - [0, 0, 9.80665]
     level = (0, 0), (0, 1)
@@ -367,12 +368,12 @@ def test_the_drag_of_fast_laps_is_searched_until_it_is_found():
 
 
 def test_resets_are_no_motion():
-    yaw = np.array([6.2, 0.1, 0.2, 1.4, 1.5])  # past north, then a reset
+    yaw = np.array([6.2, 0.1, 0.2, 1.4, 1.5])  # Past north, and then a reset.
     assert np.flatnonzero(estimate_resets(0.1 * np.arange(5.0), yaw, YAW_RESET, 2 * np.pi)) == [2]
     # Half a second at 3 m/s is 1.5 m; what is 1 m, and 2 m/s, off that is a reset.
     ways = np.array([-0.6, -0.4, 3.4, 3.6])
     assert is_position_reset(ways, 2.0, 4.0, 0.5).tolist() == [True, False, False, True]
-    indoors = shared("real/logs/px4_two_armed_times.ulg")  # its v_xy_valid is 0
+    indoors = shared("real/logs/px4_two_armed_times.ulg")  # Its v_xy_valid is 0.
     refusal = refused(mavdem.wind, indoors)
     assert refusal.code is NoWind.NO_FLIGHT_WITH_VELOCITY
     assert refusal.figures["airborne"] == 0.0

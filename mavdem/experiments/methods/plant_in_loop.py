@@ -257,7 +257,7 @@ class ClosedLoop(ForecasterBase):
         smoothed_states = self._filter.smooth(states, innovations)
         # The smoother also returns the state after the last sample, which is left out.
         mean = smoothed_states.means[:-1] @ weights
-        # c P cᵀ of each sample t.
+        # The variance c P cᵀ of each sample t.
         variance = np.einsum("i,tij,j->t", weights, smoothed_states.covariances[:-1], weights)
         return Forecast(mean[:, None], variance[:, None])
 

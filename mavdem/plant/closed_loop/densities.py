@@ -235,7 +235,7 @@ class DensityModel:
             stamp_offsets: stamps (C, N) of N messages of each quantity, s, relative to the stamps of the first one.
         """
         self._alias_s = 2j * np.pi * self._message_rate * self._alias_numbers
-        # exp(2πj k f_s t) of each alias, quantity and message (F, C, N).
+        # The factors exp(2πj k f_s t) of each alias, quantity and message (F, C, N).
         phases = np.exp(self._alias_s[:, None, None] * stamp_offsets)
         # The matrix product sums over the messages: (F, C, C), a phase for each pair of quantities.
         message_count = stamp_offsets.shape[1]
@@ -470,7 +470,7 @@ class DensityModel:
         )
         return SynchronousSteps(
             density=reference_density * (synchronous_share if with_reference else 0.0),
-            # p = odds / (1 + odds) has the derivative d ln p / d ln odds = 1 − p.
+            # The probability p = odds / (1 + odds) has the derivative d ln p / d ln odds = 1 − p.
             log_slopes={"synchronous_odds": 1 - synchronous_share, "angle_noise": noise_slope},
             alias_shares=alias_shares,
             response=self._sampled_step_response(alias_shares, loop.from_source[Source.REFERENCE]),

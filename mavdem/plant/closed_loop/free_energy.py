@@ -60,7 +60,7 @@ class FilteredSegment(NamedTuple):
     def log_densities(self) -> Array:
         """(T,) log density of each sample given those before it, nats."""
         log_determinants = np.linalg.slogdet(self.precisions / (2 * np.pi))[1]
-        # eᵀ F⁻¹ e of each sample t.
+        # The quadratic form eᵀ F⁻¹ e of each sample t.
         squares = np.einsum("ti,tij,tj->t", self.innovations, self.precisions, self.innovations)
         return np.asarray(0.5 * (log_determinants - squares))
 

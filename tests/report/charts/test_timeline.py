@@ -30,7 +30,7 @@ from mavdem.wind_velocity.velocity import WindVelocity
 
 TIME = np.arange(0.0, 10.0)
 SPEED = 5.0
-DIRECTION = 270.0  # degrees that the wind comes from: west, so that the air moves east
+DIRECTION = 270.0  # Degrees; the wind comes from the west, so that the air moves east.
 AUTOPILOT_SPEED = 4.0
 
 

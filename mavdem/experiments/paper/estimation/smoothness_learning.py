@@ -227,6 +227,6 @@ def _sample_gradients(posterior: Posterior, data: Array) -> Array:
     errors = data @ error_map.T
     precisions = expected_noise_precisions(posterior.lambda_, posterior.lambda_covariance)
     precision_slope = derivative_model.error_precision(precisions)
-    # ε̃ᵀ (∂Π̃/∂ln s) ε̃ of each sample.
+    # The quadratic form ε̃ᵀ (∂Π̃/∂ln s) ε̃ of each sample.
     squares = np.sum(errors @ precision_slope * errors, axis=1)
     return np.asarray(-0.5 * squares, float)
