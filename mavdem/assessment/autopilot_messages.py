@@ -79,6 +79,23 @@ class StatusText(NamedTuple):
     """The text without surrounding blanks."""
 
 
+class _TextChunk(NamedTuple):
+    """One message STATUSTEXT: a whole text, or a chunk of one that is longer than a message."""
+
+    time: float
+    """Time on the boot clock, s."""
+    boot: int
+    """Number of the boot."""
+    severity: int
+    """MAV_SEVERITY."""
+    text_id: int
+    """Number that all chunks of one text have; 0 for a text in one message."""
+    number: int
+    """Number of the chunk in its text, from 0."""
+    content: str | bytes
+    """The characters."""
+
+
 class _ErrorMessage(NamedTuple):
     """One ERR message of a DataFlash log."""
 
@@ -111,21 +128,23 @@ def status_texts(telemetry: Telemetry) -> list[StatusText]:
     texts: list[StatusText] = []
     # The index in ``texts`` of the latest text with each id.
     latest_index = dict[int, int]()
-    for time, boot, severity, text_id, chunk_number, content in _status_messages(columns):
-        chunk = content.decode(errors="replace") if isinstance(content, bytes) else content
+    for chunk in _text_chunks(columns):
+        characters = chunk.content
+        if isinstance(characters, bytes):
+            characters = characters.decode(errors="replace")
         # Autopilots use an id again for another text, whose first chunk has the number 0.
-        continues_text = text_id != 0 and chunk_number != 0 and text_id in latest_index
+        continues_text = chunk.text_id != 0 and chunk.number != 0 and chunk.text_id in latest_index
         if continues_text:
-            index = latest_index[text_id]
-            texts[index] = texts[index]._replace(text=texts[index].text + chunk)
+            index = latest_index[chunk.text_id]
+            texts[index] = texts[index]._replace(text=texts[index].text + characters)
         else:
-            latest_index[text_id] = len(texts)
-            texts.append(StatusText(time, boot, severity, chunk))
+            latest_index[chunk.text_id] = len(texts)
+            texts.append(StatusText(chunk.time, chunk.boot, chunk.severity, characters))
     return [text._replace(text=text.text.strip()) for text in texts]
 
 
-def _status_messages(columns: Columns) -> Iterator[tuple[Any, ...]]:
-    """Yields time, boot, severity, id, number of the chunk, and text of each message STATUSTEXT.
+def _text_chunks(columns: Columns) -> Iterator[_TextChunk]:
+    """Yields the messages STATUSTEXT of a log.
 
     Args:
         columns: the messages as columns, by name of the field. Older logs lack some fields, such as ``id``; such a
@@ -138,7 +157,8 @@ def _status_messages(columns: Columns) -> Iterator[tuple[Any, ...]]:
             fields.append(columns[field_name].tolist())
         else:
             fields.append([0] * message_count)
-    yield from zip(*fields, strict=True)
+    for values in zip(*fields, strict=True):
+        yield _TextChunk(*values)
 
 
 def reported_problems(telemetry: Telemetry) -> list[Fact]:

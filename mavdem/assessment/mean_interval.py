@@ -50,8 +50,8 @@ def mean_figure(values: Array, duration: float) -> MeanFigure:
 def mean_interval(values: Array, duration: float) -> Array:
     """Computes the half widths of the 90 % confidence intervals of the means of autocorrelated series.
 
-    The variance of the mean is the spectrum near frequency 0, here the mean square of the first projections of the
-    series on cosines.
+    The variance of the mean follows from the spectrum near frequency 0. It is estimated by the mean square of the first
+    projections of the series on cosines (the equal-weighted cosine estimator), with Student's t.
 
     Args:
         values: (N, k) uniform samples of k series.
@@ -66,11 +66,9 @@ def mean_interval(values: Array, duration: float) -> Array:
     )
     if sample_count <= 2 * cosine_count:
         return np.full(values.shape[1], np.inf)
-    # The type-II transform of SciPy is 2 Σ x cos; its first row belongs to the mean.
-    cosine_sums = scipy.fft.dct(values - values.mean(axis=0), axis=0, overwrite_x=True)[
-        1 : cosine_count + 1
-    ]
-    projections = cosine_sums / (np.sqrt(2.0) * sample_count)
+    # The type-II transform of SciPy is 2 Σ x cos; its first row belongs to the mean, which is 0 here.
+    cosine_sums = scipy.fft.dct(values - values.mean(axis=0), axis=0, overwrite_x=True)
+    projections = cosine_sums[1 : cosine_count + 1] / (np.sqrt(2.0) * sample_count)
     return half_width(np.square(projections).mean(axis=0), freedom=cosine_count)
 
 

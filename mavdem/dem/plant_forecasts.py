@@ -151,5 +151,5 @@ class PlantForecasts:
             # (forecasts, horizon): index of the sample at each step of each forecast.
             rows = starts[:, None] + 1 + np.arange(horizon)
             squared_errors.append((outputs[rows] - forecasts) ** 2)
-        mean = np.concatenate(squared_errors).mean(axis=0) * self.scaling.output_scale**2
-        return np.where(np.isfinite(mean), mean, np.inf)
+        mean_squares = np.concatenate(squared_errors).mean(axis=0) * self.scaling.output_scale**2
+        return np.where(np.isfinite(mean_squares), mean_squares, np.inf)

@@ -18,7 +18,7 @@ from mavdem.assessment.axis.figures import (
 )
 from mavdem.assessment.axis.findings import with_vehicle_made_torque_marked
 from mavdem.assessment.axis.options import Options, ShowStep, show_nothing
-from mavdem.assessment.axis.training import train_and_test
+from mavdem.assessment.axis.training import TestedModel, train_and_test
 from mavdem.assessment.condition import measure_condition
 from mavdem.assessment.identity import identify_vehicle
 from mavdem.assessment.motor_alarms import motor_alarms
@@ -113,9 +113,42 @@ def analyse(
         if is_slow:
             return _with_reason_of_no_slow_model(analysis, error.fact)
         return replace(analysis, reason=error.fact)
+    axis_estimates = None if other_axis is None else other_axis.axes.get(axis)
+    analysis = _with_trained_model(
+        analysis, trained_model, signals, axis_estimates, options, is_slow=is_slow
+    )
+    if axis == ALL_AXES:
+        analysis = _with_other_axes(analysis, log, signals, progress, estimates_of_other_axes)
+    return analysis
+
+
+def _with_trained_model(
+    analysis: LogAnalysis,
+    trained_model: TestedModel,
+    signals: Signals,
+    axis_estimates: AxisEstimates | None,
+    options: Options,
+    *,
+    is_slow: bool,
+) -> LogAnalysis:
+    """Adds a trained model to the analysis of a log: with its cautions, physical parameters and test.
+
+    Args:
+        analysis: what the log shows without a model.
+        trained_model: the model, with its training data and its forecasts of held-out windows.
+        signals: signals of the vehicle, for the axis of the model.
+        axis_estimates: physical parameters of the axis, if they were estimated before; None otherwise.
+        options: choices of the user, of which the truth of a simulated flight is used here.
+        is_slow: whether the streams were so slow that the model describes the slow motion only.
+
+    Returns:
+        A copy of the analysis with the model; with the comparison to the truth, if that is known.
+
+    Raises:
+        Unreadable: ``truth`` is not the truth of this flight.
+    """
     flights = trained_model.flights
     learned = _with_cautions(trained_model.learned, flights, is_slow=is_slow)
-    axis_estimates = None if other_axis is None else other_axis.axes.get(axis)
     learned = _with_physical_parameters(
         learned, signals, flights, analysis, axis_estimates, is_slow=is_slow
     )
@@ -127,8 +160,6 @@ def analyse(
     if options.truth is not None:
         truth = read_truth_of_flight(flights, options.truth)
         analysis = replace(analysis, truth=compare_with_truth(learned, flights, truth))
-    if axis == ALL_AXES:
-        analysis = _with_other_axes(analysis, log, signals, progress, estimates_of_other_axes)
     return analysis
 
 

@@ -184,6 +184,7 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
     best_delay = np.argmin(rms_errors)
     is_delay_measured = 0 < best_delay < len(DELAYS) - 1
     angle_error = rms_errors[best_delay]
+    # How far the setpoint moves, rad: the larger, the larger an error may be.
     if signals.axis in TILT_AXES:
         movement = float(setpoints.std())
         limits = _error_limits(movement, ANGLE_ERROR_LIMITS)
@@ -194,8 +195,10 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
     peak = None
     if movement > MIN_SETPOINT_DEVIATION:
         peak = _response_peak(setpoint, angle, angle_segments)
-    turn = reached_rate(signals, segments)
-    rating = _tracking_rating(signals, angle_segments, limits.level(angle_error), turn, peak)
+    reached_turn = reached_rate(signals, segments)
+    rating = _tracking_rating(
+        signals, angle_segments, limits.level(angle_error), reached_turn, peak
+    )
     tracking = Fact(
         rating.code,
         rating.level,
@@ -209,10 +212,12 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
         ratio=None if peak is None else peak.ratio,
         frequency=None if peak is None else peak.frequency,
     )
-    if turn is None:
+    if reached_turn is None:
         return tracking
     return tracking.replace(
-        rate_setpoint=turn.setpoint, reached_rate=turn.rate, at_limit_share=turn.at_limit_share
+        rate_setpoint=reached_turn.setpoint,
+        reached_rate=reached_turn.rate,
+        at_limit_share=reached_turn.at_limit_share,
     )
 
 

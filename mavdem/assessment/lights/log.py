@@ -99,6 +99,7 @@ def log_light(evidence: Evidence) -> Fact:
     damage = _damage_fact(evidence.log, telemetry)
     flight_seconds = _seconds_in_flight(evidence, attitude)
     command_seconds = _seconds_in_flight(evidence, model_inputs)
+    # The first flaw in the order of the docstring is the code.
     code = LogLight.RECORDED_FAST
     if command_seconds < MIN_COMMANDED_FRACTION * flight_seconds:
         code = LogLight.COMMANDS_INCOMPLETE

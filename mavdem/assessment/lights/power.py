@@ -321,42 +321,56 @@ def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterat
         none is set and the charge was all used; ``cell_voltage`` is the lowest of a cell, V, where that shows a larger
         capacity; ``share_before`` is the charge before it fell to nothing faster than a battery can be emptied.
     """
+    for battery in batteries:
+        charge_fact = _charge_fact(evidence, battery)
+        if charge_fact is not None:
+            yield charge_fact
+
+
+def _charge_fact(evidence: Evidence, battery: Battery) -> Fact | None:
+    """Returns the fact that the charge of a battery fell to the autopilot's limits in flight; None if it did not.
+
+    Its figures are those of :func:`_battery_charges`.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+        battery: a battery that was measured in flight.
+    """
     telemetry = evidence.signals.telemetry
     is_ardupilot = telemetry.autopilot == "ARDUPILOTMEGA"
-    has_several = len(evidence.signals.batteries) > 1
-    for battery in batteries:
-        lowest_fraction = _lowest_charge(evidence, battery)
-        if is_ardupilot:
-            levels = ardupilot_charge_levels(telemetry.parameters, battery.number)
-        else:
-            levels = _px4_charge_levels(telemetry)
-        is_empty = is_ardupilot and lowest_fraction <= 0
-        # PX4 rounds the percentage up, so that it has warned already where its limit is reported. Without a limit,
-        # which is 0, no charge is low.
-        highest_limit = max(levels.watch, levels.bad)
-        is_low = highest_limit > 0 and lowest_fraction <= highest_limit
-        if not is_low and not is_empty:
-            continue
-        is_critical = levels.bad > 0 and lowest_fraction <= levels.bad
-        charged_cell_voltage = None
-        if is_empty and not is_critical:
-            charged_cell_voltage = _charged_cell_voltage(evidence, battery)
-        is_bad = is_critical or (is_empty and charged_cell_voltage is None)
-        share_limit = levels.bad if is_critical else levels.watch
-        optional_figures = {}
-        if charged_cell_voltage is not None:
-            optional_figures["cell_voltage"] = charged_cell_voltage
-        fraction_before_fall = _fraction_before_sudden_fall(evidence, battery) if is_empty else None
-        if fraction_before_fall is not None:
-            optional_figures["share_before"] = fraction_before_fall
-        yield Fact(
-            PowerLight.CHARGE_LOW,
-            Level.BAD if is_bad else None,
-            subject=battery_name(battery.number) if has_several else "",
-            share=lowest_fraction,
-            share_limit=share_limit if is_low else None,
-            **optional_figures,
-        )
+    lowest_fraction = _lowest_charge(evidence, battery)
+    if is_ardupilot:
+        levels = ardupilot_charge_levels(telemetry.parameters, battery.number)
+    else:
+        levels = _px4_charge_levels(telemetry)
+    is_empty = is_ardupilot and lowest_fraction <= 0
+    # PX4 rounds the percentage up, so that it has warned already where its limit is reported. Without a limit, which is
+    # 0, no charge is low.
+    highest_limit = max(levels.watch, levels.bad)
+    is_low = highest_limit > 0 and lowest_fraction <= highest_limit
+    if not is_low and not is_empty:
+        return None
+    is_critical = levels.bad > 0 and lowest_fraction <= levels.bad
+    charged_cell_voltage = None
+    if is_empty and not is_critical:
+        charged_cell_voltage = _charged_cell_voltage(evidence, battery)
+    is_bad = is_critical or (is_empty and charged_cell_voltage is None)
+    share_limit = levels.bad if is_critical else levels.watch
+    optional_figures = {}
+    if charged_cell_voltage is not None:
+        optional_figures["cell_voltage"] = charged_cell_voltage
+    fraction_before_fall = _fraction_before_sudden_fall(evidence, battery) if is_empty else None
+    if fraction_before_fall is not None:
+        optional_figures["share_before"] = fraction_before_fall
+    has_several_batteries = len(evidence.signals.batteries) > 1
+    return Fact(
+        PowerLight.CHARGE_LOW,
+        Level.BAD if is_bad else None,
+        subject=battery_name(battery.number) if has_several_batteries else "",
+        share=lowest_fraction,
+        share_limit=share_limit if is_low else None,
+        **optional_figures,
+    )
 
 
 def _lowest_charge(evidence: Evidence, battery: Battery) -> float:
@@ -381,15 +395,18 @@ def _px4_charge_levels(telemetry: Telemetry) -> Limits:
     """Returns the charges, as fractions of the full one, below which PX4's parameters call a battery low or critical.
 
     Args:
-        telemetry: messages and parameters of the vehicle. Without the parameters, PX4 has their defaults, and any other
-            autopilot has no limits (0).
+        telemetry: messages and parameters of the vehicle.
+
+    Returns:
+        The limits. Without the parameters these are the defaults of PX4, or 0 for any other autopilot: no limit.
     """
-    is_px4 = telemetry.autopilot == "PX4"
-    low_fraction = telemetry.parameters.get("BAT_LOW_THR", PX4_LOW_CHARGE if is_px4 else 0.0)
-    critical_fraction = telemetry.parameters.get(
-        "BAT_CRIT_THR", PX4_CRITICAL_CHARGE if is_px4 else 0.0
+    default_low, default_critical = 0.0, 0.0
+    if telemetry.autopilot == "PX4":
+        default_low, default_critical = PX4_LOW_CHARGE, PX4_CRITICAL_CHARGE
+    return Limits(
+        watch=telemetry.parameters.get("BAT_LOW_THR", default_low),
+        bad=telemetry.parameters.get("BAT_CRIT_THR", default_critical),
     )
-    return Limits(watch=low_fraction, bad=critical_fraction)
 
 
 def _fraction_before_sudden_fall(evidence: Evidence, battery: Battery) -> float | None:

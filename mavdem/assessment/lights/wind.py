@@ -11,6 +11,7 @@ from mavdem.facts.sources import Repair
 from mavdem.facts.wind import WindLight
 from mavdem.ingest.telemetry import Parameters, Telemetry
 from mavdem.wind_velocity.beaufort import is_speed_known
+from mavdem.wind_velocity.velocity import WindVelocity
 
 LEAN_LIMIT_PARAMETERS = {"ANGLE_MAX": 0.01, "ATC_ANGLE_MAX": 1.0, "MPC_TILTMAX_AIR": 1.0}
 """Parameters with the largest lean, and the factor that converts them to degrees."""
@@ -57,17 +58,11 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
     lowest_speed, highest_speed = wind.speed_interval
     lean_fraction = _lean_fraction(evidence.condition, evidence.signals.telemetry)
     is_rough = not is_speed_known(wind.speed_interval)
+    level = _level_of_wind(wind, lean_fraction, estimator, is_rough=is_rough)
     reason: Fact | None = None
     if estimator.is_bad:
-        level = Level.WATCH
         reason = estimator
-    elif lean_fraction > MAX_LEAN_FRACTION and not wind.calm:
-        level = Level.WATCH
-    elif lean_fraction > 0 or not is_rough:
-        # Either the vehicle had enough lean in reserve, or the speed says enough without it.
-        level = Level.GOOD
-    else:
-        level = Level.UNKNOWN
+    elif level is Level.UNKNOWN:
         reason = wind.reasons.get("speed")
     fact = Fact(
         WindLight.WIND_BLEW,
@@ -94,6 +89,27 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
     if velocity_message is not None:
         fact = fact.replace(name=velocity_message)
     return fact
+
+
+def _level_of_wind(
+    wind: WindVelocity, lean_fraction: float, estimator: Fact, *, is_rough: bool
+) -> Level:
+    """Returns the level of a wind whose speed is identified: whether the vehicle had enough lean in reserve.
+
+    Args:
+        wind: the mean wind.
+        lean_fraction: fraction of the largest lean that the vehicle needed; 0 if that is not known.
+        estimator: the fact of the light "estimator", whose velocity the estimate of the wind needs.
+        is_rough: whether the speed is known only roughly.
+    """
+    if estimator.is_bad:
+        return Level.WATCH
+    if lean_fraction > MAX_LEAN_FRACTION and not wind.calm:
+        return Level.WATCH
+    # Either the vehicle had enough lean in reserve, or the speed says enough without it.
+    if lean_fraction > 0 or not is_rough:
+        return Level.GOOD
+    return Level.UNKNOWN
 
 
 def _velocity_message_of_spare_core(telemetry: Telemetry) -> str | None:

@@ -196,14 +196,14 @@ class SampleFreeEnergy:
         """
         # The summands of ε̃ᵀ Π̃ ε̃, one for each entry of ε̃ (T, dim ε̃), are summed by the weights to the four terms that
         # differ between samples (T, 4).
-        summands = errors @ self.error_precision * errors
-        squares = summands @ self.error_weights
+        weighted_squares = errors @ self.error_precision * errors
+        squares_by_term = weighted_squares @ self.error_weights
         # The uncertainty of θ adds a square of the states to the mean-field term.
         squares_of_states = np.sum(states @ self.mean_field_curvature * states, axis=1)
-        squares[:, SAMPLE_TERMS.index(Term.MEAN_FIELD)] += squares_of_states
+        squares_by_term[:, SAMPLE_TERMS.index(Term.MEAN_FIELD)] += squares_of_states
         terms = np.empty((len(errors), len(self.constants)))
         terms[:] = self.constants
-        terms[:, SAMPLE_TERM_COLUMNS] -= 0.5 * squares
+        terms[:, SAMPLE_TERM_COLUMNS] -= 0.5 * squares_by_term
         return terms
 
     @cached_property

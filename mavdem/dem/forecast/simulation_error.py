@@ -117,9 +117,9 @@ def simulate_models(models: StateSpace, inputs: Array, outputs: Array) -> Array:
         states = filter_transition @ states + filter_inputs @ sample
     # Then the models are simulated without measurements.
     simulated_outputs = []
-    for inputs_now in inputs[len(outputs) :]:
-        simulated_outputs.append(C @ states + D @ inputs_now)
-        states = A @ states + B @ inputs_now
+    for inputs_of_step in inputs[len(outputs) :]:
+        simulated_outputs.append(C @ states + D @ inputs_of_step)
+        states = A @ states + B @ inputs_of_step
     return np.stack(simulated_outputs, axis=1)
 
 

@@ -187,8 +187,7 @@ def _translated_vehicle(
         messages[name] = columns
         source_names[name] = source_name
     dropouts = _lost_messages(recording)
-    skipped_bytes = recording.bytes_skipped
-    unreadable_messages = sum(table.unreadable for table in logged_tables.values())
+    damage_repairs = _damage_repairs(recording, logged_tables)
     return Telemetry(
         system=system_id_of_parameters(parameters),
         component=AUTOPILOT_COMPONENT,
@@ -198,15 +197,7 @@ def _translated_vehicle(
         parameters=parameters,
         source=source,
         repairs=(
-            *recording.repairs,
-            *repair_facts(
-                Repair.BYTES_SKIPPED, count=skipped_bytes, total=recording.size, part="message"
-            ),
-            *repair_facts(
-                Repair.LOGGED_MESSAGES_LEFT_OUT,
-                count=unreadable_messages,
-                flaw=Flaw.UNREADABLE_NUMBER,
-            ),
+            *damage_repairs,
             *block_repairs,
             *clock_repairs,
             *unit_repairs,
@@ -220,6 +211,35 @@ def _translated_vehicle(
         hardware=board_name_in_texts(texts),
         initial_parameters=initial_parameters,
         default_parameters=dict(_finite_values(parameter_names, parameter_columns, "Default")),
+    )
+
+
+def _damage_repairs(
+    recording: DataflashRecording, logged_tables: Mapping[str, MessageTable]
+) -> Facts:
+    """Reports the damage of a log: bytes that belong to no message, and messages with unreadable numbers.
+
+    Args:
+        recording: The log, with facts on what was repaired when its messages were found.
+        logged_tables: Its decoded messages, by name.
+
+    Returns:
+        The facts; none for a sound log.
+    """
+    unreadable_messages = sum(table.unreadable for table in logged_tables.values())
+    return (
+        *recording.repairs,
+        *repair_facts(
+            Repair.BYTES_SKIPPED,
+            count=recording.bytes_skipped,
+            total=recording.size,
+            part="message",
+        ),
+        *repair_facts(
+            Repair.LOGGED_MESSAGES_LEFT_OUT,
+            count=unreadable_messages,
+            flaw=Flaw.UNREADABLE_NUMBER,
+        ),
     )
 
 
