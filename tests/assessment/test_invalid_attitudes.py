@@ -37,6 +37,7 @@ def frames_of_flight(**options):
     )
 
 
+@mark.slow
 def test_a_log_and_a_live_flight_say_that_the_attitude_is_not_a_number():
     """From 15 s on the attitude is NaN until the end."""
     frames = frames_of_flight()

@@ -353,6 +353,7 @@ def test_a_filter_that_assumes_a_standstill_in_flight_has_no_position():
     )
 
 
+@mark.slow
 def test_a_flight_without_any_fix_is_to_be_watched_unless_the_position_came_from_elsewhere():
     """GPS searches in vain. The position may be known all the same, by optical flow for example."""
     searching = columns(TIME, fix_type=1, satellites_visible=2, eph=9999)

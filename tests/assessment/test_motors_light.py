@@ -97,6 +97,7 @@ def test_the_light_of_motors_is_the_worst_fact_about_them(pulses, code, level):
         assert light_fact.subject == "motor 2 (rear left)"
 
 
+@mark.slow
 def test_a_motor_that_is_weak_in_the_descent_alone_is_named():
     """The vehicle sinks from 71 s on, so that it is not in settled flight any more."""
     loss = motors_light(evidence(weak(72.0)))
@@ -113,6 +114,7 @@ def test_a_motor_that_alone_was_long_at_its_limit_is_not_good():
         assert (light_fact == event) is is_shown
 
 
+@mark.slow
 def test_where_one_motor_alone_lacks_headroom_the_remedy_is_about_that_motor():
     """As with a propeller that slips on its shaft now and then: for a twentieth of the time it gives less thrust."""
     slips = motors_light(evidence(lambda time: np.outer([0, 0, 1, 0], 450.0 * (time % 10 < 0.5))))
@@ -123,6 +125,7 @@ def test_where_one_motor_alone_lacks_headroom_the_remedy_is_about_that_motor():
     assert "its propeller" not in all_alike.remedy
 
 
+@mark.slow
 @mark.parametrize(
     "headroom_of_third, limit_of_first, is_named",
     [(0.05, 0.0, True), (0.08, 0.0, False), (0.05, 0.004, False)],
@@ -143,6 +146,7 @@ def test_a_motor_that_differs_as_the_others_do_is_not_to_be_checked_alone(
     assert ("motor 3, its propeller and the nut first" in light.remedy) is is_named
 
 
+@mark.slow
 def test_an_uneven_trim_does_not_hide_a_small_headroom():
     light_fact = motors_light(evidence(lambda time: np.array([[420], [420], [180], [180]])))
     assert (light_fact.code, light_fact.level) == (TrimFact.TRIM_OF_YAW, "watch")
@@ -223,6 +227,7 @@ def test_without_settled_flight_or_outputs_it_is_not_known():
     assert motors_light(replace(flight, events=(stop,))).level == "good"
 
 
+@mark.slow
 def test_the_motor_that_saturates_most_is_named_or_none_of_several_alike():
     """One motor is at its limit for 50 s, one for 0.3 s, and then another for 30 s."""
     flight = evidence()
@@ -254,6 +259,7 @@ def test_a_limit_in_hover_names_one_motor_only_where_it_stands_out(motors, subje
     assert limited.sentence.startswith("Motor 3 is" if subject else "Motor 1 and motor 3 are")
 
 
+@mark.slow
 @mark.parametrize("seconds, code", [(7.0, MotorsLight.MOTOR_LIMITED), (3.0, None)])
 def test_without_a_hover_a_motor_is_bad_that_is_at_its_limit_in_most_of_the_flight(seconds, code):
     flight = evidence(lambda time: np.outer([0, 0, 1, 0], 600.0 * (time % 10 < seconds)))
@@ -298,6 +304,7 @@ def test_a_limited_motor_is_not_suspect_where_others_work_as_hard():
     assert "motor 1" not in limited.remedy
 
 
+@mark.slow
 @mark.parametrize(
     "code, level", [(MotionEvent.HEIGHT_DIVERGED, Level.BAD), (MotionEvent.DIVED, Level.GOOD)]
 )

@@ -55,6 +55,7 @@ def test_a_table_is_the_flight(axis, tmp_path, capsys):
 
 
 @mark.slow
+@mark.usefixtures("logs_read_once")
 def test_recordings_hold_the_flight_of_the_model(tmp_path, capsys):
     log = short_flight(tmp_path)
     dashboard = tmp_path / "flight.rrd"

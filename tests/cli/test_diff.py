@@ -85,6 +85,7 @@ def test_two_weeks_of_one_fleet_are_compared(tmp_path, capsys):
         refused(capsys, 2, "diff", *arguments, "--days-b", wrong)
 
 
+@mark.slow
 def test_a_page_that_something_is_in_the_way_of_is_refused(fleets, capsys):
     Path("out/diff.html").mkdir(parents=True)
     error_text = refused(capsys, 2, "diff", *fleets, "--out", "out")

@@ -58,7 +58,7 @@ def test_the_document_is_the_report_of_the_library(tmp_path, capsys):
 
 
 @mark.slow
-@mark.usefixtures("without_pages")
+@mark.usefixtures("without_pages", "logs_read_once")
 def test_people_see_one_screen_and_files_only_where_they_are_wanted(here, capsys):
     arguments = ["learn", short_flight(here), "--order", "2", "--train", "400", "--test", "100"]
     assert run(*arguments, "--no-files") == 0
@@ -119,7 +119,7 @@ def test_a_table_of_more_numbers_than_fit_is_printed_in_parts(capsys):
 
 
 @mark.slow
-@mark.usefixtures("without_pages")
+@mark.usefixtures("without_pages", "logs_read_once")
 def test_a_flight_too_short_names_the_options_that_fit(tmp_path, capsys):
     arguments = ["learn", FLIGHT, "--out", tmp_path / "out", "--start", "57", "--preset", "paper"]
     assert run(*arguments) == 1
@@ -137,6 +137,7 @@ def test_a_start_too_late_is_refused(start, tmp_path, capsys):
 
 
 @mark.slow
+@mark.usefixtures("logs_read_once")
 def test_a_flight_too_slow_for_a_model_gives_condition_reason_and_remedy(tmp_path, capsys):
     for old in ("model.json", "flight.mcap"):
         (tmp_path / old).write_text("of a flight before")

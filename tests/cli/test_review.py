@@ -75,6 +75,7 @@ def test_a_screen_in_two_parts_has_the_lines_of_the_whole_screen():
     assert further[0].startswith("tracking")
 
 
+@mark.slow
 def test_a_row_divides_the_alarms_of_two_boots():
     assessment = assess(read_log(SLOW))
     stop = Fact(MotionEvent.MOTOR_OFF, Level.BAD)

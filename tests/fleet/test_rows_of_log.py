@@ -105,6 +105,7 @@ def test_the_motor_that_a_crash_is_blamed_on_is_in_its_row(level, motor):
     assert module.failed_motor(assessment) == motor
 
 
+@mark.slow
 def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(monkeypatch):
     """The assessment of one of two vehicles raises an error, which becomes the status of its row."""
     log = mavdem.ingest.read_log(SLOW)

@@ -104,6 +104,7 @@ def test_what_is_no_fleet_and_what_is_damaged_is_refused(tmp_path):
     assert refusal(open_store(tmp_path).__enter__) is FleetFolderFact.FLEET_DAMAGED
 
 
+@mark.slow
 @mark.parametrize("row", ["[1]", "{"])
 def test_a_damaged_row_is_reported(fleet, row):
     """The JSON of one row is damaged: the fleet is refused with that reason, and its other rows can be read."""
@@ -157,6 +158,7 @@ def test_without_pyarrow_a_fleet_has_its_rows_but_no_table_that_is_older_than_th
     assert track(out, folder).read == 0 and table_of(out)
 
 
+@mark.slow
 def test_a_second_run_waits_until_the_first_has_written(fleet, tmp_path, monkeypatch):
     """Another process holds the lock of the store for longer than a run waits."""
     out, *_ = fleet
@@ -448,6 +450,7 @@ def test_a_missing_package_that_was_stored_as_an_error_is_tried_again(tmp_path):
     assert track(out, logs).read == 1
 
 
+@mark.slow
 @mark.parametrize(
     "limits, read", [(JobLimits(1, 600), 0), (JobLimits(2, 600), 1), (JobLimits(1, 700), 1)]
 )

@@ -180,11 +180,13 @@ def test_another_sender_for_a_while_is_left_out_of_a_stream(other_start):
     assert repair.figures["duration"] == approx(15.0, abs=0.1)
 
 
+@mark.slow
 def test_a_clock_that_falls_without_a_pause_and_not_to_zero_is_no_reboot():
     vehicle = stream_vehicle(stream_part(0.0, 400.0, 440.0), stream_part(40.0, 250.0, 270.0))
     assert boots_and_codes(vehicle) == (1, [Repair.OTHER_CLOCK_LEFT_OUT])
 
 
+@mark.slow
 def test_a_reboot_while_nothing_was_received_is_one():
     vehicle = stream_vehicle(stream_part(0.0, 400.0, 440.0), stream_part(320.0, 250.0, 270.0))
     assert boots_and_codes(vehicle) == (2, [Repair.LOG_OF_SEVERAL_BOOTS])

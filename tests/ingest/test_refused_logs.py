@@ -137,6 +137,7 @@ def test_a_zip_archive_that_unpacks_without_end_is_refused(tmp_path, monkeypatch
     assert fact.code is SourceFact.FILE_TOO_LARGE
 
 
+@mark.slow
 @mark.parametrize("packing", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
 def test_a_zip_archive_whose_pieces_unpack_without_bound_is_refused(packing, tmp_path):
     """A kilobyte of bzip2 unpacked to a gigabyte in the server, which looks at the beginning of each upload."""
@@ -154,6 +155,7 @@ def test_a_zip_archive_whose_pieces_unpack_without_bound_is_refused(packing, tmp
     assert fact.remedy == "Unpack it."
 
 
+@mark.slow
 def test_a_zip_archive_of_very_many_files_is_refused_before_they_are_listed(tmp_path):
     names = {f"{number:0200d}.txt": b"" for number in range(5000)}
     fact = refusal(zipped(names | {"flight.ulg": LOG}), tmp_path, "flight.zip")

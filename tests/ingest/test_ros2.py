@@ -105,7 +105,7 @@ def test_what_else_mavros_tells(recorder):
 )
 def test_modes_tell_the_autopilot(mode, autopilot, recorder):
     """MAVROS records no name of the autopilot: it is recognised by the name of the flight mode."""
-    mavros_flight(recorder, mode=mode)
+    mavros_flight(recorder, UNIX + TIMES[:30], mode=mode)
     vehicle = recorder.vehicle()
     assert (vehicle.autopilot, vehicle.vehicle, vehicle.translated_from) == (
         autopilot,

@@ -26,6 +26,10 @@ from mavdem.live.watchdog import Watchdog
 
 LOST = 18.0
 """When the vehicle begins to leave its level setpoint, s."""
+RATE = 25.0
+"""Rate of attitude and motor messages, Hz: a replay takes as long as it has messages, and these suffice for a loss."""
+HIGH_RATE = 50.0
+"""The same for rows of a model, which need 40 Hz, and for events that last less than a second."""
 
 
 class Rolling(Hover):
@@ -67,7 +71,7 @@ class HighFlight(Flight):
             yield time, name, fields | {"z": -float(height)}
 
 
-def replayed_with_messages(hover, *messages, setpoint=True):
+def replayed_with_messages(hover, *messages, setpoint=True, rate=RATE):
     """Replays a flight with level setpoints of the attitude, and further messages: time, name and fields of each."""
     level = {"q": [1.0, 0.0, 0.0, 0.0], "type_mask": 7}
     targets = [
@@ -76,7 +80,7 @@ def replayed_with_messages(hover, *messages, setpoint=True):
         if setpoint
     ]
     others = [(time, message(name, **fields)) for time, name, fields in messages]
-    return replay(by_time(HighFlight(hover, 50.0, 50.0).frames(end=27.0), targets, others))
+    return replay(by_time(HighFlight(hover, rate, rate).frames(end=27.0), targets, others))
 
 
 def alarms(replayed):
@@ -121,13 +125,13 @@ class TurningOver(Leaving):
 
 @mark.slow
 def test_a_loss_of_control_ends_settled_flight_some_seconds_before_its_onset_as_in_a_log():
-    tumbling = replayed_with_messages(TurningOver())
+    tumbling = replayed_with_messages(TurningOver(), rate=HIGH_RATE)
     alarm = alarms(tumbling)[0]
     _, withdrawal_time = tumbling.taken_back[0]
     onset = alarm.figures["reason"].time
     assert LOST <= onset < alarm.time
     assert withdrawal_time == approx(onset - TRANSIENT_SECONDS)
-    frames = HighFlight(TurningOver(), 50.0, 50.0).frames(end=27.0)
+    frames = HighFlight(TurningOver(), HIGH_RATE, HIGH_RATE).frames(end=27.0)
     vehicle = offline([frame for _, frame in frames])
     [(_, settled_end)] = settled_intervals(Signals(vehicle), 0)
     assert settled_end == approx(withdrawal_time, abs=1.0)
@@ -225,7 +229,7 @@ class StoppedFlight(Flight):
 
 @mark.slow
 def test_a_vehicle_disarmed_in_the_air_has_not_landed():
-    replayed = replay(StoppedFlight(Tumbling(), 25.0, 25.0).frames(end=37.0))
+    replayed = replay(StoppedFlight(Tumbling(), RATE, RATE).frames(end=37.0))
     idle, falling, alarm = alarms(replayed)
     assert idle.figures["reason"].code is WatchFact.FALLS_AT_IDLE
     assert falling.figures["reason"].code is WatchFact.STOPPED_IN_AIR
@@ -247,15 +251,16 @@ def test_a_throttle_that_the_pilot_closed_is_the_cause_of_a_fall():
         for time in ticks(3.0, 37.0, 5.0)
         for pulse in [1500 if time < hover.landed - 0.3 else 1000]
     ]
-    replayed = replay(by_time(StoppedFlight(hover, 25.0, 25.0).frames(end=37.0), sticks))
+    replayed = replay(by_time(StoppedFlight(hover, RATE, RATE).frames(end=37.0), sticks))
     loss = replayed.stream.status().loss
     assert loss.code is Ending.CRASHED
     assert loss.figures["cause"].code is FailedFirst.THROTTLE_CLOSED_FIRST
 
 
+@mark.slow
 def test_a_landing_above_the_take_off_is_one():
     replayed = replay(
-        StoppedFlight(Tumbling(tumbles=False), 25.0, 25.0, ground=9.9).frames(end=37.0)
+        StoppedFlight(Tumbling(tumbles=False), RATE, RATE, ground=9.9).frames(end=37.0)
     )
     assert not alarms(replayed)
     assert ReportedEvent.ON_GROUND in replayed.codes
@@ -301,7 +306,7 @@ def test_a_crash_that_the_autopilot_reports_is_no_landing_until_the_next_take_of
     assert in_flight.overall_judgement.next_step.sentence.startswith("Stop the motors.")
     attitudes = [
         (time, message("ATTITUDE", time_boot_ms=round(1e3 * (time - boot_time)), pitch=0.01))
-        for time in ticks(40.0, 50.0, 50.0)
+        for time in ticks(40.0, 50.0, RATE)
     ]
     states = [
         (time, message("EXTENDED_SYS_STATE", landed_state=1 if time < take_off else 2))
@@ -342,7 +347,7 @@ class FallingFlight(Flight):
 @mark.slow
 def test_a_fall_with_idle_motors_is_alarmed_before_it_ends_and_is_no_loss_where_it_is_caught():
     """The motors idle from 18.0 s to 18.8 s, when the pilot gives thrust again."""
-    flight = FallingFlight(Throttled(opened=18.8), attitude=50.0, motors=50.0)
+    flight = FallingFlight(Throttled(opened=18.8), attitude=HIGH_RATE, motors=HIGH_RATE)
     replayed = replay(flight.frames(end=24.0))
     [alarm] = alarms(replayed)
     fall = alarm.figures["reason"]
@@ -358,7 +363,7 @@ def test_a_fall_with_idle_motors_is_alarmed_before_it_ends_and_is_no_loss_where_
 
 @mark.slow
 def test_motors_that_idle_for_a_moment_raise_no_alarm():
-    flight = FallingFlight(Throttled(opened=18.2), attitude=50.0, motors=50.0)
+    flight = FallingFlight(Throttled(opened=18.2), attitude=HIGH_RATE, motors=HIGH_RATE)
     assert not alarms(replay(flight.frames(end=24.0)))
 
 
@@ -393,7 +398,7 @@ def test_a_vehicle_that_topples_over_after_its_landing_is_an_alarm(hover):
         (time, message("ATTITUDE_TARGET", q=[1.0, 0.0, 0.0, 0.0], type_mask=7))
         for time in ticks(3.0, end, 20.0)
     ]
-    replayed = replay(by_time(LandingFlight(hover, 25.0, 25.0).frames(end=end), level))
+    replayed = replay(by_time(LandingFlight(hover, RATE, RATE).frames(end=end), level))
     losses = [alarm.figures["reason"] for alarm in alarms(replayed)]
     is_toppling = isinstance(hover, Toppling)
     assert [loss.code for loss in losses] == [Ending.TOPPLED_AT_LANDING] * is_toppling
@@ -446,7 +451,7 @@ def test_a_descent_that_the_pilot_commands_is_alarmed_only_without_any_reserve(
 
     With a low throttle stick (1200 µs) the pilot wants to sink, so that one motor at its limit is no reason for it.
     """
-    flight = SinkingFlight(Limited(limited=limited), attitude=25.0, motors=25.0)
+    flight = SinkingFlight(Limited(limited=limited), attitude=RATE, motors=RATE)
     sticks = [
         (time, message("RC_CHANNELS", time_boot_ms=round(1e3 * time), chan3_raw=pulse))
         for time in ticks(3.0, 26.0, 5.0)

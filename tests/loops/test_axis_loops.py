@@ -311,6 +311,7 @@ def test_an_axis_that_is_too_slow_gets_more_gain_with_a_notch_too():
     assert tuning.notch_parameters
 
 
+@mark.slow
 def test_of_one_axis_that_keeps_its_gains_the_next_step_names_the_axis_that_needs_new_ones():
     to_tune = Fact(LoopAction.LOAD_ADVISED_GAINS, arguments=("flight.tlog",))
     reason = Fact(LoopFact.MARGIN_RATING, Level.BAD, axis="pitch", action=to_tune)
@@ -323,6 +324,7 @@ def test_of_one_axis_that_keeps_its_gains_the_next_step_names_the_axis_that_need
     )
 
 
+@mark.slow
 def test_gains_that_no_model_supports_are_not_to_be_loaded():
     to_tune = Fact(LoopAction.LOAD_ADVISED_GAINS, arguments=("flight.tlog",))
     reason = Fact(LoopFact.MARGIN_RATING, Level.BAD, axis="roll", action=to_tune)

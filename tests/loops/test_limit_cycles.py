@@ -130,6 +130,7 @@ def test_motors_from_stop_to_stop_show_it_though_the_vehicle_sways_besides():
     assert round(limit_cycle.frequency) == 17 and limit_cycle.rate < 20.0
 
 
+@mark.slow
 @mark.parametrize("hertz", [17.0, 3.0])
 def test_in_flight_a_small_one_from_stop_to_stop_is_found_when_it_has_lasted(hertz):
     """Two windows that overlap by half show it, as in the review of a flight; only a fast one is reported at once."""

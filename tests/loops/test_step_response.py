@@ -131,6 +131,7 @@ def test_wind_that_the_attitude_controller_answers_does_not_bias_it(is_corrected
     assert outer.loop == "attitude" and outer.step[-1] == approx(1.0, abs=0.1)
 
 
+@mark.slow
 def test_of_higher_gains_a_faster_step_with_more_overshoot_is_predicted():
     usual, high = (predicted_step(made_up(factor).rate, 0.6) for factor in (1.0, 2.0))
     assert high.rise_time.value < usual.rise_time.value

@@ -56,6 +56,7 @@ def test_mean_and_effect_of_lean_are_found_within_their_errors():
     assert_allclose(charged.mean, empty.mean)
 
 
+@mark.slow
 def test_effects_of_lean_from_six_blocks_hold_the_truth():
     """Flights of only six blocks of 3 s: the intervals must account for so few degrees of freedom."""
     time = np.linspace(0.0, 18.0, 900)

@@ -273,6 +273,7 @@ def test_more_effort_is_a_drift_and_no_fault():
     assert judged(replace(heavy[-1], voltage=None), baseline).health == "ok"
 
 
+@mark.slow
 def test_one_flight_that_somebody_named_as_healthy_shows_a_fault_but_excludes_none():
     """How much flights differ is then the prior alone."""
     assert judged_vehicles(weak(2, 0.25), healthy=1, vehicles=1)[0].suspect_motor == 2
@@ -280,6 +281,7 @@ def test_one_flight_that_somebody_named_as_healthy_shows_a_fault_but_excludes_no
     assert {*healths} <= {"unknown", "drift"} and healths.count("drift") <= 2
 
 
+@mark.slow
 def test_of_two_flights_the_later_is_compared_with_the_earlier_and_a_weak_motor_is_watched():
     """One earlier flight is too few for a fault, but a weak motor is named as a drift."""
     healths = []

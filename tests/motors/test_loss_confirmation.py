@@ -60,6 +60,7 @@ def test_a_loss_that_lasts_is_not_withdrawn(seed):
     assert loss.time == approx(START, abs=2.0)
 
 
+@mark.slow
 def test_a_loss_that_ended_later_is_to_be_watched(seed):
     detector = alarms_of(*commands(seed, 20.0))
     assert not detector.weak_motors

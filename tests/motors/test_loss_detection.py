@@ -206,6 +206,7 @@ def test_what_changes_with_the_heading_names_no_motor():
     assert not changes(time, there, turned(turn, back))
 
 
+@mark.slow
 @mark.parametrize("earlier_share, named_motors", [(0.0, [1]), (0.6, [])])
 def test_a_change_that_shows_at_an_earlier_heading_names_no_motor(earlier_share, named_motors):
     """Before the break the nose points elsewhere for 3 s, where a share of the same rise shows."""
@@ -231,6 +232,7 @@ def test_no_motor_is_named_before_ten_seconds_were_steady():
             assert alarm.time == approx(max(end_time + 10.0, 122.0), abs=0.6)
 
 
+@mark.slow
 @mark.parametrize(
     "size, balance",
     [
@@ -291,6 +293,7 @@ def test_after_a_long_silence_what_was_before_is_no_reference(silent):
         assert len(changes(time[heard], commands[heard])) == 0
 
 
+@mark.slow
 @mark.parametrize("motor", range(4))
 def test_a_motor_that_loses_a_fifth_of_its_thrust_is_named_at_the_rate_of_ground_stations(motor):
     time, commands = flight(motor + 20, seconds=100.0)

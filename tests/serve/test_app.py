@@ -340,6 +340,7 @@ def test_a_flight_that_differs_from_the_others_is_compared_with_the_last_sound_o
     assert "lost thrust" not in comparison
 
 
+@mark.slow
 def test_flights_of_unnamed_vehicles_are_not_compared_until_somebody_says_whose_they_are(served):
     """Two logs without a serial number have a system id in common, which is no evidence that one vehicle flew them."""
     a, b = served.add("a.ulg", "Known by id alone."), served.add("b.ulg", "Also by id.")
@@ -381,6 +382,7 @@ def test_the_name_of_a_vehicle_with_a_serial_number_assigns_that_vehicle(served)
     assert (answer.json["vehicle"], answer.json["vehicle_name"]) == ("quad 7", "Red quad")
 
 
+@mark.slow
 def test_damaged_results_are_said_to_be_and_odd_values_are_as_if_not_there(served):
     """Files of results, folders and columns of the index are damaged or missing."""
     a, b = served.add("a.ulg"), served.add("b.ulg")
@@ -773,6 +775,7 @@ def test_a_viewer_ends_when_its_tab_is_gone(monkeypatch):
         assert start.call_count == 2
 
 
+@mark.slow
 def test_a_viewer_with_a_tab_ends_when_nobody_looked_at_it_for_ten_minutes(monkeypatch):
     """The clock of the test moves: each use of the viewer within 600 s keeps it."""
     now = [0.0]

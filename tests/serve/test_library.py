@@ -654,6 +654,7 @@ def test_a_log_that_the_disk_had_no_room_for_does_not_hold_up_others(library):
     assert [library.claim().id for _ in range(2)] == [small.id, large.id]
 
 
+@mark.slow
 def test_a_log_that_the_disk_had_no_room_for_is_read_when_there_is_some(library, monkeypatch):
     """The disk is full, and then the quota is used up, before the log can be read."""
     monkeypatch.setattr("mavdem.serve.reading_threads.RETRY_SECONDS", 0.01)
