@@ -125,6 +125,7 @@ def test_a_picture_is_as_new_as_what_it_shows(here, request):
         "loops": code("report/charts/flight_charts.py"),
         "library": template("serve/lines.html"),
         "fleet": template("fleet.html"),
+        "live_page": template("live.js"),
     }
     stored_words = json.loads(PICTURES.read_text())
     named_pictures = os.environ.get("PICTURES", "").split()

@@ -8,6 +8,7 @@ from pathlib import Path
 from time import monotonic
 
 import click
+from click.core import ParameterSource
 
 from mavdem.cli.console import STDERR, STDOUT
 from mavdem.cli.exit_codes import EXIT_DONE, EXIT_ERROR, EXIT_UNSUPPORTED
@@ -261,9 +262,12 @@ def live_command(
       mavdem live udpin:127.0.0.1:14550 --rrd flight.rrd
       mavdem fly iris_multisine --udp 127.0.0.1:14550
     """
+    # A token in the environment may be there for other commands.
+    token_source = click.get_current_context().get_parameter_source("token")
+    names_token = token_source is ParameterSource.COMMANDLINE
     names_address = port is not None or host != LOOPBACK
-    if names_address and not serve:
-        raise click.UsageError("--host and --port are those of --serve: add that.")
+    if (names_address or names_token) and not serve:
+        raise click.UsageError("--host, --port and --token are those of --serve: add that.")
     options = LiveOptions(
         link=link,
         axis=axis,
@@ -399,7 +403,6 @@ def _follow_vehicle(
         session_end.callback(session.end)
         if dashboard.advice:
             print_to_stderr(dashboard.advice)
-        print_sign_in_link(dashboard.sign_in_link)
         if paths.model is None:
             print_to_stderr(
                 "The model will not be written: name a file with --model, --rrd or --record."
@@ -407,6 +410,7 @@ def _follow_vehicle(
         is_end_requested = signal_handlers.enter_context(termination_requests())
         # Ctrl-C ends the session in order from here on.
         print_to_stderr(f"Listening on {options.link}; Ctrl-C ends it.")
+        print_sign_in_link(dashboard.sign_in_link)
         _run_and_show_status(
             session,
             status_lines,

@@ -22,6 +22,7 @@ from mavdem.machine import LOOPBACK, LOOPBACK_HOSTS, free_port, has_screen, requ
 
 if TYPE_CHECKING:
     from mavdem.serve.live_server import LiveServer
+    from mavdem.serve.rights import Rights
     from mavdem.view.live_view import LiveView
     from mavdem.view.sinks import RecordingFile, WebServer
 
@@ -126,6 +127,9 @@ class Dashboard:
         shows_nothing = missing_view is None and not (rrd or address or connect or has_screen())
         if shows_nothing and not is_plain:
             self.advice = NO_SCREEN_ADVICE
+        rights = None
+        if address is not None and missing_server is None:
+            rights = _rights_of_browsers(address)
         with ExitStack() as resources:
             web_server = None
             try:
@@ -134,16 +138,11 @@ class Dashboard:
                         address if missing_server is not None else None
                     )
                     resources.callback(web_server.close)
-                if address is not None and missing_server is None:
-                    self._server = _started_live_server(link, address, web_server)
+                if address is not None and rights is not None:
+                    self._server = _started_live_server(link, address, rights, web_server)
                     resources.callback(self._server.close)
                 if missing_view is None and not shows_nothing:
                     self._open_view(rrd, connect, web_server)
-            except Unreadable:
-                # Its sentence says what to change, such as a missing token.
-                raise
-            except ValueError as error:
-                raise click.BadParameter(f"{error}.", param_hint="--connect") from error
             except OSError as error:
                 raise Unreadable(SessionFact.DASHBOARD_NOT_OPENED, reason=error) from None
             # What was started goes on until ``close``.
@@ -172,13 +171,16 @@ class Dashboard:
             web_server: Server of Rerun that has the data for browsers; None for none.
 
         Raises:
-            ValueError: ``connect`` is no URL.
+            click.BadParameter: ``connect`` is no URL.
         """
         # Rerun takes a second to import, and 60 MB of memory.
         from mavdem.view.live_view import LiveView
         from mavdem.view.sinks import RecordingFile, requested_sinks
 
-        sinks = requested_sinks(rrd, connect, web_server)
+        try:
+            sinks = requested_sinks(rrd, connect, web_server)
+        except ValueError as error:
+            raise click.BadParameter(f"{error}.", param_hint="--connect") from error
         self.view = LiveView(sinks)
         for sink in sinks:
             if isinstance(sink, RecordingFile):
@@ -278,22 +280,36 @@ def _started_web_server(page_address: PageAddress | None) -> WebServer:
     return WebServer(free_port(), page_port)
 
 
+def _rights_of_browsers(address: PageAddress) -> Rights:
+    """Returns who may see the page of the session.
+
+    Args:
+        address: Where browsers find the page, with the token.
+
+    Raises:
+        Unreadable: The token is too short, or missing where other machines reach the page.
+    """
+    # The web framework takes a second to import.
+    from mavdem.serve.rights import rights_for_host
+
+    return rights_for_host(address.host, address.token, is_behind_proxy=False, has_library=False)
+
+
 def _started_live_server(
-    link: str, address: PageAddress, web_server: WebServer | None
+    link: str, address: PageAddress, rights: Rights, web_server: WebServer | None
 ) -> LiveServer:
     """Starts the server of the page of the session.
 
     Args:
         link: Connection string of the link.
         address: Where browsers find the page.
+        rights: Who may see it.
         web_server: Process of Rerun that has the data of the dashboard; None without a dashboard.
 
     Raises:
-        Unreadable: Its port is taken, or a token is missing or too short.
+        Unreadable: Its host is no address of this machine, or its port is taken.
     """
     # The web framework takes a second to import.
     from mavdem.serve.live_server import LiveServer
-    from mavdem.serve.rights import rights_for_host
 
-    rights = rights_for_host(address.host, address.token, is_behind_proxy=False)
     return LiveServer(link, address.host, address.chosen_port, rights, web_server)

@@ -38,6 +38,7 @@ class StartFailure(Code):
 
     TOKEN_NEEDED = "token_needed"
     TOKEN_TOO_SHORT = "token_too_short"
+    HOST_UNKNOWN = "host_unknown"
     ADDRESS_NOT_FREE = "address_not_free"
     FOLDER_NOT_WRITABLE = "folder_not_writable"
 

@@ -40,5 +40,6 @@ class WatchFact(Code):
     STOPPED_IN_AIR = "stopped_in_air"
     FALLS_AT_IDLE = "falls_at_idle"
     SINKS_AT_LIMIT = "sinks_at_limit"
+    GOOD_IN_FLIGHT = "good_in_flight"
     ALARM_OVER = "alarm_over"
     OTHER_VEHICLE_ALARM = "other_vehicle_alarm"

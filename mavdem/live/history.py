@@ -48,6 +48,9 @@ MAX_WITHDRAWN_SECONDS = 10.0
 A landing counts for ``TRANSIENT_SECONDS`` before the touch-down, which autopilots report some seconds later: a choice.
 """
 
+SECONDS_AFTER_LANDING = 5.0
+"""Time after a flight that its plots show, s: a choice, in which the motors come to rest after the touch-down."""
+
 SAMPLE_PERIOD = 0.1
 """Time between two samples of the motion in the history while there are no rows, s: a choice, finer than plots show."""
 
@@ -217,11 +220,35 @@ class _PredictedAngle(NamedTuple):
     """Half width of its 90 % band, rad."""
 
 
-class LiveHistory:
-    """The events and signals of a live flight on one timeline, and the errors of its predictions, in bounded memory.
+class ShownFlight(NamedTuple):
+    """The flight that the signals of a history are of: the latest one."""
 
-    Its timeline is the boot clock of the vehicle's first boot, in seconds. If the vehicle reboots and its clock begins
-    again, the timeline goes on: it is ``timeline_offset`` seconds ahead of the present boot's clock.
+    number: int = 0
+    """Its number in the session, from 1; 0 before the first take-off."""
+
+    start: float = -inf
+    """When it began, s of the timeline."""
+
+    end: float = inf
+    """When the vehicle was in the air last, s of the timeline; infinity before the first flight."""
+
+    boot: int = 0
+    """Number of the boot in which it began, from 0, on whose clock its times are shown."""
+
+    timeline_offset: float = 0.0
+    """Time of the timeline minus time of that boot's clock, s."""
+
+    def contains(self, time: float) -> bool:
+        """Returns whether a time, s of the timeline, is in the flight or in the seconds after it; NaN is not."""
+        return self.start <= time <= self.end + SECONDS_AFTER_LANDING
+
+
+class LiveHistory:
+    """The events of a live session, and the signals of its latest flight with the errors of their predictions.
+
+    The memory is bounded. The timeline is the boot clock of the vehicle's first boot, in seconds. If the vehicle
+    reboots and its clock begins again, the timeline goes on: it is ``timeline_offset`` seconds ahead of the present
+    boot's clock.
 
     Attributes:
         now: latest time of the timeline, s; NaN before any.
@@ -232,6 +259,7 @@ class LiveHistory:
         motor_names: names of the motors in ``table``.
         events: what happened, in order, with times of the timeline. There are ``MAX_EVENTS`` at most.
         alarm_count: number of alarms so far, also of those that are not kept any more.
+        flight: the flight that the signals are of; before the first take-off, all that was received.
         learned_intervals: first and last sample, s, of each part of the flight that was learned from.
     """
 
@@ -242,6 +270,7 @@ class LiveHistory:
         self.motor_names: Names = ()
         self.events: list[Event] = []
         self.alarm_count = 0
+        self.flight = ShownFlight()
         self.learned_intervals: list[TimeInterval] = []
         self.boot = 0
         self.boot_start = nan
@@ -281,6 +310,40 @@ class LiveHistory:
         would_go_back = timeline_time <= self.now
         if not would_go_back:
             self.now = timeline_time
+
+    def note_flight(self, number: int, takeoff_time: float) -> None:
+        """Notes that the vehicle is in the air now; a flight with another number than before begins without signals.
+
+        What is shown is judged with the flight, and no flight is judged by another's data. So signals, predictions and
+        their errors from before the take-off are forgotten.
+
+        Args:
+            number: number of the flight in the session, from 1.
+            takeoff_time: when it began, s of the present boot's clock; minus infinity where that was not seen.
+        """
+        if number != self.flight.number:
+            start_time = takeoff_time + self.timeline_offset
+            if not isfinite(start_time) and self.flight.number:
+                start_time = self.now
+            self.flight = ShownFlight(
+                number, start_time, boot=self.boot, timeline_offset=self.timeline_offset
+            )
+            self._forget_signals_before(start_time)
+        self.flight = self.flight._replace(end=self.now)
+
+    def _forget_signals_before(self, start_time: float) -> None:
+        """Forgets rows, voltages, learned intervals, and predictions with their errors from before a time.
+
+        Args:
+            start_time: s of the timeline.
+        """
+        self._rows = [row for row in self._rows if row[TIME_COLUMN] >= start_time]
+        self._stride = 1
+        self._voltages.clear()
+        self._predictions.clear()
+        self._comparisons.clear()
+        self._error_sums.clear()
+        self.learned_intervals = intersection(self.learned_intervals, [(start_time, inf)])
 
     def add_event(self, event: Event) -> None:
         """Adds an event; where there are too many, drops some of the older ones of the most frequent kind.
@@ -511,7 +574,7 @@ class LiveHistory:
 
     @property
     def table(self) -> Array:
-        """(N, 17 + k) The kept rows of the flight.
+        """(N, 17 + k) The kept rows of the latest flight, until ``SECONDS_AFTER_LANDING`` after it.
 
         Columns: number of the segment; time, s of the timeline; the measured angle; the angle predicted
         ``REPORTED_HORIZON`` s before and the half width of its band, rad; wind torque and the half width of its band,
@@ -520,8 +583,9 @@ class LiveHistory:
         as a fraction of its range. Columns that a row lacks are NaN.
         """
         width = COLUMNS_BEFORE_MOTORS + len(self.motor_names)
-        table = np.full((len(self._rows), width), nan)
-        for number, row in enumerate(self._rows):
+        rows = [row for row in self._rows if self.flight.contains(row[TIME_COLUMN])]
+        table = np.full((len(rows), width), nan)
+        for number, row in enumerate(rows):
             # Rows of a format with more or fewer motors than the latest one are cut, or filled up with NaN.
             values = row[:width]
             table[number, : len(values)] = values

@@ -90,6 +90,8 @@ class FlightLearning:
         self._torque: ResolvedTorque | None = None
         # Time of the latest landing, s of the boot clock.
         self._landing_time = -inf
+        # Whether a motor had lost thrust at the latest row.
+        self._is_motor_weak = False
         self._models: deque[_KeptModel] = deque(maxlen=MAX_MODELS)
         # The latest model of a climb after take-off, which is not kept.
         self._climb_model: Learned | None = None
@@ -191,6 +193,7 @@ class FlightLearning:
         # Free flight that is not settled is the climb after take-off. The model is learned from it, too, but the wind
         # torque is estimated in settled flight only.
         learner.follows_torque = row.is_settled
+        self._is_motor_weak = weak_since is not None
         estimate = None
         try:
             estimate = learner.update(row.time, row.outputs, row.inputs, weak_since)
@@ -255,7 +258,9 @@ class FlightLearning:
         unexpected_window = estimate.latest_mark
         if unexpected_window is not None:
             cause = unexpected_window.cause
-        self._log(Fact(SessionFact.MOTION_UNEXPECTED, clock=estimate.window_center, cause=cause))
+        report = Fact(SessionFact.MOTION_UNEXPECTED, clock=estimate.window_center, cause=cause)
+        # During the alarm of a weak motor, no report must advise the pilot to fly on.
+        self._log(report.without_flight_advice if self._is_motor_weak else report)
 
     def withdraw_since(self, landing_time: float) -> None:
         """Forgets the samples of a landing or of a loss of control, and the models that were learned from them.

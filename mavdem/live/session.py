@@ -333,6 +333,8 @@ class LiveSession:
             self._margin_review.add_messages(batch.stamp, batch.frames, vehicle, self.stream.boot)
         silence = self._note_messages(first_arrival, last_arrival, frames)
         self.history.advance(self.stream.now, self.stream.boot, self._restart_seconds)
+        if self.stream.is_flying:
+            self.history.note_flight(self.stream.flight_number, self.stream.takeoff_time)
         self._show_slow_sample()
         self._withdraw_samples_of_landing_or_loss()
         self._report_resumption(silence)
@@ -742,12 +744,16 @@ class LiveSession:
         if is_at_end:
             self._announce_final_advice(adviser)
         advice = adviser.update(vehicle.name, is_busy=self.backlog.is_late, is_at_end=is_at_end)
+        is_of_latest_flight = self._recorded_flight == self.stream.flight_number
+        if not is_of_latest_flight:
+            # Another flight has begun meanwhile, whose pilot must not take this advice for advice on that flight. After
+            # the next landing the recording is examined again, with both flights.
+            return
         self._log_advice(advice, adviser.judgement)
         # The judgement of the recording says more than the judgement of the live model, and replaces it. But in flight
         # it is about an earlier flight, and must not hide what the model shows of this one.
-        is_of_latest_flight = self._recorded_flight == self.stream.flight_number
         is_flight_over = is_at_end or not self.stream.is_flying
-        if adviser.judgement is not None and is_of_latest_flight and is_flight_over:
+        if adviser.judgement is not None and is_flight_over:
             self.flight.judging.use_judgement_of_recording(adviser.judgement)
 
     def _request_gain_advice(self, adviser: GainAdviser) -> None:

@@ -23,7 +23,7 @@ from mavdem.assessment.limits import worst_fact
 from mavdem.assessment.next_step import choose_next_step
 from mavdem.containers import Numbers
 from mavdem.dem import Estimate
-from mavdem.facts import Fact, Facts, NamedFacts
+from mavdem.facts import Fact, Facts, Level, NamedFacts
 from mavdem.facts.assessment import Headline as HeadlineCode
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.ending import Ending, MotionEvent
@@ -457,8 +457,9 @@ class SessionStatus(ImmutableResult):
     ) -> dict[str, Fact]:
         """Returns the worse of two lights for each part of the vehicle.
 
-        If the recording of the flight was judged, a light that needs no model replaces its light only if it warns. A
-        light that the recording leaves unknown stays unknown, since the checks in flight use the same messages.
+        If the recording of the flight was judged, a light that needs no model replaces its light if it warns, or if the
+        recording leaves the part unknown: what was found in flight does not become unknown by that. A good light of the
+        flight then says that the recording does not show it, and why.
 
         Args:
             lights_by_model: all lights, as the model or the recording shows them, by the name of the part.
@@ -471,6 +472,12 @@ class SessionStatus(ImmutableResult):
                 continue
             if light.is_watch_or_bad or not self.is_recording_judged:
                 worst_lights[name] = worst_fact([light, light_by_model])
+            elif light_by_model.level is Level.UNKNOWN and light.is_good:
+                worst_lights[name] = Fact(
+                    WatchFact.GOOD_IN_FLIGHT, light=light, reason=light_by_model
+                )
+            elif light_by_model.level is Level.UNKNOWN:
+                worst_lights[name] = light
         return worst_lights
 
     def _judgement_in_flight(self, judgement: Judgement) -> Judgement:

@@ -138,6 +138,10 @@
     if (shownSpan && charts.groups.flight?.whole) charts.zoom(charts.groups.flight, ...endsOf(shownSpan));
     pressSpan();
   };
+  root.showUsualSpan = () => {
+    shownSpan = chosenSpan;
+    showSpan();
+  };
   root.addEventListener("zoomed", ({ detail: group }) => {
     if (group !== charts.groups.flight) return;
     // Of a short flight both are the same.
@@ -166,7 +170,11 @@
     for (const link of jump.children) link.hidden = !PARTS[link.textContent]();
   };
   for (const name of Object.keys(PARTS)) jump.append(Object.assign(document.createElement("button"), { type: "button", textContent: name }));
-  jump.addEventListener("click", ({ target }) => PARTS[target.textContent]?.()?.scrollIntoView());
+  jump.addEventListener("click", ({ target }) => {
+    const part = PARTS[target.textContent]?.(), closed = part?.closest("details:not([open])");
+    if (closed) closed.open = true;
+    part?.scrollIntoView();
+  });
   document.body.append(jump);
   showJumps();
 
@@ -184,13 +192,21 @@
   // The last page of a session does not change any more: nothing follows, and nobody is asked for it.
   const isLast = () => main.dataset.level === undefined;
 
+  const flightNumber = () => document.getElementById("flight")?.dataset.flight;
   const show = text => {
     const newer = new DOMParser().parseFromString(text, "text/html"), flight = charts.groups.flight;
     // Another version of the program may have other scripts and another style.
     if (newer.querySelector("footer").textContent !== main.querySelector("footer").textContent) return location.reload();
-    const time = flight && charts.cursorOf(flight), followedSpan = shownSpan;
+    const time = flight && charts.cursorOf(flight), shownFlight = flightNumber();
+    let followedSpan = shownSpan;
     title = newer.title;
     renew(main, newer.querySelector("main"));
+    if (flightNumber() !== shownFlight) {
+      // The plots are of another flight: a zoom, or an event that was chosen, was of the one before.
+      followedSpan = chosenSpan;
+      root.eventShown = false;
+      history.replaceState(null, "", location.pathname);
+    }
     announce();
     for (const group of Object.values(charts.groups)) charts.follow(group);
     // The page of a session that is over shows the whole flight.

@@ -106,7 +106,12 @@ def light_rows(status: SessionStatus) -> list[LightRow]:
     Args:
         status: state of the session.
     """
-    lights = status.overall_judgement.lights
+    lights = {}
+    for name, light in status.overall_judgement.lights.items():
+        if light.code is WatchFact.GOOD_IN_FLIGHT:
+            # Its figure is that of the flight.
+            light = light.figures["light"]
+        lights[name] = light
     rows = []
     # The template "live_lights" makes a sentence for each light in the table. Its lead is the name of the light, and
     # its text the figure.

@@ -81,11 +81,13 @@
   const markEvent = time => {
     for (const row of eventRows()) row.classList.toggle("shown", time != null && Math.abs(row.dataset.at - time) < 0.01);
   };
+  // What the plots show once no event is chosen any more: the whole flight, unless the script of a session says otherwise.
+  root.showUsualSpan = () => zoom(flight(), ...flight().whole);
   const followAddress = () => {
     const end = endOfAddress(), time = timeOf(end);
     markEvent(time);
     if (time == null) {
-      if (root.eventShown && flight()) zoom(flight(), ...flight().whole);
+      if (root.eventShown && flight()) root.showUsualSpan();
       root.eventShown = false;
       const part = document.getElementById(end), details = part?.querySelector(":scope.chapter > details");
       for (let closed = details ?? part; closed; closed = closed.parentElement) if (closed.tagName === "DETAILS") closed.open = true;

@@ -1,6 +1,7 @@
 """How a server listens: its socket and its URL, and connections that are closed if they are too many or too slow."""
 
 import asyncio
+import errno
 import signal
 import socket
 import threading
@@ -91,13 +92,20 @@ def listening_socket(host: str, port: int) -> socket.socket:
         The socket, bound and listening.
 
     Raises:
-        Unreadable: the address is in use, or does not belong to this machine.
+        Unreadable: the host is no address of this machine, or its port is in use.
     """
     try:
+        # A name with a part of more than 63 letters cannot be encoded (RFC 1035), which is no OSError.
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+    except (OSError, UnicodeError) as error:
+        reason = error_message(error)
+        raise Unreadable(StartFailure.HOST_UNKNOWN, address=host, reason=reason) from None
+    try:
         return socket.create_server((host, port), family=family, backlog=LISTEN_QUEUE_LENGTH)
     except OSError as error:
         reason = error_message(error)
+        if error.errno == errno.EADDRNOTAVAIL:
+            raise Unreadable(StartFailure.HOST_UNKNOWN, address=host, reason=reason) from None
         address = f"{host}:{port}"
         raise Unreadable(StartFailure.ADDRESS_NOT_FREE, address=address, reason=reason) from None
 

@@ -165,13 +165,16 @@ class Rights:
             raise Refusal(RefusalReason.OTHER_SITE, address=origin or fetch_site)
 
 
-def rights_for_host(host: str, token: str, *, is_behind_proxy: bool) -> Rights:
+def rights_for_host(
+    host: str, token: str, *, is_behind_proxy: bool, has_library: bool = True
+) -> Rights:
     """Returns the access rights on a server, after checking that they suffice for its address.
 
     Args:
         host: name or address that the server listens on.
         token: secret of the owner; empty for none.
         is_behind_proxy: whether a reverse proxy in front of the server checks its users.
+        has_library: whether the server has a library of flights, and not only the page of a live session.
 
     Returns:
         The rights.
@@ -182,7 +185,7 @@ def rights_for_host(host: str, token: str, *, is_behind_proxy: bool) -> Rights:
     if token and len(token) < MIN_TOKEN_LETTERS:
         raise Unreadable(StartFailure.TOKEN_TOO_SHORT, count=len(token), needed=MIN_TOKEN_LETTERS)
     if not token and not is_behind_proxy and host not in LOOPBACK_HOSTS:
-        raise Unreadable(StartFailure.TOKEN_NEEDED, address=host)
+        raise Unreadable(StartFailure.TOKEN_NEEDED, address=host, has_library=has_library)
     return Rights(token, is_local=not token and not is_behind_proxy)
 
 

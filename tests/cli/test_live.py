@@ -41,6 +41,9 @@ from sitl_scenarios.simulation import Simulation
         "udpin:127.0.0.1:0 --model x.txt": "--model",
         "udpin:127.0.0.1:0 --connect nowhere": "--connect",
         "udpin:127.0.0.1:0 --request-rate nan": "--request-rate",
+        "udpin:127.0.0.1:0 --token 0123456789abcdef": "those of --serve",
+        "udpin:127.0.0.1:0 --serve --host 0.0.0.0": "could watch the flight",
+        f"udpin:127.0.0.1:0 --serve --token {16 * 'x'} --host {300 * 'x'}": "another --host",
         "udpout:127.0.0.1:14550": "nothing is sent without --request-rate",
     }.items(),
 )

@@ -91,6 +91,26 @@ def test_the_timeline_goes_on_after_a_reboot():
     assert history.learned_intervals == [approx((100.0, 102.99)), approx((103.99, 104.99))]
 
 
+def test_plots_show_the_latest_flight_from_its_takeoff_on_the_clock_of_its_boot():
+    """Nothing of an earlier flight, of the ground before the take-off or long after the landing is shown."""
+    history = LiveHistory()
+    add_flight(history, 3.0)
+    history.note_flight(1, 100.0)
+    history.advance(0.5, 1)
+    add_flight(history, 3.0, segment=1, start=4.0, boot=1)
+    history.note_flight(2, 5.0)
+    assert (history.flight.number, history.flight.boot) == (2, 1)
+    # Seconds on the ground, of which only the first are shown.
+    add_flight(history, 12.0, segment=2, start=7.0, boot=1, learnt=False)
+    timeline = live_timeline(history, "roll")
+    last_shown = 7.0 + live_history.SECONDS_AFTER_LANDING
+    assert timeline.span == (approx(5.0, abs=2 * DT), approx(last_shown, abs=2 * DT))
+    assert timeline.training_intervals[0] == approx((5.0, 6.99), abs=2 * DT)
+    assert len(timeline.training_intervals) == 1
+    chart, *_ = timeline.overview
+    assert chart.x.label == "time since boot 2 (s)"
+
+
 def test_a_restart_that_takes_long_is_as_long_on_the_timeline():
     history = LiveHistory()
     history.advance(100.0, 0)

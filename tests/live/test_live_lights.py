@@ -12,7 +12,7 @@ from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.ending import Ending
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.loops import LoopAction
-from mavdem.facts.motors import MotorsLight, MotorWatchFact, TrimFact
+from mavdem.facts.motors import MotorsLight, MotorWatchFact
 from mavdem.facts.power import PowerLight
 from mavdem.facts.session import LinkFact, MissingMessages, RowsFact, SessionFact
 from mavdem.facts.vibration import VibrationLight
@@ -21,6 +21,7 @@ from mavdem.live.session_status import SessionStatus
 from mavdem.live.takeoff_place import Displacement
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.report.live import light_rows, vehicle_text
+from mavdem.report.templates import as_clause
 
 RATES = {"ATTITUDE": 25.0, "SERVO_OUTPUT_RAW": 25.0}
 SLOW = Fact(RowsFact.LIVE_RATES_TOO_LOW, can_ask=True, reason=slow_streams(RATES, "roll"))
@@ -232,12 +233,9 @@ def test_the_first_line_says_mode_arming_battery_and_the_age_of_the_last_message
     assert vehicle_text(SessionStatus()) == "No vehicle, nothing received yet."
 
 
-def test_what_a_judged_recording_leaves_unknown_is_not_called_good():
-    """The recording is judged with more evidence than the flight.
-
-    What it leaves unknown replaces a good light, but no warning.
-    """
-    unknown = Fact(TrimFact.TRIM_UNKNOWN, Level.UNKNOWN)
+def test_what_was_good_in_flight_stays_so_where_the_recording_leaves_it_unknown():
+    """The light then states both: what was judged in flight, and why the recording does not show it."""
+    unknown = Fact(Unjudged.NOT_JUDGED, reason=Fact(SessionFact.NOT_SETTLED))
     judged = unjudged(unknown)
     lights = {**judged.lights, Light.MOTORS: unknown}
     good = Fact(MotorWatchFact.NO_LOSS_FOUND, clock=63.0)
@@ -246,11 +244,17 @@ def test_what_a_judged_recording_leaves_unknown_is_not_called_good():
     )
     assert status.overall_judgement.lights[Light.MOTORS] == good
     recorded = replace(status, is_recording_judged=True)
-    assert recorded.overall_judgement.lights[Light.MOTORS] == unknown
-    # What warned in flight is not taken back.
+    light = recorded.overall_judgement.lights[Light.MOTORS]
+    assert light.is_good
+    assert "No motor has lost thrust" in str(light) and as_clause(unknown) in str(light)
+    assert light_rows(recorded)[0].figure == "no loss from 63 s"
+    # What warned in flight is not taken back, and what the recording shows counts.
     weak = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 1", share=0.9)
-    recorded = replace(recorded, worst_lights={Light.MOTORS: weak})
-    assert recorded.overall_judgement.lights[Light.MOTORS] == weak
+    warned = replace(recorded, worst_lights={Light.MOTORS: weak})
+    assert warned.overall_judgement.lights[Light.MOTORS] == weak
+    even = replace(judged, lights={**lights, Light.MOTORS: weak})
+    shown = replace(recorded, model_judgement=even)
+    assert shown.overall_judgement.lights[Light.MOTORS] == weak
 
 
 def test_gains_are_advised_by_a_command_that_names_the_recording():

@@ -12,6 +12,7 @@ from mavdem.facts.events import ReportedEvent
 from mavdem.facts.loops import LoopFact
 from mavdem.facts.session import SessionFact
 from mavdem.facts.witnesses import SensorFact
+from mavdem.live.history import LiveHistory
 from mavdem.report.brief_events import worst_events
 from mavdem.report.loops import decision_sentences
 from mavdem.report.pages.flight_page import _numbered_events, _numbered_live_events
@@ -93,17 +94,39 @@ def test_a_live_page_has_its_newest_alarm_beside_the_headline_unless_that_states
     assert head._replace(is_in_flight=False).newest_alarm is None
 
 
+def _history_of(*events):
+    """Returns the history of a live session with some events."""
+    history = LiveHistory()
+    for event in events:
+        history.add_event(event)
+    return history
+
+
 def test_a_live_page_lists_states_of_the_session_apart_from_the_vehicle_and_results():
     learning = Event(0.0, Fact(SessionFact.BEING_LEARNED, time=3.0), reception=0.0)
     landing = Event(1.0, Fact(ReportedEvent.MOTORS_DISARMED, time=2.0), reception=0.0)
     model = Fact(SessionFact.FIRST_MODEL, clock=2.0, axis="roll", duration=None)
     result = Event(2.0, model, reception=0.0)
-    events = _numbered_live_events([learning, landing, learning, result], unjudged(LOST), ())
+    history = _history_of(learning, landing, learning, result)
+    events = _numbered_live_events(history, unjudged(LOST), ())
     head = Head(Level.BAD, {}, events[::-1], is_newest_first=True)
     listed = [(one.number, one.event.fact.code) for one in head.brief_events]
     assert listed == [(2, SessionFact.FIRST_MODEL), (1, ReportedEvent.MOTORS_DISARMED)]
     states = [(one.number, one.event.fact.code) for one in head.session_events]
     assert states == [(None, SessionFact.BEING_LEARNED)] * 2
+
+
+def test_events_of_an_earlier_flight_are_listed_without_a_place_in_the_plots():
+    disarmed = Fact(ReportedEvent.MOTORS_DISARMED, time=2.0)
+    history = _history_of(Event(2.0, disarmed, reception=0.0))
+    history.advance(30.0, 0)
+    history.advance(10.0, 1)
+    history.note_flight(2, 10.0)
+    # Two seconds after the take-off of a boot whose clock began 21 s after that of the first one.
+    history.add_event(Event(33.0, disarmed, reception=0.0, clock=12.0, boot=1))
+    earlier, latest = _numbered_live_events(history, unjudged(LOST), ())
+    assert (earlier.number, earlier.is_on_clock_of_charts) == (None, False)
+    assert (latest.number, latest.is_on_clock_of_charts, latest.seconds) == (1, True, 12.0)
 
 
 def test_loops_do_not_repeat_the_next_step():
@@ -122,8 +145,9 @@ def test_loops_do_not_repeat_the_next_step():
 def test_an_event_of_a_live_page_does_not_repeat_its_next_step():
     judgement = replace(unjudged(LOST), next_step=Fact(NextStep.DO_AS_ADVISED, reason=LOST))
     alarm = Event(1.0, LOST, reception=0.0)
-    [page_event] = _numbered_live_events([alarm], judgement, ())
+    history = _history_of(alarm)
+    [page_event] = _numbered_live_events(history, judgement, ())
     assert LOST.remedy and page_event.sentence == str(LOST)
     judgement = replace(judgement, next_step=LEFT)
-    [page_event] = _numbered_live_events([alarm], judgement, ())
+    [page_event] = _numbered_live_events(history, judgement, ())
     assert page_event.sentence == LOST.sentence_and_remedy

@@ -121,6 +121,9 @@ class Timeline(NamedTuple):
     boot: int = 0
     """The boot of the autopilot, from 0, on whose clock the times are."""
 
+    time_axis: Axis = TIME
+    """Label of the axis of time, which says since when the times are."""
+
     @property
     def overview(self) -> Charts:
         """The strip of flight modes, then the charts of flight and wind, all with events and training intervals."""
@@ -170,7 +173,7 @@ class Timeline(NamedTuple):
 
     @property
     def _time_axis(self) -> Axis:
-        return TIME._replace(limits=self.span)
+        return self.time_axis._replace(limits=self.span)
 
     def marked(self, chart: Chart) -> Chart:
         """Adds what all charts of this flight have in common: the time range, marks at events, and training intervals.
@@ -590,20 +593,25 @@ class _LiveColumns(NamedTuple):
 
 
 def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
-    """Returns the timeline of a live flight: what was measured, predicted and estimated while it flew.
+    """Returns the timeline of the latest flight of a live session: what was measured, predicted and estimated in it.
+
+    Its times are on the clock of the boot in which the flight began, as in the sentences of its events.
 
     Args:
-        history: events and signals of the live flight on one timeline.
+        history: signals of the latest flight, or of what was received before the first one.
         axis: axis that was learned.
 
     Returns:
-        The timeline, with those charts that have a finite value; None with less than two measured samples.
+        The timeline without events, with those charts that have a finite value; None with less than two measured
+        samples.
     """
     # Imported here: the timeline of a log needs nothing of live sessions.
     from mavdem.live.history import SAMPLE_PERIOD
 
     table = history.table
     columns = _LiveColumns.from_table(table)
+    offset = history.flight.timeline_offset
+    columns = columns._replace(time=columns.time - offset)
     if np.count_nonzero(np.isfinite(columns.measured_angle)) < 2:
         return None
     # A row of NaN at the beginning of each segment breaks the lines there; it has the time of the first sample.
@@ -627,35 +635,45 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
             # The number is shown only where there are several batteries, as for a log.
             name = battery_name(number) if len(history.voltages) > 1 else "battery"
             voltage_time, voltage = samples.T
-            line = Line(name, colour, voltage_time, voltage)
+            line = Line(name, colour, voltage_time - offset, voltage)
             voltage_lines.append(line._replace(bridged_gap=BRIDGED_VOLTAGE_GAP))
     if voltage_lines:
         drawn_charts.append(over_time("Battery", "V", voltage_lines))
     position = _live_position(history, columns)
     headings = np.degrees(columns.yaw[np.isfinite(columns.yaw)]) % FULL_TURN
+    training_intervals = [
+        (start - offset, end - offset) for start, end in history.learned_intervals
+    ]
     return Timeline(
         flight_charts=tuple(drawn_charts),
         span=(time[0], time[-1]),
-        training_intervals=tuple(history.learned_intervals),
-        events=tuple(history.events),
+        training_intervals=tuple(training_intervals),
         position=position,
         heading=float(headings[-1]) if len(headings) else None,
+        time_axis=_time_axis_of_boot(history),
     )
+
+
+def _time_axis_of_boot(history: LiveHistory) -> Axis:
+    """Returns the axis of time of a live flight; after a restart of the autopilot it names the boot, as events do."""
+    if history.boot == 0:
+        return TIME
+    return Axis(f"time since boot {history.flight.boot + 1} (s)")
 
 
 def _live_position(history: LiveHistory, columns: _LiveColumns) -> TimeSeries | None:
     """Returns the flown path of a live vehicle since the latest boot of its autopilot, for the map of its page.
 
     Args:
-        history: events and signals of the live flight on one timeline.
-        columns: time and position of the history's rows, by name.
+        history: signals of the live flight on one timeline.
+        columns: position of the history's rows, and time on the clock of the boot in which the flight began, by name.
 
     Returns:
         Positions (N, 3), m north, east and down; None if fewer than two are known.
     """
     positions = np.column_stack([columns.north, columns.east, -columns.height])
     # The start of the latest boot may be unknown (NaN). The comparison is then false, and no row is of an earlier boot.
-    is_of_earlier_boot = columns.time < history.boot_start
+    is_of_earlier_boot = columns.time < history.boot_start - history.flight.timeline_offset
     is_shown = np.isfinite(positions).all(axis=1) & ~is_of_earlier_boot
     count = np.count_nonzero(is_shown)
     if count < 2:

@@ -33,6 +33,7 @@ from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.loops import GainFact, LoopAction
 from mavdem.facts.session import TimeUse
 from mavdem.facts.watch import WatchFact
+from mavdem.facts.wind import WindLight
 from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.loops.advice import AdviceByAxis
 from mavdem.loops.resonance import controller_if_known
@@ -784,7 +785,7 @@ def live_page(
     if timeline is not None:
         timeline = timeline._replace(takeoff=status.takeoff_position)
     chapters = _live_chapters(axis, history, status, seconds_by_use, learned)
-    page_events = _numbered_live_events(history.events, judgement, status.alarms)
+    page_events = _numbered_live_events(history, judgement, status.alarms)
     if timeline is not None:
         numbered_events = [event for event in page_events if event.number is not None]
         timeline = timeline._replace(
@@ -805,6 +806,7 @@ def live_page(
         has_log=False,
         is_newest_first=not status.is_over,
         is_in_flight=status.is_flying and not status.is_over,
+        flight_number=history.flight.number,
         links=links,
         saved_flight=saved_flight,
         alarm=live_alarm(status),
@@ -877,7 +879,10 @@ def _live_chapters(
     for event in history.events:
         code = event.fact.code
         # An event may also say that gains are being computed, which is over when the page is written.
-        if isinstance(code, GainFact | LoopAction) and code is not GainFact.ADVICE_AWAITED:
+        is_advice = isinstance(code, GainFact | LoopAction) and code is not GainFact.ADVICE_AWAITED
+        # Gains are set on the ground: those of an earlier flight say nothing of one that goes on.
+        is_of_latest_flight = event.seconds >= history.flight.start
+        if is_advice and is_of_latest_flight and (status.is_over or not status.is_flying):
             gain_sentences.append(Sentence(event.sentence))
     if gain_sentences:
         chapters.append(Chapter(GAINS_TITLE, gain_sentences))
@@ -893,16 +898,17 @@ def _live_chapters(
 
 
 def _numbered_live_events(
-    events: Sequence[Event], judgement: Judgement, alarms: Facts
+    history: LiveHistory, judgement: Judgement, alarms: Facts
 ) -> list[PageEvent]:
     """Returns the events of a live session as the list on its page shows them.
 
-    Events with a time are numbered, except those on the state of the session itself: the charts mark the numbered ones.
-    Events, alarms and headline are matched by their causes, since the headline may state the cause of an alarm in other
+    Events of the latest flight are numbered, except those on the state of the session itself: the charts mark the
+    numbered ones. Their times are on the clock of the boot in which that flight began, as in the charts. Events,
+    alarms and headline are matched by their causes, since the headline may state the cause of an alarm in other
     words than the event that reported it.
 
     Args:
-        events: the events in the order in which they were reported.
+        history: the events in the order in which they were reported, and the flight that the charts show.
         judgement: headline and next step of the page; an event does not repeat the next step.
         alarms: the alarms that are active.
 
@@ -922,9 +928,10 @@ def _numbered_live_events(
             active_causes.add((cause.code, cause.subject))
     page_events = []
     numbered_count = 0
-    for event in events:
+    for event in history.events:
+        is_in_charts = history.flight.contains(event.seconds)
         number = None
-        if event.has_time and not event.is_session_state:
+        if is_in_charts and not event.is_session_state:
             numbered_count += 1
             number = numbered_count
         remedy = event.fact.remedy
@@ -935,8 +942,9 @@ def _numbered_live_events(
         )
         page_events.append(
             PageEvent(
-                event,
+                event._replace(seconds=event.seconds - history.flight.timeline_offset),
                 number,
+                is_on_clock_of_charts=is_in_charts,
                 is_headline=is_headline,
                 is_over=(cause.code, cause.subject) not in active_causes,
                 repeated=frozenset([remedy] if remedy in next_step else []),
@@ -949,6 +957,8 @@ def _numbered_live_events(
 def _live_map_wind(status: SessionStatus) -> MapWind | None:
     """Returns the wind that the map of a live page shows: the present one in flight, the mean of the flight after it.
 
+    The mean is that of the light, which may be of the recording, so that a page has no two means of one flight.
+
     Args:
         status: state of the session.
 
@@ -957,8 +967,12 @@ def _live_map_wind(status: SessionStatus) -> MapWind | None:
         direction is not known.
     """
     estimate, name = status.mean_wind, "mean wind"
+    light = status.overall_judgement.lights[Light.WIND]
     if status.is_flying:
         estimate, name = status.wind, "wind now"
+    elif light.code is WindLight.WIND_BLEW and light.figures["direction"] is not None:
+        mean_interval = (light.figures["low"], light.figures["high"])
+        return MapWind(light.figures["direction"], speed_interval=mean_interval, name=name)
     if estimate is None:
         return None
     # The first fact of an estimate is on the speed; a second one, if there is any, on the direction.

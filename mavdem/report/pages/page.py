@@ -17,6 +17,7 @@ from mavdem.dem import Learned
 from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.ending import Ending
 from mavdem.facts.event import Event
+from mavdem.facts.session import SessionFact
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.brief_events import first_of_count, worst_events
@@ -35,7 +36,7 @@ from mavdem.report.why import evidence_text, new_evidence_text
 MAX_BRIEF_EVENTS = 4
 """Events that a page shows at first: a choice, so that the list takes less room than the charts."""
 
-MAX_NEWEST_EVENTS = 6
+MAX_NEWEST_EVENTS = 5
 """Events that the page of a session that goes on shows at first: a choice, so that a telephone shows the plots soon."""
 
 _WORD = re.compile("[a-z0-9]+")
@@ -148,7 +149,11 @@ class PageEvent(NamedTuple):
     @property
     def brief(self) -> str:
         """What happened, for a short list; of the headline's event only the first clause, before its cause."""
-        sentence = str(self.event.fact)
+        fact = self.event.fact
+        if self.is_headline and fact.code is SessionFact.ALARM:
+            # The clause of an alarm is that of its cause, which follows the word "Alarm".
+            fact = fact.figures["reason"]
+        sentence = str(fact)
         if self.is_headline:
             first_clause, _, _ = sentence.partition(": ")
             sentence = f"{without_full_stop(first_clause)}."
@@ -234,6 +239,9 @@ class Head(NamedTuple):
 
     is_in_flight: bool = False
     """Whether the vehicle of that session flies."""
+
+    flight_number: int = 0
+    """Number of the flight in that session, from 1, that the plots show; 0 before the first one, and of a log."""
 
     alarm: str = ""
     """The alarm of that vehicle in a few words, with which the page's title begins; empty without one."""
