@@ -16,7 +16,11 @@ from mavdem.assessment.autopilot_messages import (
 from mavdem.assessment.fault_signals import FaultSignal, fault_signals
 from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot, flights_off_ground
 from mavdem.assessment.restarts import restarts
-from mavdem.dataset.flight_states import SURFACE_VEHICLES, armed_intervals
+from mavdem.dataset.flight_states import (
+    SURFACE_VEHICLES,
+    armed_intervals,
+    contradicted_landings,
+)
 from mavdem.dataset.intervals import (
     Intervals,
     TimeInterval,
@@ -385,7 +389,8 @@ def _take_offs_and_landings(signals: Signals, recorded_span: Segment) -> Iterato
     are found in averages, their times are inexact. So if the land detector reports a change within
     ``AVERAGING_SECONDS``, the event gets the time of this report. The outputs of vehicles that are not multirotors do
     not show flights: their events are the reports of the land detector alone. Vehicles that stay on the ground or water
-    have no such events. A landing that the land detector reports high in a flight is an event of its own.
+    have no such events. A landing that the land detector reports high in a flight is an event of its own, and so are
+    its reports of the ground that height and motors contradict.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -398,6 +403,17 @@ def _take_offs_and_landings(signals: Signals, recorded_span: Segment) -> Iterato
     detector_changes = _land_detector_changes(signals, boot)
     detected_times = detector_changes.time
     motor_message = DEMAND_MESSAGE if signals.motors is None else signals.motors.message
+    for contradicted in contradicted_landings(signals, boot):
+        start, end = contradicted.interval
+        yield _reported_event(
+            signals,
+            recorded_span,
+            "EXTENDED_SYS_STATE",
+            ReportedEvent.GROUND_REPORTED_IN_FLIGHT,
+            start,
+            end_time=end,
+            largest_height=contradicted.rise,
+        )
     for take_off, landing in flights_off_ground(signals, boot):
         height = BootSensors(signals, boot, take_off).height_above_take_off
         for start, end in _landings_detected_high(detector_changes, height, (take_off, landing)):

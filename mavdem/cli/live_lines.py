@@ -4,7 +4,6 @@ A line is ``14:03:07   182.4 s  TEXT``: the time of day, the time on the vehicle
 and a text. Lines of alarms have ``ALARM`` before the text, those of their ends ``ALARM OVER``, and no other line has.
 """
 
-from contextlib import suppress
 from math import isfinite, nan
 from textwrap import fill
 
@@ -94,7 +93,9 @@ def print_event(event: Event, console: Console) -> None:
         print_line(event_line(event), console, style_of_facts(event.fact))
 
 
-def print_line(line: str, console: Console, style: str = "", *, indent: int = STAMP_WIDTH) -> None:
+def print_line(
+    line: str, console: Console, style: str = "", *, indent: int = STAMP_WIDTH
+) -> OSError | None:
     """Prints a line at once; where the stream is no terminal it is never wrapped, so that programs can search it.
 
     On a terminal a long line goes on below its text, so that the times of all lines stand alone in their columns.
@@ -104,12 +105,18 @@ def print_line(line: str, console: Console, style: str = "", *, indent: int = ST
         console: standard output or standard error.
         style: style of its text on a terminal, in the notation of Rich.
         indent: characters before the text of the line, which begins with its times; 0 for a line without.
+
+    Returns:
+        The error if the line could not be printed; otherwise None. A terminal that was closed, a program that reads no
+        more, or a full disk does not end the session, which records the flight.
     """
-    # A terminal that was closed, or a program that reads no more, does not end the session, which records the flight.
-    with suppress(OSError):
+    try:
         if console.is_terminal and indent:
             line = fill(line, console.width, subsequent_indent=" " * indent, break_on_hyphens=False)
         console.print(Text(line, style), soft_wrap=not console.is_terminal)
+    except OSError as error:
+        return error
+    return None
 
 
 def style_of_facts(*facts: Fact) -> str:

@@ -16,12 +16,14 @@ from mavdem.assessment.judgement import Judgement
 from mavdem.cli.console import STDERR, STDOUT
 from mavdem.cli.live_lines import (
     LEVEL_STYLES,
+    STAMP_WIDTH,
     event_line,
     print_line,
     stamped_line,
     style_of_facts,
 )
-from mavdem.cli.streams import MAX_COLUMNS, escape_unprintable
+from mavdem.cli.streams import MAX_COLUMNS, escape_unprintable, print_to_stderr
+from mavdem.errors import error_message
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.event import LEARNING_STATES, SESSION_STATES, Event
@@ -201,6 +203,8 @@ class StatusLines:
         self._unprinted_search: Event | None = None
         # Whether the latest report on the link was an alarm.
         self._is_link_alarmed = False
+        # Whether standard error has said that lines were lost, since they cannot be printed.
+        self._is_loss_of_lines_reported = False
         # The state that was printed last and when, s of the monotonic clock.
         self._printed_state: PrintedState | None = None
         self._print_time = -inf
@@ -260,36 +264,49 @@ class StatusLines:
         Args:
             event: What was found, and when.
         """
-        fact = event.fact
-        ends_alarm = self._is_link_alarmed and fact.code is RowsFact.MESSAGES_RESUMED
+        # The end of a silence is the end of an alarm if that was raised.
+        ends_alarm = self._is_link_alarmed and event.fact.code is RowsFact.MESSAGES_RESUMED
         self._note_link_alarm(event)
         if self.terminal_text is None:
-            if fact.code is VehicleFact.NO_VEHICLE_YET:
-                # The first look at the status decides: mostly a vehicle comes, or nothing at all is received.
-                self._unprinted_search = event
-                return
-            self._advised_text = fact.remedy
-        elif event.is_alarm:
-            with suppress(OSError):
-                STDERR.bell()
-        if not self._has_line(event):
-            return
-        has_remedy = True
-        if self.terminal_text is not None and not event.is_alarm:
-            has_remedy = fact.is_watch_or_bad
-        line = event_line(event, has_remedy=has_remedy, ends_alarm=ends_alarm)
-        self._print(line, style_of_facts(fact))
+            self._print_event_below(event, ends_alarm=ends_alarm)
+        else:
+            self._print_event_above_status(event, ends_alarm=ends_alarm)
 
-    def _has_line(self, event: Event) -> bool:
-        """Returns whether an event is printed: not if it only states how far the model is, or what the status shows.
+    def _print_event_below(self, event: Event, *, ends_alarm: bool) -> None:
+        """Prints an event below the lines before, unless it only states how far the model is.
 
         Args:
-            event: What was found, and when. An alarm is printed always, unless it is about learning.
+            event: What was found, and when.
+            ends_alarm: Whether it ends the alarm of a lost link.
         """
-        is_in_status = self.terminal_text is not None and event.fact.code in SESSION_STATES
-        if is_in_status and not event.is_alarm:
-            return False
-        return event.fact.code not in LEARNING_STATES
+        fact = event.fact
+        if fact.code is VehicleFact.NO_VEHICLE_YET:
+            # The first look at the status decides: mostly a vehicle comes, or nothing at all is received.
+            self._unprinted_search = event
+            return
+        self._advised_text = fact.remedy
+        if fact.code not in LEARNING_STATES:
+            self._print(event_line(event, ends_alarm=ends_alarm), style_of_facts(fact))
+
+    def _print_event_above_status(self, event: Event, *, ends_alarm: bool) -> None:
+        """Prints an event above the status on the terminal, unless it only states what the status shows itself.
+
+        An alarm is printed always, unless it is about learning.
+
+        Args:
+            event: What was found, and when.
+            ends_alarm: Whether it ends the alarm of a lost link.
+        """
+        fact = event.fact
+        if event.is_alarm:
+            with suppress(OSError):
+                STDERR.bell()
+        is_in_status = fact.code in SESSION_STATES and not event.is_alarm
+        if is_in_status or fact.code in LEARNING_STATES:
+            return
+        has_remedy = event.is_alarm or fact.is_watch_or_bad
+        line = event_line(event, has_remedy=has_remedy, ends_alarm=ends_alarm)
+        self._print(line, style_of_facts(fact))
 
     def _print(self, line: str, style: str = "") -> None:
         """Prints a line: above the status that is updated in its place, or else below the line before.
@@ -299,10 +316,24 @@ class StatusLines:
             style: Style of its text on a terminal.
         """
         if self.terminal_text is None:
-            print_line(line, self._line_console, style)
+            self._print_below(line, style)
         else:
             self._latest_lines.append((line, style))
             print_line(line, STDERR, style)
+
+    def _print_below(self, line: str, style: str = "", *, indent: int = STAMP_WIDTH) -> None:
+        """Prints a line below the line before; the first one that cannot be printed is reported on standard error.
+
+        Args:
+            line: The line.
+            style: Style of its text on a terminal.
+            indent: Characters before its text on a terminal, which begins with the times; 0 without these.
+        """
+        error = print_line(line, self._line_console, style, indent=indent)
+        if error is not None and not self._is_loss_of_lines_reported:
+            self._is_loss_of_lines_reported = True
+            loss = Fact(SessionFact.LINES_LOST, reason=error_message(error))
+            print_to_stderr(f"mavdem: {loss.sentence}")
 
     def _redraw_after_resizing(self) -> None:
         """Draws the terminal anew if its size has changed, since lines that it has wrapped anew cannot be erased."""
@@ -445,9 +476,9 @@ class StatusLines:
             text: The line. In lines below each other it begins with the time like all others.
         """
         if self._has_stamps:
-            print_line(stamped_line(text), self._line_console)
+            self._print_below(stamped_line(text))
         else:
-            print_line(text, self._line_console, indent=0)
+            self._print_below(text, indent=0)
 
     def _print_next_step(self, status: SessionStatus) -> None:
         """Prints what to do next, unless that is to fly on, was printed before, or the latest event said it.

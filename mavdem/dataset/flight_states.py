@@ -18,9 +18,15 @@ from mavdem.dataset.intervals import (
     true_intervals,
     union,
 )
+from mavdem.dataset.landed_reports import (
+    ContradictedReports,
+    contradicted_reports,
+    with_undefined_ground,
+)
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.time_series import moving_average, series_of_boot
+from mavdem.dataset.time_series import TimeSeries, moving_average, series_of_boot
+from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import OFF_GROUND, UNDEFINED_LANDED_STATE
@@ -129,10 +135,11 @@ def mode_intervals(signals: Signals, boot: int, modes: Container[str]) -> Interv
 def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...]) -> Intervals:
     """Finds the intervals of a boot in which the vehicle is in one of several landed states.
 
-    The state is read from EXTENDED_SYS_STATE while it is reported. A report holds until the next one, but not across a
-    gap longer than ``MAX_REPORT_INTERVAL``. At all other times the collective decides: if it is high enough to keep the
-    vehicle in the air, the vehicle counts as in one of the states. If motor outputs are missing too, the last reported
-    state holds, since a missing message is no landing.
+    The state is read from EXTENDED_SYS_STATE while it is reported, except where height and motors contradict it
+    (:func:`contradicted_landings`). A report holds until the next one, but not across a gap longer than
+    ``MAX_REPORT_INTERVAL``. At all other times the collective decides: if it is high enough to keep the vehicle in the
+    air, the vehicle counts as in one of the states. If motor outputs are missing too, the last reported state holds,
+    since a missing message is no landing.
 
     Args:
         signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -143,7 +150,7 @@ def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...])
         Start and end of the intervals, s. Without reports they are those of a high collective (mean output of all
         motors).
     """
-    reports = series_of_boot(signals.landed_state, boot)
+    reports = _credible_landed_states(signals, boot)
     collective = series_of_boot(signals.collective, boot)
     # Where the motors carry the vehicle, judged by the collective alone.
     intervals_by_collective: Intervals = []
@@ -181,6 +188,47 @@ def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...])
     return union(
         flights, [(start, end) for start, end in held_intervals if start < reports.time[-1]]
     )
+
+
+def _credible_landed_states(signals: Signals, boot: int) -> TimeSeries | None:
+    """Returns the reports of the landed state in a boot, with "undefined" in the place of those that are wrong.
+
+    Args:
+        signals: logged time series of the vehicle, such as height and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
+
+    Returns:
+        MAV_LANDED_STATE (N,); None if it was not recorded.
+    """
+    reports = series_of_boot(signals.landed_state, boot)
+    if reports is None:
+        return None
+    for contradicted in contradicted_landings(signals, boot):
+        reports = with_undefined_ground(reports, contradicted.interval)
+    return reports
+
+
+@cached_per_vehicle()
+def contradicted_landings(signals: Signals, boot: int) -> list[ContradictedReports]:
+    """Returns when a multirotor is reported on the ground in a boot although height and motors show that it flies.
+
+    Args:
+        signals: logged time series of the vehicle, such as height and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
+
+    Returns:
+        The reports that are wrong, in the order of time; none if the landed state, the height or the motor outputs were
+        not recorded, or the vehicle is no multirotor, which needs no thrust to stay in the air.
+    """
+    reports = series_of_boot(signals.landed_state, boot)
+    height = series_of_boot(signals.height, boot)
+    collective = series_of_boot(signals.collective, boot)
+    is_multirotor = signals.telemetry.vehicle in POSSIBLE_MULTIROTORS
+    if reports is None or height is None or collective is None or not is_multirotor:
+        return []
+    mean_collective = np.interp(reports.time, collective.time, moving_average(collective))
+    has_thrust = mean_collective > min_airborne_collective(signals.telemetry.parameters)
+    return contradicted_reports(reports, height, has_thrust)
 
 
 def _with_samples_near(time: Array) -> Intervals:

@@ -12,6 +12,7 @@ class ReportedEvent(Code):
     OFF_GROUND = "off_ground"
     ON_GROUND = "on_ground"
     LANDING_DETECTED_IN_FLIGHT = "landing_detected_in_flight"
+    GROUND_REPORTED_IN_FLIGHT = "ground_reported_in_flight"
     MODE_CHANGED = "mode_changed"
     ARMING_REFUSED = "arming_refused"
     # Faults of motors and attitude.

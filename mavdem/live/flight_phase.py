@@ -20,10 +20,16 @@ import numpy as np
 from mavdem.dataset import flight_states, phases, time_series
 from mavdem.dataset.flight_states import MAX_REPORT_INTERVAL
 from mavdem.dataset.intervals import Intervals, TimeInterval, intersection
+from mavdem.dataset.landed_reports import (
+    LandedReport,
+    LandedReportCheck,
+    with_undefined_ground,
+)
 from mavdem.dataset.phases import MAX_LEVEL_FLIGHT_SPEED, TRANSIENT_SECONDS
-from mavdem.dataset.signals import CLIMB_RATE_FIELDS
+from mavdem.dataset.signals import CLIMB_RATE_FIELDS, Signals
 from mavdem.dataset.time_series import AVERAGING_SECONDS, TimeSeries, recorded_series
 from mavdem.facts import Fact
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.session import SessionFact
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import IN_AIR, UNDEFINED_LANDED_STATE
@@ -56,6 +62,8 @@ class FlightPhase:
         is_flying: whether the vehicle is airborne and, where that is reported, armed.
         is_in_air: whether it also neither takes off nor lands, where that is reported.
         motors_are_idle: whether outputs come and none has moved so far.
+        contradicted_report: the fact that the autopilot reports the ground although the vehicle flies; None while it
+            does not, or nothing shows that.
     """
 
     def __init__(self, slow_messages: RecentMessages) -> None:
@@ -67,7 +75,9 @@ class FlightPhase:
         self.is_flying = False
         self.is_in_air = False
         self.motors_are_idle = False
+        self.contradicted_report: Fact | None = None
         self._slow_messages = slow_messages
+        self._report_check = LandedReportCheck()
         # Whether any message shows whether the vehicle flies.
         self._is_flying_known = False
         # Times of the boot clock, s; minus infinity where they are not known: when the vehicle left the ground, when it
@@ -165,6 +175,8 @@ class FlightPhase:
         boot = self._slow_messages.boot
         telemetry = self._recent_telemetry(now, vehicle)
         reports = recorded_series(telemetry, LANDED_STATE_MESSAGE, "landed_state")
+        if reports is not None and collective is not None:
+            reports = self._checked_reports(reports, telemetry, collective)
         self._landed_state_end = _end_of_validity(reports, now)
         landed_state = _repeated_until(now, reports)
         signals = LiveSignals(telemetry, collective=collective, landed_state=landed_state)
@@ -184,6 +196,44 @@ class FlightPhase:
         armed_in_air = intersection(armed, in_air)
         self._update_flight(now, armed_in_air, climb_rate)
         self._review_time = now
+
+    def _checked_reports(
+        self, reports: TimeSeries, telemetry: Telemetry, collective: TimeSeries
+    ) -> TimeSeries:
+        """Checks the reports of the landed state since the last review by height and motors, as those of a log are.
+
+        Args:
+            reports: MAV_LANDED_STATE (N,) of the last seconds.
+            telemetry: messages of the last seconds, with the height, and the vehicle's parameters.
+            collective: mean of the motors in the last seconds, as a fraction of their range.
+
+        Returns:
+            The reports, with "undefined" in the place of those that are wrong.
+        """
+        height = Signals(telemetry).height
+        min_collective = flight_states.min_airborne_collective(telemetry.parameters)
+        mean_collective = time_series.averaged_series(collective)
+        for row in np.flatnonzero(reports.time > self._review_time):
+            time = float(reports.time[row])
+            has_thrust = mean_collective.value_at(time) > min_collective
+            height_then = nan if height is None else height.value_at(time)
+            self._report_check.add(
+                LandedReport(time, int(reports.values[row]), has_thrust, height_then)
+            )
+        start = self._report_check.first_time
+        rise = self._report_check.contradicted_rise
+        if start is None or rise is None:
+            self.contradicted_report = None
+            return reports
+        latest_time = float(reports.time[-1])
+        self.contradicted_report = Fact(
+            ReportedEvent.GROUND_REPORTED_IN_FLIGHT,
+            time=start,
+            end_time=None,
+            largest_height=rise,
+            basis=(LANDED_STATE_MESSAGE,),
+        )
+        return with_undefined_ground(reports, (start, latest_time))
 
     def _update_airborne(self, now: float, airborne: Intervals) -> None:
         """Decides whether the vehicle is airborne, and notes when it left the ground.

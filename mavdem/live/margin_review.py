@@ -34,13 +34,9 @@ from mavdem.live.messages import message_readers
 from mavdem.live.stream import LiveStream
 from mavdem.live.vehicle_selection import Component
 from mavdem.loops.axis_loops import Loop
-from mavdem.loops.identification import MIN_WINDOWS
-from mavdem.plant.closed_loop.spectra import SPECTRUM_SECONDS
+from mavdem.loops.identification import MIN_IDENTIFIED_SECONDS
 
-MIN_SETTLED_SECONDS = (MIN_WINDOWS + 1) * SPECTRUM_SECONDS / 2
-"""Least settled flight in which a loop is identified, s: windows of a spectrum that overlap by half."""
-
-FIRST_REVIEW_SECONDS = MIN_SETTLED_SECONDS + TRANSIENT_SECONDS
+FIRST_REVIEW_SECONDS = MIN_IDENTIFIED_SECONDS + TRANSIENT_SECONDS
 """Time from take-off to the first review, s: before, settled flight is too short to identify a loop."""
 
 REVIEW_PERIOD = 15.0
@@ -216,7 +212,7 @@ def _with_progress(margins: Fact) -> Fact:
         return margins
     awaited = Fact(
         LoopFact.LOOP_TOO_SHORT,
-        least_duration=MIN_SETTLED_SECONDS,
+        least_duration=MIN_IDENTIFIED_SECONDS,
         settled=reason.figures["duration"],
     )
     return margins.replace(reason=awaited)

@@ -17,7 +17,7 @@ from mavdem.live.history import LiveHistory
 from mavdem.live.link import SILENCE_SECONDS
 from mavdem.live.motor_alarms import MotorAlarms
 from mavdem.live.pose import LatestPose
-from mavdem.live.quoted_texts import QuotedTexts
+from mavdem.live.report_limit import ReportLimit
 from mavdem.live.rows import AlignedRow, FormattedRow, RowFormat
 from mavdem.live.wind import WindEstimate
 
@@ -53,7 +53,7 @@ class Presentation:
         self._display: Display | None = None
         # When a fact with each ``_repetition_key`` was reported last, s of the monotonic clock.
         self._report_times: dict[object, float] = {}
-        self._quoted_texts = QuotedTexts()
+        self._report_limit = ReportLimit()
 
     @property
     def has_display(self) -> bool:
@@ -179,13 +179,13 @@ class Presentation:
         """Reports a fact (a finding) as an event: to the user, to the history and to the display.
 
         A fact that repeats one that was just reported is dropped, and so are texts of the autopilot that come too fast
-        to be read (``QuotedTexts``).
+        to be read, and changes of a state that flaps (``ReportLimit``).
 
         Args:
             fact: its time, where it has one, is in s of the boot clock. The event has it in s of the session's
                 timeline, which goes on across reboots.
         """
-        if self._is_repetition(fact) or not self._quoted_texts.admits(fact, clock.monotonic()):
+        if self._is_repetition(fact) or not self._report_limit.admits(fact, clock.monotonic()):
             return
         timeline_offset = self.history.timeline_offset
         start_time = nan
@@ -208,9 +208,9 @@ class Presentation:
         if self._display is not None:
             self._display.log(event)
 
-    def report_left_out_texts(self) -> None:
-        """Reports how many texts of the autopilot were left out, if that is due; called once a second."""
-        left_out = self._quoted_texts.pop_left_out(clock.monotonic())
+    def report_left_out(self) -> None:
+        """Reports how many reports of the autopilot were left out, if that is due; called once a second."""
+        left_out = self._report_limit.pop_left_out(clock.monotonic())
         if left_out is not None:
             self.log(left_out)
 

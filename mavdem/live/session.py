@@ -264,7 +264,7 @@ class LiveSession:
             has_rate_setpoint=self._has_rate_setpoint,
         )
         self.report_gain_advice()
-        self._presentation.report_left_out_texts()
+        self._presentation.report_left_out()
         status = self.status
         self._keep_flight_data(status)
         self._report_status_unless_late(status)

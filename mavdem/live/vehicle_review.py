@@ -313,7 +313,10 @@ class VehicleReview:
         collective = None
         if self._rows.inputs is not None:
             collective = self._rows.inputs.collective
+        was_contradicted = self.phase.contradicted_report is not None
         self.phase.review(now, self.telemetry, collective)
+        if self.phase.contradicted_report is not None and not was_contradicted:
+            self._report(self.phase.contradicted_report)
         former_flight = self.flight_number
         # The watchdog begins another flight here, not with its own review a moment later: until then, the alarms of an
         # earlier flight would stand beside a vehicle that flies again.
@@ -343,7 +346,6 @@ class VehicleReview:
             self.telemetry,
             is_flying=is_flying,
             settled_start=settled_start,
-            takeoff_time=self.phase.takeoff_time,
         )
         for report in new_reports:
             self._report(report)

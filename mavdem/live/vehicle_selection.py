@@ -7,6 +7,7 @@ What is kept of each component is bounded.
 from collections import Counter
 from collections.abc import Callable, Iterator
 from math import inf
+from typing import NamedTuple
 
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.facts import Fact
@@ -54,6 +55,7 @@ class Component:
         name: both, "system:component".
         vehicle_type: name of the MAV_TYPE in its latest HEARTBEAT, or in the latest one of a multirotor.
         autopilot: name of the MAV_AUTOPILOT in its latest HEARTBEAT.
+        confirmed_autopilot: the MAV_AUTOPILOT by several HEARTBEATs, whose parameters are kept.
         attitude_count: number of its messages of attitude.
         frame_count: number of its frames, undecoded ones and copies included.
         message_counts: number of its messages by id, without damaged and unknown ones.
@@ -77,10 +79,10 @@ class Component:
         self.parameters_version = 0
         self.uncounted_gap_seconds = 0.0
         self._heartbeat_count = 0
-        # The kind of autopilot that the parameters are of, and how many HEARTBEATs in a row stated another one since.
-        self._autopilot_of_parameters = UNNAMED
+        self.confirmed_autopilot = UNNAMED
+        # How many HEARTBEATs in a row have stated another autopilot than the confirmed one.
         self._other_autopilot_count = 0
-        # The parameters that came since the latest HEARTBEAT of that kind of autopilot.
+        # The parameters that came since the latest HEARTBEAT of the confirmed autopilot.
         self._newest_parameters: dict[bytes, Message] = {}
         self._links = SenderLinks()
         # Missing messages that are not counted, since the gap was too long to count them.
@@ -239,8 +241,8 @@ class Component:
         The new autopilot may send its parameters before its first HEARTBEAT, so that all are kept that came after the
         last HEARTBEAT of the former one. A few HEARTBEATs are awaited, since a single one may be damaged or forged.
         """
-        if self._autopilot_of_parameters in (UNNAMED, self.autopilot):
-            self._autopilot_of_parameters = self.autopilot
+        if self.confirmed_autopilot in (UNNAMED, self.autopilot):
+            self.confirmed_autopilot = self.autopilot
             self._other_autopilot_count = 0
             self._newest_parameters.clear()
             return
@@ -248,8 +250,24 @@ class Component:
         if self._other_autopilot_count >= MIN_MESSAGES:
             self.parameters = dict(self._newest_parameters)
             self.parameters_version += 1
-            self._autopilot_of_parameters = self.autopilot
+            self.confirmed_autopilot = self.autopilot
             self._other_autopilot_count = 0
+
+
+class _ParameterSource(NamedTuple):
+    """What the parameters of a vehicle were decoded from: where it is the same, they need not be decoded again."""
+
+    vehicle: str
+    """Name of the vehicle."""
+
+    autopilot: str
+    """Name of its MAV_AUTOPILOT, which decides how integers are encoded."""
+
+    version: int
+    """``parameters_version`` of the vehicle."""
+
+    store_version: int
+    """``parameters_version`` of the component that stores them, too; 0 without one."""
 
 
 class VehicleSelector:
@@ -277,10 +295,12 @@ class VehicleSelector:
         self.other_vehicles: set[str] = set()
         self._wanted = wanted
         self._report = report
+        # The ``confirmed_autopilot`` of the followed vehicle when that was reported last.
+        self._followed_autopilot = UNNAMED
         # Names of the components under whose ids two vehicles were found to send.
         self._refused = set[str]()
-        # What the decoded parameters were decoded from, and their values by name.
-        self._decoded_from: tuple[object, ...] = ()
+        # What the decoded parameters were decoded from, and their values by name; None before they are used first.
+        self._parameter_source: _ParameterSource | None = None
         self._decoded_parameters: Parameters = {}
 
     @property
@@ -296,9 +316,11 @@ class VehicleSelector:
         store = self.components.get((vehicle.system, PARAMETER_STORE_COMPONENT))
         # Decoding takes long, so that it is only done again when one of these has changed.
         store_version = 0 if store is None else store.parameters_version
-        source = (vehicle.name, vehicle.autopilot, vehicle.parameters_version, store_version)
-        if source != self._decoded_from:
-            self._decoded_from = source
+        source = _ParameterSource(
+            vehicle.name, vehicle.autopilot, vehicle.parameters_version, store_version
+        )
+        if source != self._parameter_source:
+            self._parameter_source = source
             self._decoded_parameters = _decoded_parameters(vehicle, store)
         return self._decoded_parameters
 
@@ -327,6 +349,8 @@ class VehicleSelector:
         """
         if sender.has_two_senders:
             self._refuse_duplicate_ids(sender)
+        elif sender is self.followed:
+            self._report_other_autopilot(sender)
         elif self.followed is not None:
             self._report_other_vehicle(sender, self.followed)
         elif self._wanted is not None:
@@ -377,7 +401,21 @@ class VehicleSelector:
         """Follows a vehicle from now on."""
         self.followed = vehicle
         self.not_followed_reason = None
+        self._followed_autopilot = vehicle.confirmed_autopilot
         self._report(Fact(VehicleFact.FOLLOWING_VEHICLE, subject=vehicle.description))
+
+    def _report_other_autopilot(self, vehicle: Component) -> None:
+        """Reports that another kind of autopilot has the ids of the followed vehicle now, and is followed.
+
+        Args:
+            vehicle: the followed vehicle, which has just sent a message.
+        """
+        former_autopilot = self._followed_autopilot
+        if vehicle.confirmed_autopilot == former_autopilot:
+            return
+        self._followed_autopilot = vehicle.confirmed_autopilot
+        if former_autopilot != UNNAMED:
+            self._report(Fact(VehicleFact.FOLLOWING_VEHICLE, subject=vehicle.description))
 
     def _report_choice(self, vehicles: list[Component]) -> None:
         """Reports that the user must choose one of several vehicles, unless these were reported already.
@@ -403,10 +441,10 @@ class VehicleSelector:
         """Reports a vehicle besides the followed one, once it is certain, and has it watched for alarms from then on.
 
         Args:
-            sender: component that has just sent a message.
+            sender: component that has just sent a message, not the followed vehicle.
             followed: the vehicle that is followed.
         """
-        if sender is followed or sender.name in self.other_vehicles:
+        if sender.name in self.other_vehicles:
             return
         if not (sender.is_identified and sender.sends_attitude):
             return

@@ -305,9 +305,10 @@ class Watchdog:
         *,
         is_flying: bool,
         settled_start: float | None,
-        takeoff_time: float = -inf,
     ) -> list[Fact]:
-        """Begins a review: stores the phase of flight, collects the messages so far, and finds new reports in them.
+        """Begins a review: collects the messages so far, and finds new reports in them.
+
+        The phase of flight at the time of the review must be known: ``update_phase`` is called before.
 
         Every ``THOROUGH_PERIOD`` a review is thorough: everything is judged again. Other reviews only examine urgent
         messages, and only if one of them has changed.
@@ -318,13 +319,10 @@ class Watchdog:
             is_flying: whether it is airborne and armed.
             settled_start: beginning of the settled flight, s; None if it is not settled. Vibration is judged in settled
                 flight only, since a touch-down shakes the vehicle too.
-            takeoff_time: when the vehicle left the ground, s of the boot clock; minus infinity where it was in the air
-                at the first moment that shows it.
 
         Returns:
             Facts that the autopilot has reported since the last review.
         """
-        self.update_phase(now, is_flying=is_flying, takeoff_time=takeoff_time)
         self.is_thorough = now - self._thorough_time >= THOROUGH_PERIOD
         if self.is_thorough:
             self._thorough_time = now
@@ -398,7 +396,7 @@ class Watchdog:
         """
         if report.code in POWER_REPORTS:
             self._raise_battery_alarm(report, now)
-            return self._told_power_report(report)
+            return self._power_report_for_user(report)
         if report.code in REPORTS_OF_LOSS and report.is_bad:
             is_loss_known_by_report_alone = (
                 self.loss is not None and self.loss.code is Ending.LOSS_REPORTED
@@ -424,7 +422,7 @@ class Watchdog:
         worse_fact = worst_fact([active_alarm, report])
         self.alarms.raise_alarm(WatchedQuantity.BATTERY, worse_fact, now)
 
-    def _told_power_report(self, report: Fact) -> Fact:
+    def _power_report_for_user(self, report: Fact) -> Fact:
         """Returns what is reported to the user of a power report: an alarm if it is bad, otherwise the report itself.
 
         Args:

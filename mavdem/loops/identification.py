@@ -47,6 +47,9 @@ from mavdem.plant.parameters import DYNAMICS, EFFECTS, PLANT_MINIMUM
 
 MIN_WINDOWS = 4
 """Least number of windows of ``SPECTRUM_SECONDS``, which overlap by half: a choice."""
+
+MIN_IDENTIFIED_SECONDS = (MIN_WINDOWS + 1) * SPECTRUM_SECONDS / 2
+"""Least settled flight in which a loop is identified, s: n windows that overlap by half take n + 1 half windows."""
 MAX_MESSAGE_GAP = 1.0
 """Longest time without a message in a window, s: a choice."""
 MAX_ROUNDING_SHARE = 0.2
@@ -151,9 +154,7 @@ def _identified_loop(signals: Signals, flights: tuple[Flight, ...]) -> _Identifi
     messages = _loop_messages(signals, boot_number(flights[0]), controller, mixer_gains)
     window_starts = np.array(list(_window_starts(flights, messages.streams)))
     if len(window_starts) < MIN_WINDOWS:
-        # Windows overlap by half, so n of them take n + 1 half windows.
-        least_duration = (MIN_WINDOWS + 1) * SPECTRUM_SECONDS / 2
-        raise NotLearnable(LoopFact.LOOP_TOO_SHORT, least_duration=least_duration)
+        raise NotLearnable(LoopFact.LOOP_TOO_SHORT, least_duration=MIN_IDENTIFIED_SECONDS)
     saturated_share = _saturated_power_fraction(messages, window_starts)
     known_controller = KnownController(
         partial(controller_response, controller),

@@ -16,6 +16,7 @@ from mavdem.dataset.intervals import (
     true_intervals,
     union,
 )
+from mavdem.dataset.landed_reports import MIN_CERTAIN_RISE
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, moving_average, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
@@ -34,9 +35,6 @@ from mavdem.witnesses.sensor_facts import (
 
 MIN_RISE = 1.0
 """Rise, m, of the height that supports a flight. Prop wash raises the barometer as much, so it is not enough alone."""
-
-MIN_CERTAIN_RISE = 3.0
-"""Rise, m, that no bench, gust or prop wash makes."""
 
 MAX_LEVEL_RISE = 0.7
 """Rise, m, up to which the height speaks against a flight; barometers at rest stay within 0.3 m for minutes."""

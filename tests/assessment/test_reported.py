@@ -444,6 +444,16 @@ def test_a_landing_that_is_detected_high_in_a_flight_is_an_event(time, is_report
     assert all("10 m above the take-off" in report.sentence for report in reports)
 
 
+def test_reports_of_the_ground_throughout_a_flight_are_an_event_and_hide_no_flight():
+    stuck = changed(FLOWN, "EXTENDED_SYS_STATE", **columns(np.arange(0.0, 80.0), landed_state=1))
+    (wrong,) = events(stuck, ReportedEvent.GROUND_REPORTED_IN_FLIGHT)
+    assert (wrong.level, wrong.time, wrong.end_time) == ("watch", 0.0, 79.0)
+    assert "10 m above the take-off" in wrong.sentence and "are not used" in wrong.sentence
+    # The take-off is that of a log without the reports.
+    (take_off,) = events(stuck, ReportedEvent.OFF_GROUND)
+    assert take_off.time == events(FLOWN, ReportedEvent.OFF_GROUND)[0].time
+
+
 def test_a_second_boot_is_a_restart():
     boot = (FLOWN.messages["HEARTBEAT"]["time"] > 40.0).astype(int)
     (fact,) = events(changed(FLOWN, "HEARTBEAT", boot=boot), ReportedEvent.RESTARTED)

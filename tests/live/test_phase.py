@@ -33,10 +33,11 @@ class Vehicle:
         self.collective = []
         self.fly(3.0, collective=0.0)
 
-    def fly(self, seconds, collective=IN_FLIGHT, climb=None, landed=None, armed=True):
+    def fly(self, seconds, collective=IN_FLIGHT, climb=None, landed=None, armed=True, height=None):
         """Flies on for some seconds, reviews the phase ten times a second, and returns whether flight is settled.
 
-        The collective is the mean motor output; climb, m/s, and landed (MAV_LANDED_STATE) are sent unless None.
+        The collective is the mean motor output; climb, m/s, landed (MAV_LANDED_STATE) and height, m, are sent unless
+        None.
         """
         for _ in range(round(100 * seconds)):
             if round(100 * self.time) % 100 == 0:
@@ -45,6 +46,9 @@ class Vehicle:
                     self.recent.add("EXTENDED_SYS_STATE", self.time, (landed,))
             self.collective.append((self.time, collective))
             if round(100 * self.time) % 10 == 0:
+                if height is not None:
+                    velocity_and_place = (0.0, 0.0, 0.0, 0.0, 0.0, -height)
+                    self.recent.add("LOCAL_POSITION_NED", self.time, velocity_and_place)
                 if climb is not None:
                     self.recent.add("VFR_HUD", self.time, (climb,))
                 time, values = np.array(self.collective[-450:]).T
@@ -132,6 +136,22 @@ def test_a_descent_is_not_settled_unless_reported_as_flight():
             assert vehicle.fly(5.0, climb=-0.6, landed=landed)
         else:
             assert not vehicle.fly(5.0, climb=-0.6, landed=landed)
+
+
+@mark.slow
+def test_a_detector_that_reports_the_ground_in_flight_is_wrong():
+    vehicle = Vehicle()
+    vehicle.fly(3.0, collective=0.0, landed=ON_GROUND, height=0.0)
+    for height in range(12):
+        vehicle.fly(1.0, landed=ON_GROUND, height=float(height))
+    assert vehicle.phase.is_flying
+    # The report each second comes just before the next step of the height.
+    assert vehicle.phase.contradicted_report.figures["largest_height"] == approx(10.0)
+    # Later, the climb is no longer among the messages that are kept.
+    vehicle.fly(40.0, landed=ON_GROUND, height=11.0)
+    assert vehicle.phase.is_flying
+    vehicle.fly(3.0, collective=0.0, landed=ON_GROUND, height=0.0)
+    assert not vehicle.phase.is_flying
 
 
 @mark.slow

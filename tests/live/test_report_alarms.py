@@ -8,8 +8,8 @@ from mavdem.assessment.autopilot_messages import REPEAT_SECONDS
 from mavdem.facts import Fact, Level
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.session import SessionFact
-from mavdem.live.quoted_texts import MAX_QUOTED_TEXTS, QuotedTexts
 from mavdem.live.report_alarms import ReportAlarms
+from mavdem.live.report_limit import MAX_REPORTS_OF_KIND, ReportLimit
 
 
 def report(code, severity="critical", **figures):
@@ -67,13 +67,13 @@ def test_a_bad_report_lasts_until_the_flight_ends_and_another_while_it_is_repeat
 
 
 def test_a_flood_of_texts_is_counted_and_hides_no_known_fault():
-    texts = QuotedTexts()
+    texts = ReportLimit()
     quoted = []
-    for second in range(3 * MAX_QUOTED_TEXTS):
+    for second in range(3 * MAX_REPORTS_OF_KIND):
         text = Fact(ReportedEvent.AUTOPILOT_SAID, time=20.0, text=f"fault {second}")
         alarm = Fact(SessionFact.ALARM, reason=text)
         quoted.append(texts.admits(alarm if second % 2 else text, 100.0 + 0.1 * second))
-    assert quoted.count(True) == quoted.index(False) == MAX_QUOTED_TEXTS
+    assert quoted.count(True) == quoted.index(False) == MAX_REPORTS_OF_KIND
     failed = Fact(SessionFact.ALARM, reason=report(ReportedEvent.MOTOR_FAILED))
     assert texts.admits(failed, 103.0)
     assert texts.pop_left_out(104.0) is None
@@ -82,3 +82,15 @@ def test_a_flood_of_texts_is_counted_and_hides_no_known_fault():
     # A calm autopilot is quoted again, and nothing more was left out.
     assert texts.admits(text, 104.0 + REPEAT_SECONDS)
     assert texts.pop_left_out(200.0 + REPEAT_SECONDS) is None
+
+
+def test_an_arming_that_flaps_is_counted_and_hides_no_change_of_mode():
+    limit = ReportLimit()
+    admitted = []
+    for second in range(3 * MAX_REPORTS_OF_KIND):
+        code = ReportedEvent.MOTORS_ARMED if second % 2 else ReportedEvent.MOTORS_DISARMED
+        admitted.append(limit.admits(Fact(code, time=float(second)), 100.0 + 0.5 * second))
+    assert admitted.count(True) == admitted.index(False) == MAX_REPORTS_OF_KIND
+    assert limit.admits(Fact(ReportedEvent.MODE_CHANGED, time=31.0, subject="Land"), 115.0)
+    left_out = limit.pop_left_out(105.0 + REPEAT_SECONDS)
+    assert left_out is not None and left_out.figures["count"] == admitted.count(False)

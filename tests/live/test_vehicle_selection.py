@@ -46,8 +46,9 @@ def test_parameters_of_another_autopilot_under_the_same_ids_are_dropped():
     assert "FRAME_CLASS" in stream.parameters
     new_parameter = message("PARAM_VALUE", param_id=b"MC_ROLL_P", param_value=6.5, param_type=9)
     of_px4 = [(14.0 + second, heartbeat(autopilot=12)) for second in range(3)]
-    replay([(13.6, new_parameter), *of_px4], stream)
+    replaced = replay([(13.6, new_parameter), *of_px4], stream)
     assert stream.parameters == {"MC_ROLL_P": 6.5}
+    assert [fact.sentence for fact in replaced.facts] == ["Following vehicle 1:1 (QUADROTOR, PX4)."]
 
 
 def test_a_multirotor_stays_one_whatever_a_later_heartbeat_says():

@@ -4,6 +4,7 @@ import io
 import random
 import re
 from dataclasses import dataclass, replace
+from errno import ENOSPC
 from pkgutil import resolve_name
 from unittest.mock import Mock
 
@@ -296,6 +297,7 @@ def test_a_lasting_fault_of_the_tracking_is_one_alarm_until_it_is_judged_to_be_o
         now += 0.49
         level = Level.BAD if now < 60.0 else Level.GOOD
         light.return_value = Fact(TrackingLight.FOLLOWS_SETPOINT, level)
+        watchdog.update_phase(now, is_flying=True)
         watchdog.begin_review(now, vehicle, is_flying=True, settled_start=0.0)
         if watchdog.is_thorough and watchdog.is_tracking_due:
             watchdog.review_tracking(0.0)
@@ -1118,6 +1120,18 @@ def test_the_conclusion_below_other_lines_begins_with_the_time_and_goes_on_below
     assert others
     for line in others:
         assert len(line) - len(line.lstrip()) == column
+
+
+def test_lines_that_a_full_disk_loses_are_reported_once(capsys):
+    class FullDisk(io.StringIO):
+        def write(self, text):
+            raise OSError(ENOSPC, "No space left on device")
+
+    lines = StatusLines(None, Console(file=FullDisk(), width=80))
+    for _ in range(2):
+        lines.print_conclusion("The motors are sound.")
+    (report,) = capsys.readouterr().err.splitlines()
+    assert report.startswith("mavdem: Standard output cannot be written to (No space left")
 
 
 def test_a_missing_vehicle_is_reported_only_where_messages_come_and_none_is_found(capsys):

@@ -1,0 +1,134 @@
+"""Reports of the landed state that are wrong: the vehicle flies, and its land detector reports the ground all the time.
+
+A report of the ground is taken for wrong only if two witnesses contradict it for seconds. One alone may be mistaken: a
+barometer drifts on the ground, somebody carries the vehicle or a balloon lifts it, and motors run on a bench.
+
+- The height has risen by more than ``MIN_CERTAIN_RISE`` since the motors last gave too little thrust to fly.
+- The motors give enough thrust to fly.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Flags
+from mavdem.dataset.intervals import TimeInterval
+from mavdem.dataset.time_series import TimeSeries
+from mavdem.ingest.vocabulary import OFF_GROUND, ON_GROUND, UNDEFINED_LANDED_STATE
+
+MIN_CERTAIN_RISE = 3.0
+"""Rise, m, that no bench, gust or prop wash makes."""
+
+MIN_CONTRADICTION_SECONDS = 3.0
+"""Time between the first and the last of several reports that both witnesses contradict, s; a choice.
+
+Land detectors recognise a take-off within about a second.
+"""
+
+
+class LandedReport(NamedTuple):
+    """A report of the landed state, and what the witnesses show at its time."""
+
+    time: float
+    """Time of the report, s on the boot clock."""
+
+    state: int
+    """MAV_LANDED_STATE as reported."""
+
+    has_thrust: bool
+    """Whether the motors give enough thrust to fly."""
+
+    height: float
+    """Height, m above any level; NaN where it is not known."""
+
+
+@dataclass
+class LandedReportCheck:
+    """Checks one report of the landed state after the other, in a log and in a live session.
+
+    Attributes:
+        first_time: time of the first of the latest reports of the ground in a row, s on the boot clock; None while the
+            vehicle is reported in the air, or before any report.
+        contradicted_rise: height gained when these reports were last contradicted, m; None while they are not. They
+            stay contradicted until another state is reported, since a detector that is stuck in flight shows no
+            landing either.
+    """
+
+    first_time: float | None = None
+    contradicted_rise: float | None = None
+    # Height when the motors last gave too little thrust to fly, or at the first report; None before any.
+    _ground_height: float | None = None
+    # Time of the first of the latest reports in a row that both witnesses contradict; None if the latest one is right.
+    _contradiction_start: float | None = None
+
+    def add(self, report: LandedReport) -> None:
+        """Checks the next report, in the order of time."""
+        if report.state in OFF_GROUND:
+            self.first_time = None
+            self.contradicted_rise = None
+        elif report.state == ON_GROUND and self.first_time is None:
+            self.first_time = report.time
+        is_height_known = bool(np.isfinite(report.height))
+        if is_height_known and (self._ground_height is None or not report.has_thrust):
+            self._ground_height = report.height
+        rise = 0.0
+        if is_height_known and self._ground_height is not None:
+            rise = report.height - self._ground_height
+        is_contradicted = rise > MIN_CERTAIN_RISE and report.has_thrust
+        if report.state != ON_GROUND or not is_contradicted:
+            self._contradiction_start = None
+            return
+        if self._contradiction_start is None:
+            self._contradiction_start = report.time
+        if report.time - self._contradiction_start >= MIN_CONTRADICTION_SECONDS:
+            self.contradicted_rise = max(rise, self.contradicted_rise or 0.0)
+
+
+class ContradictedReports(NamedTuple):
+    """Reports of the ground in a row, without a report of flight between, which height and motors contradict."""
+
+    interval: TimeInterval
+    """Time of the first and of the last of them, s on the boot clock."""
+
+    rise: float
+    """Height that the vehicle gained meanwhile, m."""
+
+
+def contradicted_reports(
+    reports: TimeSeries, height: TimeSeries, has_thrust: Flags
+) -> list[ContradictedReports]:
+    """Returns the reports of the ground that are wrong, since height and motors show a flight.
+
+    Args:
+        reports: MAV_LANDED_STATE (N,) in one boot, that is from one start of the autopilot to the next.
+        height: height (K,) in this boot, m above any level.
+        has_thrust: (N,) whether the motors give enough thrust to fly at the time of each report.
+
+    Returns:
+        Each series of such reports, in the order of time.
+    """
+    heights = np.interp(reports.time, height.time, height.values, left=np.nan, right=np.nan)
+    check = LandedReportCheck()
+    # By the time of the first report of each series.
+    found: dict[float, ContradictedReports] = {}
+    for row, time in enumerate(reports.time.tolist()):
+        state = int(reports.values[row])
+        check.add(LandedReport(time, state, bool(has_thrust[row]), float(heights[row])))
+        start = check.first_time
+        if start is not None and check.contradicted_rise is not None:
+            found[start] = ContradictedReports((start, time), check.contradicted_rise)
+    return list(found.values())
+
+
+def with_undefined_ground(reports: TimeSeries, interval: TimeInterval) -> TimeSeries:
+    """Returns reports of the landed state in which "on the ground" is "undefined" within an interval.
+
+    Args:
+        reports: MAV_LANDED_STATE (N,).
+        interval: times of the first and of the last report that is wrong, s on the boot clock.
+    """
+    start, end = interval
+    is_wrong = (reports.time >= start) & (reports.time <= end) & (reports.values == ON_GROUND)
+    values = np.where(is_wrong, UNDEFINED_LANDED_STATE, reports.values)
+    return TimeSeries(reports.time, reports.boot, values)

@@ -1,0 +1,95 @@
+"""Limits how often a live session reports what may come without end, so that a flood of it hides no other report.
+
+These are texts of the autopilot, and states that may flap: whether it is armed, its mode, and whether it has landed.
+"""
+
+from collections import defaultdict, deque
+
+from mavdem.assessment.autopilot_messages import REPEAT_SECONDS
+from mavdem.facts import Code, Fact
+from mavdem.facts.events import ReportedEvent
+from mavdem.facts.session import SessionFact
+
+MAX_REPORTS_OF_KIND = 10
+"""Reports of one kind in ``REPEAT_SECONDS``, at most: a choice; a screen of 24 lines still shows what was before."""
+
+KIND_OF_STATE: dict[Code, str] = {
+    ReportedEvent.MOTORS_ARMED: "arming",
+    ReportedEvent.MOTORS_DISARMED: "arming",
+    ReportedEvent.MODE_CHANGED: "mode",
+    ReportedEvent.OFF_GROUND: "ground",
+    ReportedEvent.ON_GROUND: "ground",
+}
+"""The state that a report is about, where that may flap."""
+
+TEXT_KIND = "text"
+"""The kind of reports that quote texts of the autopilot."""
+
+
+class ReportLimit:
+    """Decides which of many reports of one kind are shown to the user, and counts those that are left out.
+
+    Only texts whose meaning is not known are quoted, and limited. A fault that the program knows, such as a failed
+    motor, is always reported.
+    """
+
+    def __init__(self) -> None:
+        """Begins without a report."""
+        # When the latest reports of each kind were shown, s of the monotonic clock.
+        self._report_times: dict[str, deque[float]] = defaultdict(
+            lambda: deque(maxlen=MAX_REPORTS_OF_KIND)
+        )
+        # How many were left out since the last report of that, and when the first of them was, s of that clock.
+        self._left_out_count = 0
+        self._left_out_time = 0.0
+
+    def admits(self, fact: Fact, now: float) -> bool:
+        """Returns whether a fact is to be reported; one that is not is counted, for a later report.
+
+        A fact is left out if ``MAX_REPORTS_OF_KIND`` others of its kind were reported in the last ``REPEAT_SECONDS``.
+
+        Args:
+            fact: a fact (coded finding) of the session, such as an alarm whose reason is a text.
+            now: present time, s of the monotonic clock.
+        """
+        kind = _kind_of(fact)
+        if kind is None:
+            return True
+        report_times = self._report_times[kind]
+        is_full = len(report_times) == MAX_REPORTS_OF_KIND
+        if not is_full or now - report_times[0] >= REPEAT_SECONDS:
+            report_times.append(now)
+            return True
+        if self._left_out_count == 0:
+            self._left_out_time = now
+        self._left_out_count += 1
+        return False
+
+    def pop_left_out(self, now: float) -> Fact | None:
+        """Returns the fact how many reports were left out, once in ``REPEAT_SECONDS``; None if it is not due.
+
+        Args:
+            now: present time, s of the monotonic clock.
+        """
+        duration = now - self._left_out_time
+        if self._left_out_count == 0 or duration < REPEAT_SECONDS:
+            return None
+        fact = Fact(SessionFact.REPORTS_LEFT_OUT, count=self._left_out_count, duration=duration)
+        self._left_out_count = 0
+        return fact
+
+
+def _kind_of(fact: Fact) -> str | None:
+    """Returns the kind of a report whose number is limited; None for one that is always reported.
+
+    Args:
+        fact: the report; a text may also be the reason of an alarm.
+    """
+    reason = fact.figures.get("reason")
+    quoted_fact = reason if fact.code is SessionFact.ALARM and reason is not None else fact
+    if quoted_fact.code is ReportedEvent.AUTOPILOT_SAID:
+        return TEXT_KIND
+    if fact.is_watch_or_bad:
+        # A failsafe may be the cause of a mode.
+        return None
+    return KIND_OF_STATE.get(fact.code)
