@@ -79,12 +79,14 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     # How a flight was lost comes before all other events.
     ending = [] if evidence.ending is None else [evidence.ending]
     bad_events = [fact for fact in (*ending, *evidence.events) if fact.is_bad]
-    urgent_warnings = _urgent_warnings(evidence)
     # If the log ends in the air, it is not known whether the vehicle was lost, so facts that are certain come first.
-    open_ends = [fact for fact in urgent_warnings if fact.code is MotionEvent.LOG_ENDED_IN_AIR]
-    urgent_warnings = [
-        fact for fact in urgent_warnings if fact.code is not MotionEvent.LOG_ENDED_IN_AIR
-    ]
+    open_ends: list[Fact] = []
+    urgent_warnings: list[Fact] = []
+    for warning in _urgent_warnings(evidence):
+        if warning.code is MotionEvent.LOG_ENDED_IN_AIR:
+            open_ends.append(warning)
+        else:
+            urgent_warnings.append(warning)
     bad_lights = [fact for fact in (*vehicle_lights, *other_lights) if fact.is_bad]
     # A battery or an estimator that is bad is the reason for a failsafe.
     reasons = [lights[name] for name in (Light.POWER, Light.ESTIMATOR) if lights[name].is_bad]

@@ -149,7 +149,7 @@ def _events_of_boot(
     """
     flights = flights_in_boot(signals, recorded_span.boot)
     # Faults shortly before arming and after disarming belong to the flight too.
-    around_armed = [
+    intervals_around_armed = [
         (start - AVERAGING_SECONDS, end + AVERAGING_SECONDS)
         for start, end in armed_intervals(signals, recorded_span.boot)
     ]
@@ -165,7 +165,7 @@ def _events_of_boot(
             fact = fact.replace(cause=trigger)
         # A restart in flight is bad even if the motors are off after it.
         is_restart = fact.code is ReportedEvent.RESTARTED_IN_FLIGHT
-        if fact.is_bad and not is_restart and not in_intervals(time, around_armed):
+        if fact.is_bad and not is_restart and not in_intervals(time, intervals_around_armed):
             fact = fact.replace(Level.WATCH)
         yield fact.replace(height=_height_at(signals, recorded_span.boot, flights, time))
 

@@ -111,9 +111,9 @@ class Scaling:
             for inputs, outputs in record.segments
         ]
 
-    def physical_outputs(self, scaled: Array) -> Array:
+    def physical_outputs(self, scaled_outputs: Array) -> Array:
         """Converts outputs (…, m) in the engine's units to rad and rad/s."""
-        return self.output_trim + self.output_scale * scaled
+        return self.output_trim + self.output_scale * scaled_outputs
 
     def state_scale(self, order: int) -> Array:
         """Returns the physical size of the engine's unit of each of n = ``order`` states, (n,).

@@ -114,7 +114,37 @@ def messages_of_topics(topics: Topics, parameters: Parameters) -> TranslatedTopi
     }
     for name, rule in TRANSLATION_RULES.items():
         candidates[name] = rule["topics"][0], _message_with_boot(renamed_message, topics, name)
-    makers: dict[str, tuple[str, Callable[[Topics], Fields]]] = {
+    for name, (topic, maker) in _message_makers(topics).items():
+        candidates[name] = topic, _message_with_boot(maker, topics)
+    for name in UNTRANSLATED_TOPICS:
+        candidates[name] = name, _message_with_boot(untranslated_topic, topics, name)
+    for sensor, sample_topic in SAMPLE_TOPICS.items():
+        topic = sample_topic.fifo if sample_topic.fifo in topics else "sensor_combined"
+        candidates[f"{sensor}_BEFORE"] = (
+            topic,
+            _message_with_boot(sensor_samples, topics, sample_topic),
+        )
+    messages: dict[str, Columns] = {}
+    topic_names = {}
+    for name, (topic, columns) in candidates.items():
+        topic_names[name] = topic
+        if columns:
+            messages[name] = columns
+    if FLIGHT_MESSAGES.isdisjoint(messages):
+        messages = {}
+    return TranslatedTopics(vehicle, messages, topic_names)
+
+
+def _message_makers(topics: Topics) -> dict[str, tuple[str, Callable[[Topics], Fields]]]:
+    """Returns the functions that make one message each of the topics alone, with the topic that a report names.
+
+    Args:
+        topics: Columns of the logged topics, by name and number of the instance.
+
+    Returns:
+        Name of the topic, and function, by name of the message.
+    """
+    return {
         "SERVO_OUTPUT_RAW": ("actuator_outputs", servo_output_raw),
         "ACTUATOR_CONTROL_TARGET": (_demand_topic(topics), actuator_control_target),
         "EXTENDED_SYS_STATE": ("vehicle_land_detected", extended_sys_state),
@@ -137,25 +167,6 @@ def messages_of_topics(topics: Topics, parameters: Parameters) -> TranslatedTopi
         "HIGHRES_IMU": ("vehicle_acceleration", highres_imu),
         **further_sensors(),
     }
-    for name, (topic, maker) in makers.items():
-        candidates[name] = topic, _message_with_boot(maker, topics)
-    for name in UNTRANSLATED_TOPICS:
-        candidates[name] = name, _message_with_boot(untranslated_topic, topics, name)
-    for sensor, sample_topic in SAMPLE_TOPICS.items():
-        topic = sample_topic.fifo if sample_topic.fifo in topics else "sensor_combined"
-        candidates[f"{sensor}_BEFORE"] = (
-            topic,
-            _message_with_boot(sensor_samples, topics, sample_topic),
-        )
-    messages: dict[str, Columns] = {}
-    topic_names = {}
-    for name, (topic, columns) in candidates.items():
-        topic_names[name] = topic
-        if columns:
-            messages[name] = columns
-    if FLIGHT_MESSAGES.isdisjoint(messages):
-        messages = {}
-    return TranslatedTopics(vehicle, messages, topic_names)
 
 
 def _message_with_boot(maker: Callable[..., Fields], *arguments: Any) -> Fields:

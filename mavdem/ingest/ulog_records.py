@@ -215,12 +215,7 @@ class _RecordScan:
             if fit is Fit.UNKNOWN and not self._is_whole_unknown_record(offset, section_end):
                 fit = Fit.DAMAGED
             if fit is Fit.SOUND:
-                if header.record_type in (FORMAT, SUBSCRIPTION):
-                    self.definitions.add(offset)
-                if header.record_type == SUBSCRIPTION:
-                    # What looked like nothing before may now be a record of this subscription.
-                    self._data_runs.discard_search()
-                offsets.append(offset)
+                self._add_sound_record(offset, header.record_type)
                 offset = record_end
                 continue
             omitted_bytes = slice(offset, record_end)
@@ -237,6 +232,20 @@ class _RecordScan:
         if offset > section_end and len(offsets) > records_before_run:
             # The last record is cut off.
             offsets.pop()
+
+    def _add_sound_record(self, offset: int, record_type: int) -> None:
+        """Adds a sound record to ``offsets``, and the definition or subscription in it to ``definitions``.
+
+        Args:
+            offset: Offset of the record in the file.
+            record_type: Letter of its type.
+        """
+        if record_type in (FORMAT, SUBSCRIPTION):
+            self.definitions.add(offset)
+        if record_type == SUBSCRIPTION:
+            # Bytes that belonged to no known subscription may now be a record of this one.
+            self._data_runs.discard_search()
+        self.offsets.append(offset)
 
     def _add_run(self, offset: int, section_end: int, record_type: int) -> int | None:
         """Adds a run of sound records of one type, without a gap between them, which is faster than one by one.

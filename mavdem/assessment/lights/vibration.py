@@ -99,6 +99,7 @@ def vibration_light(evidence: Evidence) -> Fact:
         clips=clips,
         is_settled=bool(settled_segments),
     )
+    # One level per IMU: along the axis that vibrates most.
     levels_of_imus = vibration.largest_of_axes(mean_levels).tolist()
     if len(levels_of_imus) > 1:
         fact = fact.replace(imu_levels=levels_of_imus)

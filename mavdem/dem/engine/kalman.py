@@ -333,8 +333,8 @@ class KalmanFilter(NamedTuple):
         rows = self.gain_rows(samples)
         states = np.empty((*measurements.shape[:-2], samples + 1, len(self.A)))
         states[..., 0, :] = initial_state
-        # With L = A − K C the filter is x̂⁺ = L x̂ + g + K y. L is transposed, since states are rows here. There is one L
-        # for each gain.
+        # With L = A − K C the filter is x̂⁺ = L x̂ + g + K y. Each gain has its own L. States are rows here, so that L is
+        # transposed.
         L_transposed = (self.A - self.gains @ self.C).mT
         # Letters of einsum: sample t, output m, state n.
         driving_terms = forcing + np.einsum("...tm,tnm->...tn", measurements, self.gains[rows])

@@ -28,7 +28,7 @@ A choice: rounding of a float is 2e-16, and the computations here lose up to six
 
 
 def solve(matrix: Array, right_hand_side: Array) -> Array:
-    """Solves matrix · X = right for a symmetric positive definite matrix, by Cholesky's factorization.
+    """Solves matrix · X = right_hand_side for a symmetric positive definite matrix, by Cholesky's factorization.
 
     Args:
         matrix: (k, k) symmetric positive definite.

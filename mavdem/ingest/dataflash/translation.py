@@ -243,6 +243,23 @@ def mavlink_messages(
     messages[INSTANCES_MESSAGE] = _estimator_instances(estimates, messages["EKF_STATUS_REPORT"])
     messages["HEARTBEAT"] = NamedMessage("EV", armed_states)
     messages["EXTENDED_SYS_STATE"] = NamedMessage("EV", landed_states)
+    return _translated_messages(messages, estimates, unit_repairs + demand_repairs)
+
+
+def _translated_messages(
+    messages: Mapping[str, NamedMessage], estimates: FlownEstimates, repairs: Facts
+) -> TranslatedMessages:
+    """Collects the messages that have rows, and what the log calls each.
+
+    Args:
+        messages: All messages that a log can have, by their names in MAVLink; those that were not logged are empty.
+        estimates: Messages of the estimator core that was used in flight, with the names of other cores.
+        repairs: Facts that report where units were converted.
+
+    Returns:
+        The messages with rows; what the log calls each, also of those without; and the facts, with one more if another
+        core of the estimator was read.
+    """
     columns_of_messages = {}
     source_names = {}
     for name, message_of_log in messages.items():
@@ -254,9 +271,7 @@ def mavlink_messages(
     core_repairs = repair_facts(
         Repair.OTHER_CORE_READ, count=len(other_cores), names=sorted(other_cores)
     )
-    return TranslatedMessages(
-        columns_of_messages, source_names, (*unit_repairs, *demand_repairs, *core_repairs)
-    )
+    return TranslatedMessages(columns_of_messages, source_names, repairs + core_repairs)
 
 
 def _renamed_message(estimates: FlownEstimates, message: str) -> NamedMessage:

@@ -148,12 +148,12 @@ def merged_channels(channels: Sequence[ChannelFrames]) -> ChannelFrames:
     order = np.argsort(message_numbers, kind="stable")
     frames = frames[order]
     # NumPy's views of the memory: slicing them is cheaper than slicing arrays.
-    contents = [channel.data.data for channel in channels]
+    bytes_of_channels = [channel.data.data for channel in channels]
     merged_data = bytearray()
     for channel_number, start, end in zip(
         channel_of_frame[order].tolist(), frames.start.tolist(), frames.end.tolist(), strict=True
     ):
-        merged_data += contents[channel_number][start:end]
+        merged_data += bytes_of_channels[channel_number][start:end]
     new_ends = np.cumsum(frames.size, dtype=np.int64)
     frames = replace(frames, start=new_ends - frames.size)
     return ChannelFrames(

@@ -102,13 +102,7 @@ def write_series(
             time.
         chunk_bytes: A chunk ends with the message that makes it larger than this, bytes.
     """
-    schemas = []
-    channels = []
-    for number, (topic, (_, columns)) in enumerate(series.items(), 1):
-        schema = object_schema({name: {"type": "number"} for name in columns})
-        name = topic.replace("/", ".")
-        schemas.append(Schema(number, json.dumps(schema).encode(), "jsonschema", name))
-        channels.append(Channel(number, topic, "json", {}, number))
+    schemas, channels = _schemas_and_channels(series)
     definitions = b""
     for schema_record, channel_record in zip(schemas, channels, strict=True):
         definitions += _record_bytes(schema_record) + _record_bytes(channel_record)
@@ -145,6 +139,25 @@ def write_series(
         Opcode.METADATA_INDEX: [],
     }
     file.write(_summary_section(groups, offset + len(data_end)) + MAGIC)
+
+
+def _schemas_and_channels(series: Mapping[str, Series]) -> tuple[list[Schema], list[Channel]]:
+    """Defines a JSON schema and a channel for each topic; both are numbered from 1.
+
+    Args:
+        series: Times and columns by topic.
+
+    Returns:
+        The schemas, whose objects have a number for each column, and the channels, in the order of the topics.
+    """
+    schemas = []
+    channels = []
+    for number, (topic, (_, columns)) in enumerate(series.items(), 1):
+        schema = object_schema({name: {"type": "number"} for name in columns})
+        name = topic.replace("/", ".")
+        schemas.append(Schema(number, json.dumps(schema).encode(), "jsonschema", name))
+        channels.append(Channel(number, topic, "json", {}, number))
+    return schemas, channels
 
 
 def _encoded_messages(series: Mapping[str, Series]) -> Messages:
