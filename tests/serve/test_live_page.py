@@ -98,7 +98,7 @@ def tab(tmp_path, browser, session):
 READ = """(() => {
   const { groups, setCursor, zoom } = document.documentElement.charts;
   window.isSamePage = true;
-  document.querySelector("#prediction-of-roll-in-flight-and-the-link details").open = true;
+  document.querySelector("#prediction-of-roll-and-the-link details").open = true;
   document.querySelector("[data-light=power]").focus();
   zoom(groups.flight, 101, 103);
   return new Promise(drawn => setTimeout(() => {
@@ -112,7 +112,7 @@ PLACE = """(flight => ({
   scroll: scrollY,
   span: flight.span,
   light: document.activeElement.dataset.light,
-  isOpen: document.querySelector("#prediction-of-roll-in-flight-and-the-link details").open,
+  isOpen: document.querySelector("#prediction-of-roll-and-the-link details").open,
   cursor: Math.round(10 * flight.charts[0].posToVal(flight.charts[0].cursor.left, "x")) / 10,
 }))(document.documentElement.charts.groups.flight)"""
 LAST_TIME = f"{FLIGHT}.charts.at(-1).data_.columns.at(-1)"

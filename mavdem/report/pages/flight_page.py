@@ -888,7 +888,7 @@ def _live_chapters(
         chapters.append(Chapter(GAINS_TITLE, gain_sentences))
     learned_seconds = 0.0 if learned is None else len(learned.record) * learned.dt
     report = live_report(history, status, seconds_by_use, axis, learned_seconds)
-    title = f"Prediction of {axis} in flight, and the link"
+    title = f"Prediction of {axis}, and the link"
     chapters.append(Chapter(title, report, folded=True))
     if learned is not None:
         findings = status.findings or model_findings(learned, alarms=status.motor_alarms_of_flight)

@@ -36,7 +36,7 @@ from mavdem.report.why import evidence_text, new_evidence_text
 MAX_BRIEF_EVENTS = 4
 """Events that a page shows at first: a choice, so that the list takes less room than the charts."""
 
-MAX_NEWEST_EVENTS = 5
+MAX_NEWEST_EVENTS = 4
 """Events that the page of a session that goes on shows at first: a choice, so that a telephone shows the plots soon."""
 
 _WORD = re.compile("[a-z0-9]+")
