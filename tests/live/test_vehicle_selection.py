@@ -10,7 +10,10 @@ from mavdem.facts.session import RowsFact, VehicleFact
 from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE_COMPONENT
 from mavdem.ingest.motors import PositionSource
 
-TWO = by_time(*(Flight(system=system).frames(end=14.0) for system in (1, 4)))
+
+def frames_of_two_vehicles():
+    """The beginning of the same flight of two vehicles, with the system ids 1 and 4."""
+    return by_time(*(Flight(system=system).frames(end=14.0) for system in (1, 4)))
 
 
 def only_heartbeats(system=1):
@@ -86,7 +89,7 @@ def test_of_several_none_is_guessed_and_all_are_listed():
     mute = by_time(only_heartbeats(), only_heartbeats(system=4))
     missing = replay(only_heartbeats(), vehicle="7").stream.status().no_model_reason
     assert missing == Fact(VehicleFact.NO_VEHICLE_YET, subject="7")
-    replayed = replay(TWO)
+    replayed = replay(frames_of_two_vehicles())
     assert not replayed.rows and replayed.stream.status().vehicle is None
     (fact,) = replayed.facts
     assert fact.code is VehicleFact.VEHICLES_FOUND and fact.figures["name"] == "1:1"
@@ -99,7 +102,7 @@ def test_of_several_none_is_guessed_and_all_are_listed():
 
 @mark.slow
 def test_the_one_that_is_named_is_followed():
-    replayed = replay(TWO, vehicle="4")
+    replayed = replay(frames_of_two_vehicles(), vehicle="4")
     assert replayed.stream.status().vehicle == "4:1"
     assert replayed.rows and {VehicleFact.OTHER_VEHICLE, RowsFact.ROWS_BEGIN} <= {*replayed.codes}
 

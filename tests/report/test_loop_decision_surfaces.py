@@ -181,7 +181,24 @@ def analysed():
 
 
 @fixture(scope="module")
-def assessments(analysed):
+def searches_once():
+    """Gains are searched once for the same loop and doubts: a search takes seconds."""
+    searches = {}
+
+    def advise_once(loop, margins="default", doubts=(), *, raises_sound_gains=False):
+        key = (loop, margins, tuple(doubts), raises_sound_gains)
+        if key not in searches:
+            searches[key] = advise(loop, margins, doubts, raises_sound_gains=raises_sound_gains)
+        return searches[key]
+
+    with MonkeyPatch.context() as patch:
+        for module in ("loop_decision", "tuning"):
+            patch.setattr(f"mavdem.assessment.axis.{module}.advise", advise_once)
+        yield
+
+
+@fixture(scope="module")
+def assessments(analysed, searches_once):
     """The assessments of all flights, by what they show."""
     evidence, analysis = analysed
     sound_pitch = loop("pitch", 1.0)
@@ -230,22 +247,6 @@ def assessments(analysed):
 
 
 @fixture(scope="module")
-def searches_once():
-    """Gains are searched once for the same loop and doubts: a search takes seconds."""
-    searches = {}
-
-    def advise_once(loop, margins, doubts=(), *, raises_sound_gains=False):
-        key = (loop, margins, bool(doubts), raises_sound_gains)
-        if doubts or key not in searches:
-            searches[key] = advise(loop, margins, doubts, raises_sound_gains=raises_sound_gains)
-        return searches[key]
-
-    with MonkeyPatch.context() as patch:
-        patch.setattr("mavdem.assessment.axis.tuning.advise", advise_once)
-        yield
-
-
-@fixture(scope="module")
 def without_pictures():
     """Pages have no pictures of open loops, which take a third of their time and are not searched for advice."""
     with MonkeyPatch.context() as patch:
@@ -255,7 +256,7 @@ def without_pictures():
 
 
 @fixture(scope="module")
-def tunings(assessments, searches_once):
+def tunings(assessments):
     """The tuning of roll and pitch of each flight; why there is none where no loop is known."""
     tunings_by_name = {}
     for name, assessment in assessments.items():
