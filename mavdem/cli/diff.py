@@ -30,7 +30,7 @@ from mavdem.report.difference.changes import (
     detail_sentences,
     undetected_change_table,
 )
-from mavdem.report.difference.conditions import condition_sentence
+from mavdem.report.difference.conditions import condition_sentence, condition_table
 from mavdem.report.difference.headline import headline_blocks, headline_of_comparison
 from mavdem.report.difference.identity import identity_cautions
 from mavdem.report.difference.motors import motor_table
@@ -233,7 +233,11 @@ def _print_comparison(
         *parameter_sentences(reviewed, headline),
         *undetected_change_table(reviewed.difference),
     ]
-    details = [*detail_sentences(reviewed), *headline_blocks(headlines, headline)]
+    details = [
+        *condition_table(reviewed),
+        *detail_sentences(reviewed),
+        *headline_blocks(headlines, headline),
+    ]
     footer = [sentence for sentence in headline if sentence not in cautions]
     print_screen(title, summary, details, [*footer, *last_sentences], verbose=verbose)
 

@@ -10,7 +10,7 @@ nothing changed, ``SIGNIFICANCE`` bounds the probability that any is called so (
 """
 
 from collections.abc import Collection, Sequence
-from math import exp, expm1, hypot, inf, log1p, sqrt
+from math import exp, expm1, hypot, inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -114,11 +114,14 @@ class QuantityChange(NamedTuple):
     after: float
     """Mean of the second state, likewise."""
 
-    difference: float
-    """Second state less first; relative for ``LOGARITHMIC_KINDS``."""
+    tested_difference: float
+    """Second state less first; for ``LOGARITHMIC_KINDS`` the logarithm of the ratio of second to first.
 
-    half_width: float
-    """Half width of the 90 % interval of the difference; for ``LOGARITHMIC_KINDS`` linearized, see ``interval``."""
+    The logarithm has the same size whichever of the two states is called the first.
+    """
+
+    tested_half_width: float
+    """Half width of the 90 % interval of ``tested_difference``."""
 
     p: float
     """Probability of a difference as large if nothing changed (two-sided p-value)."""
@@ -133,17 +136,16 @@ class QuantityChange(NamedTuple):
     """Degrees of freedom of the standard deviation that the interval is made of."""
 
     @property
-    def tested_difference(self) -> float:
-        """The difference as it is tested: the logarithm of the ratio for ``LOGARITHMIC_KINDS``, or else as it is.
-
-        The logarithm has the same size whichever of the two states is called the first.
-        """
-        return log1p(self.difference) if self._is_ratio else self.difference
+    def difference(self) -> float:
+        """Second state less first; relative for ``LOGARITHMIC_KINDS``."""
+        return expm1(self.tested_difference) if self._is_ratio else self.tested_difference
 
     @property
-    def tested_half_width(self) -> float:
-        """Half width of the 90 % interval of ``tested_difference``."""
-        return self.half_width / (1 + self.difference) if self._is_ratio else self.half_width
+    def half_width(self) -> float:
+        """Half width of the 90 % interval of the difference; for ``LOGARITHMIC_KINDS`` linearized, see ``interval``."""
+        if self._is_ratio:
+            return exp(self.tested_difference) * self.tested_half_width
+        return self.tested_half_width
 
     @property
     def interval(self) -> Interval:
@@ -283,27 +285,18 @@ def quantity_change(
     difference = mean_after - mean_before
     # Two-sided probability of such a difference if nothing changed.
     p_value = float(2 * scipy.special.stdtr(freedom, -abs(difference) / sd))
-    if quantity.kind not in LOGARITHMIC_KINDS:
-        return QuantityChange(
-            quantity,
-            before=mean_before,
-            after=mean_after,
-            difference=difference,
-            half_width=half_width,
-            p=p_value,
-            allowance=allowance,
-            freedom=freedom,
-        )
-    # The difference of logarithms is the logarithm of the ratio; its interval is linearized at the estimate.
-    ratio = exp(difference)
-    # A motor's value is its ratio to the median motor, shown as its deviation from 1. The mean effect is shown itself.
-    reference = 1.0 if quantity.is_of_motor else 0.0
+    if quantity.kind in LOGARITHMIC_KINDS:
+        # A motor's value is its ratio to the median motor, shown as its deviation from 1. The mean effect is shown
+        # itself.
+        reference = 1.0 if quantity.is_of_motor else 0.0
+        mean_before = exp(mean_before) - reference
+        mean_after = exp(mean_after) - reference
     return QuantityChange(
         quantity,
-        before=exp(mean_before) - reference,
-        after=exp(mean_after) - reference,
-        difference=ratio - 1,
-        half_width=ratio * half_width,
+        before=mean_before,
+        after=mean_after,
+        tested_difference=difference,
+        tested_half_width=half_width,
         p=p_value,
         allowance=allowance,
         freedom=freedom,

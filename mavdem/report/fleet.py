@@ -52,8 +52,9 @@ NOT_USED = "not used"
 MAX_URGENT_RANK = 2
 """Ranks of :func:`urgency` below this one need a look: a fault, a bad headline, or a drift."""
 
-BAD_HEADLINE_RANK = 1.5
-"""Rank of a vehicle whose latest flight has a bad headline: after a drift, which has 1, before healthy motors."""
+BAD_HEADLINE_RANK = 0.5
+"""Rank of a vehicle whose latest flight has a bad headline, such as a crash: after a fault, which has 0, before a
+drift, which has 1."""
 
 
 def light_level(flight: AxisRows, light: Light) -> Level:
@@ -258,8 +259,8 @@ def urgency(flights: Flights) -> Urgency:
     """Returns the key by which vehicles are sorted, so that a list begins with the one that needs attention most.
 
     Vehicles are ranked by the health of their motors, the worst first. A vehicle whose latest flight has a bad headline
-    ranks at least directly after those with drifting motors. Of vehicles with the same rank the one with the latest
-    flight comes first.
+    ranks at least directly after those with a fault of the motors, and one with a headline that is to be watched
+    directly after those that need a look. Of vehicles with the same rank the one with the latest flight comes first.
 
     Args:
         flights: flights of the vehicle in order of date, at least one.
@@ -269,6 +270,10 @@ def urgency(flights: Flights) -> Urgency:
     """
     # ``HEALTHS`` begins with the worst health.
     rank: float = HEALTHS.index(MotorHealth(vehicle_health(flights)))
+    if rank >= MAX_URGENT_RANK:
+        # A headline that is to be watched has the first rank of those that need no look.
+        is_watched = log_row(flights[-1]).headline_level == Level.WATCH
+        rank = MAX_URGENT_RANK if is_watched else rank + 1
     if bad_headline(flights):
         rank = min(rank, BAD_HEADLINE_RANK)
     latest_date = log_row(flights[-1]).past_date

@@ -79,18 +79,18 @@ Estimates = dict[str, Array]
 """Estimates and half widths of their intervals (flights, 2) by name of the line; NaN where not known."""
 
 
-def vehicle_group(flights: Sequence[AxisRows], addresses: Sequence[str] = ()) -> Group | None:
+def vehicle_groups(flights: Sequence[AxisRows], addresses: Sequence[str] = ()) -> list[Group]:
     """Returns charts that show how the motors and other figures of one vehicle changed from flight to flight.
 
     Each quantity has a chart of estimates with 90 % intervals, over the number of the flight. Flights with a fault or a
-    drift of the motors are marked in all charts.
+    drift of the motors are marked in all charts. The chart of the motors, by which they are judged, has its own row.
 
     Args:
         flights: rows of each flight in the fleet's table, one for each axis, in order of time; at least two flights.
         addresses: address of the page of each flight, which a click opens; empty for a flight without a page.
 
     Returns:
-        The charts; None if no quantity is known.
+        The charts in groups, the last of which has a caption; empty if no quantity is known.
     """
     if len(flights) > MAX_DATED_FLIGHTS:
         # Each chart has a copy of them, as of the dates.
@@ -111,13 +111,17 @@ def vehicle_group(flights: Sequence[AxisRows], addresses: Sequence[str] = ()) ->
             levels = (0.0,) if title in TITLES_OF_DEVIATIONS else ()
             charts.append(Chart(title, flight_axis, Axis(""), lines, levels, marks=tuple(marks)))
     if not charts:
-        return None
+        return []
     caption = FLIGHTS_CAPTION
     if any(addresses):
         caption += CLICK_CAPTION
     if any(chart.title == ERROR_RATIO_TITLE for chart in charts):
         caption += ERROR_RATIO_CAPTION
-    return Group.side_by_side(charts, caption)
+    motor_charts = [chart for chart in charts if chart.title in TITLES_OF_DEVIATIONS]
+    other_charts = [chart for chart in charts if chart not in motor_charts]
+    if not motor_charts or not other_charts:
+        return [Group.side_by_side(charts, caption)]
+    return [Group.side_by_side(motor_charts), Group.side_by_side(other_charts, caption)]
 
 
 def _known_flight_count(estimates: Estimates) -> int:
@@ -203,7 +207,8 @@ def _charted_quantities(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Esti
 
     The first chart has the deviation of each motor's output from the mean of all, as it would be without lean, so that
     flights in different winds can be compared. If the positions of the motors are not known in any flight, it has the
-    deviations as they were. Charts of the vibration follow, and of ``AXIS_QUANTITIES`` with a line for each axis.
+    deviations as they were. Charts of the vibration, the battery and the motors' load follow, and of
+    ``AXIS_QUANTITIES`` with a line for each axis.
 
     Args:
         flights: rows of the vehicle's flights, one for each axis, in the order of date.
@@ -217,6 +222,13 @@ def _charted_quantities(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Esti
     # Some firmware has a single level in the place of three components.
     (level,) = _estimates_of_column(flights, "vibration", 1)
     yield "Vibration level, first IMU (m/s²)", {"level": level}
+    # How far the voltage falls in a flight shows how the battery ages.
+    (voltage_at_start,) = _estimates_of_column(flights, "voltage_start", 1)
+    (voltage_at_end,) = _estimates_of_column(flights, "voltage_end", 1)
+    yield "Battery (V)", {"start": voltage_at_start, "end": voltage_at_end}
+    (mean_output,) = _estimates_of_column(flights, "collective", 1)
+    yield "Mean motor output (%)", {"output": PERCENT * mean_output}
+    yield "Least headroom of a motor (%)", {"headroom": PERCENT * _least_headrooms(flights)}
     # The units of the models' inputs, such as the outputs of the motors or the demand of the controller.
     input_units = set[str]()
     for flight in flights:
@@ -229,6 +241,23 @@ def _charted_quantities(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Esti
                 yield title, _estimates_by_axis(flights, quantity, unit)
         else:
             yield quantity.title, _estimates_by_axis(flights, quantity)
+
+
+def _least_headrooms(flights: Sequence[AxisRows]) -> Array:
+    """Returns the headroom of the motor that has least of it in hover, as a fraction of the range, in each flight.
+
+    Args:
+        flights: rows of the vehicle's flights, one for each axis, in the order of date.
+
+    Returns:
+        (flights, 2) headroom, and NaN since its interval is not known; NaN where it is not known.
+    """
+    headrooms = np.full((len(flights), 2), np.nan)
+    for number, flight in enumerate(flights):
+        known_headrooms = [value for value in log_row(flight).headroom or () if value is not None]
+        if known_headrooms:
+            headrooms[number, 0] = min(known_headrooms)
+    return headrooms
 
 
 def _motor_deviations(flights: Sequence[AxisRows]) -> tuple[str, Estimates]:

@@ -18,7 +18,7 @@ from mavdem.fleet.row import UNKNOWN, FlightRows
 from mavdem.report.blocks import Block, Rated, Sentence, Table
 from mavdem.report.charts.chart import Plan
 from mavdem.report.charts.plans import MIN_ROSE_FLIGHTS, dots_of_flights, rose_of_flights
-from mavdem.report.charts.vehicle_charts import vehicle_group
+from mavdem.report.charts.vehicle_charts import vehicle_groups
 from mavdem.report.fleet import (
     ANOMALOUS_HEALTHS,
     MAX_URGENT_RANK,
@@ -55,8 +55,16 @@ MAX_COLUMNS = 60
 MIN_CALENDAR_DAYS = 2
 """Days over which flights must be spread for that picture."""
 
-CALENDAR_STEPS = (1, 7, 28, 91, 364, 3640, 36400)
-"""Days of a column of that picture: a day, a week and so on."""
+CALENDAR_STEPS = {
+    1: "a day",
+    7: "a week",
+    28: "four weeks",
+    91: "a quarter of a year",
+    364: "a year",
+    3640: "ten years",
+    36400: "a hundred years",
+}
+"""Days of a column of that picture, in ascending order, with their names."""
 
 LEVEL_MARKS = {Level.BAD: "■", Level.WATCH: "▲", Level.GOOD: "●", Level.UNKNOWN: "○"}
 """Mark of each level, which tells levels apart without their colours, the worst first."""
@@ -153,11 +161,11 @@ def vehicle_charts(rows: FlightRows) -> str:
         HTML; empty if there is nothing to draw.
     """
     flights = group_into_flights(row for row in rows if row.has_flight)
-    charts = vehicle_group(flights, [flight_line(flight).link for flight in flights])
-    if charts is None:
+    groups = vehicle_groups(flights, [flight_line(flight).link for flight in flights])
+    if not groups:
         return ""
     macros = environment().get_template("pictures.html").module
-    return str(macros.shown([charts], MAX_POINTS_OF_VEHICLE))  # type: ignore[attr-defined]
+    return str(macros.shown(groups, MAX_POINTS_OF_VEHICLE))  # type: ignore[attr-defined]
 
 
 def _newest_first(summaries: Sequence[VehicleSummary]) -> list[FlightLine]:
@@ -228,6 +236,11 @@ class Calendar(NamedTuple):
 
     most: int
     """Largest number of flights in a column."""
+
+    @property
+    def bar_words(self) -> str:
+        """How long a time each column is of, such as "a week"."""
+        return CALENDAR_STEPS[self.days]
 
 
 class LightCounts(NamedTuple):
@@ -479,7 +492,7 @@ def _bar_count(vehicles: Mapping[str, VehicleFlights]) -> int:
 def _flight_calendar(lines: Sequence[FlightLine]) -> Calendar | None:
     """Counts the flights of a fleet over time, for a bar chart with at most ``MAX_COLUMNS`` columns.
 
-    A column is a day, a week or four weeks: the shortest of these with which the chart has not too many columns. It has
+    A column is one of ``CALENDAR_STEPS``: the shortest of these with which the chart has not too many columns. It has
     the number of flights with each level, which is the judgement of the motors.
 
     Args:

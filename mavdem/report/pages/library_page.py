@@ -29,7 +29,7 @@ from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS
 from mavdem.report.blocks import Block
 from mavdem.report.charts.chart import MAX_POINTS_OF_SMALL_PAGE, Group
 from mavdem.report.charts.timeline import history_timeline
-from mavdem.report.charts.vehicle_charts import vehicle_group
+from mavdem.report.charts.vehicle_charts import vehicle_groups
 from mavdem.report.fleet import (
     HEALTH_LEVELS,
     motors_level,
@@ -329,16 +329,14 @@ def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values
         texts = vehicle_texts(flights)
         summary = texts.all_flights
         next_step = texts.next_step
-    groups = []
+    groups: list[Group] = []
     if len(flights) > 1:
         ids = {entry.content_hash: entry.id for entry in values.get("entries", ())}
         addresses = []
         for flight in flights:
             flight_id = ids.get(content_hash(log_row(flight).key))
             addresses.append("" if flight_id is None else f"/f/{flight_id}")
-        charts = vehicle_group(flights, addresses)
-        if charts is not None:
-            groups.append(charts)
+        groups = vehicle_groups(flights, addresses)
     return render_server_page(
         "vehicle",
         words=summary,

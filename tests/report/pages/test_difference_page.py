@@ -184,7 +184,9 @@ def test_still_air_comes_from_nowhere():
 
 def test_a_change_that_has_no_room_in_the_drawing_is_an_arrow_at_its_edge(difference):
     (largest, *_) = sorted(difference.changes, key=lambda change: -abs(change.difference))
-    far = difference._replace(changes=(largest._replace(difference=5.0, half_width=0.01),))
+    far = difference._replace(
+        changes=(largest._replace(tested_difference=5.0, tested_half_width=0.01),)
+    )
     plan = change_plan(far)
     assert plan.svg.count('d="M-11 -6') == 1 and "<rect class" not in plan.svg
     assert 'd="M-11 -6' not in change_plan(difference).svg
@@ -390,7 +392,7 @@ def test_a_step_response_of_one_flight_alone_says_why_the_other_has_none(differe
 def test_a_motor_that_perhaps_became_weaker_is_inspected_before_the_next_flight(difference):
     (share, *_) = [change for change in difference.changes if change.quantity.kind == SHARE]
     doubtful = share._replace(
-        difference=0.08, half_width=0.06, outcome=QuantityOutcome.UNCERTAIN, p=0.047
+        tested_difference=0.08, tested_half_width=0.06, outcome=QuantityOutcome.UNCERTAIN, p=0.047
     )
     (step,) = next_blocks(reviewed_difference(difference._replace(changes=(doubtful,))))
     assert step.text.startswith(f"Inspect motor {share.quantity.motor} and its propeller. Then fly")

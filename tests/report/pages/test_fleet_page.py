@@ -18,7 +18,7 @@ from mavdem.fleet.flights import group_into_flights
 from mavdem.fleet.row import FlightRow
 from mavdem.report.blocks import Sentence
 from mavdem.report.charts.chart import LineStyle
-from mavdem.report.charts.vehicle_charts import vehicle_group
+from mavdem.report.charts.vehicle_charts import vehicle_groups
 from mavdem.report.pages import fleet_page as page_of_fleet
 from mavdem.report.palette import BAD
 from mavdem.report.vehicle_summary import vehicle_summaries
@@ -139,8 +139,32 @@ def test_what_changed_since_the_baseline_stands_with_its_vehicle():
 
 def panels(rows):
     """The charts of a vehicle, by title."""
-    columns = vehicle_group(group_into_flights(rows)).columns
-    return {chart.title: chart for column in columns for chart in column}
+    groups = vehicle_groups(group_into_flights(rows))
+    return {chart.title: chart for group in groups for (chart,) in group.columns}
+
+
+def test_battery_and_load_of_the_motors_are_followed_over_the_flights():
+    voltages = {"voltage_start": 12.5, "collective": 0.4, "headroom": (0.5, 0.2, 0.4, 0.4)}
+    rows = [
+        flight_row("quad", number, voltage_end=11.5 - number, **voltages) for number in range(2)
+    ]
+    drawn = panels(rows)
+    at_start, at_end = drawn["Battery (V)"].lines
+    assert_allclose((at_start.y, at_end.y), [[12.5, 12.5], [11.5, 10.5]])
+    assert_allclose(drawn["Mean motor output (%)"].lines[0].y, 40)
+    assert_allclose(drawn["Least headroom of a motor (%)"].lines[0].y, 20)
+
+
+def test_vehicles_are_sorted_by_what_needs_work_first():
+    latest = {
+        "sound": {"headline_level": "good"},
+        "watched": {"headline_level": "watch", "headline": "It vibrates."},
+        "drifting": {"health": "drift"},
+        "crashed": {"headline_level": "bad", "headline": "It crashed."},
+        "faulty": {"health": "fault"},
+    }
+    rows = [flight_row(name, 0, **columns) for name, columns in latest.items()]
+    assert [*parts(fleet_page(rows))] == ["faulty", "crashed", "drifting", "watched", "sound"]
 
 
 def test_a_fault_is_marked_and_an_unknown_is_a_gap_or_of_all_flights_no_panel():

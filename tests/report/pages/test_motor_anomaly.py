@@ -1,6 +1,7 @@
 """The page of a flight says what the vehicle's other flights show, and its light of the motors is as bad as that."""
 
 import re
+from math import log1p
 
 from fleet_rows import flight_row
 from pytest import mark
@@ -137,7 +138,10 @@ def doubtful_trim(motor, change):
         if quantity_change.quantity.kind == SHARE and quantity_change.quantity.motor == motor
     ]
     doubtful = trim._replace(
-        difference=change, half_width=0.06, p=0.047, outcome=QuantityOutcome.UNCERTAIN
+        tested_difference=log1p(change),
+        tested_half_width=0.06 / (1 + change),
+        p=0.047,
+        outcome=QuantityOutcome.UNCERTAIN,
     )
     rest = [
         quantity_change for quantity_change in difference.changes if quantity_change is not trim
