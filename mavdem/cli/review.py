@@ -32,7 +32,13 @@ from mavdem.cli.streams import (
     text_columns,
 )
 from mavdem.processes import keep_freed_memory
-from mavdem.report.review import first_lines, further_lines, gain_lines, review_screen
+from mavdem.report.review import (
+    first_lines,
+    further_lines,
+    gain_lines,
+    page_line,
+    review_screen,
+)
 from mavdem.report.screen import analysis_blocks, instance_blocks
 from mavdem.results import PAGE_FILE, RESULT_FILES
 
@@ -119,7 +125,7 @@ def review_command(
         screen.show(assessment)
     assessment.compute_for_page()
     if not as_json:
-        _print_lines("\n".join(gain_lines(assessment, text_columns())))
+        _print_lines("\n".join([*gain_lines(assessment, text_columns()), page_line(assessment)]))
     # Imported here, so that the screen does not wait for the models of the documents.
     from mavdem.documents.review import review_document
 

@@ -286,13 +286,16 @@
 
   // Pixels of a plot's padding above, which the numbers of events need.
   const above = data => hasNumbers(data) && data.lines.length ? 13 : data.x.names.length && data.marks.length ? MARKS_ABOVE + 2 : 6;
+  // On paper each of the first plots over the flight has times of its own, since a sheet may end between them.
+  const hasTimes = figure => root.classList.contains("printing") && figure.closest("#flight > .plots") != null;
   const height = (figure, data) => {
     if (!data.lines.length) return 26;
     const isFlat = figure.dataset.flat != null, isBare = figure.dataset.bare != null, isForPaper = root.classList.contains("printing");
     // Many lines in one plot, such as those of all motors, are told apart only where it is high.
     const isCrowded = data.lines.length > 3, isWide = figure.clientWidth > 500;
     const plotHeight = isForPaper ? (isCrowded ? 100 : isFlat || isWide ? 60 : 81) : (isCrowded || !isFlat ? 154 : 118);
-    return above(data) + plotHeight + (isBare ? 0 : isForPaper ? 26 : 34);
+    const axisHeight = isBare ? (hasTimes(figure) ? 14 : 0) : isForPaper ? 26 : 34;
+    return above(data) + plotHeight + axisHeight;
   };
 
   // What a figure shows: its data with the values unpacked, and the columns, series and bands that uPlot has of them.
@@ -338,7 +341,7 @@
       padding: [strip ? 2 : above(data), rightPadding, bare ? (strip ? 0 : 6) : 0, 0],
       scales: { x: scale(data.x, false), y: withCut(data, scale(data.y, true)), ...(data.beside ? { beside: scale(data.beside, true) } : {}) },
       axes: [
-        { ...base, ...shown(data.x), size: bare ? 0 : () => root.classList.contains("printing") ? 32 : 40, show: !strip, label: bare ? undefined : data.x.label, ...(bare ? { values: noLabels } : {}) },
+        { ...base, ...shown(data.x), size: () => bare ? (!strip && hasTimes(figure) ? 16 : 0) : root.classList.contains("printing") ? 32 : 40, show: !strip, label: bare ? undefined : data.x.label, ...(bare ? { values: (...splits) => (hasTimes(figure) ? shown(data.x).values : noLabels)(...splits) } : {}) },
         { ...base, ...(strip ? { values: noLabels, grid: { show: false }, ticks: { show: false } } : shown(data.y)), size: width, space },
         ...(data.beside ? [{ ...base, ...shown(data.beside), scale: "beside", side: 1, size: 52, space, grid: { show: false }, label: data.beside.label }] : []),
       ],

@@ -17,20 +17,22 @@ from mavdem.assessment.lights import REGISTRY
 from mavdem.assessment.lights.log import simulation_fact
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level, NamedFacts
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Unjudged
 from mavdem.ingest import Log
-from mavdem.report.blocks import SCREEN_LINES, Sentence, shortened
-from mavdem.report.brief_events import first_of_count, worst_events
+from mavdem.report.blocks import Sentence, shortened
+from mavdem.report.brief_events import CountedEvent, first_of_count, worst_events
 from mavdem.report.gain_changes import gain_changes
 from mavdem.report.lights import earlier_lights, lights_with_reason_once
+from mavdem.report.numbers import counted
 from mavdem.report.templates import headline, render_section
 from mavdem.report.why import cause_sentences
 
 SCREEN_COLUMNS = 80
 """Columns of a terminal that nobody has widened."""
 
-RESERVED_LINES = 3
-"""Lines of a screen that the review leaves free: for the title, and the progress and the path of the page."""
+MAX_SCREEN_EVENTS = 3
+"""Events besides the headline's that a screen shows where something is bad, a choice: the page lists all of them."""
 
 CLOCK_BEGINS_ANEW = f"{'restart':<20}The autopilot restarted: its clock begins anew."
 """The row between events of two boots, in the columns of the other rows."""
@@ -48,10 +50,9 @@ HARD_SPACE = "\N{NO-BREAK SPACE}"
 def review_screen(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> str:
     """Returns the review of a log as text for one screen of the terminal.
 
-    It has the title, a line for each status light (the judgement of one subject, such as the motors), as many alarms as
-    there is room for, and last, where the user looks after everything has scrolled by, the headline and the next step.
-    Sentences of good lights are shortened to one line. Only lights that warn may make the text longer than
-    ``SCREEN_LINES``.
+    It has the title, a line for each status light (the judgement of one subject, such as the motors), the few events
+    that matter where something is bad, and last, where the user looks after everything has scrolled by, the headline
+    and the next step. Sentences of good lights are shortened to one line, and so are those of events.
 
     Args:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
@@ -59,8 +60,7 @@ def review_screen(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> str:
     """
     title_lines = _title_lines(review_title(assessment), columns)
     light_lines = _lines_of_lights(lights_with_reason_once(assessment.lights), columns)
-    last_lines = _last_lines(assessment, len(light_lines), columns)
-    return "\n".join([*title_lines, *light_lines, *last_lines])
+    return "\n".join([*title_lines, *light_lines, *_last_lines(assessment, columns)])
 
 
 def first_lines(findings: FirstFindings, columns: int = SCREEN_COLUMNS) -> str:
@@ -102,7 +102,7 @@ def _lights_before_loops(findings: FirstFindings) -> NamedFacts:
 def further_lines(
     assessment: Assessment, findings: FirstFindings, columns: int = SCREEN_COLUMNS
 ) -> str:
-    """Returns the second part of a review on the terminal: remaining lights, alarms, headline and next step.
+    """Returns the second part of a review on the terminal: remaining lights, events, headline and next step.
 
     The first part (:func:`first_lines`) is printed before the control loops are identified, which takes longest.
 
@@ -116,11 +116,8 @@ def further_lines(
     for name, fact in lights_with_reason_once(assessment.lights).items():
         if name not in first_lights:
             further_lights[name] = fact
-    # All lines of lights count, since the alarms get the room that they leave on the screen.
-    printed_light_lines = _lines_of_lights(first_lights, columns)
     light_lines = _lines_of_lights(further_lights, columns, first_lights)
-    light_line_count = len(printed_light_lines) + len(light_lines)
-    return "\n".join([*light_lines, *_last_lines(assessment, light_line_count, columns)])
+    return "\n".join([*light_lines, *_last_lines(assessment, columns)])
 
 
 def _title_lines(title: Sentence, columns: int) -> list[str]:
@@ -150,31 +147,19 @@ def _lines_of_lights(
     return lines
 
 
-def _last_lines(assessment: Assessment, light_line_count: int, columns: int) -> list[str]:
-    """Returns the end of a review: as many alarms as there is room for, the headline, and the next step.
-
-    There is room for alarms as long as the whole review has no more than ``SCREEN_LINES``.
+def _last_lines(assessment: Assessment, columns: int) -> list[str]:
+    """Returns the end of a review: the few events that matter, the headline, and the next step.
 
     Args:
         assessment: all results on the flight: events, status lights, model, loops and wind.
-        light_line_count: number of lines of all status lights above.
         columns: number of characters in a line.
     """
-    headline_and_next_step = [
+    return [
+        *_event_lines(assessment, columns),
         *wrap(headline(assessment.headline), columns),
         *_evidence_lines(assessment.headline, columns),
         *_wrapped_lines(f"Next: {assessment.next_step}", columns),
     ]
-    # The first line of the title is counted by ``RESERVED_LINES``.
-    further_title_lines = _title_lines(review_title(assessment), columns)[1:]
-    other_line_count = len(further_title_lines) + light_line_count + len(headline_and_next_step)
-    available_line_count = SCREEN_LINES - RESERVED_LINES - other_line_count
-    alarm_lines: list[str] = []
-    for lines_of_alarm in _alarm_lines(assessment, columns):
-        if len(alarm_lines) + len(lines_of_alarm) > available_line_count:
-            break
-        alarm_lines += lines_of_alarm
-    return [*alarm_lines, *headline_and_next_step]
 
 
 def _evidence_lines(event: Fact, columns: int) -> Iterator[str]:
@@ -246,31 +231,73 @@ def _wrapped_lines(text: str, columns: int) -> Iterator[str]:
         yield line.replace(HARD_SPACE, " ")
 
 
-def _alarm_lines(assessment: Assessment, columns: int) -> Iterator[list[str]]:
-    """Yields the lines of each alarm of a review; an alarm is a bad event, such as the failure of a motor.
+def _event_lines(assessment: Assessment, columns: int) -> Iterator[str]:
+    """Yields the lines of the events that a screen shows, in the order of time, each shortened to one line.
 
-    The event that is the headline already is left out. Of equal events, such as several losses of the same motor, the
-    first one is shown with their number. If the autopilot restarted between two alarms, its clock began again; a line
-    says so, since the times are not in order then.
+    If the autopilot restarted between two of them, its clock began again; a line says so, since the times are not in
+    order then.
 
     Args:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
         columns: number of characters in a line of the terminal.
     """
     previous_boot = None
-    for index, count in worst_events(assessment.events):
+    for index, count in _screen_events(assessment):
         event = assessment.events[index]
-        is_headline = event.time == assessment.headline.time
-        if not event.is_bad or is_headline:
-            continue
         # The number of the boot, by which the autopilot's restarts are counted; only some events have it.
         boot = event.figures.get("boot", previous_boot)
         if previous_boot is not None and boot > previous_boot:
-            yield [CLOCK_BEGINS_ANEW]
+            yield CLOCK_BEGINS_ANEW
         previous_boot = boot
         has_time = event.time is not None and isfinite(event.time)
-        label = f"{event.time:.0f} s" if has_time else "event"
-        yield _wrapped_fact(label, event, columns, count_text=first_of_count(count))
+        label = f"{event.time:.1f} s" if has_time else "event"
+        yield _shortened_line(_label_and_level(label, event), event, columns, first_of_count(count))
+
+
+def _screen_events(assessment: Assessment) -> list[CountedEvent]:
+    """Selects the events that a screen shows, in the order of time: the worst ``MAX_SCREEN_EVENTS``, each kind once.
+
+    There are none where nothing is bad and the headline is no event: the lights then say all. Events that the lights or
+    the headline state already are left out, and so is what happened in the same second as the headline's event, of
+    which it is a part. The flight mode in which that happened comes with them.
+
+    Args:
+        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
+    """
+    has_bad_event = any(event.is_bad for event in assessment.events)
+    is_headline_event = assessment.headline in assessment.events
+    if not (assessment.headline.is_bad or has_bad_event or is_headline_event):
+        return []
+    light_codes_and_times = {(light.code, light.time) for light in assessment.lights.values()}
+    worst_others = []
+    for counted_event in worst_events(assessment.events):
+        event = assessment.events[counted_event.number]
+        is_in_light = (event.code, event.time) in light_codes_and_times
+        if not is_in_light and not _is_part_of_headline(event, assessment.headline):
+            worst_others.append(counted_event)
+    return sorted([*_mode_of_headline(assessment), *worst_others[:MAX_SCREEN_EVENTS]])
+
+
+def _mode_of_headline(assessment: Assessment) -> list[CountedEvent]:
+    """Returns a list with the last change of the flight mode before the event in the headline; empty without one.
+
+    Args:
+        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
+    """
+    if assessment.headline not in assessment.events:
+        return []
+    earlier_events = assessment.events[: assessment.events.index(assessment.headline)]
+    for index in reversed(range(len(earlier_events))):
+        if earlier_events[index].code is ReportedEvent.MODE_CHANGED:
+            return [CountedEvent(index, 1)]
+    return []
+
+
+def _is_part_of_headline(event: Fact, headline_fact: Fact) -> bool:
+    """Returns whether an event is that of the headline, or began within the same second."""
+    if event.time is None or headline_fact.time is None:
+        return event.code is headline_fact.code
+    return abs(event.time - headline_fact.time) < 1.0
 
 
 def gain_lines(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> list[str]:
@@ -297,7 +324,16 @@ def gain_lines(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> list[st
     for name, present_value, advised_value, _ in changes.table.rows:
         # A gain and its values stay on one line.
         texts.append(f"{name} {present_value} → {advised_value}".replace(" ", HARD_SPACE))
-    return [*_wrapped_lines(f"Gains: {', '.join(texts)}.", columns)]
+    text = f"They are {', '.join(texts)}; with `--out FOLDER` the command writes them as files."
+    return [*_wrapped_lines(text, columns)]
+
+
+def page_line(assessment: Assessment) -> str:
+    """Returns the line of a screen on what its page has besides; empty where no vehicle was analysed."""
+    if assessment.analysis is None:
+        return ""
+    events = counted(len(assessment.events), "event")
+    return f"Only the page has plots over time, all {events}, sensors and parameters."
 
 
 def _lines_of_light(name: str, fact: Fact, columns: int) -> list[str]:
@@ -315,27 +351,26 @@ def _lines_of_light(name: str, fact: Fact, columns: int) -> list[str]:
     if may_be_shortened:
         # Whether the main clauses fit is decided for a terminal that nobody has widened: the clauses that fit into the
         # one line of a wider one may be fewer than those on several lines of a narrow one.
-        narrow_line = _shortened_fact(name, fact, min(columns, SCREEN_COLUMNS))
-        line = _shortened_fact(name, fact, columns)
+        label_and_level = _label_and_level(name, fact)
+        narrow_line = _shortened_line(label_and_level, fact, min(columns, SCREEN_COLUMNS))
+        line = _shortened_line(label_and_level, fact, columns)
         # An ellipsis means that a clause is cut off in its middle.
         if not narrow_line.endswith("…") and not line.endswith("…"):
             return [line]
     return _wrapped_fact(name, fact, columns)
 
 
-def _wrapped_fact(label: str, fact: Fact, columns: int, count_text: str = "") -> list[str]:
-    """Returns the lines of a status light or an event: its label and level, and beside them its whole sentence.
+def _wrapped_fact(name: str, fact: Fact, columns: int) -> list[str]:
+    """Returns the lines of a status light: its name and level, and beside them its whole sentence.
 
     Args:
-        label: name of the light, or time of the event.
-        fact: the light or event, a coded finding with a level and a sentence.
+        name: name of the light.
+        fact: the light, a coded finding with a level and a sentence.
         columns: number of characters in a line.
-        count_text: text after the sentence on how many equal events there are; empty for a single one.
     """
-    label_and_level = _label_and_level(label, fact)
-    sentence = headline(fact) + count_text
+    label_and_level = _label_and_level(name, fact)
     return wrap(
-        sentence,
+        headline(fact),
         columns,
         initial_indent=label_and_level,
         subsequent_indent=" " * len(label_and_level),
@@ -343,13 +378,23 @@ def _wrapped_fact(label: str, fact: Fact, columns: int, count_text: str = "") ->
     )
 
 
-def _shortened_fact(label: str, fact: Fact, columns: int) -> str:
-    """Returns one line of a fact: its label, its level, and its sentence without the clauses that do not fit."""
-    label_and_level = _label_and_level(label, fact)
-    return f"{label_and_level}{shortened(headline(fact), columns - len(label_and_level))}"
+def _shortened_line(label_and_level: str, fact: Fact, columns: int, count_text: str = "") -> str:
+    """Returns one line of a fact: its label, its level, and its sentence without the clauses that do not fit.
+
+    Args:
+        label_and_level: the first two columns of the line.
+        fact: the light or event, a coded finding with a level and a sentence.
+        columns: number of characters in a line.
+        count_text: text after the sentence on how many equal events there are; empty for a single one.
+    """
+    available_columns = columns - len(label_and_level) - len(count_text)
+    return f"{label_and_level}{shortened(headline(fact), available_columns)}{count_text}"
 
 
 def _label_and_level(label: str, fact: Fact) -> str:
-    """Returns the first two columns of a fact's line: the name of a light or the time of an event, and the level."""
-    level = fact.level.upper() if fact.is_bad else fact.level
+    """Returns the first two columns of a line: the name of a light or the time of an event, and its level."""
+    level = fact.level.upper() if fact.is_bad else str(fact.level)
+    # The level of an event that is only named, such as a change of mode, would be no judgement.
+    if fact.code is ReportedEvent.MODE_CHANGED and fact.is_good:
+        level = ""
     return f"{label:<11}{level:<9}"

@@ -13,6 +13,7 @@ import mavdem
 from mavdem.assessment.assess import assess
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.learnability import NotLearnableReason
 from mavdem.facts.lights import Unjudged
 from mavdem.ingest import read_log
@@ -90,9 +91,32 @@ def test_a_row_divides_the_alarms_of_two_boots():
     evidence = replace(assessment.evidence, events=tuple(alarms))
     with_alarms = replace(assessment, judgement=judgement, evidence=evidence)
     lines = review_screen(with_alarms, columns=200).splitlines()
-    assert [line.split("  ")[0] for line in lines[1:5]] == ["60 s", "178 s", "restart", "19 s"]
+    assert [line.split("  ")[0] for line in lines[1:5]] == [
+        "60.0 s",
+        "177.9 s",
+        "restart",
+        "18.9 s",
+    ]
     # Those of one kind are one row.
     assert lines[1].endswith("(first of 2)")
+
+
+def test_a_screen_lists_the_mode_and_the_worst_events_around_its_headline():
+    """What the headline and a light state is not repeated; of the rest, the worst are in the order of time."""
+    assessment = assess(read_log(SLOW))
+    mode = Fact(ReportedEvent.MODE_CHANGED, Level.GOOD, time=90.0, subject="Loiter", cause=None)
+    stop = Fact(MotionEvent.MOTOR_OFF, Level.BAD)
+    loss, *others = (
+        stop.replace(time=time, subject=motor)
+        for motor, time in {"motor 2": 100.0, "motor 3": 100.4, "motor 4": 104.0}.items()
+    )
+    judgement = replace(assessment.judgement, headline=loss, lights={})
+    evidence = replace(assessment.evidence, events=(mode, loss, *others))
+    lines = review_screen(replace(assessment, judgement=judgement, evidence=evidence)).splitlines()
+    assert [line.split("  ")[0] for line in lines if re.match(r"[0-9.]+ s  ", line)] == [
+        "90.0 s",
+        "104.0 s",
+    ]
 
 
 def test_a_file_that_is_missing_is_no_command(capsys):

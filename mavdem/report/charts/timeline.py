@@ -153,6 +153,21 @@ class Timeline(NamedTuple):
             columns.append(other_charts[first : first + charts_per_column])
         return full_width_group, Group(tuple(columns), is_flat=True)
 
+    def whole_flight_chart(self, marked_span: TimeInterval) -> Chart | None:
+        """Returns a chart of the whole flight that is not zoomed with the others; None where nothing is drawn.
+
+        Args:
+            marked_span: first and last time, s, of the part that is grey in it.
+        """
+        if not self.flight_charts:
+            return None
+        chart = self.marked(self.flight_charts[0])
+        return chart._replace(
+            title=f"{chart.y.label} over the whole flight (grey: as above)",
+            spans=(Span(*marked_span),),
+            group="",
+        )
+
     def _tilt_charts_with_setpoint(self) -> list[Chart]:
         """Returns the charts of the angles of roll and pitch, without an axis whose setpoint was not recorded."""
         charts_with_setpoint = []

@@ -283,6 +283,18 @@ class Head(NamedTuple):
         return None
 
     @property
+    def whole_flight(self) -> Group | None:
+        """A small plot of the whole flight for the paper of a lost flight, whose other plots show the loss; or None.
+
+        It is that of the height, or of the motors where no height was recorded; the time of the other plots is grey.
+        """
+        opening_span = self.opening_span
+        if self.timeline is None or opening_span in (None, self.timeline.span):
+            return None
+        chart = self.timeline.whole_flight_chart(opening_span)
+        return None if chart is None else Group(((chart,),))
+
+    @property
     def earlier_lights(self) -> dict[str, str]:
         """The name of the earlier light, by the name of each light that warns of the same."""
         return earlier_lights(self.lights)

@@ -348,8 +348,9 @@ def test_values_under_the_cursor_have_the_decimals_that_their_axis_shows(tmp_pat
     assert values == ["0", "−0.3", "−2e−4", "1235"]
 
 
-ON_PAPER = """(() => {
+ON_PAPER = """(async () => {
 dispatchEvent(new Event("beforeprint"));
+await new Promise(done => setTimeout(done, 50));
 const box = element => element.getBoundingClientRect();
 const figures = [...document.querySelectorAll("figure.chart")].filter(figure => figure.checkVisibility());
 const misfits = figures.filter(figure => {
@@ -366,6 +367,9 @@ const result = {
   folded: folded.length,
   firstLineOfPart: part.querySelector("summary").checkVisibility(),
   menu: getComputedStyle(document.querySelector(".contents")).display,
+  times: document.documentElement.charts.groups.flight.charts.filter(
+    chart => chart.data_.lines.length && chart.root.closest("#flight > .plots")
+  ).every(chart => chart.axes[0]._size > 0),
   breaks: ["#flight .charts", "#flight figure.chart"].map(
     name => getComputedStyle(document.querySelector(name)).breakInside
   ),
@@ -407,8 +411,9 @@ def test_a_page_is_laid_out_anew_for_light_paper_and_prints_all_of_its_chapters(
         "folded": 0,
         "firstLineOfPart": True,
         "menu": "none",
-        # The first plots over the flight stay on one sheet: the last of them has the time axis of all.
-        "breaks": ["avoid", "avoid"],
+        # A sheet may end between the first plots over the flight, each of which has times below it.
+        "times": True,
+        "breaks": ["auto", "avoid"],
         "screen": "block",
     }
 
@@ -699,7 +704,7 @@ return [opened, root.charts.groups.flight.span];
 
 @mark.slow
 def test_the_plots_of_a_lost_flight_open_around_the_loss(tmp_path, browser):
-    """The vehicle crashes at 77 s: plots show 62 s to 80 s at first."""
+    """The vehicle crashes at 77 s: plots show 62 s to 80 s at first, and paper has a small one of the whole flight."""
     time = np.linspace(0.0, 80.0, 200)
     chart = over_time("Roll", "°", [Line("roll", "#1f7ad6", time, time)])
     loss = Fact(
@@ -713,7 +718,10 @@ def test_the_plots_of_a_lost_flight_open_around_the_loss(tmp_path, browser):
     assert (opened, whole_range) == ([62.0, 80.0], [0.0, 80.0])
     assert "The plots open around the loss." in page
     for head_without_span in (head._replace(has_log=False), head._replace(events=())):
-        assert head_without_span.opening_span is None
+        assert head_without_span.opening_span is head_without_span.whole_flight is None
+    ((whole_flight,),) = head.whole_flight.columns
+    assert [span[:2] for span in whole_flight.spans] == [(62.0, 80.0)] and not whole_flight.group
+    assert whole_flight.lines == chart.lines and whole_flight.x.limits == (0.0, 80.0)
     in_other_boot = [PageEvent(Event(77.0, loss), is_on_clock_of_charts=False)]
     assert head._replace(events=in_other_boot).opening_span is None
 
