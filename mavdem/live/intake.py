@@ -44,6 +44,7 @@ class LinkIntake:
     Attributes:
         recording: recording of the raw stream; None for none, and after it has failed.
         is_lost: whether the link is lost and not open again yet.
+        read_until: everything that arrived before this time has been received, s of the monotonic clock.
     """
 
     def __init__(
@@ -69,8 +70,9 @@ class LinkIntake:
         self._frame_reader = frame_reader
         self._log = log
         self._first_pieces = list(first_pieces)
-        # Everything that arrived before this time has been read, s of the monotonic clock.
+        # When the link was known to be empty last, s of the monotonic clock.
         self._emptied_time = clock.monotonic()
+        self.read_until = self._emptied_time
         self._is_ended_on_purpose = False
 
     def receive(self, timeout: float) -> list[FrameBatch]:
@@ -85,9 +87,12 @@ class LinkIntake:
         start_time = clock.monotonic()
         try:
             if self.is_lost and not self._reopen(timeout):
+                # Nothing arrives over a lost link.
+                self.read_until = start_time
                 return []
             pieces = self._link.receive(timeout)
         except LinkLost as error:
+            self.read_until = start_time
             self.is_lost = True
             self._log(error.fact.replace(reopening=True))
             return []
@@ -96,6 +101,9 @@ class LinkIntake:
         # Fewer pieces than a call can return mean that the link is empty: later ones arrive after this call began.
         if len(pieces) < MAX_PIECES:
             self._emptied_time = start_time
+            self.read_until = start_time
+        elif batches:
+            self.read_until = batches[-1].arrival_time
         return batches
 
     def _with_monotonic_times(self, stamped_frames: Sequence[_StampedFrames]) -> list[FrameBatch]:

@@ -75,7 +75,8 @@ class StatusReport:
         message_age = self._message_age()
         last_reception = None
         if message_age is not None:
-            last_reception = clock.unix_time() - message_age
+            seconds_since_reading = clock.monotonic() - self.intake.read_until
+            last_reception = clock.unix_time() - seconds_since_reading - message_age
         status = replace(
             status,
             findings=self.flight.judging.findings,
@@ -88,7 +89,7 @@ class StatusReport:
             no_model_reason=no_model_reason,
             state=self.stream.vehicle_state(),
             message_age=message_age,
-            motion_age=self.silence.motion_age(clock.monotonic()),
+            motion_age=self.silence.motion_age(self.intake.read_until),
             last_reception=last_reception,
             rates=rates,
             watch_facts=watch_facts,
@@ -101,8 +102,11 @@ class StatusReport:
         return status.with_predictions(self.flight.learning.estimate)
 
     def _message_age(self) -> float | None:
-        """Returns the time since the last message of the followed vehicle came, analysed or not, s; None before any."""
-        now = clock.monotonic()
+        """Returns the time since the last message of the followed vehicle came, analysed or not, s; None before any.
+
+        It is counted to the last look at the link, since messages may wait there if this computer was busy since.
+        """
+        now = self.intake.read_until
         latest_arrival = self.backlog.latest_arrival_from(self.stream.followed_vehicle)
         if latest_arrival is not None:
             return max(now - latest_arrival, 0.0)
@@ -144,7 +148,8 @@ class StatusReport:
         """
         if self.intake.is_lost:
             return Fact(LinkFact.CONNECTION_LOST, cause=None, reopening=False)
-        now = self.backlog.analysed_until
+        # What arrived since the last look at the link is neither analysed nor received yet.
+        now = min(self.backlog.analysed_until, self.intake.read_until)
         silence_fact = self.silence.missing_messages(now)
         vehicle = self.stream.followed_vehicle
         if silence_fact is None or vehicle is None:

@@ -574,6 +574,7 @@ def test_motion_is_missed_of_a_followed_vehicle_or_if_none_sends(now, vehicle, i
     for _ in range(10):
         now[0] += 1.0
         silence.note_messages(now[0], now[0])
+    session.intake.receive(0.0)
     silence.note_attitudes(int(is_sending))
     status = SessionStatus(vehicle=vehicle, no_model_reason=two_vehicles)
     report = replace(session._report, stream=Mock(now=1.0, status=lambda: status))
@@ -628,6 +629,20 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
         session.status.overall_judgement.headline
     )
     assert session.status.rates["ATTITUDE"] > 50 and not session.status.no_model_reason
+
+
+def test_a_computer_that_was_busy_since_its_last_look_at_the_link_reports_no_silence(now):
+    """Opening the dashboard may take seconds, and messages wait in the link meanwhile."""
+    session, _, _ = session_of([*batches(2.0)])
+    run(session)
+    now[0] += 20.0
+    busy = session.status
+    assert busy.message_age == approx(0.0, abs=0.1) and not busy.is_silent
+    assert busy.no_model_reason.code is not RowsFact.NOTHING_RECEIVED
+    # Now the link is empty.
+    session.step(0.0)
+    assert session.status.message_age == approx(20.0, abs=0.1)
+    assert session.status.no_model_reason.code is RowsFact.NOTHING_RECEIVED
 
 
 @mark.slow
