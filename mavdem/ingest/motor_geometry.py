@@ -286,11 +286,12 @@ def _frame_rotors(frame_class: int, frame_type: int) -> _Rotors:
     Returns:
         Positions on a circle of radius 1, and spins, 1 for counterclockwise and -1 for clockwise, by motor from 1.
     """
+    frames_of_class = FRAMES.get(str(frame_class), {})
     bearings: Numbers
-    directions: str
-    bearings, directions = FRAMES.get(str(frame_class), {}).get(str(frame_type), ((), ""))
+    spin_signs: str
+    bearings, spin_signs = frames_of_class.get(str(frame_type), ((), ""))
     positions = {motor: _on_circle(bearing) for motor, bearing in enumerate(bearings, 1)}
-    spins = {motor: 1 if sign == "+" else -1 for motor, sign in enumerate(directions, 1)}
+    spins = {motor: 1 if sign == "+" else -1 for motor, sign in enumerate(spin_signs, 1)}
     return _Rotors(positions, spins)
 
 

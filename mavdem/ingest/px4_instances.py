@@ -74,13 +74,13 @@ def battery_status(topics: Topics) -> Fields:
 
 
 def _battery_fields(battery: Columns) -> Fields:
-    """Translates one instance of battery_status to fields of SYS_STATUS, with the warning as ``charge_state``.
+    """Translates one instance of PX4's topic battery_status to fields of MAVLink's SYS_STATUS.
 
     Args:
         battery: Columns (N,) of battery_status.
 
     Returns:
-        Columns (N,) of SYS_STATUS.
+        Columns (N,) of SYS_STATUS, with the warning as ``charge_state`` (MAV_BATTERY_CHARGE_STATE).
     """
     rule = TRANSLATION_RULES["SYS_STATUS"]
     fields = fields_by_rule(battery, rule)

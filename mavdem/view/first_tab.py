@@ -91,11 +91,12 @@ def first_tab(plots: Mapping[str, rrb.View], side_texts: SideTexts) -> rrb.Conta
         plots: views of the plots that there are, by the keys of ``PLOT_HEIGHTS``.
         side_texts: texts next to the plots, with their heights.
     """
-    shares = [PLOT_HEIGHTS[name] for name in plots]
-    column = rrb.Vertical(*plots.values(), row_shares=shares)
-    texts = rrb.Vertical(*side_texts.views, row_shares=list(side_texts.shares))
+    plot_heights = [PLOT_HEIGHTS[name] for name in plots]
+    plot_column = rrb.Vertical(*plots.values(), row_shares=plot_heights)
+    text_column = rrb.Vertical(*side_texts.views, row_shares=list(side_texts.shares))
+    # The widths are percentages of the tab.
     widths = [100 - SIDE_WIDTH_SHARE, SIDE_WIDTH_SHARE]
-    return rrb.Horizontal(column, texts, column_shares=widths, name="Flight")
+    return rrb.Horizontal(plot_column, text_column, column_shares=widths, name="Flight")
 
 
 def events_text(events: Iterable[Event]) -> str:

@@ -192,8 +192,8 @@ class SenderLinks:
     def count_frames_in_order(self, count: int, last_sequence: int) -> None:
         """Counts frames that continue the sequence numbers without a gap, so that none is missing.
 
-        The first one follows the frame that was counted last. The result is the same as if ``count_frame`` had counted
-        each of them.
+        The first one follows the frame that was counted last. The result is the same as if
+        :meth:`process_frame` had processed each of them.
 
         Args:
             count: Number of these frames.

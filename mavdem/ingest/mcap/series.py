@@ -215,12 +215,12 @@ def _json_rows(columns: Mapping[str, Array]) -> Iterator[str]:
             return iter(())
         values = column.tolist()
         if not np.isfinite(column).all():
-            # JSON has no NaN and no infinity.
+            # JSON has no NaN and no infinity; they become null.
             values = json_value(values)
         list_text = json.dumps(values)
         texts_of_columns.append(list_text.removeprefix("[").removesuffix("]").split(", "))
-    rows = zip(*texts_of_columns, strict=True)
-    return (row_pattern % row for row in rows)
+    texts_of_rows = zip(*texts_of_columns, strict=True)
+    return (row_pattern % texts for texts in texts_of_rows)
 
 
 def _messages_by_chunk(
