@@ -168,7 +168,7 @@ def fly_live(path):
 
 
 @mark.slow
-@mark.usefixtures("coarse_physics")
+@mark.usefixtures("coarse_physics", "without_alarms")
 @mark.parametrize("table, is_given", [(STEERED, True), (STILL, False)])
 def test_margins_in_flight_are_given_and_withheld_as_by_the_review(tmp_path, table, is_given):
     """A simulated flight is followed live and then reviewed.
