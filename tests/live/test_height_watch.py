@@ -94,6 +94,7 @@ def test_a_barometer_that_drifts_is_reported_in_flight_by_satellites():
     assert light.figures["height"] == approx(-10.0, abs=0.6)
 
 
+@mark.slow
 def test_an_estimated_height_that_falls_while_the_barometer_rises_is_reported_within_four_seconds():
     flight = FallingEstimate(Still(), attitude=25.0, motors=25.0).frames(end=27.0)
     replayed = replay(by_time(flight, pressure_messages(27.0, rise=4.0)))

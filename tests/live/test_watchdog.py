@@ -372,6 +372,7 @@ def test_a_battery_that_the_autopilot_reports_is_an_alarm_headline_and_light():
     assert [fact.code for fact in status.active_alarms] == [critical.headline.code]
 
 
+@mark.slow
 def test_a_supply_that_falls_before_a_vehicle_vanishes_is_an_alarm_and_the_headline():
     """The voltage of the flight controller's supply falls from 5.05 V to 4.22 V, and the link is lost."""
     volts = [5.05, 5.04, 5.05, 5.04, 5.05, 4.69, 4.58, 4.47, 4.33, 4.22]
@@ -412,6 +413,7 @@ def test_an_empty_battery_is_not_said_to_be_over_after_the_landing():
     assert not replayed.stream.status().active_alarms
 
 
+@mark.slow
 def test_a_low_battery_after_a_critical_one_advises_nothing_milder():
     """Battery 2 is critical from 10 s on (charge state 3), and battery 1 low from 13 s on (2)."""
     states = [(9.0, 0, 1), (9.0, 1, 1), (10.0, 1, 3), (11.0, 1, 3), (13.0, 0, 2), (14.0, 0, 2)]

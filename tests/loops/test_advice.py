@@ -346,6 +346,7 @@ def test_a_flight_that_shows_neither_lack_nor_success_is_flown_again_before_gain
     )
 
 
+@mark.slow
 def test_a_loop_that_keeps_its_gains_does_not_make_those_of_another_less_sure():
     changes = advise(made_up(4.5))
     assert changes.parameters

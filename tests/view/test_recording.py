@@ -156,6 +156,7 @@ def test_a_flight_that_never_takes_off_and_a_name_that_is_no_text(tmp_path):
     assert (tmp_path / "still.rrd").stat().st_size > 1000
 
 
+@mark.slow
 def test_the_vehicle_moves_along_its_path_in_3d_with_its_attitude(assessed, tmp_path):
     """The positions of the flight are replaced by a helix, which the scene must show."""
     history = assessed.evidence.time_history

@@ -318,6 +318,7 @@ def test_a_wind_that_turned_is_told_with_its_speed_beside_that_of_its_mean():
     assert "turned" not in lead_sentence(4.7, [5.3])
 
 
+@mark.slow
 def test_a_loss_of_control_is_no_gust():
     """What follows an attitude far from its setpoint is left out, and the report says so once."""
     estimate = mavdem.wind(shared("real/logs/no_fault_while_yawing.BIN"))
@@ -518,6 +519,7 @@ def test_a_hover_at_one_height_is_one_layer():
     assert [high[rows].mean() for rows in _layer_rows(high)] == [12, 27]
 
 
+@mark.slow
 def test_the_speed_through_the_air_of_a_hover_in_gusts_is_that_of_the_gusts():
     time, attitude, velocity, air = flight(legs=0.0, turning=0.0, jump=1.0, gusts=0.2, seed=5)
     wind = mavdem.estimate_wind(time, attitude, velocity)
