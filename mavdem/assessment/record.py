@@ -176,12 +176,10 @@ class Assessment:
 
         if self.evidence is None:
             return {}
-        try:
-            return tune_loops(self, AXES, is_written=False).axes
-        except NotLearnable as no_loop:
-            if self.evidence.reasons_not_to_fly:
-                return {"all axes": no_loop.fact}
-            return {}
+        tuning = tune_loops(self, AXES, is_written=False)
+        if tuning.no_loop is None:
+            return tuning.axes
+        return {"all axes": tuning.no_loop} if self.evidence.reasons_not_to_fly else {}
 
     @cached_property
     def gain_trial(self) -> GainTrial | Fact | None:

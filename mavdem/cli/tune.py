@@ -6,7 +6,7 @@ import click
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis.figures import ALL_AXES
-from mavdem.assessment.axis.tuning import Tuning, tune_loops
+from mavdem.assessment.axis.tuning import Tuning, present_parameter_files, tune_loops
 from mavdem.assessment.evidence import Evidence
 from mavdem.cli.exit_codes import EXIT_UNSUPPORTED
 from mavdem.cli.options import (
@@ -23,7 +23,7 @@ from mavdem.cli.streams import print_to_stderr
 from mavdem.dataset.axes import AXES
 from mavdem.documents.loops import tune_document
 from mavdem.loops.axis_loops import MARGIN_TARGETS
-from mavdem.report.blocks import Sentence, headline_sentence
+from mavdem.report.blocks import Blocks, Sentence, headline_sentence
 from mavdem.report.loops import is_about_loops, tune_blocks
 from mavdem.report.pages.tune_page import tune_page
 from mavdem.report.screen import judgement_sentences
@@ -90,7 +90,7 @@ def tune_command(
     --verbose it prints all margins, and what they rest on. Nothing is ever sent to a vehicle: --out writes the gains of
     each stage for QGroundControl (.params) and Mission Planner (.param), and the present ones beside them (.before).
 
-    Exit code: 1 if gains are neither advised nor kept, with the reason.
+    Exit code: 1 if gains are neither advised nor kept; the report and the page then say why, and what to fly.
 
     \b
     Examples:
@@ -135,7 +135,7 @@ def _write_tuning(
     """
     texts = {PAGE_FILE: tune_page(Path(source).name, tuning, assessment)}
     vehicle = evidence.signals.telemetry
-    files = tuning.files(vehicle) | tuning.present_files(vehicle)
+    files = tuning.files(vehicle) | present_parameter_files(tuning.parameters, vehicle)
     for ending, text in files.items():
         texts[f"gains{ending}"] = text
     with replaced_files(folder, list(texts), stale_names=GAIN_FILES) as paths:
@@ -157,14 +157,17 @@ def _print_tuning(tuning: Tuning, folder: Path | None, *, verbose: bool) -> None
     lights: list[Sentence] = []
     if verbose:
         lights = judgement_sentences(judgement).lights
-    report = tune_blocks(tuning, is_full=verbose)
-    if tuning.notch:
-        report.append(Sentence(tuning.notch.sentence_and_remedy, "Notch filter:"))
     # A bad headline that is not about the loops, such as a broken motor, precedes the gains, since the vehicle must not
     # fly. A headline about the loops is left out, because the report itself says the same.
     must_not_fly = judgement.headline.is_bad and not is_about_loops(judgement.headline, judgement)
+    report: Blocks = []
+    headline_above = ""
     if must_not_fly:
-        report = [headline_sentence(headline(judgement.headline)), *report]
+        headline_above = str(judgement.headline)
+        report.append(headline_sentence(headline(judgement.headline)))
+    report += tune_blocks(tuning, is_full=verbose, headline_above=headline_above)
+    if tuning.notch:
+        report.append(Sentence(tuning.notch.sentence_and_remedy, "Notch filter:"))
     if must_not_fly or tuning.refusal or is_about_loops(judgement.next_step, judgement):
         report.append(Sentence(str(judgement.next_step), "Next:"))
     if folder:

@@ -16,16 +16,24 @@ from mavdem.cli.options import (
 from mavdem.cli.output import json_text, print_json, print_screen
 from mavdem.cli.output_files import check_output_folder, replaced_files
 from mavdem.cli.sources import assess_without_model
+from mavdem.cli.streams import print_to_stderr
 from mavdem.documents.wind import Wind
 from mavdem.errors import NotLearnable
 from mavdem.facts.vehicle import Basis
 from mavdem.fleet.priors import WIND_DOCUMENT, earlier_drag
+from mavdem.ingest.parameter_file import parameter_files
 from mavdem.report.blocks import Blocks, Sentence, caution
 from mavdem.report.condition import WIND_LIGHTS, drag_blocks, wind_blocks, wind_tables
 from mavdem.report.pages.wind_page import wind_page
 from mavdem.report.screen import warnings_of_lights
 from mavdem.report.templates import render_section
 from mavdem.wind_velocity.from_log import drag_settings, wind_of_signals
+
+DRAG_FILES = ("drag.params", "drag.param")
+"""Names of the files with the drag parameters to set; for QGroundControl and for Mission Planner."""
+
+DRAG_HEADING = "Drag of the vehicle, for the wind estimate of the autopilot's own state estimator"
+"""First line of these files."""
 
 PAGE_FILE = "wind.html"
 """Name of the page with the wind over time, on the map, by height, and the drag."""
@@ -55,11 +63,12 @@ def wind_command(
     """Reports wind speed and direction, and the vehicle's drag.
 
     SOURCE is a log with attitude and velocity over ground. Legs in several directions show the drag; a hover needs
-    --prior, or the autopilot's drag parameters. --out writes a page of the wind over time, on the map and by height.
+    --prior, or the autopilot's drag parameters. --out writes a page of the wind over time, on the map and by height,
+    and the drag as parameters for QGroundControl (.params) and Mission Planner (.param), if the flight shows it.
     Exit code: 1 if no wind can be estimated from the log.
     """
     if out:
-        check_output_folder(out, (PAGE_FILE, WIND_DOCUMENT), prior)
+        check_output_folder(out, (PAGE_FILE, WIND_DOCUMENT, *DRAG_FILES), prior)
     assessment, evidence = assess_without_model(source, vehicle)
     wind = evidence.wind.estimate
     if evidence.wind.reason is not None:
@@ -89,11 +98,21 @@ def wind_command(
         identity=identity,
     )
     if out:
-        page = wind_page(Path(source).name, wind_evidence, assessment, parameters_to_set, cautions)
-        with replaced_files(out, [PAGE_FILE, WIND_DOCUMENT]) as (page_path, document_path):
-            document_path.write_text(json_text(document), "utf-8")
-            # The page may contain the name of a file, which need not be valid Unicode.
-            page_path.write_text(page, "utf-8", "replace")
+        texts = {
+            PAGE_FILE: wind_page(
+                Path(source).name, wind_evidence, assessment, parameters_to_set, cautions
+            ),
+            WIND_DOCUMENT: json_text(document),
+        }
+        if parameters_to_set:
+            values = {name: setting.value for name, setting in parameters_to_set.items()}
+            for ending, text in parameter_files(values, signals.telemetry, DRAG_HEADING).items():
+                texts[f"drag{ending}"] = text
+        with replaced_files(out, list(texts), stale_names=DRAG_FILES) as paths:
+            for path, text in zip(paths, texts.values(), strict=True):
+                # The page may contain the name of a file, which need not be valid Unicode.
+                path.write_text(text, "utf-8", "replace")
+        print_to_stderr(f"Written: {', '.join(texts)}. Nothing was sent to the vehicle.")
     if as_json:
         print_json(document)
         return

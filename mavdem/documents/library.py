@@ -86,7 +86,7 @@ class Flight(Stage):
     motor: int | None
     """number of the motor that is suspected, from 1"""
     wind_speed: Speed
-    """speed of the mean wind"""
+    """mean of the wind speeds"""
     wind_low: Speed = None
     """lower end of its 90 % interval"""
     wind_high: Speed = None

@@ -230,12 +230,13 @@ def tune_document(source: str, margins: str, tuning: Tuning) -> Tune:
         tuning: advised gains by axis, or the reason why its loops are not known; and the judgement of the flight.
 
     Returns:
-        The document. Its key ``error`` is there only if no axis has gains to set.
+        The document. Its key ``error`` is there only if gains are neither advised nor kept.
     """
     # An absent key must not be passed at all: a value of None would stand in the JSON as null.
     error = {}
     if tuning.refusal:
-        error["error"] = {"reason": str(tuning.refusal), "remedy": ""}
+        refusal = tuning.refusal
+        error["error"] = {"reason": refusal, "remedy": refusal.remedy, "fact": refusal}
     axes = {}
     for axis, advice in tuning.axes.items():
         decision = tuning.judgement.loop_decisions.get(axis)

@@ -36,7 +36,7 @@ from mavdem.units import (
     with_unit,
 )
 
-SCHEMA_VERSION = 14
+SCHEMA_VERSION = 15
 """Version of the columns and of what they mean: logs whose rows have another version are read again."""
 
 UNKNOWN = "unknown"
@@ -237,7 +237,7 @@ class FlightRow:
     wind_torque_interval: AngularAcceleration = report_column("wind.mean_band")
     """half width of the 90 % interval of wind_torque_mean"""
     wind_speed: Speed = None
-    """speed of the mean wind; null where the air may have been still"""
+    """mean of the wind speeds; null where the air may have been still"""
     wind_speed_interval: Annotated[Numbers, with_unit("m/s")] | None = None
     """ends of the 90 % interval of wind_speed"""
     wind_direction: Radians = None

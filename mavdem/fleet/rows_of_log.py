@@ -234,14 +234,17 @@ def wind_columns(wind: WindVelocity) -> JsonValues:
         wind: estimate of the wind, its direction in degrees.
 
     Returns:
-        Speed, m/s, and direction, rad, with half widths of their 90 % intervals, where they are identifiable. The speed
-        is None in calm air, where it may have been 0. The drag has four coefficients: linear along body x and y, 1/s,
+        Mean speed, m/s, with both ends of its 90 % interval, and direction, rad, with the half width of its own, where
+        they are identifiable. In calm air, where the velocity may have been 0, the speed is None, and the interval that
+        of the vector mean. The drag has four coefficients: linear along body x and y, 1/s,
         then quadratic, 1/m.
     """
     columns = JsonValues()
     if wind.speed_identifiable:
-        columns["wind_speed"] = None if wind.calm else wind.speed
-        columns["wind_speed_interval"] = wind.speed_interval
+        columns["wind_speed"] = None if wind.calm else wind.mean_speed
+        columns["wind_speed_interval"] = (
+            wind.speed_interval if wind.calm else wind.mean_speed_interval
+        )
     if wind.direction_identifiable:
         columns["wind_direction"] = np.radians(wind.direction)
         columns["wind_direction_interval"] = np.radians(wind.direction_interval)

@@ -175,10 +175,9 @@ def advise_gains(recording: Path, vehicle: str) -> GainAdvice:
         return GainAdvice((Fact(GainFact.GAINS_LEFT, reason=error.fact),))
     # Only an assessment in which no vehicle was judged has no evidence.
     assert assessment.evidence is not None
-    try:
-        tuning = tune_loops(assessment, AXES, is_written=True)
-    except Refusal as error:
-        return GainAdvice((Fact(GainFact.GAINS_LEFT, reason=error.fact),), assessment.judgement)
+    tuning = tune_loops(assessment, AXES, is_written=True)
+    if tuning.no_loop is not None:
+        return GainAdvice((Fact(GainFact.GAINS_LEFT, reason=tuning.no_loop),), assessment.judgement)
     facts = facts_of_tuning(tuning)
     if not tuning.parameters:
         return GainAdvice(facts, tuning.judgement)

@@ -230,7 +230,7 @@ def advise(
     gains: dict[str, float] = {}
     step = NO_STEP
     if not refusals:
-        gains = logged_gains(loop)
+        gains = logged_gains(loop.controller)
         if gains and may_change:
             step = _next_step(loop, target)
         gains |= step.gains

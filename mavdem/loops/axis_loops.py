@@ -129,6 +129,10 @@ class Loop(Margins):
         """The attitude loop, with the rate loop closed."""
         return attitude_loop(self.controller, self.rate)
 
+    def open_loop(self, name: str) -> RateLoop | AttitudeLoop:
+        """Returns one of the two loops by its name, "rate" or "attitude"."""
+        return self.attitude if name == "attitude" else self.rate
+
     @property
     def figures(self) -> Mapping[str, Array]:
         """Values (N,) of each figure of the rate loop, such as "phase_margin", by its name."""
@@ -264,6 +268,9 @@ class Loop(Margins):
         power = np.abs(self.attitude.disturbance[ESTIMATE]) ** 2 * torque_density
         return float(np.degrees(np.sqrt(np.trapezoid(power, self.rate.frequency))))
 
+
+LOOP_NAMES = ("rate", "attitude")
+"""Names of the two loops of an axis, the inner one first."""
 
 LoopsByAxis = dict[str, Loop]
 """Loops by "roll", "pitch" and "yaw"."""

@@ -25,6 +25,7 @@ from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import GainBound, GainFact
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.axis_loops import Loop, MarginTarget, margin_scores
+from mavdem.loops.controllers import Controller
 from mavdem.loops.demand_noise import GyroNoise, demand_deviation, gyro_noise
 from mavdem.loops.margins import FrequencyGrid, OpenLoop
 
@@ -182,7 +183,7 @@ class GainSearch:
     def logged_gains(self) -> dict[str, float]:
         """The logged gains that may change, by the field of the controller: "p", "i", "d" and "angle_gain"."""
         names = self.loop.controller.parameter_names
-        values = logged_gains(self.loop)
+        values = logged_gains(self.loop.controller)
         fields = ("p", "i", "d", "angle_gain")
         return {field: values[names[field]] for field in fields if names[field] in values}
 
@@ -693,24 +694,23 @@ class GainSearch:
                 )
 
 
-def logged_gains(loop: Loop) -> dict[str, float]:
+def logged_gains(controller: Controller) -> dict[str, float]:
     """Returns the logged gains that advice may change, by the autopilot's name.
 
     They are P, I and D of the rate controller and the gain of the attitude controller that the log has. A gain
     of 0 is left out: that term of the controller is switched off, and a factor does not change it.
 
     Args:
-        loop: rate and attitude loop of one axis, with the parameters of the log.
+        controller: rate and attitude controller of one axis, by the parameters of the log.
 
     Returns:
         Gains in the autopilot's units, by the autopilot's name.
     """
-    parameters = loop.controller.parameters
     gains = {}
     for field in ("p", "i", "d", "angle_gain"):
-        name = loop.controller.parameter_names[field]
-        if parameters.get(name):
-            gains[name] = parameters[name]
+        name = controller.parameter_names[field]
+        if controller.parameters.get(name):
+            gains[name] = controller.parameters[name]
     return gains
 
 

@@ -28,10 +28,10 @@ GAIN_DEVIATION = 0.02
 
 Below 1 Hz drag and position control act too, which identification leaves out.
 """
-STEP_SECONDS = {"rate": 0.6, "attitude": 2.0}
-"""Duration of predicted step responses, s, by the loop: a choice, in which usual loops settle."""
-PREDICTED_POINTS = 300
-"""Points of a predicted step from which overshoot and rise time are computed: every 2 ms of 0.6 s."""
+STEP_SECONDS = {"rate": 0.5, "attitude": 2.0}
+"""Duration of step responses, measured and predicted, s, by loop: a choice, in which usual loops settle."""
+PREDICTED_POINTS = 250
+"""Points of a predicted step from which overshoot and rise time are computed: every 2 ms of 0.5 s."""
 GAIN_SEED = 37
 """Seed of the draws of that error, so that the same flight has the same figures."""
 

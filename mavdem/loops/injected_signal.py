@@ -16,7 +16,7 @@ import numpy as np
 
 from mavdem.dataset.segments import Segments
 from mavdem.dataset.signals import Signals
-from mavdem.loops.margins import PlantResponse, RateLoop, controller_response
+from mavdem.loops.margins import OpenLoop, controller_response
 from mavdem.loops.resonance import MIN_RESPONSE_FREQUENCY, controller_if_known
 from mavdem.loops.welch import MIN_COHERENCE, welch_spectra
 
@@ -24,7 +24,7 @@ MIN_FREQUENCIES = 2
 """Least number of frequencies at which the rate must be coherent with the signal: a crossover lies between two."""
 
 
-def injected_loop(signals: Signals, segments: Segments) -> RateLoop | None:
+def injected_loop(signals: Signals, segments: Segments) -> OpenLoop | None:
     """Measures the open rate loop of one axis by a signal that was injected in flight (system identification mode).
 
     The injected signal depends on neither wind nor noise. So the plant, from demand to rate, is the ratio of the
@@ -35,9 +35,9 @@ def injected_loop(signals: Signals, segments: Segments) -> RateLoop | None:
         segments: segments of the flight to use.
 
     Returns:
-        One loop (N = 1) at the frequencies at which the rate is coherent with the injected signal. Its response to wind
-        torque is not measured, and set to 0. ``None`` if no signal was injected, if the autopilot's gains are not
-        known, or if the gain does not cross 1 at these frequencies.
+        One loop (N = 1) at the frequencies at which the rate is coherent with the injected signal. ``None`` if
+        no signal was injected, if the autopilot's gains are not known, or if the gain does not cross 1 at these
+        frequencies.
     """
     injection_index, rate_index, demand_index = 0, 1, 2
     demand = signals.demand
@@ -69,10 +69,7 @@ def injected_loop(signals: Signals, segments: Segments) -> RateLoop | None:
     injection_to_rate = spectra.power[injection_index, rate_index]
     injection_to_demand = spectra.power[injection_index, demand_index]
     plant = (injection_to_rate / injection_to_demand)[is_measured]
-    demand_from_setpoint, demand_from_rate = controller_response(controller, frequency)
+    _, demand_from_rate = controller_response(controller, frequency)
     response = demand_from_rate * plant
-    plants = PlantResponse(
-        frequency, rate_per_demand=plant[None], rate_per_torque=np.zeros_like(plant)[None]
-    )
-    loop = RateLoop(frequency, response[None], plants, demand_from_setpoint)
+    loop = OpenLoop(frequency, response[None])
     return loop if isfinite(loop.crossover) else None

@@ -29,7 +29,7 @@ from mavdem.facts.loops import StepResponseFact
 from mavdem.immutable import ImmutableResult
 from mavdem.ingest.vocabulary import wrapped_angle
 from mavdem.loops.axis_loops import Loop
-from mavdem.loops.identified_step import identified_steps
+from mavdem.loops.identified_step import STEP_SECONDS, identified_steps
 from mavdem.loops.impulse_response import (
     STEADY_STATE_ERROR,
     ImpulseResponse,
@@ -47,8 +47,6 @@ from mavdem.loops.welch import (
 )
 from mavdem.plant.parameters import DRAWS, ESTIMATE
 
-RESPONSE_SECONDS = {"rate": 0.5, "attitude": 2.0}
-"""Duration of a step response until it has settled, s, by loop."""
 MAX_SAMPLING_RATES = {"rate": 200.0, "attitude": 100.0}
 """Highest rate of the samples that a response is estimated from, Hz, by loop: it rises within three or more samples."""
 SAMPLES_PER_COHERENT_PERIOD = 8.0
@@ -303,7 +301,7 @@ def _measured_step_response(
         varies.
     """
     subject = f"{signals.axis} {loop}"
-    seconds = RESPONSE_SECONDS[loop]
+    seconds = STEP_SECONDS[loop]
     min_duration = MIN_PIECE_RESPONSES * seconds
     if min(map(rate_between_outages, series)) < min_rate:
         return Fact(StepResponseFact.TOO_SLOW, subject=subject, least_rate=min_rate)

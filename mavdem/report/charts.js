@@ -331,7 +331,7 @@
     const space = () => root.classList.contains("printing") ? 10 : figure.dataset.flat != null ? 16 : 30;
     const width = (_, texts) => Math.max(50, ...(texts ?? []).filter(text => text?.length > 5).map(text => 14 + 7.2 * text.length));
     const base = { stroke: () => colour("--ink"), font: font(), grid, ticks: grid, labelFont: font(), labelSize: 16, labelGap: 0 };
-    const shown = axis => axis.names.length
+    const shown = axis => axis.ticks ? { splits: () => axis.ticks.map(([value]) => value), values: () => axis.ticks.map(([, name]) => name) } : axis.names.length
       ? { splits: () => axis.names.map((_, i) => i), values: (chart, splits) => splits.map(i => hasRoom(chart, axis.names) || i === 0 || i === axis.names.length - 1 ? axis.names[i] : "") }
       : axis.log ? { splits: logarithmicSplits, filter: labelledSplits, grid: { ...grid, filter: labelledSplits }, ticks: { ...grid, filter: labelledSplits }, values: (_, splits) => splits.map(value => value == null ? null : digits(value)) } : { values: (_, splits, axis, space, step) => splits.map(value => digits(value, step)) };
     // The last name is centred on its tick, so that half of it needs room to the right.

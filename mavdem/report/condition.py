@@ -237,8 +237,8 @@ def _autopilot_wind(evidence: WindEvidence, wind: WindVelocity) -> dict[str, flo
         wind: the estimate of mavdem, with its times.
 
     Returns:
-        "size", m/s, and "origin", the direction that the wind comes from, degrees from north; None if the autopilot has
-        no estimate of that time.
+        "size", the mean of the speeds, m/s, and "origin", the direction that the wind comes from, degrees from north;
+        None if the autopilot has no estimate of that time.
     """
     estimate = evidence.autopilot_estimate
     if estimate is None:
@@ -248,8 +248,9 @@ def _autopilot_wind(evidence: WindEvidence, wind: WindVelocity) -> dict[str, flo
     is_selected = (estimate.boot == wind.boot) & is_in_time
     if not is_selected.any():
         return None
-    north, east = estimate.values[is_selected].mean(axis=0)
-    return {"size": np.hypot(north, east), "origin": meteorological_direction(north, east)}
+    velocities = estimate.values[is_selected]
+    north, east = velocities.mean(axis=0)
+    return {"size": np.hypot(*velocities.T).mean(), "origin": meteorological_direction(north, east)}
 
 
 class _MeanWinds(NamedTuple):

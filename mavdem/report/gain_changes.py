@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 from urllib.parse import quote
 
-from mavdem.assessment.axis.tuning import PRESENT_HEADING, PRESENT_SUFFIX, STAGE_HEADINGS
+from mavdem.assessment.axis.tuning import STAGE_HEADINGS, present_parameter_files
 from mavdem.facts import Fact
 from mavdem.facts.loops import GainFact, LoopAction
 from mavdem.ingest.parameter_file import parameter_files
@@ -74,6 +74,9 @@ class _GainSet(NamedTuple):
     suffix: str = ""
     """End of the name of their files, before the ending."""
 
+    label: str = ""
+    """What their files are for, in the text of the links; empty if there is one set alone."""
+
 
 def gain_changes(
     log_name: str,
@@ -104,48 +107,54 @@ def gain_changes(
         gain_sets = [*_advised_gain_sets(advice)]
     rows = []
     downloads: list[ParameterDownload] = []
-    present_values: dict[str, float] = {}
+    changed_names: list[str] = []
+    log_stem = PurePath(log_name).stem
     remaining_notch = notch_parameters
     for gain_set in gain_sets:
-        for name, gain in gain_set.gains.items():
-            present_values[name] = gain.now
-            factor = gain.set / gain.now if gain.now else 1.0
-            rows.append([name, f"{gain.now:.4g}", f"{gain.set:.4g}", f"{factor:.2f}"])
-        values = {name: gain.set for name, gain in gain_set.gains.items()}
+        values = {name: gain.set for name, gain in gain_set.gains.items()} | dict(remaining_notch)
+        rows += [_gain_row(name, gain) for name, gain in gain_set.gains.items()]
         for name, value in remaining_notch.items():
-            present_value = vehicle.parameters.get(name)
-            if present_value is not None:
-                present_values[name] = present_value
-            rows.append(
-                [name, "" if present_value is None else f"{present_value:.4g}", f"{value:.4g}", ""]
-            )
-        values |= remaining_notch
+            rows.append(_notch_row(name, vehicle.parameters.get(name), value))
+        # The filter is set once, with the first gains.
         remaining_notch = NO_PARAMETERS
+        changed_names += values
         files = parameter_files(values, vehicle, gain_set.heading)
-        stage = gain_set.suffix.replace(".stage", "Stage ")
-        downloads += _downloads(files, f"{PurePath(log_name).stem}{gain_set.suffix}", stage)
+        downloads += _downloads(files, log_stem + gain_set.suffix, gain_set.label)
     if not rows:
         return None
-    present_files = parameter_files(present_values, vehicle, PRESENT_HEADING)
     downloads += _downloads(
-        present_files, f"{PurePath(log_name).stem}{PRESENT_SUFFIX}", "To go back:"
+        present_parameter_files(changed_names, vehicle), log_stem, "To go back:"
     )
     cautions = () if lowered_gains else tuple(_cautions_on_gains(advice))
     return GainChanges(Table(["gain", "now", "set", "times"], rows), tuple(downloads), cautions)
+
+
+def _gain_row(name: str, gain: Gain) -> list[str]:
+    """Returns the row of a gain: its name, value now, value to set, and the factor between them."""
+    factor = gain.set / gain.now if gain.now else 1.0
+    return [name, f"{gain.now:.4g}", f"{gain.set:.4g}", f"{factor:.2f}"]
+
+
+def _notch_row(name: str, present_value: float | None, value: float) -> list[str]:
+    """Returns the row of a parameter of a notch filter, which has no factor; the value now is empty if not known."""
+    present_text = "" if present_value is None else f"{present_value:.4g}"
+    return [name, present_text, f"{value:.4g}", ""]
 
 
 def _downloads(files: Mapping[str, str], stem: str, purpose: str) -> Iterator[ParameterDownload]:
     """Yields the links to the files that set some parameters, one for each kind of ground station.
 
     Args:
-        files: text of each file, by the ending of its name.
+        files: text of each file, by the ending of its name, such as ``.params`` or ``.before.params``.
         stem: name of the files without the ending.
         purpose: what the files are for, with which the text of each link begins; empty for none.
     """
     for ending in sorted(files):
-        label = f"{purpose} {ending} ({READERS[ending]})".strip()
+        name = f"{stem}{ending}"
+        kind = PurePath(name).suffix
+        label = f"{purpose} {kind} ({READERS[kind]})".strip()
         address = f"data:text/plain;charset=utf-8,{quote(files[ending])}"
-        yield ParameterDownload(f"{stem}{ending}", label, address)
+        yield ParameterDownload(name, label, address)
 
 
 def _cautions_on_gains(advice: AdviceByAxis) -> list[Sentence]:
@@ -202,8 +211,11 @@ def _advised_gain_sets(advice: AdviceByAxis) -> Iterator[_GainSet]:
         gains_by_stage.setdefault(axis_advice.stage, {}).update(changed_gains)
     has_several_stages = len(gains_by_stage) > 1
     for stage, gains in sorted(gains_by_stage.items()):
-        suffix = f".stage{stage:d}" if has_several_stages else ""
-        yield _GainSet(gains, STAGE_HEADINGS[stage], suffix)
+        if has_several_stages:
+            suffix, label = f".stage{stage:d}", f"Stage {stage:d}"
+        else:
+            suffix, label = "", ""
+        yield _GainSet(gains, STAGE_HEADINGS[stage], suffix, label)
 
 
 def _gains_to_lower(fact: Fact) -> Iterator[tuple[str, Gain]]:

@@ -1,6 +1,6 @@
 """Control loops in sentences and tables, made of facts (coded findings): margins, decisions, gains to set."""
 
-from collections.abc import Collection, Container, Iterator, Sequence
+from collections.abc import Collection, Container, Iterator
 from math import nan
 from operator import attrgetter
 from typing import NamedTuple
@@ -21,9 +21,9 @@ from mavdem.facts.lights import Light
 from mavdem.facts.loops import GainFact, LoopAction, LoopFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.loops.advice import Advice, AdviceByAxis
-from mavdem.loops.axis_loops import Loop, LoopsByAxis
+from mavdem.loops.axis_loops import LOOP_NAMES, Loop, LoopsByAxis
 from mavdem.loops.filters import gyro_delay, gyro_filters
-from mavdem.loops.gain_design import MAX_GAIN_STEP, Stage
+from mavdem.loops.gain_design import MAX_GAIN_STEP
 from mavdem.loops.identified_step import STEP_SECONDS, predicted_step
 from mavdem.loops.margins import OpenLoop
 from mavdem.report.blocks import Blocks, Sentence, Table, headline_sentence
@@ -68,7 +68,11 @@ REASONS_FOR_GAINS = (GainFact.STEP_BOUND, GainFact.INTEGRAL_FALLS)
 
 
 def tune_blocks(
-    tuning: Tuning, *, is_full: bool = True, has_tables_elsewhere: bool = False
+    tuning: Tuning,
+    *,
+    is_full: bool = True,
+    has_tables_elsewhere: bool = False,
+    headline_above: str = "",
 ) -> Blocks:
     """Returns the report of ``mavdem tune``: for each axis its rating and advice, margins, and the gains to set.
 
@@ -79,6 +83,8 @@ def tune_blocks(
         is_full: whether all margins and everything about the gains are included; otherwise only a sentence, a table of
             the gains to set and the margins that change with them, and how far these can be trusted.
         has_tables_elsewhere: whether a page has tables of gains and margins elsewhere, so that this report has none.
+        headline_above: headline that stands above the report, which is not repeated as the reason for no gains; empty
+            without one.
     """
     blocks = Blocks()
     stated_remedies = _texts_in_next_step(tuning)
@@ -88,6 +94,9 @@ def tune_blocks(
         # The report says the same of all these axes, so that the first one stands for them.
         axis = axes[0]
         report = " ".join(str(fact) for fact in _facts_on_axis(tuning, axis))
+        if report == headline_above:
+            blocks += render_section("tune_repair", axes=axes)
+            continue
         remedies = _unstated_remedies(tuning, axis, report, stated_remedies)
         stated_remedies.update(remedies)
         advice = tuning.axes[axis]
@@ -151,19 +160,30 @@ def _unstated_remedies(
 
 
 def tune_details(tuning: Tuning) -> Blocks:
-    """Returns the details of a tuning for each axis: all stability margins, and what they and the gains are based on.
+    """Returns the details of a tuning: all stability margins of all axes, and what they and the gains are based on.
 
     Axes without an identified loop are left out.
 
     Args:
         tuning: advice for each axis, or the fact (coded finding) that says why there is none.
     """
-    blocks = Blocks()
+    loops = dict[str, Loop]()
+    doubtful_headers = []
+    sentences = Blocks()
     for axis, advice in tuning.axes.items():
-        if isinstance(advice, Advice):
-            blocks.append(headline_sentence(axis.capitalize()))
-            blocks += _axis_details(advice, is_doubtful=axis in tuning.doubtful_axes)
-    return [*blocks, *_unchecked_effects(tuning)]
+        if isinstance(advice, Fact):
+            continue
+        is_doubtful = axis in tuning.doubtful_axes
+        for variant, loop in compared_loops(advice).items():
+            header = f"{axis}, {variant}"
+            loops[header] = loop
+            if is_doubtful:
+                doubtful_headers.append(header)
+        sentences.append(headline_sentence(axis.capitalize()))
+        sentences += _gain_sentences(advice)
+        sentences += _basis_sentences(advice.before, is_doubtful=is_doubtful)
+    tables = margin_tables(loops, doubtful_headers) if loops else ()
+    return [*tables, *sentences, *_unchecked_effects(tuning)]
 
 
 def _unchecked_effects(tuning: Tuning) -> list[Sentence]:
@@ -511,9 +531,9 @@ def compared_loops(advice: Advice) -> LoopsByAxis:
 def _gain_and_margin_table(advice: Advice, *, is_doubtful: bool) -> Table:
     """Returns a table that compares one axis as it flew with what is expected of the advised gains.
 
-    It has a row for each gain that changes, then the stability margins of the loop whose gains are tuned, which is the
-    rate or the attitude loop. If gains are advised, the last row shows how far wind turns the vehicle about the axis:
-    the standard deviation of the angle, degrees, in the wind of the flight.
+    It has a row for each gain that changes, then the stability margins of the rate loop and of the attitude loop. If
+    gains are advised, the last row shows how far wind turns the vehicle about the axis: the standard deviation of the
+    angle, degrees, in the wind of the flight.
 
     Args:
         advice: advice on the axis, with its loops.
@@ -524,68 +544,29 @@ def _gain_and_margin_table(advice: Advice, *, is_doubtful: bool) -> Table:
         The table, with a column for the gains that flew and, if gains are advised, one for the advised gains.
     """
     axis = advice.before.axis
-    loop_name = _tuned_loop_name(advice)
-    headers = [f"{axis}, {loop_name} loop (90 % interval)", "now"]
-    loops = [advice.before]
-    if advice.parameters:
-        headers.append("with these gains")
-        loops.append(advice.after)
-
+    loops = compared_loops(advice)
     rows = []
     for name, advised_value in advice.parameters.items():
         rows.append([name, f"{advice.gains[name].now:.4g}", f"{advised_value:.4g}"])
-    rows += _tuned_figure_rows(loops, loop_name, is_doubtful=is_doubtful)
-    if advice.parameters:
-        wind_errors = [rounded(loop.lean_in_wind) for loop in loops]
-        rows.append([f"{axis} error by wind torque, sd (°)", *wind_errors])
-    return Table(headers, rows)
-
-
-def _tuned_figure_rows(
-    loops: Sequence[Loop], loop_name: str, *, is_doubtful: bool
-) -> list[list[str]]:
-    """Returns the rows of a table for the figures of loops that tuning is about (``TUNED_FIGURES``).
-
-    Args:
-        loops: loops of one axis, one for each column of the table.
-        loop_name: "rate" or "attitude", the loop of the axis whose figures are shown.
-        is_doubtful: whether each figure is called doubtful.
-
-    Returns:
-        Rows of a name, such as "phase margin (°)", and one cell for each loop, such as "57 (50 to 63)".
-    """
     remark = "doubtful: " if is_doubtful else ""
-    rows = []
-    for figure_name in TUNED_FIGURES:
-        figure = LOOP_FIGURES[figure_name]
-        row = [figure.header]
-        for loop in loops:
-            open_loop = _open_loop(loop, loop_name)
-            row.append(remark + _figure_text(open_loop, figure_name, figure.scale))
-        rows.append(row)
-    return rows
-
-
-def _tuned_loop_name(advice: Advice) -> str:
-    """Returns which loop of an axis is tuned: "attitude" if its gain changes, otherwise "rate"."""
-    return "attitude" if advice.stage is Stage.ANGLE else "rate"
-
-
-def _open_loop(loop: Loop, loop_name: str) -> OpenLoop:
-    """Returns the open-loop response of one of the two loops of an axis.
-
-    Args:
-        loop: both loops of the axis.
-        loop_name: "rate", or "attitude" for the loop around it.
-    """
-    return loop.attitude if loop_name == "attitude" else loop.rate
+    for loop_name in LOOP_NAMES:
+        for figure_name in TUNED_FIGURES:
+            figure = LOOP_FIGURES[figure_name]
+            row = [f"{loop_name}: {figure.header}"]
+            for loop in loops.values():
+                text = _figure_text(loop.open_loop(loop_name), figure_name, figure.scale)
+                row.append(remark + text)
+            rows.append(row)
+    if advice.parameters:
+        wind_errors = [rounded(loop.lean_in_wind) for loop in loops.values()]
+        rows.append([f"{axis} error by wind torque, sd (°)", *wind_errors])
+    return Table([f"{axis} (90 % interval)", *loops], rows)
 
 
 def margin_overview(tuning: Tuning) -> Table | None:
     """Returns one table of the stability margins and the predicted step responses of all axes, as flown and as advised.
 
-    An axis has a row for the gains that flew and, where gains change, one for the advised gains. The loop is the
-    attitude loop where its gain changes, and otherwise the rate loop.
+    Each loop of an axis has a row for the gains that flew and, where gains change, one for the advised gains.
 
     Args:
         tuning: advice for each axis, or the fact (coded finding) that says why there is none.
@@ -597,15 +578,15 @@ def margin_overview(tuning: Tuning) -> Table | None:
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Fact):
             continue
-        loop_name = _tuned_loop_name(advice)
         # Where gains are withheld, the margins may be wrong for the same reason.
         is_doubtful = axis in tuning.doubtful_axes or bool(advice.refusals)
         remark = ", doubtful" if is_doubtful else ""
-        for variant, loop in compared_loops(advice).items():
-            open_loop = _open_loop(loop, loop_name)
-            cells = _margin_cells(open_loop, STEP_SECONDS[loop_name])
-            name = f"{axis} {loop_name}, {variant}{remark}"
-            rows.append([name, *cells, rounded(loop.lean_in_wind)])
+        for loop_name in LOOP_NAMES:
+            for variant, loop in compared_loops(advice).items():
+                cells = _margin_cells(loop.open_loop(loop_name), STEP_SECONDS[loop_name])
+                # Wind turns the angle, which the attitude loop holds.
+                wind_error = rounded(loop.lean_in_wind) if loop_name == "attitude" else ""
+                rows.append([f"{axis} {loop_name}, {variant}{remark}", *cells, wind_error])
     if not rows:
         return None
     margins = [LOOP_FIGURES[attribute].header for attribute in TUNED_FIGURES]
@@ -660,17 +641,26 @@ def _axis_details(advice: Advice, *, is_doubtful: bool) -> Blocks:
         advice: advice on the axis, with its loops.
         is_doubtful: whether a measured response contradicts the identified loop, and so all its margins.
     """
-    loop = advice.before
     loops = compared_loops(advice)
     blocks: Blocks = [*_gain_sentences(advice)]
     blocks += margin_tables(loops, doubtful=loops if is_doubtful else ())
-    blocks += filter_sentences(loop)
+    return [*blocks, *_basis_sentences(advice.before, is_doubtful=is_doubtful)]
+
+
+def _basis_sentences(loop: Loop, *, is_doubtful: bool) -> list[Sentence]:
+    """Returns sentences on the gyro's filters of a loop, and on how well its prediction fits the measured response.
+
+    Args:
+        loop: the loop of an axis as it flew.
+        is_doubtful: whether a measured response contradicts it.
+    """
+    sentences = filter_sentences(loop)
     # If the two responses were not compared, the sentence says that none was measured. That would be wrong of a loop
     # which another measured response contradicts.
     is_compared = loop.agrees is not None
     if is_compared or not is_doubtful:
-        blocks += render_section("loop_measured", loop=loop)
-    return blocks
+        sentences += render_section("loop_measured", loop=loop)
+    return sentences
 
 
 def filter_sentences(loop: Loop) -> list[Sentence]:
@@ -698,12 +688,12 @@ def margin_tables(loops: LoopsByAxis, doubtful: Container[str] = ()) -> Iterator
     Yields:
         A table with a row for each of ``LOOP_FIGURES`` and a column for each of ``loops``.
     """
-    for loop_name in ("rate", "attitude"):
+    for loop_name in LOOP_NAMES:
         rows = [["model of the plant", *[loop.model for loop in loops.values()]]]
         for attribute, figure in LOOP_FIGURES.items():
             cells = []
             for header, loop in loops.items():
-                open_loop = _open_loop(loop, loop_name)
+                open_loop = loop.open_loop(loop_name)
                 text = _figure_text(open_loop, attribute, figure.scale)
                 cells.append(f"doubtful: {text}" if header in doubtful else text)
             rows.append([figure.header, *cells])

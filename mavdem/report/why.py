@@ -166,7 +166,7 @@ def margin_sentences(fact: Fact, loops: "LoopsByAxis", margins: Iterable[Fact]) 
         )
         if is_of_other_axis and other_margins.is_watch_or_bad:
             other_axes.append(other_margins.figures)
-    open_loop = axis_loop.attitude if fact.subject == "attitude" else axis_loop.rate
+    open_loop = axis_loop.open_loop(fact.subject)
     return render_section(
         "why_margins",
         fact=fact.figures,

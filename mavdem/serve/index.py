@@ -116,7 +116,7 @@ class LibraryEntry:
     motor: int | None = None
     """Number of the motor that is suspected of a fault, from 1."""
     wind_speed: float | None = None
-    """Speed of the mean wind, m/s; none where still air is likely as well, or the speed is not identifiable."""
+    """Mean of the wind speeds, m/s; none where still air is likely as well, or the speed is not identifiable."""
     wind_low: float | None = None
     """Lower end of the 90 % interval of that speed, m/s: 0 where still air is likely; none without such an interval."""
     wind_high: float | None = None

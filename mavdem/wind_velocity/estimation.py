@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import INTERVAL_QUANTILES, half_width
+from mavdem.confidence import half_width
 from mavdem.dataset.axes import DOWN, HORIZONTAL
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.facts.identifiability import Status
@@ -26,10 +26,11 @@ from mavdem.wind_velocity.identifiability import (
 )
 from mavdem.wind_velocity.mean_wind import (
     MIN_SPEED,
-    gust_interval,
+    independent_count,
     mean_wind_by_minute,
     mean_wind_of_steps,
     running_means,
+    speed_interval,
     wind_profile,
 )
 from mavdem.wind_velocity.motion_grid import MAX_STEPS, flight_grid, validated_motion
@@ -125,21 +126,30 @@ def estimate_wind(
         advice = advised_flight(errors, flight_drag)
 
     gust_steps = max(round(GUST_SECONDS / fine.step), 1)
+    # Speeds (T, N) in each posterior sample, and the variance (N,) of their error by noise, the mean over the flight.
+    sampled_speeds = np.hypot(winds[..., 0], winds[..., 1])
+    noise_variance = variances.mean(axis=(0, 2))
     gust = float(running_means(np.hypot(*wind_velocity.T)[:, np.newaxis], gust_steps).max())
-    gust_low, gust_high = gust_interval(winds, variances, gust_steps, gust)
+    # A gust is too short for the noise to average out.
+    gust_low, gust_high = speed_interval(
+        running_means(sampled_speeds, gust_steps).max(axis=0), noise_variance, gust
+    )
     if not lowest_speed:
         # Still air has no gusts. The samples have, since the speed of a scattered velocity is above 0.
         gust_low = 0.0
     # The mean of the speeds, unlike the speed of the mean, does not fall where the wind turns.
     mean_speed = float(np.hypot(*wind_velocity.T).mean())
-    mean_speed_samples = np.hypot(winds[..., 0], winds[..., 1]).mean(axis=0)
-    mean_low, mean_high = np.quantile(mean_speed_samples, INTERVAL_QUANTILES).tolist()
+    mean_speed_interval = speed_interval(
+        sampled_speeds.mean(axis=0),
+        noise_variance / independent_count(len(winds), fine.step),
+        mean_speed,
+    )
     mean_speed_square = max(mean_wind_velocity @ mean_wind_velocity, MIN_SPEED)
     return WindVelocity(
         speed=whole_flight.speed,
         speed_interval=(lowest_speed, whole_flight.high),
         mean_speed=mean_speed,
-        mean_speed_interval=(min(mean_low, mean_speed), max(mean_high, mean_speed)),
+        mean_speed_interval=mean_speed_interval,
         direction=whole_flight.direction,
         direction_interval=whole_flight.direction_half_width,
         gust=gust,

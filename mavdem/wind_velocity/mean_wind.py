@@ -82,28 +82,29 @@ def running_means(values: Array, steps: int) -> Array:
     return (sums[steps:] - sums[:-steps]) / steps
 
 
-def gust_interval(winds: Array, variances: Array, steps: int, gust: float) -> Interval:
-    """Returns the 90 % interval of the speed of the largest gust, by samples of its posterior distribution.
+def speed_interval(speeds: Array, noise_variance: float | Array, speed: float) -> Interval:
+    """Returns the 90 % interval of a speed, such as of the largest gust, by samples of its posterior distribution.
 
-    Each posterior sample of drag and lean has another wind, and so another largest gust. The noise of the wind is added
-    to each ``DIRECTION_DRAWS`` times at random, since a gust is too short for the noise to average out.
+    Each posterior sample of drag and lean has another wind, and so another speed. The noise of the wind is added to
+    each ``DIRECTION_DRAWS`` times at random.
 
     Args:
-        winds: N posterior samples of the wind velocity, north and east (T, N, 2), m/s.
-        variances: variance (T, N, 2) of the error of each component by noise, (m/s)².
-        steps: steps over which a gust is averaged.
-        gust: the largest gust of the mean of all samples, m/s, which is the reported value.
+        speeds: the speed in each of N posterior samples (N,), m/s.
+        noise_variance: variance of the error by noise along one direction, (m/s)²: one, or one for each sample (N,).
+        speed: the reported value, m/s.
 
     Returns:
         Lower and upper end, m/s, widened if they do not contain the reported value.
     """
-    speeds = np.hypot(winds[..., 0], winds[..., 1])
-    gusts = running_means(speeds, steps).max(axis=0)
-    # The standard deviation of the noise of each posterior sample (N,), averaged over time and both components.
-    noise_sd = np.sqrt(variances.mean(axis=(0, 2)))
-    noise = default_rng(NOISE_SEED).standard_normal((DIRECTION_DRAWS, len(gusts)))
-    low, high = np.quantile(gusts + noise * noise_sd, INTERVAL_QUANTILES).tolist()
-    return max(min(low, gust), 0.0), max(high, gust)
+    noise = default_rng(NOISE_SEED).standard_normal((DIRECTION_DRAWS, len(speeds)))
+    samples = speeds + noise * np.sqrt(noise_variance)
+    low, high = np.quantile(samples, INTERVAL_QUANTILES).tolist()
+    return max(min(low, speed), 0.0), max(high, speed)
+
+
+def independent_count(steps: int, step: float) -> float:
+    """Returns the number of independent errors by noise in a mean over some steps of ``step`` seconds, at least 1."""
+    return max(steps * step / INDEPENDENT_SECONDS, 1.0)
 
 
 def mean_wind_by_minute(
@@ -213,9 +214,8 @@ def mean_wind_of_steps(winds: Array, variances: Array, step: float) -> MeanWind:
         Speed with its interval, m/s, and direction with the half width of its interval, degrees.
     """
     means = winds.mean(axis=0)
-    independent_steps = max(len(winds) * step / INDEPENDENT_SECONDS, 1.0)
-    # The error by noise of a mean over that many independent values. Normal draws of it are added to the N means.
-    noise_sd = np.sqrt(variances.mean(axis=0) / independent_steps)
+    # The error by noise of a mean over independent values. Normal draws of it are added to the N means.
+    noise_sd = np.sqrt(variances.mean(axis=0) / independent_count(len(winds), step))
     noise = default_rng(NOISE_SEED).standard_normal((DIRECTION_DRAWS, len(means), 2))
     samples = (means + noise * noise_sd).reshape(-1, 2)
     speeds = np.hypot(*samples.T)

@@ -34,8 +34,6 @@ class WindTurn(NamedTuple):
     """Direction that the wind of the last minute came from, degrees."""
     farthest_direction: float | None
     """Direction of a minute between them, degrees, that lies farthest from the first one; None if the last one does."""
-    speed: float
-    """Mean of the speeds, m/s."""
 
 
 def _farthest_direction(directions: Array) -> float | None:
@@ -177,7 +175,6 @@ class WindVelocity(ImmutableResult):
             start_direction=minutes[0]["direction"],
             end_direction=minutes[-1]["direction"],
             farthest_direction=_farthest_direction(directions),
-            speed=self.mean_speed,
         )
 
     @property

@@ -483,11 +483,15 @@ def test_wind_that_takes_half_of_the_most_lean_leaves_too_little():
 @mark.parametrize(
     "directions, last_speed, turn",
     [
-        ((200.0, 310.0), 5.3, "of a wind that turned from SSW (200°) ↑ to NW (310°) ↘ at 5.6 m/s"),
+        (
+            (200.0, 310.0),
+            5.3,
+            "speed 5.6 m/s (5.2 to 6.0), turning from SSW (200°) ↑ to NW (310°) ↘, gusts",
+        ),
         (
             (200.0, 310.0, 195.0),
             5.3,
-            "turned from SSW (200°) ↑ to NW (310°) ↘ and then to SSW (195°) ↑ at 5.7 m/s",
+            "turning from SSW (200°) ↑ to NW (310°) ↘ and then to SSW (195°) ↑, gusts to 7.0 m/s",
         ),
         ((200.0, 210.0), 3.0, None),
     ],
@@ -506,6 +510,8 @@ def test_the_light_of_a_wind_that_turned_names_the_speed_that_blew(directions, l
         direction=262.0,
         direction_interval=4.0,
         mean_speed=np.mean([minute["speed"] for minute in minutes]),
+        mean_speed_interval=(5.2, 6.0),
+        gust=7.0,
         status={"speed": Status.REPORTED, "direction": Status.REPORTED},
         reasons={},
         drag=Drag.from_parameters(),
@@ -514,7 +520,7 @@ def test_the_light_of_a_wind_that_turned_names_the_speed_that_blew(directions, l
     flight_evidence = replace(evidence(HOVER.telemetry()), wind=WindEvidence(wind, None, None))
     light = wind_light(flight_evidence, Fact(EstimatorLight.FILTER_AGREED, Level.GOOD))
     if turn is None:
-        assert "turned" not in light.sentence
+        assert "turning" not in light.sentence
     else:
         assert turn in light.sentence
 
@@ -532,6 +538,9 @@ def test_a_wind_is_good_if_its_interval_is_no_wider_than_one_beaufort_number(int
     figures = {
         "speed": (low + high) / 2,
         "speed_interval": interval,
+        "mean_speed": (low + high) / 2,
+        "mean_speed_interval": interval,
+        "gust": 9.0,
         "direction": 82.0,
         "direction_interval": 8.0,
         "status": {"speed": Status.BIASED, "direction": Status.REPORTED},

@@ -2,7 +2,7 @@
 
 from unittest.mock import Mock
 
-from command_line import document_of, refused, run, unwrapped
+from command_line import document_of, run, unwrapped
 from pytest import mark
 from recorded_flights import FLIGHT, shared
 
@@ -14,7 +14,7 @@ pytestmark = [mark.slow, mark.usefixtures("coarse_physics")]
 
 
 @mark.usefixtures("logs_read_once")
-def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(
+def test_margins_gains_and_files_say_the_same_and_refusals_write_the_page_alone(
     tmp_path, capsys, monkeypatch
 ):
     """The gains in the document, in the file for the ground station and on the page agree."""
@@ -22,10 +22,14 @@ def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(
     out = tmp_path / "out"
     assert run("fly", "iris_identification", "--duration", "50", "--out", log) == 0
     capsys.readouterr()
-    assert "smaller --start" in refused(capsys, 1, "tune", log, "--start", "45", "--out", out)
+    assert run("tune", log, "--start", "45") == 1
+    assert "smaller --start" in unwrapped(capsys.readouterr().out)
     document = document_of(capsys, "tune", FLIGHT, "--axis", "pitch", "--out", out, code=1)
     assert "no rate setpoint" in document["error"]["reason"]
-    assert not out.exists()
+    assert "rate setpoint" in document["next_step"]
+    page = (out / "tune.html").read_text()
+    assert "no rate setpoint" in page and "gains in the log" in page
+    assert [file.name for file in out.iterdir()] == ["tune.html"]
     arguments = ["tune", log, "--margins", "soft", "--start", "5", "--out", out]
     tuning_document = document_of(capsys, *arguments, "--more")
     roll = tuning_document["axes"]["roll"]
@@ -101,11 +105,8 @@ def test_a_vehicle_that_must_not_fly_is_reported_before_its_loops(capsys):
     assert output.startswith("The height estimate diverged")
     assert output.index("No gains are advised.") > 0
     assert "Next: Do not fly in a mode that holds the height" in output
-    log_without_parameters = shared("real/logs/yaw_twist_16_percent.BIN")
-    assert (
-        refused(capsys, 1, "tune", log_without_parameters, "--axis", "all").count("--params FILE")
-        == 1
-    )
+    assert run("tune", shared("real/logs/yaw_twist_16_percent.BIN"), "--axis", "all") == 1
+    assert unwrapped(capsys.readouterr().out).count("--params FILE") == 1
 
 
 def test_without_a_plant_the_measured_margins_or_what_is_bad_are_shown(capsys, monkeypatch):
@@ -113,5 +114,7 @@ def test_without_a_plant_the_measured_margins_or_what_is_bad_are_shown(capsys, m
     bad = shared("real/logs/gains_named_before_34.BIN")
     refusal = NotLearnable(LoopFact.LOOP_TOO_SHORT, least_duration=20.0)
     monkeypatch.setattr("mavdem.assessment.axis.loops.loop_from_plant", Mock(side_effect=refusal))
-    assert "by system identification" in refused(capsys, 1, "tune", sound, "--axis", "pitch")
-    assert "The height estimate diverged" in refused(capsys, 1, "tune", bad)
+    assert run("tune", sound, "--axis", "pitch") == 1
+    assert "by system identification" in unwrapped(capsys.readouterr().out)
+    assert run("tune", bad) == 1
+    assert capsys.readouterr().out.startswith("The height estimate diverged")

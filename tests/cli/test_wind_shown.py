@@ -11,6 +11,7 @@ from pytest import approx, mark
 from mavdem import wind
 from mavdem.fleet.priors import earlier_drag
 from mavdem.fleet.rows_of_log import rows_of_log
+from mavdem.ingest.parameter_file import read_parameters
 from mavdem.report.pages.fleet_page import fleet_page
 from mavdem.report.vehicle_summary import vehicle_summaries
 from mavdem.wind_velocity.compass import compass_text, compass_words
@@ -33,10 +34,10 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
         == 0
     )
     output = unwrapped(capsys.readouterr().out)
-    (low, high) = estimate.speed_interval
+    (low, high) = estimate.mean_speed_interval
     origin = compass_words(estimate.direction, estimate.direction_interval)
     assert (
-        f"vector mean {estimate.speed:.1f} m/s ({low:.1f} to {high:.1f}) from {origin}, gusts"
+        f"mean speed {estimate.mean_speed:.1f} m/s ({low:.1f} to {high:.1f}) from {origin}, gusts"
         in output
     )
     assert (
@@ -53,13 +54,13 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     earlier = earlier_drag(learnt / "model.json").drag
     assert earlier.linear == approx(row.drag[:2]) and earlier.relative_sd(5) < 0.2
     assert (row.wind_speed, degrees(row.wind_direction)) == approx(
-        (estimate.speed, estimate.direction)
+        (estimate.mean_speed, estimate.direction)
     )
     # A list shows the speed that is known, and the interval of one that is known only roughly.
     direction = compass_text(estimate.direction)
     vague = replace(row, wind_speed_interval=(1.9, 8.0))
     for one, text in (
-        (row, f"{estimate.speed:.1f} {direction}"),
+        (row, f"{estimate.mean_speed:.1f} {direction}"),
         (vague, f"1.9 to 8.0 {direction}"),
     ):
         assert text in fleet_page(vehicle_summaries([one]))
@@ -74,6 +75,10 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     ):
         assert title in page
     assert json.loads((tmp_path / "wind" / "wind.json").read_text())["speed"] == estimate.speed
+    document = json.loads((tmp_path / "wind" / "wind.json").read_text())
+    drag_parameters = read_parameters(tmp_path / "wind" / "drag.params")
+    values = {name: setting[0] for name, setting in document["parameters"].items()}
+    assert drag_parameters == approx(values) and values
     # A flight's log is a prior for another one, as its documents are.
     for earlier_flight in (log, tmp_path / "wind"):
         drag = earlier_drag(earlier_flight).drag

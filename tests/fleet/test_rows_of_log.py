@@ -54,7 +54,14 @@ def test_still_air_is_no_wind_and_a_drags_interval_is_a_half_width():
     drag = Drag(np.zeros(6), np.eye(6))
     status = {"speed": Status.REPORTED, "direction": Status.NOT_IDENTIFIABLE}
     calm_air, moving_air = (
-        partial_record(WindVelocity, drag=drag, status=status, speed=0.4, speed_interval=interval)
+        partial_record(
+            WindVelocity,
+            drag=drag,
+            status=status,
+            speed_interval=interval,
+            mean_speed=0.4,
+            mean_speed_interval=interval,
+        )
         for interval in ((0.0, 1.0), (0.1, 1.0))
     )
     still = module.wind_columns(calm_air)

@@ -353,10 +353,21 @@ def test_each_stage_has_its_own_files_with_its_own_gains():
 
 def test_one_axis_without_a_loop_has_its_own_reason_and_several_have_theirs():
     mixer, steered = Fact(LoopFact.MIXER_REVERSED), Fact(LoopFact.NOT_STEERED, share=0.3)
-    assert refused(tuned_by, {"roll": mixer}) == mixer
-    several = refused(tuned_by, {"roll": mixer, "pitch": steered, "yaw": mixer})
+    single = tuned_by({"roll": mixer})
+    assert single.refusal.sentence == mixer.sentence and not single.advice
+    several = tuned_by({"roll": mixer, "pitch": steered, "yaw": mixer}).refusal
     named = [fact.figures["names"] for fact in several.figures["reasons"]]
     assert named == [("roll", "yaw"), ("pitch",)]
+
+
+def test_the_next_step_without_gains_leads_to_gains():
+    steered = Fact(LoopFact.NOT_STEERED, share=0.3)
+    tuning = tuned_by({"roll": Fact(LoopFact.MIXER_REVERSED), "pitch": steered})
+    assert steered.remedy and tuning.judgement.next_step.sentence == steered.remedy
+    # A fault of the vehicle comes before a flight for gains.
+    limited = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, names=("motor 1",))
+    tuning = tuned_by({"pitch": steered}, headline=limited)
+    assert tuning.judgement.next_step.figures["reason"] == limited
 
 
 @mark.slow

@@ -1,7 +1,6 @@
 """The rate loop by system identification: of a recorded flight with a chirped truth, and of known margins."""
 
 import numpy as np
-from numpy.testing import assert_allclose
 from pytest import approx, mark
 from recorded_flights import recorded
 
@@ -22,13 +21,6 @@ def test_the_recorded_flight_has_its_chirped_margins():
     assert open_loop.phase_margin == approx(19, abs=1.5)
     assert open_loop.gain_margin == approx(2.8, abs=1)
     assert open_loop.ms == approx(4.9, rel=0.1)
-    assert not open_loop.disturbance.any()  # No signal was injected.
-    # The setpoint's filter alone is beside the loop where D does little: ATC_RAT_PIT_FLTT of 20 Hz.
-    setpoint_filter = 1 / (1 + 1j * open_loop.frequency / 20.0)
-    followed = open_loop.response[0] / (1 + open_loop.response[0])
-    assert_allclose(
-        open_loop.closed_loop_response[0, :10], (setpoint_filter * followed)[:10], rtol=0.02
-    )
     assert injected_loop(signals.for_axis("roll"), recorded_spans(signals)) is None
 
 

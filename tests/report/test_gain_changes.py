@@ -26,7 +26,7 @@ LOWER = Fact(
 
 
 def test_gains_to_lower_are_a_table_and_files_within_the_page(tmp_path: Path):
-    vehicle = Hover().telemetry()
+    vehicle = Hover().telemetry(parameters={"ATC_RAT_RLL_P": 0.135})
     next_step = Fact(NextStep.DO_AS_ADVISED, reason=LOWER)
     changes = gain_changes("flight.bin", vehicle, {}, next_step)
     assert changes.table.rows == [["ATC_RAT_RLL_P", "0.135", "0.09", "0.67"]]

@@ -8,7 +8,7 @@ The results are facts (coded findings), in these roles:
   change the next step, for example to load the new gains.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -19,7 +19,6 @@ from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement, repairs_before_tuning
 from mavdem.assessment.record import Assessment
 from mavdem.containers import group_by
-from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.assessment import NextStep, Override
 from mavdem.facts.lights import Light
@@ -45,13 +44,31 @@ PRESENT_SUFFIX = ".before"
 """End of the name of these files, before the ending."""
 
 
+def present_parameter_files(names: Iterable[str], vehicle: Telemetry) -> dict[str, str]:
+    """Returns the contents of the parameter files that set what new parameters replace, to go back to it.
+
+    Args:
+        names: names of the new parameters.
+        vehicle: vehicle that they are for, with its parameters at the end of the log.
+
+    Returns:
+        The text of each file by the ending of its name, such as ``.before.params``; empty if the log has none of the
+        parameters.
+    """
+    values = {name: vehicle.parameters[name] for name in names if name in vehicle.parameters}
+    if not values:
+        return {}
+    texts = parameter_files(values, vehicle, PRESENT_HEADING)
+    return {f"{PRESENT_SUFFIX}{ending}": text for ending, text in texts.items()}
+
+
 class Tuning(NamedTuple):
     """The tuning of a vehicle: gains to set for each axis, or facts (coded findings) why there are none."""
 
     axes: AdviceByAxis
     """The advice on each requested axis, or why its loop is not known."""
     advice: Sequence[Advice]
-    """The advice on the axes whose loops are known, at least one."""
+    """The advice on the axes whose loops are known; empty if none is."""
     parameters: Parameters
     """The parameters that change, by the autopilot's names; empty if no gains are advised."""
     notch_parameters: Parameters
@@ -62,10 +79,14 @@ class Tuning(NamedTuple):
     """The judgement of the flight, whose next step is to load the new gains, unless something else is bad."""
     doubtful_axes: frozenset[str] = frozenset()
     """The axes whose measured response contradicts the identified loop, so that its margins must not be trusted."""
+    no_loop: Fact | None = None
+    """Why the loop of no axis is known; None if that of one is."""
 
     @property
     def refusal(self) -> Fact | None:
         """Why no gains are advised; None if some are."""
+        if self.no_loop is not None:
+            return self.no_loop
         if any(advice.gains for advice in self.advice):
             return None
         return self.advice[0].conclusion
@@ -103,23 +124,6 @@ class Tuning(NamedTuple):
                 text_by_ending[f".notch{ending}"] = text
         return text_by_ending
 
-    def present_files(self, vehicle: Telemetry) -> dict[str, str]:
-        """Returns the contents of the parameter files that set what the advised gains replace, to go back to it.
-
-        Args:
-            vehicle: vehicle that they are for, with its parameters at the end of the log.
-
-        Returns:
-            The text of each file by the ending of its name, such as ``.before.params``; empty if nothing changes.
-        """
-        values = {
-            name: vehicle.parameters[name] for name in self.parameters if name in vehicle.parameters
-        }
-        if not values:
-            return {}
-        texts = parameter_files(values, vehicle, PRESENT_HEADING)
-        return {f"{PRESENT_SUFFIX}{ending}": text for ending, text in texts.items()}
-
 
 def tune_loops(
     assessment: Assessment,
@@ -146,9 +150,6 @@ def tune_loops(
 
     Returns:
         The advice on each axis, the parameters to set, and the judgement with its next step.
-
-    Raises:
-        NotLearnable: none of the loops is known. If something about the vehicle is bad, the reason begins with it.
     """
     evidence = assessment.evidence
     assert evidence is not None
@@ -166,6 +167,10 @@ def tune_loops(
         raises_sound_gains=raises_sound_gains,
     )
     advice_on_loops = [advice for advice in advice_by_axis.values() if isinstance(advice, Advice)]
+    no_loop = None
+    if not advice_on_loops:
+        refusals = {axis: fact for axis, fact in advice_by_axis.items() if isinstance(fact, Fact)}
+        no_loop = _reason_for_no_loop(evidence, judgement, refusals)
     parameters = dict[str, float]()
     for advice in advice_on_loops:
         # A notch adds phase lag. It is known only for loops with new gains that their phase margin is sufficient.
@@ -186,42 +191,45 @@ def tune_loops(
         notch,
         _judgement_with_tuning_step(
             judgement,
-            axes,
-            advice_on_loops,
+            advice_by_axis,
             arguments,
             has_new_gains=bool(parameters),
             is_written=is_written,
+            must_be_repaired=bool(reasons_of_vehicle),
         ),
         axes_with_doubtful_loop(assessment.margins, evidence.loops),
+        no_loop,
     )
     return freeze(tuning)
 
 
 def _judgement_with_tuning_step(
     judgement: Judgement,
-    axes: Sequence[str],
-    advice_on_loops: Sequence[Advice],
+    advice_by_axis: AdviceByAxis,
     arguments: Sequence[str],
     *,
     has_new_gains: bool,
     is_written: bool,
+    must_be_repaired: bool,
 ) -> Judgement:
     """Replaces the next step of a judgement if the advice on the gains changes what the pilot should do next.
 
-    There are three cases:
+    There are four cases:
 
     - There are new gains, and no other fault comes before them: the next step is to load the gains.
     - There are none, although the next step was to tune the vehicle: it becomes to tune other axes or, if their gains
       need no change, what the advice on the loops says instead, such as to fly doublets.
+    - No gains can be advised at all, and no fault is the reason: the next step is what leads to advice, such as to log
+      the setpoint of the rate.
     - Otherwise the next step stays, for example to replace a propeller.
 
     Args:
         judgement: judgement of the vehicle before tuning.
-        axes: the axes whose gains were requested.
-        advice_on_loops: advice on the loops of these axes.
+        advice_by_axis: the advice on each requested axis, or the fact that its loop is not known.
         arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
         has_new_gains: whether the advice changes any gain.
         is_written: whether the gains will be written to a file.
+        must_be_repaired: whether something about the vehicle must be mended before it is tuned.
 
     Returns:
         The judgement, with its headline and lights unchanged.
@@ -229,14 +237,18 @@ def _judgement_with_tuning_step(
     other_axes_to_tune = []
     for axis, decision in judgement.loop_decisions.items():
         is_to_be_tuned = decision.action is not None and decision.action.code in ADVICE_TO_TUNE
-        if axis not in axes and is_to_be_tuned:
+        if axis not in advice_by_axis and is_to_be_tuned:
             other_axes_to_tune.append(axis)
+    advice_on_loops = [advice for advice in advice_by_axis.values() if isinstance(advice, Advice)]
+    is_refused = not any(advice.gains for advice in advice_on_loops)
     if has_new_gains and _allows_new_gains(judgement.headline):
         next_step = _next_step_with_new_gains(
             judgement, advice_on_loops, other_axes_to_tune, arguments, is_written=is_written
         )
     elif not has_new_gains and advises_to_tune(judgement.next_step):
-        next_step = _next_step_without_new_gains(advice_on_loops, other_axes_to_tune, arguments)
+        next_step = _next_step_without_new_gains(advice_by_axis, other_axes_to_tune, arguments)
+    elif is_refused and not must_be_repaired and _allows_new_gains(judgement.headline):
+        next_step = _next_step_towards_gains(judgement, advice_by_axis)
     else:
         return judgement
     return replace(judgement, next_step=next_step)
@@ -263,34 +275,18 @@ def _advice_on_axes(
 
     Returns:
         For each axis the advice, or the fact that its loop is not known, with the reasons.
-
-    Raises:
-        NotLearnable: none of the loops is known. A bad headline that is no need of repair comes first among the
-            reasons; a single axis without such reasons has the reason of its own loop.
     """
     evidence = assessment.evidence
     assert evidence is not None
     judgement = assessment.judgement
     reasons_without_loop = _reasons_without_loop(assessment, axes)
-    refusals = {}
-    for axis, reason in reasons_without_loop.items():
-        # A vehicle that must not be tuned needs no further reason on a single axis.
-        refusals[axis] = Fact(LoopFact.NO_LOOP, reasons=reasons_of_vehicle or (reason,))
-    is_no_loop_known = all(axis in refusals for axis in axes)
-    if is_no_loop_known:
-        headline = judgement.headline
-        must_be_repaired = repairs_before_tuning(evidence, judgement.lights[Light.MOTORS])
-        reasons = _joined_by_reason(refusals)
-        if headline.is_bad and not must_be_repaired:
-            reasons.insert(0, headline)
-        elif len(axes) == 1 and not reasons_of_vehicle:
-            raise NotLearnable(reasons_without_loop[axes[0]])
-        raise NotLearnable(LoopFact.NO_LOOP, reasons=reasons)
     advice_by_axis = AdviceByAxis()
     for axis in axes:
         loop = evidence.loops[axis]
         if not isinstance(loop, Loop):
-            advice_by_axis[axis] = refusals[axis]
+            # A vehicle that must not be tuned needs no further reason on a single axis.
+            reasons = reasons_of_vehicle or (reasons_without_loop[axis],)
+            advice_by_axis[axis] = Fact(LoopFact.NO_LOOP, reasons=reasons)
             continue
         advice_by_axis[axis] = _advice_on_loop(
             loop,
@@ -301,6 +297,25 @@ def _advice_on_axes(
             raises_sound_gains=raises_sound_gains,
         )
     return advice_by_axis
+
+
+def _reason_for_no_loop(
+    evidence: Evidence, judgement: Judgement, refusals: Mapping[str, Fact]
+) -> Fact:
+    """Returns the fact that the loop of no axis is known, with the reasons.
+
+    A bad headline is the first reason, unless it is a need of repair, which the refusals name already.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+        judgement: judgement of the vehicle, with its headline and status lights.
+        refusals: why the loop of each axis is not known.
+    """
+    reasons = _joined_by_reason(refusals)
+    must_be_repaired = repairs_before_tuning(evidence, judgement.lights[Light.MOTORS])
+    if judgement.headline.is_bad and not must_be_repaired:
+        reasons.insert(0, judgement.headline)
+    return Fact(LoopFact.NO_LOOP, reasons=tuple(reasons))
 
 
 def _reasons_without_loop(assessment: Assessment, axes: Sequence[str]) -> dict[str, Fact]:
@@ -427,12 +442,12 @@ def _unknown_lights_for_higher_gains(
 
 
 def _next_step_without_new_gains(
-    advice_on_loops: Sequence[Advice], other_axes: Sequence[str], arguments: Sequence[str]
+    advice_by_axis: AdviceByAxis, other_axes: Sequence[str], arguments: Sequence[str]
 ) -> Fact:
     """Returns the next step if the advice changes no gains of the requested axes.
 
     Args:
-        advice_on_loops: advice on the requested axes, at least one. None of them has new gains.
+        advice_by_axis: the advice on each requested axis, or the fact that its loop is not known. None has new gains.
         other_axes: axes that were not requested, but whose gains should change.
         arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
 
@@ -443,15 +458,41 @@ def _next_step_without_new_gains(
     if other_axes:
         return Fact(
             NextStep.TUNE_OTHER_AXES,
-            names=tuple(advice.before.axis for advice in advice_on_loops),
+            names=tuple(advice_by_axis),
             others=tuple(other_axes),
             arguments=tuple(arguments),
         )
-    conclusions = [advice.conclusion for advice in advice_on_loops]
+    conclusions = [_conclusion(advice) for advice in advice_by_axis.values()]
     for conclusion in conclusions:
         if conclusion.remedy:
             return Fact(NextStep.DO_AS_ADVISED, reason=conclusion)
     return Fact(NextStep.DO_AS_ADVISED, reason=conclusions[0])
+
+
+def _next_step_towards_gains(judgement: Judgement, advice_by_axis: AdviceByAxis) -> Fact:
+    """Returns the next step if no gains can be advised: what leads to gains of the first axis for which that is known.
+
+    The decision on the loops of an axis names the flight to make. An axis without one has the remedy of the reason why
+    its loop is not known, such as what to log.
+
+    Args:
+        judgement: headline, next step and status lights of the flight, and decisions on its loops.
+        advice_by_axis: the advice on each requested axis, or the fact that its loop is not known. None advises gains.
+    """
+    for axis, advice in advice_by_axis.items():
+        decision = judgement.loop_decisions.get(axis)
+        if decision is not None and decision.action is not None:
+            if decision.action.code is LoopAction.FLY_DOUBLETS:
+                return Fact(NextStep.DO_AS_ADVISED, reason=decision.action)
+        conclusion = _conclusion(advice)
+        if conclusion.remedy:
+            return Fact(NextStep.DO_AS_ADVISED, reason=conclusion)
+    return judgement.next_step
+
+
+def _conclusion(advice: Advice | Fact) -> Fact:
+    """Returns what to do with the gains of an axis or, if its loop is not known, the fact that says why."""
+    return advice if isinstance(advice, Fact) else advice.conclusion
 
 
 def _advice_on_loop(

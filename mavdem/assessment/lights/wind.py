@@ -29,7 +29,7 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
     2. "watch" if the estimator is bad, whose velocity the estimate needs, or if the vehicle needed more than
        ``MAX_LEAN_FRACTION`` of the largest lean that its parameters allow, in air that was not calm;
     3. "good" if it needed less of that lean, if the air was calm, or if no parameter limits the lean but the interval
-       of the speed is narrow (:func:`mavdem.wind_velocity.beaufort.is_speed_known`);
+       of the mean speed is narrow (:func:`mavdem.wind_velocity.beaufort.is_speed_known`);
     4. "unknown", with the figures of the estimate, if the speed is known only roughly.
 
     Args:
@@ -38,12 +38,13 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
 
     Returns:
         A fact whose level is the colour of the light: good, watch, bad or unknown. Where the speed is identified, it
-        has these figures: ``speed`` and its interval ``low`` to ``high`` (m/s); ``direction``, None if that is not
-        identified; ``share`` of the largest lean, 0 if that is not known; ``is_rough``, whether the speed is known only
+        has these figures: ``speed``, the mean of the speeds, and its interval ``low`` to ``high`` (m/s), which in calm
+        air is that of the vector mean; ``gust``, m/s; ``direction``, None if that is not identified; ``share`` of the
+        largest lean, 0 if that is not known; ``is_rough``, whether the speed is known only
         roughly; ``by_usual_drag``, whether the drag is the one of typical multirotors; and ``reason``, the bad
         estimator or why the speed is known only roughly. If the wind turned so far that its mean misleads, it also has
-        ``turned_from`` and ``turned_to``, degrees, ``turned_past``, the direction between them that lies farthest from
-        the first, None if the last does, and ``turning_speed``, the mean of the speeds, m/s.
+        ``turned_from`` and ``turned_to``, degrees, and ``turned_past``, the direction between them that lies farthest
+        from the first, None if the last does.
     """
     if evidence.other_vehicle is not None:
         return evidence.other_vehicle
@@ -55,9 +56,10 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
         return Fact(WindLight.WIND_NOT_KNOWN, reason=evidence.wind.reason)
     if not wind.speed_identifiable:
         return Fact(WindLight.WIND_NOT_KNOWN, reason=wind.reasons["speed"])
-    lowest_speed, highest_speed = wind.speed_interval
+    # The velocity of calm air may be 0, and its speed may not.
+    interval = wind.speed_interval if wind.calm else wind.mean_speed_interval
     lean_fraction = _lean_fraction(evidence.condition, evidence.signals.telemetry)
-    is_rough = not is_speed_known(wind.speed_interval)
+    is_rough = not is_speed_known(interval)
     level = _level_of_wind(wind, lean_fraction, estimator, is_rough=is_rough)
     reason: Fact | None = None
     if estimator.is_bad:
@@ -68,9 +70,10 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
         WindLight.WIND_BLEW,
         level,
         calm=wind.calm,
-        speed=wind.speed,
-        low=lowest_speed,
-        high=highest_speed,
+        speed=wind.mean_speed,
+        low=interval[0],
+        high=interval[1],
+        gust=wind.gust,
         direction=wind.direction if wind.direction_identifiable else None,
         share=lean_fraction,
         is_rough=is_rough,
@@ -83,7 +86,6 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
             turned_from=wind.turn.start_direction,
             turned_to=wind.turn.end_direction,
             turned_past=wind.turn.farthest_direction,
-            turning_speed=wind.turn.speed,
         )
     velocity_message = _velocity_message_of_spare_core(evidence.signals.telemetry)
     if velocity_message is not None:

@@ -62,6 +62,16 @@ class LineStyle(StrEnum):
     """A vertical line from 0 to each value, as correlations are drawn."""
 
 
+class Tick(NamedTuple):
+    """A tick of an axis with a name in the place of its number."""
+
+    value: float
+    """Where it is, in the unit of the axis."""
+
+    name: str
+    """What is written beside it."""
+
+
 class Axis(NamedTuple):
     """One axis of a chart: its label with the unit, its scale and its limits."""
 
@@ -80,13 +90,16 @@ class Axis(NamedTuple):
     addresses: Names = ()
     """Addresses of pages on these things, which a click opens; empty where there are none."""
 
+    ticks: tuple[Tick, ...] = ()
+    """Ticks with names, such as points of the compass; empty for ticks at round numbers."""
+
     def as_json(self) -> JsonValues:
         """Returns the axis as JSON for ``charts.js``, the script that draws the charts of a page.
 
         Returns:
-            The label, the names and the addresses under their own names, the last only if a thing has one; ``log``,
-            whether the scale is logarithmic; and ``ends``, the limits, whose unknown end the script takes from the
-            lines.
+            The label, the names, the addresses and the ticks under their own names, the last two only if there are any;
+            ``log``, whether the scale is logarithmic; and ``ends``, the limits, whose unknown end the script takes from
+            the lines.
         """
         values: JsonValues = {
             "label": self.label,
@@ -96,6 +109,8 @@ class Axis(NamedTuple):
         }
         if any(self.addresses):
             values["addresses"] = self.addresses
+        if self.ticks:
+            values["ticks"] = self.ticks
         return values
 
 
@@ -539,17 +554,22 @@ class Group(NamedTuple):
         return cls(tuple(columns), caption)
 
 
-def step_chart(title: str, steps: Sequence[Line]) -> Chart:
+def step_chart(title: str, loop_name: str, steps: Sequence[Line]) -> Chart:
     """Makes a chart of step responses over the time after the step, s; a horizontal line at 1 is the setpoint.
 
-    The chart ends after twice the time in which the slowest response settles, since the rest would only compress the
-    part in which the responses differ. A response has settled when it stays within the fraction ``SETTLED_SHARE`` of
-    its last value.
+    All charts of a rate loop end after the same time, as in PIDtoolbox, so that axes and flights are compared on one
+    scale. The attitude's end after twice the time in which the slowest response settles, which differs much between
+    vehicles: the rest would only compress the part in which the responses differ. A response has settled when it stays
+    within the fraction ``SETTLED_SHARE`` of its last value.
 
     Args:
         title: title of the chart.
-        steps: responses to a step of 1.
+        loop_name: "rate" or "attitude".
+        steps: responses to a step of 1, for the ``STEP_SECONDS`` of the loop.
     """
+    setpoint = 1.0
+    if loop_name == "rate":
+        return Chart(title, TIME_AFTER_STEP, STEP_RESPONSE, tuple(steps), (setpoint,))
     settling_times = []
     for step in steps:
         is_unsettled = abs(step.y - step.y[-1]) > SETTLED_SHARE * abs(step.y[-1])
@@ -557,7 +577,6 @@ def step_chart(title: str, steps: Sequence[Line]) -> Chart:
     # If all responses are settled from the beginning, nothing is cut off.
     end = 2 * float(max(settling_times)) or np.inf
     shown_steps = tuple(step.until(end) for step in steps)
-    setpoint = 1.0
     return Chart(title, TIME_AFTER_STEP, STEP_RESPONSE, shown_steps, (setpoint,))
 
 

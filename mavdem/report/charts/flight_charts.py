@@ -10,7 +10,7 @@ from mavdem.assessment.axis.responses import NO_STEPS, LoopResponse, Responses, 
 from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
 from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop
 from mavdem.loops.filters import gyro_response
-from mavdem.loops.margins import Complex, OpenLoop
+from mavdem.loops.margins import Complex
 from mavdem.loops.measured_response import MIN_COMPARED_FREQUENCY
 from mavdem.loops.step_response import StepResponse
 from mavdem.report.charts.chart import (
@@ -106,7 +106,7 @@ def step_charts(
             title = f"{axis.capitalize()} {loop_name}"
             advised_step = advised_steps_by_loop.get(axis, {}).get(loop_name)
             step_lines = _step_lines(response, measured_response, advised_step)
-            charts.append(step_chart(f"{title}: step", step_lines))
+            charts.append(step_chart(f"{title}: step", loop_name, step_lines))
             if has_gain and loop_name == "rate":
                 charts.append(_gain_chart(title, response, measured_response))
         if charts:
@@ -141,12 +141,14 @@ def _step_lines(
             if the gains are kept.
     """
     time = measured_response.time
-    # If the messages are too slow to measure a step, the response of the identified loop takes its place.
-    step_name = "identified" if measured_response.is_identified else "measured"
+    # If the messages are too slow to measure a step, the response of the identified loop takes its place. It has the
+    # colour of what that loop predicts.
+    if measured_response.is_identified:
+        step_name, colour = "identified", PREDICTED
+    else:
+        step_name, colour = "measured", MEASURED
     lines = [
-        Line.with_band(
-            step_name, MEASURED, time, measured_response.step, measured_response.step_half
-        )
+        Line.with_band(step_name, colour, time, measured_response.step, measured_response.step_half)
     ]
     if advised_step is not None:
         lines.append(Line("advised gains", PHYSICAL, time, advised_step))
@@ -194,7 +196,7 @@ def loop_charts(loops: Mapping[str, Loop], loop_name: str = "rate") -> Charts:
     sensitivities = []
     crossovers = []
     for (name, loop), colour in zip(loops.items(), LOOP_COLOURS, strict=False):
-        open_loop: OpenLoop = getattr(loop, loop_name)
+        open_loop = loop.open_loop(loop_name)
         # The response has the estimate in its first row, then draws from the posterior, which give the band.
         is_shown = open_loop.frequency >= MIN_COMPARED_FREQUENCY
         frequency = open_loop.frequency[is_shown]

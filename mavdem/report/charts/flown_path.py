@@ -116,7 +116,7 @@ class MapWind(NamedTuple):
         has_speed = wind.speed_identifiable
         return cls(
             wind.direction,
-            speed_interval=wind.speed_interval if has_speed else None,
+            speed_interval=wind.mean_speed_interval if has_speed else None,
             time=wind.time,
             directions=polar.direction,
             speeds=polar.speed if has_speed else None,

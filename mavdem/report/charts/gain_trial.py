@@ -8,7 +8,7 @@ from mavdem.assessment.axis.twin import GainTrial, TwinMotion, try_gains
 from mavdem.assessment.evidence import Evidence
 from mavdem.facts import Fact
 from mavdem.loops.advice import Advice, AdviceByAxis, advised_parameters
-from mavdem.loops.axis_loops import LoopsByAxis
+from mavdem.loops.axis_loops import LOOP_NAMES, LoopsByAxis
 from mavdem.loops.identified_step import STEP_SECONDS, step_from_frequency_response
 from mavdem.loops.step_response import StepResponse
 from mavdem.report.charts.chart import Axis, Chart, Group, Line, LineStyle, step_chart
@@ -68,7 +68,7 @@ def gain_trial_groups(
     for axis, advice in advice_on_changes.items():
         loops = {"now": advice.before, "advised": advice.after}
         charts = []
-        for loop_name in STEP_SECONDS:
+        for loop_name in LOOP_NAMES:
             response = responses.get(axis, {}).get(loop_name)
             if response is None or not isinstance(response.measured, StepResponse):
                 charts.append(predicted_step_chart(loops, loop_name))
@@ -125,16 +125,16 @@ def predicted_step_chart(loops: LoopsByAxis, loop_name: str) -> Chart:
         loop_name: "rate" or "attitude", the loop of which steps are drawn.
     """
     duration = STEP_SECONDS[loop_name]
-    time = np.linspace(duration / STEP_POINTS, duration, STEP_POINTS)
+    time = np.linspace(0.0, duration, STEP_POINTS)
     lines = []
     # The line of the present gains is dashed and drawn last, so that both are seen where they are equal.
     for gains, style in (("advised", LineStyle.LINE), ("now", LineStyle.DASHES)):
         if gains in loops:
-            loop = loops[gains].rate if loop_name == "rate" else loops[gains].attitude
+            loop = loops[gains].open_loop(loop_name)
             step = step_from_frequency_response(loop.frequency, loop.closed_loop_of_estimate, time)
             lines.append(Line(gains, GAIN_COLOURS[gains], time, step, style=style))
     title = f"{loops['now'].axis.capitalize()} {loop_name}: step"
-    return step_chart(title, lines)
+    return step_chart(title, loop_name, lines)
 
 
 def _motion_chart(title: str, motion: TwinMotion, is_drawn: Flags) -> Chart:

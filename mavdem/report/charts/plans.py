@@ -219,7 +219,9 @@ def motor_levels(light: Fact, imbalance: Array) -> list[Level]:
 def rose_of_wind(wind: WindVelocity) -> Plan:
     """Returns the wind rose of a flight: the share of time, %, that wind came from each direction, by speed."""
     polar = wind.polar
-    description = f"The wind came from {compass_text(wind.direction)}, {wind.speed:.1f} m/s."
+    description = (
+        f"The wind came from {compass_text(wind.direction)}, {wind.mean_speed:.1f} m/s in the mean."
+    )
     percent_per_sample = 100 / len(polar.speed)
     return _wind_rose(description, polar.direction, polar.speed, percent_per_sample, wind.direction)
 

@@ -27,5 +27,5 @@ def step_overview_charts(responses: Responses) -> dict[str, Chart]:
     charts = {}
     for loop_name, lines in lines_by_loop.items():
         title = f"{loop_name.capitalize()}: step"
-        charts[loop_name] = step_chart(title, lines)
+        charts[loop_name] = step_chart(title, loop_name, lines)
     return charts

@@ -38,6 +38,7 @@ from mavdem.report.charts.chart import (
     LineStyle,
     Mark,
     Span,
+    Tick,
     over_time,
 )
 from mavdem.report.charts.model_charts import torque_line
@@ -52,10 +53,16 @@ from mavdem.report.palette import (
     PREDICTED,
     TRUTH,
 )
-from mavdem.wind_velocity.compass import compass_text
+from mavdem.wind_velocity.compass import COMPASS_POINTS, compass_text
 
 if TYPE_CHECKING:
     from mavdem.live.history import LiveHistory
+
+EIGHTH_TURN = 45.0
+"""Angle between two of the eight points of the compass, degrees."""
+
+MAX_NAMED_EIGHTHS = 4
+"""Eighths of a turn on an axis up to which each point of the compass has a tick: a choice, by the height of charts."""
 
 FULL_TURN = 360.0
 """Degrees of a full turn of the compass."""
@@ -435,40 +442,87 @@ def wind_speed_and_direction_charts(history: WindHistory) -> Iterator[Chart]:
         )
         yield over_time("Wind", "m/s", [speed_line, *autopilot_lines])
     if wind.direction_identifiable:
-        direction_lines = [
-            _direction_line(
-                "wind", DISTURBANCE, wind.time, polar.direction, polar.direction_half_width
-            )
-        ]
-        autopilot_direction = history.autopilot_direction
-        if autopilot_direction is not None:
-            degrees = autopilot_direction.values.ravel()
-            direction_lines.append(
-                _direction_line("autopilot's own", BASELINE, autopilot_direction.time, degrees)
-            )
-        title = f"Wind from {compass_text(wind.direction)}"
-        yield over_time(title, "°", direction_lines)
+        yield _direction_chart(history)
+
+
+def _direction_chart(history: WindHistory) -> Chart:
+    """Returns the chart of the direction that the wind comes from, as estimated and as the autopilot has it.
+
+    The axis has the mean direction in its middle, and names of the compass as ticks. So a wind about north has an
+    unbroken line, and only one that turns by more than half a turn from the mean has a gap.
+
+    Args:
+        history: the wind over time. Its direction is identifiable.
+    """
+    wind = history.estimate
+    middle = wind.direction
+    polar = wind.polar
+    lines = [
+        _direction_line(
+            "wind", DISTURBANCE, wind.time, polar.direction, middle, polar.direction_half_width
+        )
+    ]
+    autopilot_direction = history.autopilot_direction
+    if autopilot_direction is not None:
+        degrees = autopilot_direction.values.ravel()
+        lines.append(
+            _direction_line("autopilot's own", BASELINE, autopilot_direction.time, degrees, middle)
+        )
+    title = f"Wind from {compass_text(middle)}"
+    return over_time(title, "°", lines)._replace(y=_compass_axis(lines))
 
 
 def _direction_line(
-    name: str, colour: str, time: Array, direction: Array, half_width: Array | None = None
+    name: str,
+    colour: str,
+    time: Array,
+    direction: Array,
+    middle: float,
+    half_width: Array | None = None,
 ) -> Line:
-    """Returns the line of a wind direction on an axis from 0° to 360°, with a gap wherever it passes north.
+    """Returns the line of a wind direction on an axis of one turn, with a gap wherever it passes the end of the axis.
 
     Args:
         name: name in the legend.
         colour: colour from ``mavdem.report.palette``.
         time: (T,) s.
-        direction: (T,) degrees, not limited to 0 to 360.
-        half_width: (T,) half widths of the band, degrees; None for no band. The band is cut off at north.
+        direction: (T,) degrees, of any size.
+        middle: direction in the middle of the axis, degrees.
+        half_width: (T,) half widths of the band, degrees; None for no band. The band is cut off at the ends of the
+            axis.
     """
-    wrapped_direction = np.mod(direction, FULL_TURN)
+    start = middle - FULL_TURN / 2
+    wrapped_direction = start + np.mod(direction - start, FULL_TURN)
     lower_edge = upper_edge = None
     if half_width is not None:
-        lower_edge = np.maximum(wrapped_direction - half_width, 0.0)
-        upper_edge = np.minimum(wrapped_direction + half_width, FULL_TURN)
+        lower_edge = np.maximum(wrapped_direction - half_width, start)
+        upper_edge = np.minimum(wrapped_direction + half_width, start + FULL_TURN)
     line = Line(name, colour, time, wrapped_direction, lower_edge, upper_edge)
     return _broken_where_it_wraps(line)
+
+
+def _compass_axis(lines: Sequence[Line]) -> Axis:
+    """Returns the axis of lines of directions, degrees, with names of the compass as ticks.
+
+    It reaches from one of the eight points of the compass to another, and shows all between them or, if these are many,
+    the four cardinal ones.
+
+    Args:
+        lines: lines of directions, with their bands.
+    """
+    edges = list[Array]()
+    for line in lines:
+        edges += [edge for edge in (line.y, line.lower_edge, line.upper_edge) if edge is not None]
+    lowest = min(int(np.floor(np.nanmin(edge) / EIGHTH_TURN)) for edge in edges)
+    highest = max(int(np.ceil(np.nanmax(edge) / EIGHTH_TURN)) for edge in edges)
+    names = COMPASS_POINTS[::2]
+    ticks = []
+    for number in range(lowest, highest + 1):
+        is_cardinal = number % 2 == 0
+        if is_cardinal or highest - lowest <= MAX_NAMED_EIGHTHS:
+            ticks.append(Tick(EIGHTH_TURN * number, names[number % len(names)]))
+    limits = (EIGHTH_TURN * lowest, EIGHTH_TURN * highest)
+    return Axis("direction (°)", limits=limits, ticks=tuple(ticks))
 
 
 def _wrapped_to_half_turns(line: Line) -> Line:

@@ -153,7 +153,8 @@ def _responses_caption(
     """
     caption = "Grey: measured, with its 90 % band. Blue, where the loop is identified: predicted."
     if has_identified_step:
-        caption += " A rate that rises within few messages has the step of the identified loop; its |T| is measured."
+        caption += " A rate that rises within few messages has the step of the identified loop, with its 90 % band; "
+        caption += "its |T| is measured."
     if has_advised_steps:
         caption += " Green: predicted with the advised gains."
     attitudes = [loops["attitude"] for loops in responses.values() if "attitude" in loops]

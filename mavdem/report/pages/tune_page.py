@@ -7,13 +7,16 @@ from mavdem.assessment import Assessment
 from mavdem.assessment.axis.responses import Responses, advised_steps
 from mavdem.assessment.axis.tuning import Tuning
 from mavdem.assessment.axis.twin import GainTrial, try_gains
+from mavdem.assessment.evidence import Evidence
 from mavdem.facts import Fact
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
 from mavdem.loops.advice import Advice
-from mavdem.loops.identified_step import STEP_SECONDS
+from mavdem.loops.axis_loops import LOOP_NAMES
+from mavdem.loops.gain_design import logged_gains
+from mavdem.loops.resonance import controller_if_known
 from mavdem.loops.step_response import StepResponse
-from mavdem.report.blocks import Blocks, Sentence, headline_sentence
+from mavdem.report.blocks import Blocks, Sentence, Table, headline_sentence
 from mavdem.report.charts.chart import Chart, Group, Panel
 from mavdem.report.charts.flight_charts import loop_charts, step_charts
 from mavdem.report.charts.gain_trial import CAPTION, predicted_step_chart, twin_charts
@@ -38,12 +41,15 @@ STEP_CAPTION = "Response to a step of the setpoint."
 """What stands below the charts of the steps, before the meaning of the colours that are drawn."""
 
 COLOUR_MEANINGS = {
-    MEASURED: "Grey: this flight's with its 90 % band, measured or, where the rate rises within few messages, of the "
-    "identified loop.",
-    PREDICTED: "Blue, dashed: predicted with the gains that flew.",
-    PHYSICAL: "Green: with the advised ones.",
+    MEASURED: "Grey: measured in this flight, with its 90 % band.",
+    PREDICTED: "Blue: by the identified loop with the gains that flew; with a 90 % band where the rate rises too fast "
+    "for its messages to show it.",
+    PHYSICAL: "Green: by the identified loop with the advised gains.",
 }
 """What the colours of step responses mean, in the order of the caption."""
+
+GAIN_HEADERS = {"p": "rate P", "i": "rate I", "d": "rate D", "angle_gain": "angle P"}
+"""Columns of the table of present gains, by the field of the controller."""
 
 LOOP_CAPTION = "Open loops with 90 % bands. Dashed: where the gain is 1, with the phase margin."
 """What stands below the charts of the open loops."""
@@ -65,7 +71,7 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
         The page as HTML.
     """
     evidence = assessment.evidence
-    # Gains are advised only of a vehicle that was judged, and so has evidence.
+    # Loops are only sought in the flight of a vehicle that was judged, and so has evidence.
     assert evidence is not None
     judgement = tuning.judgement
     changes = gain_changes(
@@ -84,7 +90,12 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
     if overview is not None:
         blocks.append(overview)
     # Gains and margins have their tables in ``changes`` and ``overview``; details have a chapter at the end.
-    blocks += tune_blocks(tuning, is_full=False, has_tables_elsewhere=True)
+    heading = tuning_result(tuning)
+    blocks += tune_blocks(
+        tuning, is_full=False, has_tables_elsewhere=True, headline_above=str(heading)
+    )
+    blocks += _measured_margins(tuning, assessment)
+    blocks += _kept_gains(tuning, evidence)
     gyro = gyro_chapter(assessment, timeline=None, has_spectrograms=True)
     chapters = [
         _step_chapter(tuning, assessment),
@@ -94,7 +105,6 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
         gyro._replace(title="Gyro noise and filters", folded=True),
         Chapter("All margins, and what they rest on", tune_details(tuning), folded=True),
     ]
-    heading = tuning_result(tuning)
     summary: Blocks = [
         headline_sentence(headline(heading)),
         Sentence(str(judgement.next_step), "Next:"),
@@ -108,6 +118,46 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
     # The row of lights is left out: this page is only about the loops, whose margins it shows in full.
     head = Head(heading.level, lights={}, changes=changes)
     return render_document(name, SUBTITLE, summary, chapters, head=head)
+
+
+def _measured_margins(tuning: Tuning, assessment: Assessment) -> list[Sentence]:
+    """Returns what was measured of the stability margins of the axes whose loops are not known, such as a resonance.
+
+    Margins that were measured by an injected signal are left out: the reason why the loop is not known has them.
+
+    Args:
+        tuning: the advice for each axis, or the fact (coded finding) that says why there is none.
+        assessment: assessment of the log, with the margins of each axis.
+    """
+    axes_and_facts = []
+    for margins in assessment.margins:
+        has_no_loop = isinstance(tuning.axes.get(margins.axis), Fact)
+        if has_no_loop and margins.injected is None:
+            axes_and_facts += [(margins.axis, fact) for fact in margins.facts]
+    return sentences_by_axes(axes_and_facts)
+
+
+def _kept_gains(tuning: Tuning, evidence: Evidence) -> list[Table]:
+    """Returns a table of the present gains of the axes whose gains do not change, which no other table has.
+
+    Args:
+        tuning: the advice for each axis, or the fact (coded finding) that says why there is none.
+        evidence: evidence of the log, with the parameters that the vehicle has now.
+
+    Returns:
+        A list with the table, which has a row for each axis; empty if the log has no gains, or all axes get new ones.
+    """
+    rows = []
+    for axis, advice in tuning.axes.items():
+        if isinstance(advice, Advice) and advice.parameters:
+            continue
+        controller = controller_if_known(evidence.signals.for_axis(axis))
+        if controller is None:
+            continue
+        gains = logged_gains(controller)
+        cells = [gains.get(controller.parameter_names[field]) for field in GAIN_HEADERS]
+        rows.append([axis, *["" if value is None else f"{value:.4g}" for value in cells]])
+    return [Table(["gains in the log", *GAIN_HEADERS.values()], rows)] if rows else []
 
 
 def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
@@ -125,7 +175,7 @@ def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
     for axis, advice in tuning.axes.items():
         panels[axis] = {}
         # An axis has a rate loop and an attitude loop.
-        for loop_name in STEP_SECONDS:
+        for loop_name in LOOP_NAMES:
             response = responses[axis].get(loop_name)
             if response is not None and isinstance(response.measured, StepResponse):
                 # The chart has the measured response, the predicted one, and that with the advised gains.
@@ -235,8 +285,6 @@ def _open_loops_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Advice):
             loops = compared_loops(advice)
-            charts[axis] = {
-                loop_name: loop_charts(loops, loop_name) for loop_name in ("rate", "attitude")
-            }
+            charts[axis] = {loop_name: loop_charts(loops, loop_name) for loop_name in LOOP_NAMES}
     groups = _groups_of_columns(charts, assessment, LOOP_CAPTION)
     return Chapter("Open loops", (), groups, folded=True)

@@ -22,8 +22,8 @@ from mavdem.wind_velocity.vehicle_drag import ParameterValue
 from mavdem.wind_velocity.velocity import WindVelocity
 
 SUBTITLE = """\
-The wind of the longest flight, from lean and velocity over ground, with 90 % bands. Charts show each moment. A vector \
-mean is that of the velocity over some time: where the wind turns, it is below the mean of the speeds."""
+The wind of the longest flight, from lean and velocity over ground, with 90 % bands. Directions are \
+where it comes from."""
 """What stands below the title."""
 
 

@@ -70,26 +70,41 @@ def charts(estimate):
     return [*wind_speed_and_direction_charts(history)]
 
 
-def test_a_direction_about_north_breaks_and_stays_on_the_compass():
+def test_a_direction_about_north_is_one_line_on_an_axis_of_compass_points():
     velocity = np.column_stack([np.full(10, -5.0), np.where(TIME < 5, -0.5, 0.5)])
     north = replace(wind(), velocity=velocity, direction=0.0)
     _, direction = charts(north)
     line = direction.lines[0]
+    assert np.isfinite(line.y).all() and abs(np.diff(line.y)).max() < 20
+    assert [(tick.value, tick.name) for tick in direction.y.ticks] == [
+        (-90, "W"),
+        (-45, "NW"),
+        (0, "N"),
+        (45, "NE"),
+    ]
+    low, high = direction.y.limits
+    for line in direction.lines:
+        assert low <= np.nanmin(line.y) and np.nanmax(line.y) <= high
+
+
+def test_a_direction_breaks_opposite_to_the_mean():
+    """The wind is from west in the mean, and turns past east."""
+    velocity = np.column_stack([np.where(TIME < 5, -0.5, 0.5), np.full(10, -5.0)])
+    _, direction = charts(replace(wind(), velocity=velocity))
+    line = direction.lines[0]
     assert line.y.size == 11 and np.isnan(line.y[5]) and line.x[5] == 4.5
-    for values in (line.y, line.lower_edge, line.upper_edge):
-        assert np.nanmin(values) >= 0.0 and np.nanmax(values) <= 360.0
 
 
 def test_speed_is_drawn_in_metres_per_second_and_direction_in_degrees():
     speed, direction = charts(wind())
-    assert speed.y.label == "Wind, m/s" and direction.y.label.endswith("°")
+    assert speed.y.label == "Wind, m/s" and direction.y.label == "direction (°)"
     assert_allclose([line.y[0] for line in speed.lines], [SPEED, AUTOPILOT_SPEED])
     assert_allclose([line.y[0] for line in direction.lines], DIRECTION)
 
 
 def test_without_a_speed_only_the_direction_is_drawn_in_degrees():
     (direction,) = charts(wind(speed=Status.NOT_IDENTIFIABLE))
-    assert "Wind from W" in direction.title and direction.y.label.endswith("°")
+    assert "Wind from W" in direction.title and direction.y.label == "direction (°)"
     assert [line.name for line in direction.lines] == ["wind", "autopilot's own"]
     assert_allclose([line.y[0] for line in direction.lines], DIRECTION)
 
