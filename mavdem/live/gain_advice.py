@@ -7,11 +7,8 @@ ends with its advice. Nothing is sent to the vehicle.
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
-
-import numpy as np
 
 from mavdem.assessment.assess import assess
 from mavdem.assessment.axis import Options
@@ -19,17 +16,13 @@ from mavdem.assessment.axis.tuning import Tuning, tune_loops
 from mavdem.assessment.axis.twin import predicted_errors
 from mavdem.assessment.judgement import Judgement
 from mavdem.dataset.axes import AXES
-from mavdem.dataset.flight_states import airborne_intervals
-from mavdem.dataset.signals import Signals
 from mavdem.dem.parallel import LOW_PRIORITY, NORMAL_PRIORITY
 from mavdem.errors import Refusal, error_message
 from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import GainFact
 from mavdem.files import atomic_writes
 from mavdem.ingest import read_log
-from mavdem.ingest.mavlink.dialect import enum_name
-from mavdem.ingest.mavlink.payloads import latest_parameters
-from mavdem.ingest.telemetry import Log, Parameters, Telemetry, selected_rows
+from mavdem.live.latest_flight import log_of_latest_flight
 from mavdem.loops.advice import Advice
 
 MAX_WAIT_SECONDS = 60.0
@@ -154,7 +147,9 @@ class GainAdviser:
 
 
 def advise_gains(recording: Path, vehicle: str) -> GainAdvice:
-    """Advises gains for all axes from a recording, as ``mavdem tune`` does, and writes them to files next to it.
+    """Advises gains for all axes from the latest flight of a recording, and writes them to files next to it.
+
+    The gains are those of ``mavdem tune`` on a recording of that flight alone.
 
     Args:
         recording: the recording, which may still grow.
@@ -169,7 +164,7 @@ def advise_gains(recording: Path, vehicle: str) -> GainAdvice:
         OSError: the files cannot be written.
     """
     try:
-        log = last_flown_boot(read_log(recording))
+        log = log_of_latest_flight(read_log(recording))
         assessment = assess(log, vehicle, AXES[0], Options(with_model=False))
     except Refusal as error:
         return GainAdvice((Fact(GainFact.GAINS_LEFT, reason=error.fact),))
@@ -207,73 +202,6 @@ def _write_gain_files(recording: Path, texts: Mapping[str, str], next_step: Fact
             file.write_text(text, encoding="utf-8")
     path = stem + " and ".join(texts)
     return Fact(GainFact.GAINS_WRITTEN, path=path, reason=next_step)
-
-
-def last_flown_boot(log: Log) -> Log:
-    """Returns the part of a recording in which each vehicle flew last, from one start of its autopilot to the next.
-
-    What an autopilot did before it restarted, or another vehicle that had its ids, is not mixed with the latest flight.
-
-    Args:
-        log: the recording of a session.
-
-    Returns:
-        The log, with one boot of each vehicle: the last in which it left the ground, or the last if it never did. A
-        vehicle with a single boot is left as it is.
-    """
-    vehicles = [_last_flown_boot_of(telemetry) for telemetry in log.vehicles]
-    return replace(log, vehicles=tuple(vehicles))
-
-
-def _last_flown_boot_of(telemetry: Telemetry) -> Telemetry:
-    """Returns the messages of the last boot in which one vehicle left the ground, with 0 as the number of the boot.
-
-    Args:
-        telemetry: messages of the vehicle in all boots. Without attitude, or with a single boot, they are returned
-            unchanged. If the vehicle never left the ground, the messages of its last boot are returned.
-    """
-    signals = Signals(telemetry)
-    if not signals.tilts:
-        return telemetry
-    # The attitude is sent in every boot.
-    boots = np.unique(signals.tilts[0].boot).tolist()
-    if len(boots) < 2:
-        return telemetry
-    last_boot = boots[-1]
-    for boot in reversed(boots):
-        if airborne_intervals(signals, boot):
-            last_boot = boot
-            break
-    messages = {}
-    for name, columns in telemetry.messages.items():
-        rows_of_boot = np.flatnonzero(columns["boot"] == last_boot)
-        if len(rows_of_boot):
-            columns_of_boot = selected_rows(columns, rows_of_boot)
-            columns_of_boot["boot"] = np.zeros(len(rows_of_boot), int)
-            messages[name] = columns_of_boot
-    return _with_autopilot_of_messages(replace(telemetry, messages=messages))
-
-
-def _with_autopilot_of_messages(telemetry: Telemetry) -> Telemetry:
-    """Returns a vehicle's messages with the autopilot that sent them, and with its parameters if it is another one.
-
-    A recording states one autopilot and the parameters of all its boots. If another vehicle had the same ids in another
-    boot, those may be wrong for the messages of this one.
-
-    Args:
-        telemetry: messages of one boot, with the autopilot and the parameters of the whole recording.
-    """
-    heartbeats = telemetry.messages.get("HEARTBEAT", {})
-    if "autopilot" not in heartbeats:
-        return telemetry
-    numbers, counts = np.unique(heartbeats["autopilot"], return_counts=True)
-    autopilot = enum_name("MAV_AUTOPILOT", int(numbers[counts.argmax()]))
-    if autopilot == telemetry.autopilot:
-        return telemetry
-    parameters: Parameters = {}
-    if "PARAM_VALUE" in telemetry.messages:
-        parameters = latest_parameters(telemetry.messages["PARAM_VALUE"], autopilot)
-    return replace(telemetry, autopilot=autopilot, parameters=parameters)
 
 
 def facts_of_tuning(tuning: Tuning) -> Facts:

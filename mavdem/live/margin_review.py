@@ -29,7 +29,7 @@ from mavdem.ingest.mavlink.frame_reader import Frame
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES
 from mavdem.ingest.telemetry import Log, Parameters
 from mavdem.ingest.tlog import tlog_from_bytes, write_stamped
-from mavdem.live.gain_advice import last_flown_boot
+from mavdem.live.latest_flight import log_of_latest_flight
 from mavdem.live.messages import message_readers
 from mavdem.live.stream import LiveStream
 from mavdem.live.vehicle_selection import Component
@@ -186,7 +186,8 @@ def review_margins(
     axis_of_model = AXES[0]
     try:
         log = _with_parameters(tlog_from_bytes(source, records), parameters)
-        assessment = assess(last_flown_boot(log), vehicle, axis_of_model, Options(with_model=False))
+        latest_flight = log_of_latest_flight(log)
+        assessment = assess(latest_flight, vehicle, axis_of_model, Options(with_model=False))
         margins = assessment.lights[Light.MARGINS]
         refusal = _refusal_of_judged_loop(assessment, margins)
         is_log_too_short = refusal is not None and refusal.code is LoopFact.LOOP_TOO_SHORT

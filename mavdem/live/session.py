@@ -747,7 +747,7 @@ class LiveSession:
         is_of_latest_flight = self._recorded_flight == self.stream.flight_number
         if not is_of_latest_flight:
             # Another flight has begun meanwhile, whose pilot must not take this advice for advice on that flight. After
-            # the next landing the recording is examined again, with both flights.
+            # its landing the recording is examined again.
             return
         self._log_advice(advice, adviser.judgement)
         # The judgement of the recording says more than the judgement of the live model, and replaces it. But in flight

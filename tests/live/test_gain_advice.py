@@ -1,12 +1,9 @@
 """Gains that are advised after a landing: those of ``mavdem tune`` on the recording, in files that are new."""
 
-from dataclasses import replace
 from pathlib import Path
 from unittest.mock import MagicMock, Mock
 
-import numpy as np
 from command_line import run, strict_json
-from hover import Hover
 from pytest import mark, raises
 from recorded_flights import SLOW
 
@@ -22,13 +19,11 @@ from mavdem.facts.lights import Light
 from mavdem.facts.loops import GainFact, LoopFact, TwinFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.ingest import read_log
-from mavdem.ingest.telemetry import concatenated_columns, log_of_vehicles, selected_rows
 from mavdem.live.gain_advice import (
     GainAdvice,
     GainAdviser,
     _write_gain_files,
     advise_gains,
-    last_flown_boot,
 )
 
 TUNED_BADLY = """
@@ -144,48 +139,6 @@ def test_advice_that_fails_costs_nothing_else(tmp_path, monkeypatch, error):
     reason = error.strerror or "within 60 s"
     assert failed.code is GainFact.ADVICE_FAILED and reason in failed.sentence
     assert failed.remedy == f"Run `mavdem tune {tmp_path}/flight.tlog --axis all`."
-
-
-def test_only_the_last_boot_that_flew_is_judged():
-    """The clock of another boot says other seconds, and two vehicles may have had the ids one after the other."""
-    flown = Hover(hovering=8.0).telemetry(attitude_time=20.0, motor_time=20.0)
-    boots = []
-    for boot, end_time in enumerate((40.0, 40.0, 4.0)):
-        messages_of_boot = {}
-        for name, table in flown.messages.items():
-            rows = np.flatnonzero(table["time"] < end_time)
-            messages_of_boot[name] = selected_rows(table, rows) | {"boot": np.full(len(rows), boot)}
-        boots.append(messages_of_boot)
-    messages = {
-        name: concatenated_columns([messages_of_boot[name] for messages_of_boot in boots])
-        for name in flown.messages
-    }
-    log = log_of_vehicles((replace(flown, messages=messages),), 0, 0)
-    [last] = last_flown_boot(log).vehicles
-    for name, table in last.messages.items():
-        assert (table["time"] == boots[1][name]["time"]).all()
-        assert not table["boot"].any()
-    single = log_of_vehicles((flown,), 0, 0)
-    assert last_flown_boot(single).vehicles[0] is flown
-
-
-def test_the_last_boot_of_another_autopilot_has_its_parameters():
-    columns = {
-        "param_id": np.array([b"FRAME_CLASS", b"MC_ROLL_P"]),
-        "param_type": np.array([9, 9]),
-        "param_value": np.array([1.0, 6.5], "<f4"),
-    }
-    flown = Hover(hovering=8.0).telemetry(attitude_time=20.0, motor_time=20.0)
-    messages = {}
-    for name, table in flown.messages.items():
-        boots = np.repeat([0, 1], len(table["time"]))
-        messages[name] = concatenated_columns([table, table]) | {"boot": boots}
-    messages["PARAM_VALUE"] = columns | {"time": np.zeros(2), "boot": np.array([0, 1])}
-    autopilots = {"autopilot": np.where(messages["HEARTBEAT"]["boot"] == 0, 3, 12)}
-    messages["HEARTBEAT"] = messages["HEARTBEAT"] | autopilots
-    log = log_of_vehicles((replace(flown, messages=messages),), 0, 0)
-    [last] = last_flown_boot(log).vehicles
-    assert (last.autopilot, dict(last.parameters)) == ("PX4", {"MC_ROLL_P": 6.5})
 
 
 def test_files_of_gains_that_do_not_fit_on_the_disk_are_not_left_partly_written(

@@ -1,0 +1,120 @@
+"""The latest flight of a session's recording, cut out so that no flight is judged by the messages of another."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from mavdem.assessment.autopilot_messages import SEVERITIES
+from mavdem.assessment.flights import flights_in_boot
+from mavdem.dataset.segments import recorded_spans
+from mavdem.dataset.signals import Signals
+from mavdem.ingest.mavlink.dialect import enum_name
+from mavdem.ingest.mavlink.payloads import latest_parameters
+from mavdem.ingest.telemetry import Log, Parameters, Telemetry, selected_rows
+
+LASTING_MESSAGES = frozenset({"AUTOPILOT_VERSION", "AVAILABLE_MODES", "PARAM_VALUE"})
+"""Messages that an autopilot sends once, on request, and whose content holds until it restarts."""
+
+
+def log_of_latest_flight(log: Log) -> Log:
+    """Returns the part of a recording that shows the latest flight of each vehicle.
+
+    What an autopilot did before it restarted, or another vehicle that had its ids, is not mixed with the latest flight.
+    Neither is an earlier flight of the same boot: a motor may have been repaired before the latest one.
+
+    Args:
+        log: the recording of a session.
+
+    Returns:
+        The log, with one boot of each vehicle: the last in which it left the ground, or the last if it never did. If it
+        left the ground several times in that boot, its messages begin half-way between the last two flights, but what
+        was stated once for the whole boot is kept. A vehicle with at most one flight in a single boot is left as it is.
+    """
+    vehicles = []
+    for telemetry in log.vehicles:
+        vehicles.append(_since_last_landing(_last_flown_boot(telemetry)))
+    return replace(log, vehicles=tuple(vehicles))
+
+
+def _last_flown_boot(telemetry: Telemetry) -> Telemetry:
+    """Returns the messages of the last boot in which one vehicle left the ground, with 0 as the number of the boot.
+
+    Args:
+        telemetry: messages of the vehicle in all boots. With a single boot they are returned unchanged. If the vehicle
+            never left the ground, the messages of its last boot are returned.
+    """
+    signals = Signals(telemetry)
+    boots = [span.boot for span in recorded_spans(signals)]
+    if boots == [0]:
+        return telemetry
+    last_boot = boots[-1]
+    for boot in reversed(boots):
+        if flights_in_boot(signals, boot):
+            last_boot = boot
+            break
+    messages = {}
+    for name, columns in telemetry.messages.items():
+        rows_of_boot = np.flatnonzero(columns["boot"] == last_boot)
+        if len(rows_of_boot):
+            columns_of_boot = selected_rows(columns, rows_of_boot)
+            columns_of_boot["boot"] = np.zeros(len(rows_of_boot), int)
+            messages[name] = columns_of_boot
+    return _with_autopilot_of_messages(replace(telemetry, messages=messages))
+
+
+def _with_autopilot_of_messages(telemetry: Telemetry) -> Telemetry:
+    """Returns a vehicle's messages with the autopilot that sent them, and with its parameters if it is another one.
+
+    A recording states one autopilot and the parameters of all its boots. If another vehicle had the same ids in another
+    boot, those may be wrong for the messages of this one.
+
+    Args:
+        telemetry: messages of one boot, with the autopilot and the parameters of the whole recording.
+    """
+    heartbeats = telemetry.messages.get("HEARTBEAT", {})
+    if "autopilot" not in heartbeats:
+        return telemetry
+    numbers, counts = np.unique(heartbeats["autopilot"], return_counts=True)
+    autopilot = enum_name("MAV_AUTOPILOT", int(numbers[counts.argmax()]))
+    if autopilot == telemetry.autopilot:
+        return telemetry
+    parameters: Parameters = {}
+    if "PARAM_VALUE" in telemetry.messages:
+        parameters = latest_parameters(telemetry.messages["PARAM_VALUE"], autopilot)
+    return replace(telemetry, autopilot=autopilot, parameters=parameters)
+
+
+def _since_last_landing(telemetry: Telemetry) -> Telemetry:
+    """Returns the messages of one vehicle from half-way between its last two flights on.
+
+    What happens soon after a landing, such as the report of a failure, belongs to the flight before. What happens soon
+    before a take-off, such as the arming, belongs to the flight after it. ``LASTING_MESSAGES`` are kept, and so are
+    texts without a warning from before the first flight, by which an autopilot names its firmware and board.
+
+    Args:
+        telemetry: messages of the vehicle in one boot. With fewer than two flights they are returned unchanged.
+    """
+    boot = 0
+    # A live session tells the same flights from each other, and begins anew at each, also where the ground then holds
+    # the vehicle.
+    flights = flights_in_boot(Signals(telemetry), boot)
+    if len(flights) < 2:
+        return telemetry
+    _, last_landing = flights[-2]
+    last_take_off, _ = flights[-1]
+    start = (last_landing + last_take_off) / 2
+    first_take_off, _ = flights[0]
+    messages = {}
+    for name, columns in telemetry.messages.items():
+        time = columns["time"]
+        if name in LASTING_MESSAGES:
+            # What was stated before holds from the start on, and is in the same order.
+            messages[name] = {**columns, "time": np.maximum(time, start)}
+            continue
+        is_kept = time >= start
+        if name == "STATUSTEXT":
+            is_information = columns["severity"] >= len(SEVERITIES)
+            is_kept |= is_information & (time < first_take_off)
+        if is_kept.any():
+            messages[name] = selected_rows(columns, is_kept)
+    return replace(telemetry, messages=messages)
