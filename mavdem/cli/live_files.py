@@ -5,7 +5,7 @@ from pathlib import Path
 from shlex import quote
 
 from mavdem.facts import Fact, Facts
-from mavdem.facts.loops import GainFact
+from mavdem.facts.loops import GainFact, LoopFact
 from mavdem.facts.session import TimeUse
 from mavdem.report.templates import as_clause
 
@@ -56,7 +56,11 @@ def gains_line(advice: Facts | None, seconds_by_use: Mapping[TimeUse, float]) ->
         if fact.code is GainFact.GAINS_WRITTEN:
             return f"Gains: {fact.figures['path']}. Load one file in a ground station."
     if advice:
-        return f"No gains: {as_clause(_reason_without_gains(advice))}."
+        reason = _reason_without_gains(advice)
+        if reason.code is GainFact.ADVICE_FAILED:
+            # This sentence itself says that there are no gains.
+            return reason.sentence
+        return f"No gains: {as_clause(reason)}."
     has_flown = seconds_by_use[TimeUse.LEARNED] > 0 or seconds_by_use[TimeUse.UNSETTLED] > 0
     if has_flown:
         return "No gains: too little settled flight to compute them from."
@@ -64,20 +68,24 @@ def gains_line(advice: Facts | None, seconds_by_use: Mapping[TimeUse, float]) ->
 
 
 def _reason_without_gains(advice: Sequence[Fact]) -> Fact:
-    """Finds the reason why an advice has no gains to write to a file.
+    """Finds the one reason why an advice has no gains to write to a file; the page has all.
 
     Args:
         advice: facts (coded findings) of the advice, at least one.
 
     Returns:
         The reason that a finding ``GAINS_LEFT`` (the gains are left unchanged) contains; without such a finding, the
-        first.
+        first. Of a reason that itself consists of reasons, such as one for each axis, it is the first: a crash, for
+        example, comes before what a single axis lacks.
     """
+    reason = advice[0]
     for fact in advice:
         if fact.code is GainFact.GAINS_LEFT:
-            reason: Fact = fact.figures["reason"]
-            return reason
-    return advice[0]
+            reason = fact.figures["reason"]
+            break
+    while reason.code in (GainFact.NO_GAINS_ADVISED, LoopFact.NO_LOOP):
+        reason = reason.figures["reasons"][0]
+    return reason
 
 
 def _shell_word(path: Path) -> str:

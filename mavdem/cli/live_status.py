@@ -256,15 +256,15 @@ class StatusLines:
             self.update_in_place(status)
 
     def print_event(self, event: Event) -> None:
-        """Prints an event of a live session; on a terminal that is updated, the bell rings with each alarm.
+        """Prints an event of a live session, such as a take-off or an alarm, as a line of its own.
 
-        On such a terminal the status shows the state of the session itself, and what to do next. So the lines above it
-        are without ``SESSION_STATES``, and have the remedy of warnings only: a small terminal has room for few lines.
+        Where the status is updated in its place, the line stands above it, and the terminal's bell rings with each
+        alarm.
 
         Args:
             event: What was found, and when.
         """
-        # The end of a silence is the end of an alarm if that was raised.
+        # An alarm of a lost link has no end of its own: it is over when messages come again.
         ends_alarm = self._is_link_alarmed and event.fact.code is RowsFact.MESSAGES_RESUMED
         self._note_link_alarm(event)
         if self.terminal_text is None:
@@ -273,7 +273,11 @@ class StatusLines:
             self._print_event_above_status(event, ends_alarm=ends_alarm)
 
     def _print_event_below(self, event: Event, *, ends_alarm: bool) -> None:
-        """Prints an event below the lines before, unless it only states how far the model is.
+        """Prints an event below the earlier lines, as to a file, with what to do about it.
+
+        Two kinds of events are not printed: progress of the model (``LEARNING_STATES``), among which a pilot would
+        overlook an alarm; and, for now, that no vehicle has been found. ``_print_search`` prints that later, if it
+        still holds.
 
         Args:
             event: What was found, and when.
@@ -281,17 +285,18 @@ class StatusLines:
         """
         fact = event.fact
         if fact.code is VehicleFact.NO_VEHICLE_YET:
-            # The first look at the status decides: mostly a vehicle comes, or nothing at all is received.
             self._unprinted_search = event
             return
+        # The next step is not printed again where the event has just advised the same.
         self._advised_text = fact.remedy
         if fact.code not in LEARNING_STATES:
             self._print(event_line(event, ends_alarm=ends_alarm), style_of_facts(fact))
 
     def _print_event_above_status(self, event: Event, *, ends_alarm: bool) -> None:
-        """Prints an event above the status on the terminal, unless it only states what the status shows itself.
+        """Prints an event above the status on the terminal, with a bell if it is an alarm.
 
-        An alarm is printed always, unless it is about learning.
+        A small terminal has room for few lines. So states of the session that the status shows (``SESSION_STATES``) and
+        progress of the model (``LEARNING_STATES``) are not printed, and only alarms and warnings say what to do.
 
         Args:
             event: What was found, and when.
@@ -458,7 +463,10 @@ class StatusLines:
             self._print_next_step(status)
 
     def _print_search(self, status: SessionStatus) -> None:
-        """Prints that no vehicle has been found, where messages come and none of them is a vehicle's.
+        """Prints the event that no vehicle has been found, held back until now, if the status still says so.
+
+        At the start of a session this event is mostly out of date at once: a vehicle is found with the next messages,
+        or nothing at all is received, which is an event of its own.
 
         Args:
             status: State of the live session.

@@ -62,6 +62,8 @@ class FlightPhase:
         is_flying: whether the vehicle is airborne and, where that is reported, armed.
         is_in_air: whether it also neither takes off nor lands, where that is reported.
         motors_are_idle: whether outputs come and none has moved so far.
+        is_landed_state_reported: whether a report of the autopilot decides at present if the vehicle is on the ground;
+            if none does, the motors decide.
         contradicted_report: the fact that the autopilot reports the ground although the vehicle flies; None while it
             does not, or nothing shows that.
     """
@@ -75,6 +77,7 @@ class FlightPhase:
         self.is_flying = False
         self.is_in_air = False
         self.motors_are_idle = False
+        self.is_landed_state_reported = False
         self.contradicted_report: Fact | None = None
         self._slow_messages = slow_messages
         self._report_check = LandedReportCheck()
@@ -178,13 +181,17 @@ class FlightPhase:
         if reports is not None and collective is not None:
             reports = self._checked_reports(reports, telemetry, collective)
         self._landed_state_end = _end_of_validity(reports, now)
+        has_motors = collective is not None
+        # Without motor outputs, even an old report holds.
+        self.is_landed_state_reported = reports is not None and (
+            self._landed_state_end >= now or not has_motors
+        )
         landed_state = _repeated_until(now, reports)
         signals = LiveSignals(telemetry, collective=collective, landed_state=landed_state)
         # If no message says whether the vehicle is armed, it counts as armed all the time.
         armed = flight_states.armed_intervals(signals, boot)
         is_arming_reported = armed != [(-inf, inf)]
         has_landed_state = landed_state is not None
-        has_motors = collective is not None
         self._is_flying_known = has_landed_state or has_motors or is_arming_reported
         self._update_airborne(now, flight_states.airborne_intervals(signals, boot))
 

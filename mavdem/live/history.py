@@ -312,10 +312,10 @@ class LiveHistory:
             self.now = timeline_time
 
     def note_flight(self, number: int, takeoff_time: float) -> None:
-        """Notes that the vehicle is in the air now; a flight with another number than before begins without signals.
+        """Notes that the vehicle is in the air now, and begins another flight if the number is a new one.
 
-        What is shown is judged with the flight, and no flight is judged by another's data. So signals, predictions and
-        their errors from before the take-off are forgotten.
+        Then signals, predictions and their errors from before the take-off are forgotten: the page shows the data by
+        which the flight is judged, and these are of this flight alone.
 
         Args:
             number: number of the flight in the session, from 1.

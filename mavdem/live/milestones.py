@@ -40,7 +40,7 @@ class _FlightSummary(NamedTuple):
 
     @property
     def fact(self) -> Fact:
-        """The flight with its verdict as a fact. What was bad is to be watched: it is no alarm of the next flight."""
+        """The flight with its verdict as a fact, at most of level "watch": a bad one is no alarm of the next flight."""
         assert self.verdict is not None
         level = Level.WATCH if self.verdict.is_bad else self.verdict.level
         return Fact(
@@ -160,9 +160,9 @@ class Milestones:
         self._was_flying = False
 
     def _summarise_flight(self, status: SessionStatus) -> None:
-        """Notes the verdict on the latest flight, and reports it when another flight has begun.
+        """Keeps the verdict on the latest flight up to date, and reports it when another flight has begun.
 
-        Lights and verdict of the session are of the latest flight alone, so that an earlier one would be forgotten.
+        From then on lights and verdict of the session are of the new flight, so that this line alone has the old one.
 
         Args:
             status: status of the session, with the judgement of the latest flight.
@@ -186,13 +186,13 @@ class Milestones:
         self._latest_flight = flight
 
     def _forget_milestones(self) -> None:
-        """Makes the first model and the parameters of another flight news again."""
+        """Forgets what was reported of a flight, so that the next one's first model and parameters are reported too."""
         self._has_model = False
         self._has_parameters = False
         self._reported_rows = 0
 
     def _note_flight(self, status: SessionStatus, now: float) -> None:
-        """Notes when a flight ends, which is to be reported then, and the wind of the flight until then.
+        """Stores when a flight has ended, so that its results are reported, and in flight the wind so far.
 
         Args:
             status: status of the session, with the estimated wind and whether the vehicle flies.

@@ -61,7 +61,10 @@ class MotorAlarms:
         self.change_time = nan
 
     def begin_flight(self, time: float, boot: int) -> None:
-        """Begins a flight: its motors are compared with themselves in this flight, and earlier alarms are over.
+        """Begins a flight: ends all alarms, and forgets the earlier balance of the motors.
+
+        The reference that the motors are compared with is taken from this flight alone: between two flights, propellers
+        may be changed and the load may be shifted.
 
         Args:
             time: time of the take-off, or when the vehicle was found in the air, s of the boot clock.

@@ -108,7 +108,9 @@ def sinks_at_limit(
 
 
 def with_earlier_motors(limited_motor: Fact, alarm: Fact | None) -> Fact:
-    """Adds the motors of the active alarm to those at their limit now, since motors that take turns are one event.
+    """Joins the motors at their limit now with those of the active alarm, so that both give one alarm.
+
+    In a vehicle without reserve of thrust, motors reach their limit in turn: each would begin another alarm.
 
     Args:
         limited_motor: fact on the motors that are at their limit now, with their names and share of the time.

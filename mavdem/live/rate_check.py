@@ -19,7 +19,7 @@ class RateCheck:
 
         Args:
             axis: "roll" or "pitch", which the model is of.
-            can_request: whether the user may still be advised to request rates.
+            can_request: whether the user may be advised to request messages; False where the session requests them.
             report: is called with each change.
         """
         self._axis = axis
@@ -30,7 +30,10 @@ class RateCheck:
 
     @property
     def no_attitude(self) -> Fact:
-        """The fact that no attitude comes, with the advice to request it while the user may still be given that."""
+        """The fact that no attitude comes.
+
+        It advises to request messages (``--request-rate``), unless the session has requested them already.
+        """
         code = RowsFact.NO_LIVE_ATTITUDE if self._can_request else RowsFact.ATTITUDE_ASKED
         return Fact(code, can_ask=self._can_request)
 

@@ -222,14 +222,18 @@ class _MessageInterval:
         self.needed_rate = MIN_RATE_RATIO * self.rate
 
     def note_rate(self, rate: float) -> None:
-        """Takes the measured rate of the message, Hz: whether it comes, and whether it is fast enough.
+        """Notes whether the message comes, and whether it comes as fast as is needed.
 
-        If it is, the settings are counted anew. It was reached because of a setting only if there was one.
+        Once it does, settings are counted from zero again, so that it may be set anew if it becomes slow later.
+
+        Args:
+            rate: measured rate, Hz.
         """
         self.was_received = self.was_received or rate > 0
         self.is_absent = self.is_absent and rate == 0
         if rate >= self.needed_rate:
             self.set_count = 0
+            # A message that was fast enough by itself was not reached by a setting.
             self.was_reached = self.may_have_changed
 
     def note_setting(self, now: float, rate: float) -> None:

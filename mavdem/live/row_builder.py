@@ -53,10 +53,10 @@ class RowBuilder:
         self.restart(0, phase)
 
     def restart(self, boot: int, phase: FlightPhase) -> None:
-        """Begins a boot: forgets the samples of the former one, whose clock has ended, and which outputs drive motors.
+        """Begins a boot, whose clock starts at zero again: discards all samples, and which outputs drive motors.
 
-        Messages and motors are chosen again by the samples of this boot. The format of the latest rows stays. The
-        constructor calls this too, so that the attributes are created here.
+        The message of attitude and the motors are chosen again from the samples of this boot. ``row_format`` and
+        ``sample_count`` are kept. The constructor calls this method for the first boot.
 
         Args:
             boot: number of the boot; a boot lasts from one start of the autopilot to the next.

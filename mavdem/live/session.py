@@ -691,15 +691,17 @@ class LiveSession:
         return Fact(SessionFact.FIT_UNFINISHED)
 
     def judge_final_model(self, model: Learned | None) -> Learned | None:
-        """Judges the model at the end of the session, by the alarms of the motors too.
+        """Judges the model with which the session ends, and stores the judgement, which ``status`` shows.
+
+        The model's wind torque is what turns the vehicle besides its motors. If an alarm of the flight shows that a
+        motor lost thrust, that torque is of the fault, and not of the wind: the model is marked accordingly.
 
         Args:
-            model: the final model; None without one. A model of an earlier flight says nothing of the latest one, and
-                is neither judged nor shown.
+            model: the model that was learned last; None without one. A model of an earlier flight of the session is not
+                judged, since it shows nothing of the latest flight.
 
         Returns:
-            The model to show, with its wind torque marked as the vehicle's own where a fault of the vehicle caused it;
-            None without a model of the latest flight.
+            The model, perhaps so marked; None if there is none of the latest flight.
         """
         if model is self._earlier_model:
             model = None
@@ -712,11 +714,14 @@ class LiveSession:
 
     @property
     def _has_rate_setpoint(self) -> bool:
-        """Whether a setpoint of the body rate comes, or came in this flight, by which a log identifies the loops."""
+        """Whether a setpoint of the body rate comes, or came in this flight.
+
+        With it, the control loops, and so their margins, can be identified from the recording.
+        """
         return self.stream.has_rate_setpoint or self._margin_review.has_rate_setpoint
 
     def report_end(self, status: SessionStatus, model: Learned | None) -> None:
-        """Reports the findings of the flight at the end of the session, unless its landing was reported with them.
+        """Reports what was found in the flight when the session ends, unless that was reported at the landing.
 
         Args:
             status: status of the session, with the judgement of the final model.

@@ -622,15 +622,14 @@ class SessionStatus(ImmutableResult):
 
     @property
     def _lights_without_model(self) -> dict[str, Fact]:
-        """The status lights (judgements of one part of the vehicle each) that need no model, by the name of the part.
+        """The lights that need no learned model, by the part of the vehicle that each judges.
 
-        Several findings may concern one part; its light is the worst of them, and of equally bad ones the first:
+        A light is the worst finding about its part, and of equally bad findings the first. All parts have findings of
+        the watchdog, which looks for faults twice a second. Three have others besides:
 
-        - motors: losses of thrust, then what the watchdog has found;
-        - margins: what the watchdog has found, such as an oscillation, then the margins that were identified in flight,
-          unless those of the recording are known;
-        - wind: what the watchdog has found, such as a drift, then the mean wind;
-        - all other parts: what the watchdog has found.
+        - motors: losses of thrust, which come first;
+        - margins: those identified in flight, until the recording is judged, which has better ones;
+        - wind: the mean wind of the flight.
         """
         findings: dict[str, list[Fact]] = defaultdict(list)
         findings[Light.MOTORS] += self._weak_motors

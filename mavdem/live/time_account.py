@@ -75,12 +75,12 @@ class TimeAccount:
         return now - self.entry_time >= ENTRY_SECONDS
 
     def update(self, now: float, state: AccountedState) -> dict[TimeUse, float]:
-        """Adds the time since the last entry to the account: to learning by its samples, and the rest by the state.
+        """Makes an entry: divides the time since the last one between learning and what was waited for.
 
-        The time of learning is the number of new samples (rows) that were learned from, times the step between them.
-        Samples may be analysed some time after their arrival, so they can span more than the time since the last entry.
-        An entry cannot contain more than its own time; up to ``ENTRY_SECONDS`` of the excess are carried over to the
-        next entry.
+        The time of learning is that of the new samples: their number times their time step. The rest of the entry is
+        spent on what the present state lacks, such as settled flight (``AccountedState.use_at``). Samples may be
+        analysed some time after their arrival, and then span more than the entry: up to ``ENTRY_SECONDS`` of what is
+        too much are carried over to the next entry.
 
         Args:
             now: time up to which everything that arrived is analysed, s of the monotonic clock.

@@ -1,16 +1,17 @@
 """The periodic review of a live vehicle: its motors and messages, whether it flies, and its faults."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from math import inf
 
 from mavdem.assessment.flights import loss_onset
 from mavdem.dataset.time_series import AVERAGING_SECONDS
 from mavdem.facts import Fact
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.session import RowsFact
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Fields, Parameters, Telemetry
-from mavdem.live.flight_phase import FlightPhase
+from mavdem.live.flight_phase import LANDED_STATE_MESSAGE, FlightPhase
 from mavdem.live.live_signals import FlightMoment, RecentMotion
 from mavdem.live.motor_alarms import MotorAlarms
 from mavdem.live.rate_check import RateCheck
@@ -347,8 +348,7 @@ class VehicleReview:
             is_flying=is_flying,
             settled_start=settled_start,
         )
-        for report in new_reports:
-            self._report(report)
+        self._report_with_basis(new_reports)
         if is_flying and self.watchdog.is_thorough:
             self._pending_steps.append(self._review_lights)
             if self.watchdog.is_tracking_due:
@@ -371,12 +371,33 @@ class VehicleReview:
         The balance of the motors is tested with each of their samples (``MotorAlarms``), not by this review. But the
         user sees in one list what is watched and what is not, and the watchdog keeps that list.
         """
-        for fact in self.watchdog.finish_review(self._motion, self.phase.takeoff_time):
-            self._report(fact)
+        self._report_with_basis(self.watchdog.finish_review(self._motion, self.phase.takeoff_time))
         self._note_loss()
         now = self._review_time
         reason = self._motor_alarms.reason_not_watched(now, is_flying=self.phase.is_flying)
         self.watchdog.set_motors_watched(reason, now)
+
+    def _report_with_basis(self, facts: Iterable[Fact]) -> None:
+        """Reports facts of the watchdog; a take-off and a landing name the message that shows them.
+
+        The watchdog takes both from the phase of flight, which judges by the land detector or by the motors.
+
+        Args:
+            facts: the facts, in the order in which they are reported.
+        """
+        for fact in facts:
+            if fact.code in (ReportedEvent.OFF_GROUND, ReportedEvent.ON_GROUND):
+                self._report(fact.replace(basis=(self._landed_state_basis,)))
+            else:
+                self._report(fact)
+
+    @property
+    def _landed_state_basis(self) -> str:
+        """Name of the message by which the vehicle counts as in the air or on the ground at present."""
+        if self.phase.is_landed_state_reported:
+            return LANDED_STATE_MESSAGE
+        # A vehicle without motor outputs, such as a plane, operates while it is armed.
+        return self._rows.motor_message or "HEARTBEAT"
 
     def _note_loss(self) -> None:
         """Notes for the phase of flight since when the vehicle is out of control, if it is: that ends settled flight.

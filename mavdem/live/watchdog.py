@@ -428,6 +428,7 @@ class Watchdog:
         Args:
             report: a new report of the autopilot on the power, which is among the active alarms if it is a warning.
         """
+        report = _battery_report_in_flight(report)
         if report.is_bad:
             return alarm_if_bad(report, report.start_time)
         active_alarm = self.alarms.facts.get(WatchedQuantity.BATTERY)
@@ -781,24 +782,27 @@ class Watchdog:
         return is_new and is_still_in_air and self.control.awaits_impact(loss, moment)
 
     def _judge_fall(self, review: _Review, moment: FlightMoment) -> list[Fact]:
-        """Judges in flight whether the vehicle falls with its motors at idle, or has been caught.
+        """Decides whether a fall of the vehicle with idle motors begins, lasts or is over, as after a closed throttle.
+
+        The fall is stored in ``_ongoing_fall``. It lasts until the motors give enough thrust to fly again; that the
+        fall no longer shows, for example because no climb rate comes, does not end it.
 
         Args:
             review: the review, with its time and the vehicle's parameters.
-            moment: present time, and the motion.
+            moment: present time, and the motion of the last seconds.
 
         Returns:
-            The alarm of a fall that begins, or its end once the motors carry the vehicle again.
+            The alarm if a fall begins, and the end of the alarm if it is over; empty while nothing changes.
         """
         former_fall = self._ongoing_fall
         present_fall = self.control.fall(moment)
         if present_fall is not None:
+            # The newest fact has the present height and speed.
             self._ongoing_fall = present_fall
-            if former_fall is None:
-                return [alarm_if_bad(present_fall, review.now)]
-            return []
-        do_motors_carry = carries_vehicle(moment.motion, review.vehicle.parameters)
-        if former_fall is not None and do_motors_carry:
+            is_new = former_fall is None
+            return [alarm_if_bad(present_fall, review.now)] if is_new else []
+        have_motors_thrust = carries_vehicle(moment.motion, review.vehicle.parameters)
+        if former_fall is not None and have_motors_thrust:
             self._ongoing_fall = None
             return [Fact(WatchFact.ALARM_OVER, time=review.now, reason=former_fall)]
         return []
@@ -810,7 +814,10 @@ class Watchdog:
         return alarm is not None and alarm.code is WatchFact.SINKS_AT_LIMIT
 
     def _record_loss(self, loss: Fact, flight_end: FlightEnd | None, review: _Review) -> None:
-        """Stores the loss of the vehicle and its contact with the ground, for the alarms and the light of the motors.
+        """Stores that the vehicle was lost and how it met the ground, and judges the motors by the loss.
+
+        Afterwards ``loss`` and the facts of the review have the loss, of which the alarms are made; ``ground_contact``
+        has the contact with the ground; and the light of the motors no longer says that they are sound.
 
         Args:
             loss: the event that control was lost, as it was found first.
@@ -1207,6 +1214,8 @@ class Watchdog:
             # What the autopilot itself reports of the estimator was reported to the user when it came.
             is_autopilot_report = isinstance(fact.code, ReportedEvent)
             was_reported = quantity is WatchedQuantity.ESTIMATOR and is_autopilot_report
+            if quantity is WatchedQuantity.BATTERY:
+                fact = _battery_report_in_flight(fact)
             if is_new and not was_reported:
                 alarms.append(alarm_if_bad(fact, review.now))
         return alarms
@@ -1375,6 +1384,18 @@ def _with_level_in_flight(report: Fact) -> Fact:
     if report.code is ReportedEvent.BOARD_VOLTAGE_LOW:
         return report.replace(Level.BAD)
     return report
+
+
+def _battery_report_in_flight(report: Fact) -> Fact:
+    """Returns a warning of the battery for a pilot in flight: short, and with what to do now instead of next time.
+
+    Args:
+        report: the warning. Its figure ``batteries`` has the facts on further batteries, which the page shows; its
+            remedy is for the next flight, such as to land earlier.
+    """
+    if "batteries" in report.figures:
+        report = report.replace(batteries=())
+    return report.replace(is_in_flight=True)
 
 
 def latest_estimator_time(signals: Signals, estimator: Fact) -> float:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from mavdem.cli.live_files import gains_line, written_file_lines
 from mavdem.facts import Fact
-from mavdem.facts.loops import GainFact
+from mavdem.facts.loops import GainFact, LoopFact
 from mavdem.facts.session import TimeUse
 
 NOTHING = dict.fromkeys(TimeUse, 0.0)
@@ -29,11 +29,20 @@ def test_each_written_file_has_a_line_with_what_opens_it():
 
 def test_without_advised_gains_the_reason_is_printed():
     flown = NOTHING | {TimeUse.UNSETTLED: 9.0}
-    reason = Fact(GainFact.STEP_BOUND)
+    reason = Fact(GainFact.LAG_UNRESOLVED, time_step=0.01)
     left = Fact(GainFact.GAINS_LEFT, reason=Fact(GainFact.ADVICE_WAITS))
+    failed = Fact(GainFact.ADVICE_FAILED, error="", duration=30.0, path="f.tlog")
+    # Two sentences, of which the first says that there are no gains.
+    refused = Fact(GainFact.NO_GAINS_ADVISED, reasons=(reason,))
+    refused_left = Fact(GainFact.GAINS_LEFT, reason=refused)
+    yaw = Fact(LoopFact.NO_LOOP, names=("yaw",), reasons=(reason,))
+    no_loop_left = Fact(GainFact.GAINS_LEFT, reason=Fact(LoopFact.NO_LOOP, reasons=(yaw, failed)))
     written = Fact(GainFact.GAINS_WRITTEN, path="f.gains.stage1.params and .param", reason=reason)
     assert "--record FILE.tlog" in gains_line(None, NOTHING)
     assert gains_line((), NOTHING) == "No gains: nothing flew."
     assert gains_line((), flown).startswith("No gains: too little settled flight")
     assert gains_line((left,), flown).startswith("No gains: gains are advised when")
+    assert gains_line((refused_left,), flown) == gains_line((reason,), flown)
+    assert gains_line((no_loop_left,), flown) == gains_line((reason,), flown)
+    assert gains_line((failed,), flown) == failed.sentence
     assert "f.gains.stage1.params and .param" in gains_line((reason, written), flown)

@@ -13,6 +13,7 @@ from mavdem.facts.session import SessionFact
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import ARMED, IN_AIR, LANDING, ON_GROUND, TAKING_OFF
 from mavdem.live.flight_phase import FlightPhase
+from mavdem.live.messages import MESSAGE_FIELDS
 from mavdem.live.recent_messages import RecentMessages
 from mavdem.live.wind import WindEstimate
 
@@ -26,7 +27,8 @@ ON_THE_GROUND = 0.22
 class Vehicle:
     """Sends the collective at 100 Hz and HEARTBEATs at 1 Hz; it took off at 0 s."""
 
-    def __init__(self):
+    def __init__(self, height_message="LOCAL_POSITION_NED"):
+        self.height_message = height_message
         self.recent = RecentMessages()
         self.phase = FlightPhase(self.recent)
         self.time = -3.0
@@ -47,8 +49,12 @@ class Vehicle:
             self.collective.append((self.time, collective))
             if round(100 * self.time) % 10 == 0:
                 if height is not None:
-                    velocity_and_place = (0.0, 0.0, 0.0, 0.0, 0.0, -height)
-                    self.recent.add("LOCAL_POSITION_NED", self.time, velocity_and_place)
+                    if self.height_message == "LOCAL_POSITION_NED":
+                        fields = {"z": -height}
+                    else:
+                        fields = {"relative_alt": round(1e3 * height)}
+                    values = [fields.get(name, 0.0) for name in MESSAGE_FIELDS[self.height_message]]
+                    self.recent.add(self.height_message, self.time, values)
                 if climb is not None:
                     self.recent.add("VFR_HUD", self.time, (climb,))
                 time, values = np.array(self.collective[-450:]).T
@@ -139,12 +145,14 @@ def test_a_descent_is_not_settled_unless_reported_as_flight():
 
 
 @mark.slow
-def test_a_detector_that_reports_the_ground_in_flight_is_wrong():
-    vehicle = Vehicle()
+@mark.parametrize("height_message", ["LOCAL_POSITION_NED", "GLOBAL_POSITION_INT"])
+def test_a_detector_that_reports_the_ground_in_flight_is_wrong(height_message):
+    vehicle = Vehicle(height_message)
     vehicle.fly(3.0, collective=0.0, landed=ON_GROUND, height=0.0)
+    assert vehicle.phase.is_landed_state_reported
     for height in range(12):
         vehicle.fly(1.0, landed=ON_GROUND, height=float(height))
-    assert vehicle.phase.is_flying
+    assert vehicle.phase.is_flying and not vehicle.phase.is_landed_state_reported
     # The report each second comes just before the next step of the height.
     assert vehicle.phase.contradicted_report.figures["largest_height"] == approx(10.0)
     # Later, the climb is no longer among the messages that are kept.

@@ -335,6 +335,8 @@ def test_the_emptiest_of_two_batteries_is_alarmed_and_named():
     )
     [battery_alarm] = facts_about(replayed, PowerLight.BATTERY_LOW)[-1:]
     assert battery_alarm.figures["reason"].subject == "battery 2"
+    # The page has battery 1; a pilot in flight reads no more than what matters.
+    assert "battery 1" not in battery_alarm.sentence
     reports = facts_about(replayed, ReportedEvent.BATTERY_ALARMED)
     assert {report.subject or report.figures["reason"].subject for report in reports} == {
         "battery 2"
@@ -358,6 +360,8 @@ def test_a_battery_that_the_autopilot_reports_is_an_alarm_headline_and_light():
     )
     assert str(battery_alarm.next_step) == "Land soon."
     replayed = replayed_with_messages(*sent)
+    [warning] = facts_about(replayed, ReportedEvent.BATTERY_WARNED)
+    assert warning.remedy == "Land soon."
     [alarm] = facts_about(replayed, ReportedEvent.BATTERY_ALARMED)
     assert alarm.code is SessionFact.ALARM and alarm.time == approx(14.0, abs=0.1)
     assert alarm.sentence_and_remedy.startswith(
@@ -917,9 +921,10 @@ class Limited(Hover):
 @mark.slow
 def test_the_first_seconds_of_a_flight_name_no_motor():
     replayed = replay(Flight(Limited(hovering=8.0)).frames(end=14.0))
-    takeoff_time = next(
-        fact.time for fact in replayed.facts if fact.code is ReportedEvent.OFF_GROUND
-    )
+    (takeoff,) = [fact for fact in replayed.facts if fact.code is ReportedEvent.OFF_GROUND]
+    # No land detector reports.
+    assert takeoff.figures["basis"] == ("SERVO_OUTPUT_RAW",)
+    takeoff_time = takeoff.time
     alarm, *_ = facts_about(replayed, MotorsLight.MOTOR_LIMITED)
     assert takeoff_time + DECISION_SECONDS <= alarm.time <= takeoff_time + DECISION_SECONDS + 1.0
 
