@@ -10,6 +10,7 @@ from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.event import Event
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.loops import LoopFact
+from mavdem.facts.online import SurpriseCause
 from mavdem.facts.session import SessionFact
 from mavdem.facts.witnesses import SensorFact
 from mavdem.live.history import LiveHistory
@@ -151,3 +152,14 @@ def test_an_event_of_a_live_page_does_not_repeat_its_next_step():
     judgement = replace(judgement, next_step=LEFT)
     [page_event] = _numbered_live_events(history, judgement, ())
     assert page_event.sentence == LOST.sentence_and_remedy
+
+
+def test_no_event_of_a_live_page_advises_to_fly_on_where_the_next_step_is_to_land():
+    gust = Fact(SessionFact.MOTION_UNEXPECTED, clock=1.0, cause=SurpriseCause.DISTURBANCE)
+    history = _history_of(Event(1.0, gust, reception=0.0))
+    judgement = unjudged(LOST)
+    [page_event] = _numbered_live_events(history, judgement, ())
+    assert page_event.sentence == gust.sentence_and_remedy != str(gust)
+    judgement = replace(judgement, next_step=Fact(NextStep.LAND_NOW, reason=LOST))
+    [page_event] = _numbered_live_events(history, judgement, ())
+    assert page_event.sentence == str(gust)

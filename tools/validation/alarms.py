@@ -15,6 +15,7 @@ Usage: tools/validation/alarms.py [--rate HZ of the motors] [--flights N of each
        tools/validation/alarms.py [--jobs N] RECORDING.tlog ...
 """
 
+from collections.abc import Callable
 from functools import partial
 from itertools import groupby
 from pathlib import Path
@@ -206,7 +207,14 @@ def alarm_statistics(flights: pd.DataFrame) -> pd.Series:
     return pd.Series(cells)
 
 
-def replayed_session(recording: Path) -> LiveSession:
+def _never(session: LiveSession) -> bool:
+    """Returns False: the whole recording is played."""
+    return False
+
+
+def replayed_session(
+    recording: Path, is_over: Callable[[LiveSession], bool] = _never
+) -> LiveSession:
     """Plays a recorded telemetry stream to a live session as fast as it is processed, and returns the session.
 
     The session reads its link and its clock, so both are stand-ins here: the link returns the datagrams of one batch
@@ -215,6 +223,7 @@ def replayed_session(recording: Path) -> LiveSession:
 
     Args:
         recording: path of a telemetry log.
+        is_over: is called after each batch, on the clock of the recording, and returns whether no more is played.
     """
     stamped_frames = read_stream(recording).stamped_frames()
     # Stamps are in µs.
@@ -236,6 +245,8 @@ def replayed_session(recording: Path) -> LiveSession:
             link.receive.return_value = received
             clock.time.return_value = received[-1].arrival_time
             session.step(0.0)
+            if is_over(session):
+                break
     return session
 
 

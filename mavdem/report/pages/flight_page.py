@@ -7,7 +7,6 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from math import nan
 from pathlib import Path
-from time import strftime
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,7 +24,7 @@ from mavdem.containers import JsonValues, Names
 from mavdem.dataset.speed_controllers import speed_controllers
 from mavdem.dem import Learned
 from mavdem.facts import Fact, Facts, Level, NamedFacts
-from mavdem.facts.assessment import Grade, Purpose
+from mavdem.facts.assessment import Grade, NextStep, Purpose
 from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.event import Event
 from mavdem.facts.identifiability import Status
@@ -86,6 +85,7 @@ from mavdem.report.templates import (
     capitalize_first,
     render_section,
     sentences_for,
+    time_of_day,
 )
 from mavdem.report.trust import trust_table
 from mavdem.report.truth import truth_blocks
@@ -840,14 +840,15 @@ def _live_subtitle(status: SessionStatus, link: str, axis: str) -> str:
         axis: axis whose model was learned.
     """
     # Imported here: a page of a log needs nothing of live sessions.
+    from mavdem.live import clock
     from mavdem.report.live import vehicle_text
 
     if status.is_over:
         return f"What {axis} did, learned and predicted while it flew, over {link}."
     # The title has the name of the vehicle already.
     vehicle_state = vehicle_text(status).removeprefix(f"{status.vehicle}, ")
-    time_of_day = strftime("%H:%M:%S")
-    subtitle = f"{capitalize_first(vehicle_state)} Link {link}, as of {time_of_day}."
+    present_time = time_of_day(clock.unix_time())
+    subtitle = f"{capitalize_first(vehicle_state)} Link {link}, as of {present_time}."
     if status.delay_fact is not None:
         subtitle = f"{subtitle} {status.delay_fact}"
     return subtitle
@@ -921,6 +922,7 @@ def _numbered_live_events(
 
     cause_of_headline = cause_of_alarm(judgement.headline)
     next_step = str(judgement.next_step)
+    is_landing_advised = judgement.next_step.code is NextStep.LAND_NOW
     active_causes = set()
     for alarm in alarms:
         if alarm.code is not WatchFact.ALARM_OVER:
@@ -934,7 +936,11 @@ def _numbered_live_events(
         if is_in_charts and not event.is_session_state:
             numbered_count += 1
             number = numbered_count
-        remedy = event.fact.remedy
+        fact = event.fact
+        if is_landing_advised:
+            # What was reported before the alarm must not advise to fly on below it.
+            fact = fact.without_flight_advice
+        remedy = fact.remedy
         cause = cause_of_alarm(event.fact)
         is_headline = (cause.code, cause.subject) == (
             cause_of_headline.code,
@@ -942,7 +948,7 @@ def _numbered_live_events(
         )
         page_events.append(
             PageEvent(
-                event._replace(seconds=event.seconds - history.flight.timeline_offset),
+                event._replace(seconds=event.seconds - history.flight.timeline_offset, fact=fact),
                 number,
                 is_on_clock_of_charts=is_in_charts,
                 is_headline=is_headline,
