@@ -68,7 +68,10 @@ class ActiveAlarms:
         return now - self._last_found[quantity] >= calm_seconds
 
     def end(self, quantity: WatchedQuantity) -> Fact:
-        """Ends an active alarm, and returns its fact. The next one of its quantity needs twice the time to end.
+        """Ends an active alarm, and returns its fact.
+
+        The next alarm of the quantity ends only after twice the time without its fault: a fault that comes and goes
+        gives fewer and fewer alarms.
 
         Args:
             quantity: what the alarm is about, such as the vibration.
@@ -77,7 +80,7 @@ class ActiveAlarms:
         return self.facts.pop(quantity)
 
     def discard(self, quantity: WatchedQuantity) -> None:
-        """Removes an alarm, if it is active, without counting that as its end.
+        """Removes an alarm of an earlier flight, if it is active; the next one of its quantity needs no longer to end.
 
         Args:
             quantity: quantity of the alarm.

@@ -546,7 +546,9 @@ class LiveSession:
             self.flight.learning.withdraw_since(withdrawal_start)
 
     def _keep_flight_data(self, status: SessionStatus) -> None:
-        """Adds the battery's voltages in flight to the history, and notes the end of free flight on the ground.
+        """Adds the battery's voltages to the history in flight; on the ground, notes that free flight is over.
+
+        No row notes that, since rows end at the landing.
 
         Args:
             status: the present status, once a second.

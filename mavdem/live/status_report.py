@@ -167,7 +167,7 @@ class StatusReport:
         The learner uses free flight only. Even then it may lack something, such as motion.
 
         Args:
-            is_flying: whether the vehicle is in free flight.
+            is_flying: whether the vehicle is in the air.
 
         Returns:
             The reason; None if models are learned.

@@ -518,9 +518,9 @@ class LiveStream:
         self._rows.end_segment_unless_free()
 
     def _update_takeoff_distance(self, message: Message) -> None:
-        """Updates the height above and the distance from the place of take-off, by barometer and satellites.
+        """Updates where the vehicle is from its take-off: height by barometer, distance by satellites.
 
-        Unlike the autopilot's position, they do not begin again at 0 where the autopilot reboots in flight.
+        They replace the position that the autopilot estimates if it reboots in flight, since that begins at 0 again.
 
         Args:
             message: a SCALED_PRESSURE with the pressure, or a GPS_RAW_INT with the position.
@@ -535,7 +535,7 @@ class LiveStream:
         )
 
     def _process_velocity(self, message: Message, time: float) -> None:
-        """Takes a velocity, and perhaps a position: for the wind, for the latest pose, and to find drift in wind.
+        """Passes a velocity to the estimator of the wind and, with a position, to the pose and the search for drift.
 
         Args:
             message: one of ``VELOCITY_MESSAGES``: velocity down, north and east in its unit; in LOCAL_POSITION_NED, in

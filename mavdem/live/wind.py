@@ -309,7 +309,10 @@ class LiveWind:
         self._next_check_time = -inf
 
     def stop(self) -> None:
-        """Ends the estimates of a flight that was lost; its mean stays, which is of the motion before."""
+        """Ends the estimates of a flight that was lost: a falling vehicle does not lean into the wind.
+
+        The mean stays, since its estimates are from before the loss.
+        """
         self.latest = None
         self._filter = None
         self._attitudes.clear()
