@@ -417,7 +417,9 @@ def overall_summary(method: str, flight_summaries: Sequence[JsonValues]) -> Json
 def known_mean(values: Iterable[float | None]) -> float | None:
     """Returns the mean of the values that are neither ``None`` nor NaN; ``None`` if there are none."""
     known_values = [value for value in values if value is not None and not np.isnan(value)]
-    return float(np.mean(known_values)) if known_values else None
+    if not known_values:
+        return None
+    return float(np.mean(known_values))
 
 
 def geometric_mean(values: Sequence[float]) -> float:

@@ -151,8 +151,12 @@ class HeldOut(ImmutableResult):
 
     @property
     def worse_shares(self) -> dict[HeldOutForecast, float]:
-        """By baseline, the share of the windows in which the forecast has the larger error."""
-        return {name: float((self.error_ratios(name) > 1).mean()) for name in BASELINES}
+        """By name of the baseline, the share of the windows in which the model's forecast has the larger error."""
+        shares = {}
+        for baseline in BASELINES:
+            is_worse = self.error_ratios(baseline) > 1
+            shares[baseline] = float(is_worse.mean())
+        return shares
 
     def error_ratios(self, baseline: HeldOutForecast = CONSTANT_MEAN) -> Array:
         """Returns the mean squared error of the forecast in each window (W,), relative to a baseline's.
@@ -328,8 +332,17 @@ class HeldOutBlock:
     """Outputs of the sample before the block (1, m)."""
 
     def windows(self, values: Array) -> Array:
-        """Cuts values of the samples (T, …) into windows (W, H, …), without those before the first window."""
-        return values[self.lead :].reshape(-1, self.steps, *values.shape[1:])
+        """Cuts values of the block's samples into windows; values before the first window are left out.
+
+        Args:
+            values: (T, …) one value or row for each sample of the block: ``lead`` samples, then W windows of H samples.
+
+        Returns:
+            (W, H, …) values of each window.
+        """
+        shape_of_sample = values.shape[1:]
+        values_in_windows = values[self.lead :]
+        return values_in_windows.reshape(-1, self.steps, *shape_of_sample)
 
     @property
     def outputs_before_windows(self) -> Array:

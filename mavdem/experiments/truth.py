@@ -101,9 +101,19 @@ class Truth(NamedTuple):
     """s"""
 
     def effect_at(self, time: Array) -> Array:
-        """Returns the effect (r,) that held for most of the samples at ``time`` (T,), s."""
+        """Returns the effect of the motors in a part of the flight, with the failure if it lasted for most of it.
+
+        Args:
+            time: (T,) times of the part's samples, s.
+
+        Returns:
+            (r,) effect of each input on the axis.
+        """
+        # ``weak`` is 0 or 1. Interpolated and compared with one half, it has the value of the nearer sample.
         is_weak = np.interp(time, self.time, self.weak) >= 0.5
-        return self.weak_effect if is_weak.mean() >= 0.5 else self.effect
+        if is_weak.mean() >= 0.5:
+            return self.weak_effect
+        return self.effect
 
 
 def read_truth(path: PathName, axis: str) -> Truth:

@@ -33,11 +33,11 @@ def run(runner: Runner) -> ExperimentResult:
         Checks, figures, and the results of the tests as ``numbers``.
     """
     names = [f"experiment {number}" for number in runner.experiment_windows]
+    windows = list(runner.experiment_windows.values())
     # Successive windows overlap by half, and only disjoint ones are independent.
-    independent_windows = [
-        runner.recorded_windows[index] for index in disjoint_windows(runner.recorded_windows)
-    ]
-    windows = [*runner.experiment_windows.values(), *independent_windows]
+    for index in disjoint_windows(runner.recorded_windows):
+        windows.append(runner.recorded_windows[index])
+    # All windows are one batch of jobs. Their results come in the order of the windows, simulations first.
     noises = runner.map_jobs(analyse_process_noise, windows)
     simulated_noises = dict(zip(names, noises[: len(names)], strict=True))
     ardrone_noises = noises[len(names) :]

@@ -377,10 +377,23 @@ def input_checks(errors: Mapping[str, Mapping[str, float]], data: str) -> list[C
 
 
 def error_table(errors: Mapping[str, Mapping[str, float]]) -> Table:
-    """Returns a table of the SSE with a row for each estimator, the least mean error first, and a column a window."""
+    """Returns a table of the errors of a hidden motor command, with the estimator of the least total error on top.
+
+    Args:
+        errors: sum of squared errors (SSE) of the command, by name of the window and of the estimator.
+
+    Returns:
+        The table, with a row for each estimator and a column for each window.
+    """
+    total_errors = {}
+    for name in ESTIMATORS:
+        total_errors[name] = sum(window_errors[name] for window_errors in errors.values())
     rows = []
-    for name in sorted(ESTIMATORS, key=lambda name: sum(sse[name] for sse in errors.values())):
-        rows.append([name, *(rounded(sse[name], 3) for sse in errors.values())])
+    for name in sorted(total_errors, key=total_errors.__getitem__):
+        row = [name]
+        for window_errors in errors.values():
+            row.append(rounded(window_errors[name], 3))
+        rows.append(row)
     return Table(["estimator", *errors], rows)
 
 

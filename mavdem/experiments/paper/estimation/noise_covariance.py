@@ -180,14 +180,15 @@ def online_errors(record: NoisyRecord) -> dict[str, float]:
     """
     # Only errors of variances are needed here. With NaN as states, the errors of the states are NaN and not used.
     no_states = np.full_like(record.states, np.nan)
-    histories = {
-        name: estimate(record).variances for name, estimate in RECURSIVE_ESTIMATORS.items()
-    }
-    histories[ONLINE_DEM] = online_dem_variances(record)
-    return {
-        name: _record_errors(record, final_variances(history), no_states).log_variance_error
-        for name, history in histories.items()
-    }
+    variance_histories = {}
+    for name, estimate in RECURSIVE_ESTIMATORS.items():
+        variance_histories[name] = estimate(record).variances
+    variance_histories[ONLINE_DEM] = online_dem_variances(record)
+    log_errors = {}
+    for name, history in variance_histories.items():
+        errors = _record_errors(record, final_variances(history), no_states)
+        log_errors[name] = errors.log_variance_error
+    return log_errors
 
 
 class MeanErrors(NamedTuple):
@@ -226,7 +227,7 @@ def run(runner: Runner) -> ExperimentResult:
     Returns:
         Checks, tables, and the errors of all estimators as ``numbers``.
     """
-    # Mean errors of all estimators, by the smoothness of the noise.
+    # Both are mean errors of all estimators, by the smoothness of the noise.
     simulated_errors = {}
     recorded_errors = {}
     for name, steps in SMOOTHNESS_IN_STEPS.items():
@@ -389,31 +390,46 @@ def error_tables(errors: Mapping[str, Mapping[str, MeanErrors]], records_name: s
     Returns:
         A sentence and the table of variances, then a sentence and the table of states.
     """
-    noises = list(errors)
-    errors_in_first_noise = errors[noises[0]]
-    names_by_factor = sorted(
-        (*BASELINES, DEM, ONLINE_DEM), key=lambda name: errors_in_first_noise[name].variance_factor
-    )
-    names_by_state_error = sorted(
-        (*BASELINES, DEM, TRUE_VARIANCES), key=lambda name: errors_in_first_noise[name].state_error
-    )
-    variance_rows = []
-    for name in names_by_factor:
-        factors = [rounded(errors[noise][name].variance_factor, 3) for noise in noises]
-        variance_rows.append([name, *factors])
-    state_rows = []
-    for name in names_by_state_error:
-        state_errors = [rounded(errors[noise][name].state_error, 3) for noise in noises]
-        state_rows.append([name, *state_errors])
+    variance_factors = {}
+    state_errors = {}
+    for noise, errors_by_estimator in errors.items():
+        variance_factors[noise] = {
+            name: errors_by_estimator[name].variance_factor
+            for name in (*BASELINES, DEM, ONLINE_DEM)
+        }
+        state_errors[noise] = {
+            name: errors_by_estimator[name].state_error
+            for name in (*BASELINES, DEM, TRUE_VARIANCES)
+        }
     return [
         Sentence("factor by which estimated variances of the noise are wrong.", f"{records_name}:"),
-        Table(["estimator", *noises], variance_rows),
+        _table_by_noise(variance_factors),
         Sentence(
             "squared error of the states over that of the measured ones, median. DEM uses two later samples.",
             f"{records_name}:",
         ),
-        Table(["estimator", *noises], state_rows),
+        _table_by_noise(state_errors),
     ]
+
+
+def _table_by_noise(errors: Mapping[str, Mapping[str, float]]) -> Table:
+    """Returns a table with a row for each estimator and a column for each noise, the best in the first noise on top.
+
+    Args:
+        errors: one error by name of the noise and of the estimator; the lower, the better.
+
+    Returns:
+        The table, with errors of three significant digits.
+    """
+    noises = list(errors)
+    errors_in_first_noise = errors[noises[0]]
+    rows = []
+    for estimator in sorted(errors_in_first_noise, key=errors_in_first_noise.__getitem__):
+        row = [estimator]
+        for noise in noises:
+            row.append(rounded(errors[noise][estimator], 3))
+        rows.append(row)
+    return Table(["estimator", *noises], rows)
 
 
 def online_table(factors: Mapping[str, float]) -> list[Block]:

@@ -253,12 +253,18 @@ def _forecast_error(window: Window, settings: Settings) -> float:
 
 
 def _comparison(results: Sequence[WindowResult], windows: Sequence[Window]) -> Paired:
-    """Compares the forecast errors with the learned smoothness to those of the default."""
-    return paired(
-        [result.learned_error for result in results],
-        [result.default_error for result in results],
-        windows,
-    )
+    """Compares forecast errors with the learned noise smoothness to errors with the default one, in a paired test.
+
+    Args:
+        results: results of the windows, with both errors.
+        windows: the same windows, of which the test uses those that do not overlap.
+
+    Returns:
+        The median ratio of learned to default, and the p-value of the difference.
+    """
+    learned_errors = [result.learned_error for result in results]
+    default_errors = [result.default_error for result in results]
+    return paired(learned_errors, default_errors, windows)
 
 
 def coverage_check(results_by_width: Mapping[int, Sequence[SimulatedResult]]) -> Check:
@@ -270,17 +276,16 @@ def coverage_check(results_by_width: Mapping[int, Sequence[SimulatedResult]]) ->
     Returns:
         The check, with the coverage at each width.
     """
-    coverages = {
-        width: float(np.mean([result.sandwich_covers for result in results]))
-        for width, results in results_by_width.items()
-    }
-    coverage_text = ", ".join(
-        f"{percent(share)} at {width} dt" for width, share in coverages.items()
-    )
+    coverages = {}
+    for width, results in results_by_width.items():
+        coverages[width] = float(np.mean([result.sandwich_covers for result in results]))
+    coverage_texts = [f"{percent(share)} at {width} dt" for width, share in coverages.items()]
+    coverage_text = ", ".join(coverage_texts)
+    coverage_errors = [abs(share - COVERAGE) for share in coverages.values()]
     return Check(
         f"the {percent(COVERAGE)} interval of s, by the sandwich, covers the true s within "
         f"{percent(MAX_COVERAGE_ERROR)} at every smoothness",
-        all(abs(share - COVERAGE) <= MAX_COVERAGE_ERROR for share in coverages.values()),
+        max(coverage_errors) <= MAX_COVERAGE_ERROR,
         f"the {percent(COVERAGE)} interval of s covers the true one in {coverage_text}",
     )
 

@@ -172,10 +172,9 @@ def run(runner: Runner) -> ExperimentResult:
         simulated_errors[name] = mean_errors(runner.map_jobs(window_errors, windows))
     checks = simulated_checks(simulated_errors)
     tables: tuple[Block, ...] = simulated_table(simulated_errors)
-    numbers: JsonValues = {
-        "simulated": {name: lists_by_name(errors) for name, errors in simulated_errors.items()},
-        "published": {name: sse._asdict() for name, sse in PUBLISHED_SSE.items()},
-    }
+    simulated_numbers = {name: lists_by_name(errors) for name, errors in simulated_errors.items()}
+    published_numbers = {name: sse._asdict() for name, sse in PUBLISHED_SSE.items()}
+    numbers: JsonValues = {"simulated": simulated_numbers, "published": published_numbers}
     window_errors_by_wind = recorded_errors(runner)
     if not window_errors_by_wind:
         remark = missing_flights_sentence(runner.recorded_flights)
@@ -205,19 +204,22 @@ def _recorded_result(window_errors_by_wind: Mapping[str, list[WindowErrors]]) ->
         errors_by_delay[wind] = mean_errors(errors)
         errors_with_published_timing[wind] = trimmed_errors(errors)
         errors_of_orders[wind] = errors_by_order(errors)
-    numbers: JsonValues = {
-        "recorded, by delay": {
-            wind: lists_by_name(errors) for wind, errors in errors_by_delay.items()
-        },
-        "recorded, authors’ timing": {
-            wind: {name: mean._asdict() for name, mean in means.items()}
-            for wind, means in errors_with_published_timing.items()
-        },
-        "recorded, authors’ timing, DEM by order": errors_of_orders,
-    }
+    # A document in JSON holds no arrays and no named tuples.
+    numbers_by_delay = {}
+    numbers_with_published_timing = {}
+    for wind in window_errors_by_wind:
+        numbers_by_delay[wind] = lists_by_name(errors_by_delay[wind])
+        trimmed_means = errors_with_published_timing[wind]
+        numbers_with_published_timing[wind] = {
+            name: mean._asdict() for name, mean in trimmed_means.items()
+        }
     return ExperimentResult(
         checks=tuple(recorded_checks(errors_by_delay, errors_with_published_timing)),
-        numbers=numbers,
+        numbers={
+            "recorded, by delay": numbers_by_delay,
+            "recorded, authors’ timing": numbers_with_published_timing,
+            "recorded, authors’ timing, DEM by order": errors_of_orders,
+        },
         tables=(
             *recorded_table(errors_by_delay),
             *published_table(errors_with_published_timing),
@@ -245,10 +247,19 @@ def recorded_errors(runner: Runner) -> dict[str, list[WindowErrors]]:
 
 
 def mean_errors(errors: Sequence[WindowErrors]) -> dict[str, Array]:
-    """Returns the mean SSE over windows by observer, (MAX_DELAY + 1,) by the delay of the estimates."""
-    return {
-        name: np.mean([window.by_delay[name] for window in errors], axis=0) for name in OBSERVERS
-    }
+    """Returns the mean squared error of each observer, by the number of samples that its estimates are delayed.
+
+    Args:
+        errors: errors of all observers in each window.
+
+    Returns:
+        By name of the observer, (MAX_DELAY + 1,) mean SSE over the windows, one for each delay from 0.
+    """
+    means = {}
+    for name in OBSERVERS:
+        sse = np.array([window.by_delay[name] for window in errors])
+        means[name] = sse.mean(axis=0)
+    return means
 
 
 class TrimmedMean(NamedTuple):
@@ -407,7 +418,8 @@ def order_table(errors_of_orders: Mapping[str, Mapping[str, float]]) -> tuple[Bl
     orders = [f"p = {p}" for p in PUBLISHED_SSE_BY_ORDER]
     rows = []
     for wind, errors in errors_of_orders.items():
-        rows.append([wind, *(rounded(errors[order], 3) for order in orders)])
+        cells = [rounded(errors[order], 3) for order in orders]
+        rows.append([wind, *cells])
     published_cells = [rounded(sse, 3) for sse in PUBLISHED_SSE_BY_ORDER.values()]
     rows.append(["with wind, published", *published_cells])
     return (
@@ -464,13 +476,15 @@ def simulated_table(simulated_errors: Mapping[str, Mapping[str, Array]]) -> tupl
     Returns:
         A sentence and the table.
     """
-    names = list(simulated_errors)
+    noises = list(simulated_errors)
+    errors_in_smoothest_noise = simulated_errors[noises[-1]]
+    # The table shows estimates that are not delayed, whose error is the first one.
+    observers = sorted(COMPARED_OBSERVERS, key=lambda name: errors_in_smoothest_noise[name][0])
     rows = []
-    for observer in sorted(
-        COMPARED_OBSERVERS, key=lambda name: simulated_errors[names[-1]][name][0]
-    ):
+    for observer in observers:
         row = [observer, str(OBSERVERS[observer].look_ahead)]
-        row += [rounded(simulated_errors[name][observer][0], 3) for name in names]
+        for noise in noises:
+            row.append(rounded(simulated_errors[noise][observer][0], 3))
         rows.append(row)
     return (
         Sentence(
@@ -478,7 +492,7 @@ def simulated_table(simulated_errors: Mapping[str, Mapping[str, Array]]) -> tupl
             "s is the width of the process noise’s kernel.",
             "Simulated:",
         ),
-        Table(["observer", "look-ahead, samples", *names], rows),
+        Table(["observer", "look-ahead, samples", *noises], rows),
     )
 
 
