@@ -92,9 +92,11 @@ class VehicleDifference(NamedTuple):
         reasons = {missing.reason.code for missing in self.incomparable}
         if Incomparable.OTHER_VEHICLES in reasons:
             return True
-        names = {*self.vehicles.before, *self.vehicles.after}
-        is_known = bool(self.vehicles.before and self.vehicles.after) and UNKNOWN not in names
-        return is_known and set(self.vehicles.before) != set(self.vehicles.after)
+        names_before = set(self.vehicles.before)
+        names_after = set(self.vehicles.after)
+        if not names_before or not names_after or UNKNOWN in names_before | names_after:
+            return False
+        return names_before != names_after
 
     @property
     def is_of_same_flight(self) -> bool:

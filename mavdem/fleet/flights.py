@@ -74,8 +74,18 @@ def group_by_vehicle(rows: Iterable[FlightRow]) -> dict[str, list[FlightRows]]:
 
 
 def has_shared_name(flights: Iterable[AxisRows]) -> bool:
-    """Returns whether several vehicles may have the name of these flights' vehicle."""
-    return any(row.vehicle_basis == SYSTEM_ID_BASIS for flight in flights for row in flight)
+    """Returns whether several vehicles may have the name of these flights' vehicle: it is a MAVLink system id.
+
+    Most vehicles have the system id 1. Other names, such as the serial number of a board, are of one vehicle.
+
+    Args:
+        flights: flights under one name, each as the list of its rows in the fleet's table.
+    """
+    for flight in flights:
+        for row in flight:
+            if row.vehicle_basis == SYSTEM_ID_BASIS:
+                return True
+    return False
 
 
 def worst_health(flight: AxisRows) -> str:
@@ -90,7 +100,8 @@ def worst_row(flight: AxisRows) -> FlightRow:
 
 def best_tier(flight: AxisRows) -> str:
     """Returns the best tier of a flight's axes, "a" before "b" before "c"; empty if none is known."""
-    return min((row.tier for row in flight if row.tier), default="")
+    known_tiers = [row.tier for row in flight if row.tier]
+    return min(known_tiers, default="")
 
 
 def distinct_flights(flights: Sequence[FlightRows]) -> list[FlightRows]:

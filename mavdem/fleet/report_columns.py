@@ -105,10 +105,9 @@ def _input_columns(report: Mapping[str, Any], columns: JsonValues) -> JsonValues
     if not _has_model(report):
         # The trim, the mean outputs in steady flight, needs no model. It shows whether motor outputs were logged.
         trim_unit = columns.get("trim_unit")
-        inputs = None
-        if trim_unit is not None:
-            inputs = MOTORS
-        return {"inputs": inputs, "input_unit": trim_unit}
+        if trim_unit is None:
+            return {"inputs": None, "input_unit": None}
+        return {"inputs": MOTORS, "input_unit": trim_unit}
     input_unit = value_at(report, "flight.scale.unit")
     if value_at(report, "flight.scale.name") == DEMAND:
         return {"inputs": DEMAND, "input_unit": input_unit}
@@ -160,4 +159,6 @@ def value_at(report: Mapping[str, Any], path: str) -> Any:
         else:
             value = getattr(value, key, None)
     is_array = hasattr(value, "tolist")
-    return value.tolist() if is_array else value
+    if is_array:
+        return value.tolist()
+    return value

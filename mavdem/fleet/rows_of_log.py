@@ -241,10 +241,12 @@ def wind_columns(wind: WindVelocity) -> JsonValues:
     """
     columns = JsonValues()
     if wind.speed_identifiable:
-        columns["wind_speed"] = None if wind.calm else wind.mean_speed
-        columns["wind_speed_interval"] = (
-            wind.speed_interval if wind.calm else wind.mean_speed_interval
-        )
+        if wind.calm:
+            columns["wind_speed"] = None
+            columns["wind_speed_interval"] = wind.speed_interval
+        else:
+            columns["wind_speed"] = wind.mean_speed
+            columns["wind_speed_interval"] = wind.mean_speed_interval
     if wind.direction_identifiable:
         columns["wind_direction"] = np.radians(wind.direction)
         columns["wind_direction_interval"] = np.radians(wind.direction_interval)

@@ -374,10 +374,12 @@ class WorkerPool:
             Unreadable: no process can be started.
         """
         cancellation = Event()
-        readers = [LogReader(cancellation.is_set) for _ in range(self._processes)]
-        read_functions = [
-            partial(reader.read, limits=self.limits, read=self._read) for reader in readers
-        ]
+        readers = []
+        read_functions = []
+        for _ in range(self._processes):
+            reader = LogReader(cancellation.is_set)
+            readers.append(reader)
+            read_functions.append(partial(reader.read, limits=self.limits, read=self._read))
         try:
             yield from read_in_parallel(read_functions, jobs, cancellation.set)
         finally:

@@ -118,15 +118,17 @@ def _block_as_text(block: Block) -> str:
     """
     if isinstance(block, Sentence):
         return f"{block.lead} {block.text}".strip()
-    padded_columns = []
-    for number, cells in enumerate(zip(block.header, *block.rows, strict=True)):
-        width = max(len(cell) for cell in cells)
-        is_left_aligned = block.words or number == 0
-        if is_left_aligned:
-            padded_columns.append([cell.ljust(width) for cell in cells])
-        else:
-            padded_columns.append([cell.rjust(width) for cell in cells])
-    lines = ["  ".join(cells).rstrip() for cells in zip(*padded_columns, strict=True)]
+    rows = [block.header, *block.rows]
+    widths = []
+    for column in range(len(block.header)):
+        widths.append(max([len(row[column]) for row in rows]))
+    lines = []
+    for row in rows:
+        padded_cells = []
+        for column, (cell, width) in enumerate(zip(row, widths, strict=True)):
+            is_left_aligned = block.words or column == 0
+            padded_cells.append(cell.ljust(width) if is_left_aligned else cell.rjust(width))
+        lines.append("  ".join(padded_cells).rstrip())
     return "\n".join(lines)
 
 
@@ -149,12 +151,15 @@ def _block_as_markdown(block: Block) -> str:
         # A command such as "Run `mavdem info LOG`." gets a code block of its own. The Rerun Viewer, which shows this
         # text too, does not wrap long paths within a line.
         text = _COMMAND_SENTENCE.sub(r"\n\n```\n\1\n```\n\n", block.text)
-        lead = f"**{block.lead}** " if block.lead else ""
-        return f"{lead}{text}".rstrip()
+        if block.lead:
+            text = f"**{block.lead}** {text}"
+        return text.rstrip()
     alignment = "---" if block.words else "---:"
     alignments = ["---"] + [alignment] * (len(block.header) - 1)
-    lines = [block.header, alignments, *block.rows]
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
+    lines = []
+    for cells in (block.header, alignments, *block.rows):
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
 
 
 def shortened(text: str, columns: int) -> str:
@@ -174,7 +179,8 @@ def shortened(text: str, columns: int) -> str:
     # Beginnings of the text that end with a clause, and those that end with a comma, before which " …" has room.
     clauses = _beginnings(text, "[;.] ", columns / 2, columns - 1)
     if clauses:
-        return f"{clauses[-1]}." if text.endswith(".") else clauses[-1]
+        full_stop = "." if text.endswith(".") else ""
+        return clauses[-1] + full_stop
     phrases = _beginnings(text, ", ", columns / 2, columns - 2)
     if phrases:
         return f"{phrases[-1]} …"

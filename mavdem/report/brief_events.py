@@ -59,13 +59,21 @@ def worst_events(events: Sequence[Fact]) -> list[CountedEvent]:
 
 
 def _rank(event: Fact) -> tuple[int, int]:
-    """Returns the rank of an event in a short list, the worst the lowest: by its level, and by what it is about."""
+    """Returns the key by which events are sorted in a short list, from the worst to the least: level, then subject.
+
+    Args:
+        event: event of a flight, a coded finding with a level.
+
+    Returns:
+        Two numbers, both the lower the worse. The first is of the level. The second is 0 for what happened to the
+        vehicle, 1 for what the autopilot reports, and from 2 on for ``LESSER_EVENTS``.
+    """
     rank_of_level = -LEVELS_BY_SEVERITY.index(event.level)
     if event.code in LESSER_EVENTS:
-        # After the ranks of the other two groups.
         return rank_of_level, 2 + LESSER_EVENTS.index(event.code)
-    is_of_vehicle = event.code in (*MotionEvent, *Ending)
-    return rank_of_level, 0 if is_of_vehicle else 1
+    if isinstance(event.code, MotionEvent | Ending):
+        return rank_of_level, 0
+    return rank_of_level, 1
 
 
 def first_of_count(count: int) -> str:

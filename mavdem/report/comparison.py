@@ -153,9 +153,14 @@ def _is_band_too_narrow(summary: JsonValues) -> bool:
 
 def _common_horizons(comparison: Comparison) -> list[str]:
     """Returns the headers of the horizons that all flights have, in steps; the last one is the whole test part."""
-    counts = [len(comparison.summaries(flight)[0]["horizons"]) for flight in comparison.flights]
-    steps_ahead = HORIZONS[: min(counts) - 1]
-    return [*(str(steps) for steps in steps_ahead), "all"]
+    horizon_counts = []
+    for flight in comparison.flights:
+        summary_of_first_method = comparison.summaries(flight)[0]
+        horizon_counts.append(len(summary_of_first_method["horizons"]))
+    # The last horizon of a flight is its whole test part, and not one of ``HORIZONS``.
+    common_horizons = HORIZONS[: min(horizon_counts) - 1]
+    headers = [str(steps) for steps in common_horizons]
+    return [*headers, "all"]
 
 
 def _flight_sentences(comparison: Comparison, flight: str) -> Iterator[Block]:
@@ -217,7 +222,9 @@ def _free_energy_table(choice: OrderChoice, names: Sequence[str]) -> Table:
         energies = list(relative_energy[:, column])
         if has_several_flights:
             energies += [relative_mean[column], choice.spread[column]]
-        row = [f"{order} (chosen)" if order == choice.chosen else f"{order}"]
+        row = [f"{order}"]
+        if order == choice.chosen:
+            row = [f"{order} (chosen)"]
         for energy in energies:
             row.append(f"{energy:,.1f}" if isfinite(energy) else "-")
         rows.append(row)

@@ -78,7 +78,9 @@ def vehicle_contents(vehicle: JsonValues) -> Blocks:
     blocks += [caution(fact) for fact in learnability.cautions]
     blocks += [Sentence(str(repair), lead="Noted:") for repair in vehicle["repairs"]]
     blocks += render_section("settled", **vehicle)
-    rows = [[rate, ", ".join(names)] for rate, names in _messages_by_rate(vehicle).items()]
+    rows = []
+    for rate, names in _messages_by_rate(vehicle).items():
+        rows.append([rate, ", ".join(names)])
     if rows:
         blocks.append(Table(["rate", "messages"], rows, words=True, is_printed=False))
     return blocks
@@ -95,18 +97,19 @@ def _messages_by_rate(vehicle: JsonValues) -> dict[str, list[str]]:
         has another name for a message, that name follows in brackets.
     """
     names_in_log = vehicle["names"]
-    messages_by_descending_rate = sorted(
-        vehicle["messages"].items(),
-        key=lambda name_and_message: name_and_message[1]["rate"] or 0.0,
-        reverse=True,
-    )
+    rates = {}
+    for name, message in vehicle["messages"].items():
+        # A message has no rate if it did not come twice.
+        if message["rate"] and name != PARAMETER_MESSAGE:
+            rates[name] = message["rate"]
     names_by_rate = dict[str, list[str]]()
-    for name, message in messages_by_descending_rate:
-        rate = message["rate"]
-        if not rate or name == PARAMETER_MESSAGE:
-            continue
-        rate_text = f"{rate:.1f} Hz" if rate >= MIN_LISTED_RATE else "below 1 Hz"
-        full_name = f"{name} ({names_in_log[name]})" if name in names_in_log else name
+    for name in sorted(rates, key=rates.__getitem__, reverse=True):
+        rate_text = "below 1 Hz"
+        if rates[name] >= MIN_LISTED_RATE:
+            rate_text = f"{rates[name]:.1f} Hz"
+        full_name = name
+        if name in names_in_log:
+            full_name = f"{name} ({names_in_log[name]})"
         names_by_rate.setdefault(rate_text, []).append(full_name)
     return names_by_rate
 
@@ -181,8 +184,9 @@ def wind_blocks(evidence: WindEvidence, tables: Sequence[Block] = ()) -> Blocks:
     """
     wind = evidence.estimate
     if wind is None:
-        reason = evidence.reason
-        return [Sentence(reason.sentence_and_remedy, lead="Wind:")] if reason else []
+        if evidence.reason is None:
+            return []
+        return [Sentence(evidence.reason.sentence_and_remedy, lead="Wind:")]
     # The reason why each quantity, such as the speed or the drag, has a wide interval or is not identifiable.
     reasons = dict(wind.reasons)
     is_speed_uncertain_by_drag = "speed" in reasons and bool(reasons["speed"].figures["by_drag"])
@@ -210,10 +214,11 @@ def _wind_estimate_sentences(
     """
     typical_drag = None
     if wind.drag.source is DragSource.POPULATION:
-        # The drag of typical multirotors: both ends of its interval, as the mean over the axes x and y of the body.
+        # The drag of typical multirotors, 1/s: both ends of its interval, as the mean over the body axes x and y.
         typical_drag = wind.drag.interval("linear").mean(axis=1)
-    # A vehicle also leans without wind, by a misaligned attitude or an offset load. The intervals of the wind allow for
-    # this lean; half the width of its own 90 % interval, rad.
+    # A vehicle also leans without wind, by a misaligned attitude or an offset load, and the intervals of the wind allow
+    # for that. Its standard deviation is an acceleration, m/s²; divided by gravity, it is an angle, rad. The factor
+    # makes it the half width of a 90 % interval.
     lean_allowance = coverage_factor() * LEAN_SD / GRAVITY
     return render_section(
         "wind",
@@ -296,8 +301,8 @@ def wind_tables(wind: WindVelocity, max_rows: int | None = None) -> list[Table]:
         for index in _evenly_spaced(len(mean_winds.rows), max_rows):
             mean_wind = mean_winds.rows[index]
             # Both ends of a part of time, or one height.
-            first_cell = "–".join(f"{mean_wind[key]:.0f}" for key in mean_winds.keys)
-            row = [first_cell, _mean_speed_cell(mean_wind)]
+            numbers = [f"{mean_wind[key]:.0f}" for key in mean_winds.keys]
+            row = ["–".join(numbers), _mean_speed_cell(mean_wind)]
             if wind.direction_identifiable:
                 row.append(compass_text(mean_wind["direction"]))
             rows.append(row)

@@ -332,13 +332,17 @@ def _next_step(flights: Flights, anomalous_row: FlightRow | None) -> str:
     """
     latest_row = log_row(flights[-1])
     step_of_log = latest_row.next_step or ""
-    steps = [step_of_log] if bad_headline(flights) else []
+    steps = []
+    if bad_headline(flights):
+        steps.append(step_of_log)
     if anomalous_row is not None:
-        steps += [step.text for step in motor_next_step(anomalous_row)]
+        for step in motor_next_step(anomalous_row):
+            steps.append(step.text)
     elif not steps and latest_row.headline_level == Level.WATCH:
         steps.append(step_of_log)
     # A dictionary keeps each step once, in order.
-    return " ".join(dict.fromkeys(step for step in steps if step))
+    known_steps = dict.fromkeys([step for step in steps if step])
+    return " ".join(known_steps)
 
 
 def motor_next_step(row: FlightRow) -> list[Sentence]:

@@ -351,9 +351,12 @@ def _unused_blocks(rows: Sequence[UnusedRow]) -> Blocks:
         The sentence and the table; no table without such logs.
     """
     rows_by_reason = group_by(rows, lambda row: row.status_code or row.status)
-    reasons_by_frequency = sorted(rows_by_reason.items(), key=lambda item: (-len(item[1]), item[0]))
+    # The second sort is stable, so that reasons of equal frequency stay in the order of the alphabet.
+    reasons = sorted(rows_by_reason)
+    reasons.sort(key=lambda reason: len(rows_by_reason[reason]), reverse=True)
     cells = []
-    for code, rows_of_reason in reasons_by_frequency[:MAX_REASONS]:
+    for code in reasons[:MAX_REASONS]:
+        rows_of_reason = rows_by_reason[code]
         # The sentence of one log contains its own figures, so several logs share the name of their code.
         if len(rows_of_reason) == 1:
             reason = rows_of_reason[0].status

@@ -111,9 +111,12 @@ def gain_changes(
     log_stem = PurePath(log_name).stem
     remaining_notch = notch_parameters
     for gain_set in gain_sets:
-        values = {name: gain.set for name, gain in gain_set.gains.items()} | dict(remaining_notch)
-        rows += [_gain_row(name, gain) for name, gain in gain_set.gains.items()]
+        values = {}
+        for name, gain in gain_set.gains.items():
+            values[name] = gain.set
+            rows.append(_gain_row(name, gain))
         for name, value in remaining_notch.items():
+            values[name] = value
             rows.append(_notch_row(name, vehicle.parameters.get(name), value))
         # The filter is set once, with the first gains.
         remaining_notch = NO_PARAMETERS
@@ -185,10 +188,9 @@ def _cautions_on_gains(advice: AdviceByAxis) -> list[Sentence]:
         for caution in identified_loop.cautions:
             if is_about_gains_to_set(caution):
                 loop_cautions.append((axis, caution))
-    return [
-        *sentences_by_axes(model_fractions),
-        *sentences_by_axes(loop_cautions, attrgetter("sentence_and_remedy")),
-    ]
+    sentences = sentences_by_axes(model_fractions)
+    sentences += sentences_by_axes(loop_cautions, attrgetter("sentence_and_remedy"))
+    return sentences
 
 
 def _advised_gain_sets(advice: AdviceByAxis) -> Iterator[_GainSet]:

@@ -58,17 +58,32 @@ def instance_table(instances: Sequence[Instance], vibration: Fact, *, has_flown:
 
 
 def _range_text(instance: Instance) -> str:
-    """Returns the range of an instance with its unit, such as "12.6 to 15.9 V"; a constant value alone."""
-    low, high = (_number_text(value, instance.unit) for value in (instance.low, instance.high))
-    numbers = low if low == high else f"{low}{NO_BREAK_SPACE}to{NO_BREAK_SPACE}{high}"
-    return numbers if instance.unit == "1" else f"{numbers}{NO_BREAK_SPACE}{instance.unit}"
+    """Returns the range of values of a sensor or another part as text, such as "12.6 to 15.9 V".
+
+    If both ends are the same number as shown, it is shown once. A count, whose unit is "1", is shown without a unit. No
+    line ends within the text.
+
+    Args:
+        instance: one of several batteries, sensors, estimators or motor outputs, with its lowest and highest value.
+    """
+    low = _number_text(instance.low, instance.unit)
+    high = _number_text(instance.high, instance.unit)
+    text = low
+    if high != low:
+        text = f"{low} to {high}"
+    if instance.unit != "1":
+        text = f"{text} {instance.unit}"
+    return text.replace(" ", NO_BREAK_SPACE)
 
 
 def _number_text(value: float, unit: str) -> str:
     """Returns a number; counts, pulses and speeds of motors without decimals, what is below 1 with two of them."""
-    if unit in ("1/min", "µs") or (unit == "1" and float(value).is_integer()):
+    is_count = unit == "1" and float(value).is_integer()
+    if is_count or unit in ("1/min", "µs"):
         return f"{value:.0f}"
-    return f"{value:z.2f}" if abs(value) < 1 else rounded(value, SHOWN_DIGITS)
+    if abs(value) < 1:
+        return f"{value:z.2f}"
+    return rounded(value, SHOWN_DIGITS)
 
 
 def _used_text(used_share: float | None) -> str:

@@ -36,9 +36,11 @@ class Labels(NamedTuple):
         record = learned.record
         input_count = record.inputs.shape[1]
         output_count = record.outputs.shape[1]
+        numbered_inputs = tuple(f"input {number}" for number in range(1, input_count + 1))
+        numbered_outputs = tuple(f"output {number}" for number in range(1, output_count + 1))
         return cls(
-            record.input_names or tuple(f"input {i + 1}" for i in range(input_count)),
-            record.output_names or tuple(f"output {i + 1}" for i in range(output_count)),
+            record.input_names or numbered_inputs,
+            record.output_names or numbered_outputs,
             record.input_units or ("",) * input_count,
             record.output_units or ("",) * output_count,
         )

@@ -328,7 +328,9 @@ def decision_sentences(decisions: DecisionsByAxis, next_step: str = "") -> list[
     def action_of(axis: str) -> str:
         """Returns the action on an axis; empty if the next step contains it."""
         action = decisions[axis].fact.remedy
-        return "" if action in next_step else action
+        if action in next_step:
+            return ""
+        return action
 
     axes_by_action = group_by(decisions, action_of)
     sentences = []
@@ -589,26 +591,30 @@ def margin_overview(tuning: Tuning) -> Table | None:
                 rows.append([f"{axis} {loop_name}, {variant}{remark}", *cells, wind_error])
     if not rows:
         return None
-    margins = [LOOP_FIGURES[attribute].header for attribute in TUNED_FIGURES]
-    steps = ["overshoot of a step (%)", "rise time (ms)", "error by wind torque, sd (°)"]
-    return Table(["loop (90 % interval)", *margins, *steps], rows)
+    header = ["loop (90 % interval)"]
+    header += [LOOP_FIGURES[attribute].header for attribute in TUNED_FIGURES]
+    header += ["overshoot of a step (%)", "rise time (ms)", "error by wind torque, sd (°)"]
+    return Table(header, rows)
 
 
 def _margin_cells(open_loop: OpenLoop, step_seconds: float) -> list[str]:
-    """Returns a row of the table of stability margins: the margins of a loop, then its predicted step response.
+    """Returns the cells of one control loop in a table of stability margins, as texts with 90 % intervals.
 
     Args:
-        open_loop: open-loop response of the rate or attitude loop.
-        step_seconds: duration of the predicted step response, s.
+        open_loop: open-loop response of the rate or attitude loop, for the estimated plant and for draws from its
+            posterior.
+        step_seconds: duration of the step response that is predicted with this loop closed, s.
 
     Returns:
-        A cell for each of ``TUNED_FIGURES``, then overshoot and rise time, which are empty if they cannot be predicted.
+        A cell for each of ``TUNED_FIGURES``, such as phase margin and gain margin; then overshoot, %, and rise time,
+        ms, of the step response, which are empty if it cannot be predicted.
     """
     cells = []
     for attribute in TUNED_FIGURES:
         scale = LOOP_FIGURES[attribute].scale
         cells.append(_figure_text(open_loop, attribute, scale))
-    return [*cells, *_step_texts(open_loop, step_seconds)]
+    cells += _step_texts(open_loop, step_seconds)
+    return cells
 
 
 def _step_texts(loop: OpenLoop, duration: float) -> tuple[str, str]:
@@ -688,15 +694,18 @@ def margin_tables(loops: LoopsByAxis, doubtful: Container[str] = ()) -> Iterator
     Yields:
         A table with a row for each of ``LOOP_FIGURES`` and a column for each of ``loops``.
     """
+    models = [loop.model for loop in loops.values()]
     for loop_name in LOOP_NAMES:
-        rows = [["model of the plant", *[loop.model for loop in loops.values()]]]
+        rows = [["model of the plant", *models]]
         for attribute, figure in LOOP_FIGURES.items():
-            cells = []
+            row = [figure.header]
             for header, loop in loops.items():
                 open_loop = loop.open_loop(loop_name)
                 text = _figure_text(open_loop, attribute, figure.scale)
-                cells.append(f"doubtful: {text}" if header in doubtful else text)
-            rows.append([figure.header, *cells])
+                if header in doubtful:
+                    text = f"doubtful: {text}"
+                row.append(text)
+            rows.append(row)
         yield Table([f"{loop_name} loop (90 % interval)", *loops], rows)
 
 
@@ -754,8 +763,10 @@ def gain_blocks(advice: Advice) -> Blocks:
         # Two values that look equal in the table, which shows four digits, are no change to a reader.
         if text_now != text_to_set:
             rows.append([name, text_now, text_to_set, f"{gain.set / gain.now:.2f}"])
-    tables = [Table(["gain", "now", "set", "times"], rows)] if rows else []
-    return [*tables, *_gain_sentences(advice)]
+    blocks = Blocks()
+    if rows:
+        blocks.append(Table(["gain", "now", "set", "times"], rows))
+    return [*blocks, *_gain_sentences(advice)]
 
 
 def _gain_sentences(advice: Advice) -> list[Sentence]:

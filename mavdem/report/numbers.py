@@ -83,7 +83,9 @@ def abbreviated_list(names: Sequence[str]) -> str:
 
 def counted(number: int, noun: str) -> str:
     """Returns a number with its noun in singular or plural: "1 flight" or "2 flights"."""
-    return f"{number} {noun}{'' if number == 1 else 's'}"
+    if number == 1:
+        return f"1 {noun}"
+    return f"{number} {noun}s"
 
 
 def one_line_list(names: Iterable[str], max_names: int = 5, max_length: int = 80) -> str:
@@ -97,12 +99,13 @@ def one_line_list(names: Iterable[str], max_names: int = 5, max_length: int = 80
     sorted_names = sorted(names)
     listed_names = []
     for name in sorted_names[:max_names]:
-        short_name = name if len(name) <= max_length else f"{name[:max_length]}…"
-        # Control characters could change what a terminal shows.
-        letters = [
-            letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in short_name
-        ]
-        listed_names.append("".join(letters))
+        shown_name = ""
+        for letter in name[:max_length]:
+            # Control characters could change what a terminal shows.
+            shown_name += letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}"
+        if len(name) > max_length:
+            shown_name += "…"
+        listed_names.append(shown_name)
     if len(sorted_names) > max_names:
         listed_names.append("…")
     return ", ".join(listed_names)
@@ -187,8 +190,8 @@ def figure_with_interval(
     """
     if value is None or interval is None or None in interval:
         return ""
-    shown_value, low, high = (rounded(scale * number) for number in (value, *interval))
-    return f"{shown_value} ({low} to {high})"
+    low, high = interval
+    return f"{rounded(scale * value)} ({rounded(scale * low)} to {rounded(scale * high)})"
 
 
 def parameter_value_text(value: float) -> str:
@@ -196,4 +199,6 @@ def parameter_value_text(value: float) -> str:
 
     Autopilots store parameters in single precision, which has about seven digits.
     """
-    return f"{value:.0f}" if float(value).is_integer() else f"{value:.7g}"
+    if float(value).is_integer():
+        return f"{value:.0f}"
+    return f"{value:.7g}"

@@ -60,7 +60,8 @@ def review_screen(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> str:
     """
     title_lines = _title_lines(review_title(assessment), columns)
     light_lines = _lines_of_lights(lights_with_reason_once(assessment.lights), columns)
-    return "\n".join([*title_lines, *light_lines, *_last_lines(assessment, columns)])
+    last_lines = _last_lines(assessment, columns)
+    return "\n".join([*title_lines, *light_lines, *last_lines])
 
 
 def first_lines(findings: FirstFindings, columns: int = SCREEN_COLUMNS) -> str:
@@ -154,12 +155,11 @@ def _last_lines(assessment: Assessment, columns: int) -> list[str]:
         assessment: all results on the flight: events, status lights, model, loops and wind.
         columns: number of characters in a line.
     """
-    return [
-        *_event_lines(assessment, columns),
-        *wrap(headline(assessment.headline), columns),
-        *_evidence_lines(assessment.headline, columns),
-        *_wrapped_lines(f"Next: {assessment.next_step}", columns),
-    ]
+    lines = list(_event_lines(assessment, columns))
+    lines += wrap(headline(assessment.headline), columns)
+    lines += _evidence_lines(assessment.headline, columns)
+    lines += _wrapped_lines(f"Next: {assessment.next_step}", columns)
+    return lines
 
 
 def _evidence_lines(event: Fact, columns: int) -> Iterator[str]:
@@ -268,14 +268,17 @@ def _screen_events(assessment: Assessment) -> list[CountedEvent]:
     is_headline_event = assessment.headline in assessment.events
     if not (assessment.headline.is_bad or has_bad_event or is_headline_event):
         return []
+    # An event that a light states already has the code and the time of that light.
     light_codes_and_times = {(light.code, light.time) for light in assessment.lights.values()}
-    worst_others = []
+    shown_events = []
     for counted_event in worst_events(assessment.events):
         event = assessment.events[counted_event.number]
         is_in_light = (event.code, event.time) in light_codes_and_times
         if not is_in_light and not _is_part_of_headline(event, assessment.headline):
-            worst_others.append(counted_event)
-    return sorted([*_mode_of_headline(assessment), *worst_others[:MAX_SCREEN_EVENTS]])
+            shown_events.append(counted_event)
+    shown_events = shown_events[:MAX_SCREEN_EVENTS] + _mode_of_headline(assessment)
+    # A counted event begins with its number, and events are numbered in the order of time.
+    return sorted(shown_events)
 
 
 def _mode_of_headline(assessment: Assessment) -> list[CountedEvent]:

@@ -78,9 +78,15 @@ def model_screen(learned: Learned) -> Blocks:
 
 
 def summary(learned: Learned) -> str:
-    """Returns the report of a model alone as text, with its cautions."""
-    cautions = [caution(fact) for fact in learned.cautions]
-    return plain_text([*model_screen(learned), *cautions])
+    """Returns the report of a model alone as text, with the cautions on its use at the end.
+
+    Args:
+        learned: the linear model that was learned from a flight.
+    """
+    blocks = model_screen(learned)
+    for fact in learned.cautions:
+        blocks.append(caution(fact))
+    return plain_text(blocks)
 
 
 def analysis_blocks(assessment: Assessment) -> Blocks:
@@ -201,7 +207,8 @@ def purpose_tables(findings: Findings) -> Blocks:
     """
     rows: list[list[str]] = []
     for purpose, grade, reason in findings.purposes:
-        rows.append([str(purpose), Rated(grade, grade.level), reason.sentence_and_remedy])
+        grade_cell = Rated(grade, grade.level)
+        rows.append([str(purpose), grade_cell, reason.sentence_and_remedy])
     if not rows:
         return []
     return [Table(["purpose", "grade", "reason"], rows, words=True)]
@@ -310,11 +317,15 @@ def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
     Returns:
         No, one or two tables, and then a sentence on rate damping, time constant, delay and mean lean.
     """
-    hover_columns = {} if hover is None else _hover_columns(hover)
-    physical = None if learned is None else learned.physical
-    half_widths = None if physical is None else physical.interval()
     blocks = Blocks()
-    if learned is not None and physical is not None:
+    hover_columns = {}
+    if hover is not None:
+        hover_columns = _hover_columns(hover)
+    physical = None
+    half_widths = None
+    if learned is not None and learned.physical is not None:
+        physical = learned.physical
+        half_widths = physical.interval()
         labels = Labels.of(learned)
         effectiveness_column = _effectiveness_column(physical, labels)
         if hover is not None and hover.motors == labels.input_names:
@@ -341,17 +352,20 @@ def _hover_columns(hover: HoverFigures) -> dict[str, list[str]]:
     Returns:
         Cells of each column by its header, one for each motor.
     """
+
+    def percentages(fractions: Sequence[float], decimals: int = 1) -> list[str]:
+        """Returns the cells of a column: fractions, one for each motor, in percent."""
+        return [f"{100 * fraction:.{decimals}f}" for fraction in fractions]
+
     columns = {}
     # Commands of a bus, such as DShot, have no unit, and are shown as percentages of their range only.
     if hover.unit:
         columns[f"command ({hover.unit})"] = [f"{output:.4g}" for output in hover.trim]
-    columns["of range (%)"] = [f"{100 * fraction:.1f}" for fraction in hover.trim_of_range]
-    columns["headroom (%)"] = [f"{100 * headroom:.0f}" for headroom in hover.headroom]
-    columns["at upper limit (%)"] = [f"{100 * fraction:.1f}" for fraction in hover.at_upper_limit]
+    columns["of range (%)"] = percentages(hover.trim_of_range)
+    columns["headroom (%)"] = percentages(hover.headroom, decimals=0)
+    columns["at upper limit (%)"] = percentages(hover.at_upper_limit)
     if any(hover.at_lower_limit):
-        columns["at lower limit (%)"] = [
-            f"{100 * fraction:.1f}" for fraction in hover.at_lower_limit
-        ]
+        columns["at lower limit (%)"] = percentages(hover.at_lower_limit)
     return columns
 
 
@@ -387,13 +401,17 @@ def _motor_table(
         names: their names.
         columns: cells by the header of each column.
     """
-    shown_columns = {}
+    headers = [kind]
+    rows = [[name] for name in names]
     for header, cells in columns.items():
-        if any(cell != NO_ESTIMATE for cell in cells):
-            shown_columns[header] = cells
-    if shown_columns:
-        rows = zip(names, *shown_columns.values(), strict=True)
-        yield Table([kind, *shown_columns], [list(row) for row in rows])
+        is_identifiable = any(cell != NO_ESTIMATE for cell in cells)
+        if is_identifiable:
+            headers.append(header)
+            for row, cell in zip(rows, cells, strict=True):
+                row.append(cell)
+    has_figures = len(headers) > 1
+    if has_figures:
+        yield Table(headers, rows)
 
 
 def torque_blocks(learned: Learned) -> Blocks:
@@ -448,8 +466,9 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> Blocks:
         output_headers.append(name_with_unit(name, unit.name))
     rows = []
     for forecast in held_out.ranked_errors:
-        # The name of the model's own forecast has a place for that of the model, which format() fills.
-        name = FORECAST_NAMES.get(forecast.name, str(forecast.name)).format(held_out.model)
+        name_template = FORECAST_NAMES.get(forecast.name, str(forecast.name))
+        # In the name of the model's own forecast, {} stands for the name of the model. Other names are not changed.
+        name = name_template.format(held_out.model)
         errors = []
         for unit, rmse in zip(units, forecast.rmse, strict=True):
             errors.append(rounded(unit.scale * rmse))
@@ -481,9 +500,10 @@ def vehicle_blocks(axes: Mapping[str, AxisEstimates], *, is_doubtful: bool) -> B
     rows = []
     for axis, estimates in axes.items():
         cells = _axis_cells(estimates)
+        model = UNKNOWN_FIGURE
+        if estimates.physical is not None:
+            model = estimates.physical.model
         if any(cell != UNKNOWN_FIGURE for cell in cells):
-            physical = estimates.physical
-            model = UNKNOWN_FIGURE if physical is None else physical.model
             rows.append([axis, *cells, model])
     blocks = Blocks()
     if rows:
@@ -498,8 +518,12 @@ def vehicle_blocks(axes: Mapping[str, AxisEstimates], *, is_doubtful: bool) -> B
         reasons = parameter_reasons(estimates.physical, is_doubtful=is_doubtful)
         if reasons:
             blocks.append(Sentence(" ".join(reasons), lead=f"{axis.capitalize()}:"))
-    text_of_reason = str if is_doubtful else attrgetter("sentence_and_remedy")
-    return blocks + sentences_by_axes(axes_without_parameters, text_of_reason)
+    if is_doubtful:
+        return blocks + sentences_by_axes(axes_without_parameters)
+    reasons_with_advice = sentences_by_axes(
+        axes_without_parameters, attrgetter("sentence_and_remedy")
+    )
+    return blocks + reasons_with_advice
 
 
 def _axis_header(axes: Mapping[str, AxisEstimates]) -> list[str]:
@@ -585,7 +609,9 @@ def parameter_reasons(physical: Physical | None, *, is_doubtful: bool = False) -
     parameters_by_reason = dict[str, list[str]]()
     for name, reason in reasons.items():
         if reason is not None:
-            text = reason.sentence if is_doubtful else reason.sentence_and_remedy
+            text = reason.sentence_and_remedy
+            if is_doubtful:
+                text = reason.sentence
             parameter_and_status = f"{PARAMETERS[name]} {physical.status[name]}"
             parameters_by_reason.setdefault(text, []).append(parameter_and_status)
     texts = []

@@ -143,7 +143,10 @@ def render_section(name: str, record: object = None, /, **values: Any) -> list[S
         The paragraphs in the order of the file.
     """
     if record is not None:
-        values |= {key: getattr(record, key) for key in dir(record) if not key.startswith("_")}
+        for attribute in dir(record):
+            is_public = not attribute.startswith("_")
+            if is_public:
+                values[attribute] = getattr(record, attribute)
     sentences = []
     for templates in _section_templates(name):
         rendered = {key: template.render(values).strip() for key, template in templates.items()}
@@ -260,19 +263,25 @@ def _template_values(fact: Fact) -> dict[str, Any]:
             already not to fly.
     """
     medium = MEDIUM.get()
-    defaults = {"remedy": "", "action": None, "is_grounded": False, "is_added": False}
-    return {
-        **defaults,
-        # The beginning of sentences that forbid flight.
-        "ban": "Nor fly" if fact.figures.get("is_added") else "Do not fly",
+    # The beginning of sentences that forbid flight.
+    ban = "Do not fly"
+    if fact.figures.get("is_added"):
+        ban = "Nor fly"
+    values = {
+        "remedy": "",
+        "action": None,
+        "is_grounded": False,
+        "is_added": False,
+        "ban": ban,
         "has_terminal": medium.has_terminal,
         "has_gain_table": medium.has_gain_table,
         "level": fact.level,
         "time": fact.time,
         "end_time": fact.end_time,
         "subject": fact.subject,
-        **fact.figures,
     }
+    # Figures come last, since they replace defaults of the same name.
+    return values | dict(fact.figures)
 
 
 @cache
@@ -402,8 +411,13 @@ def _environment() -> Environment:
 
 
 def _finalized(value: Any) -> Any:
-    """Returns what Jinja prints for a value: a fact stands inside a sentence, so without its full stop."""
-    return without_full_stop(value) if isinstance(value, Fact) else value
+    """Returns what Jinja prints for a value that a template names.
+
+    A fact (a coded finding) is printed as its sentence without the full stop, since it stands inside another sentence.
+    """
+    if isinstance(value, Fact):
+        return without_full_stop(value)
+    return value
 
 
 def mean_of_others(before: float, later: float) -> str:
@@ -667,8 +681,9 @@ def _reason_for_no_margins(reason: Fact, lead: str) -> str:
 def _names_margins(fact: Fact) -> bool:
     """Returns whether the sentence of a fact (a coded finding) begins with the word "margins".
 
-    The file of templates says so for each code by a rule under the key ``names_margins``: "always", "reasons" (as the
-    first of the facts in its figure "reasons" does), or, if the key is missing, never.
+    The file of templates has a rule for each code under the key ``names_margins``. The rule is "always", or "reasons":
+    then the sentence of the fact begins like the sentence of the first fact in its figure "reasons". A code without the
+    key never begins with the word.
 
     Args:
         fact: a reason why the margins of an axis are not known.
@@ -685,12 +700,24 @@ def _names_margins(fact: Fact) -> bool:
 
 
 def _further_clauses(facts: Iterable[Fact]) -> str:
-    """Returns facts as clauses that follow another one in its sentence: "; battery 1 down to 15.8 V"."""
-    return "".join(f"; {as_clause(fact)}" for fact in facts)
+    """Returns facts as clauses at the end of the sentence of another fact, such as "; battery 1 down to 15.8 V".
+
+    Args:
+        facts: the further facts (coded findings), each with its own sentence.
+    """
+    clauses = [f"; {as_clause(fact)}" for fact in facts]
+    return "".join(clauses)
 
 
 def _step_in_flight(fact: Fact) -> str:
-    """Returns the step to take at once in flight after a fact; empty if its table has none, so that it is to land."""
+    """Returns what the pilot must do at once if a fact becomes known in flight.
+
+    Args:
+        fact: the fact, a coded finding such as an alarm.
+
+    Returns:
+        The text; empty if the templates of the fact have no such step. Then the pilot is to land.
+    """
     return _filled_template(fact, "step_in_flight")
 
 
@@ -716,7 +743,8 @@ def rounded_up(value: float, decimals: int = 0) -> str:
     """
     scale = 10**decimals
     # The binary product of 0.3 and 10 may be a little more than 3 and become 4, so it is first rounded to a millionth.
-    return _fixed(ceil(round(value * scale, 6)) / scale, decimals)
+    scaled_value = round(value * scale, 6)
+    return _fixed(ceil(scaled_value) / scale, decimals)
 
 
 def _fixed(value: float, decimals: int = 0) -> str:
@@ -733,7 +761,9 @@ def _probability(probability: float) -> str:
     """Formats a probability with two decimals; one that would be rounded to certainty is "> 0.99" or "< 0.01"."""
     if probability > 0.99:
         return "> 0.99"
-    return "< 0.01" if probability < 0.01 else f"{probability:.2f}"
+    if probability < 0.01:
+        return "< 0.01"
+    return f"{probability:.2f}"
 
 
 def _with_display_unit(value: float, unit: str) -> str:

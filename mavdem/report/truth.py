@@ -34,26 +34,33 @@ def truth_blocks(comparison: TruthComparison) -> Blocks:
     # The mean wind torque has an estimate only if the torque is larger than its error.
     if wind_torque is not None and wind_torque.resolved:
         parameters.append(wind_torque.mean)
-    # A parameter that is not identifiable has no interval.
-    parameters_with_interval = [
-        parameter for parameter in parameters if parameter.inside is not None
+    interval_count = 0
+    inside_count = 0
+    for parameter in parameters:
+        # A parameter that is not identifiable has no interval.
+        if parameter.inside is not None:
+            interval_count += 1
+            if parameter.inside:
+                inside_count += 1
+    blocks: Blocks = [
+        *render_section(
+            "truth",
+            source=comparison.source,
+            inside_count=inside_count,
+            interval_count=interval_count,
+            wind=wind_torque,
+        )
     ]
-    heading, *wind_sentences = render_section(
-        "truth",
-        source=comparison.source,
-        inside_count=sum(bool(parameter.inside) for parameter in parameters_with_interval),
-        interval_count=len(parameters_with_interval),
-        wind=wind_torque,
-    )
-    if not parameters:
-        return [heading, *wind_sentences]
-    header = ["", "estimate", "truth", "error", "unit", "inside"]
-    table = Table(header, [_parameter_row(parameter) for parameter in parameters])
-    return [heading, table, *wind_sentences]
+    if parameters:
+        header = ["", "estimate", "truth", "error", "unit", "inside"]
+        rows = [_parameter_row(parameter) for parameter in parameters]
+        # The first sentence counts the intervals; those on the wind follow the table.
+        blocks.insert(1, Table(header, rows))
+    return blocks
 
 
 def _parameter_row(parameter: ComparedParameter) -> list[str]:
-    """Makes the table row of a parameter.
+    """Returns the row of a parameter in a table that compares estimates with the truth of a simulation.
 
     The estimate counts as inside if its 90 % interval holds the truth. Times are shown in ms, angles in degrees.
 

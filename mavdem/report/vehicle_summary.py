@@ -328,9 +328,22 @@ def _vehicle_flights(name: str, flights: Flights) -> VehicleFlights:
 
 
 def _light_counts(flights: Sequence[AxisRows]) -> dict[Light, dict[Level, int]]:
-    """Returns in how many flights each light has each level; logs without a flight are left out."""
-    flown = [flight for flight in flights if log_row(flight).has_flight]
-    return {light: Counter(light_level(flight, light) for flight in flown) for light in Light}
+    """Counts in how many flights each status light has each level.
+
+    Args:
+        flights: rows of each log in the fleet's table, one for each axis; logs without a flight are left out.
+
+    Returns:
+        By status light, such as that of the motors, and then by level, the number of flights.
+    """
+    counts_by_light = {}
+    for light in Light:
+        counts = Counter[Level]()
+        for flight in flights:
+            if log_row(flight).has_flight:
+                counts[light_level(flight, light)] += 1
+        counts_by_light[light] = counts
+    return counts_by_light
 
 
 def _unused_rows(rows: FlightRows) -> list[UnusedRow]:

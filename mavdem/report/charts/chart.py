@@ -192,8 +192,10 @@ class Line(NamedTuple):
 
     @property
     def step(self) -> float:
-        """The median distance between two samples; infinite for a single one."""
-        return float(np.median(np.diff(self.x))) if len(self.x) > 1 else np.inf
+        """The median distance between two samples, in the unit of the abscissae; infinite for a single sample."""
+        if len(self.x) < 2:
+            return np.inf
+        return float(np.median(np.diff(self.x)))
 
     @property
     def longest_bridged_gap(self) -> float:
@@ -389,7 +391,10 @@ class Chart(NamedTuple):
             if text:
                 ranges.append(text)
         unit = f" in {self.y.label}" if self.lines else ""
-        return f"{self.title}{unit} over {self.x.label}: {'; '.join(ranges) or 'a picture'}."
+        content = "; ".join(ranges)
+        if not ranges:
+            content = "a picture"
+        return f"{self.title}{unit} over {self.x.label}: {content}."
 
     def thinned(self, max_points: int) -> Chart:
         """Returns the chart with all lines on one common even grid of at most about ``max_points`` points.
@@ -405,12 +410,14 @@ class Chart(NamedTuple):
         """
         if not self.lines or self._has_common_abscissae(max_points):
             return self
-        start = min(line.x[0] for line in self.lines)
-        end = max(line.x[-1] for line in self.lines)
-        densest_step = min(line.step for line in self.lines)
+        start = min([line.x[0] for line in self.lines])
+        end = max([line.x[-1] for line in self.lines])
+        densest_step = min([line.step for line in self.lines])
         step = max(densest_step, (end - start) / max_points)
-        grid = start + step * np.arange(int((end - start) / step) + 1)
-        return self._replace(lines=tuple(line.resampled(grid) for line in self.lines))
+        step_count = int((end - start) / step)
+        grid = start + step * np.arange(step_count + 1)
+        resampled_lines = tuple(line.resampled(grid) for line in self.lines)
+        return self._replace(lines=resampled_lines)
 
     def _has_common_abscissae(self, max_points: int) -> bool:
         """Returns whether all lines have the same abscissae, at most ``max_points``, and over time without a gap.

@@ -325,7 +325,10 @@ def _wind_rose(
     unit = " %" if weight != 1.0 else ""
     # If the outer ring is at more than 1, the labels are whole numbers.
     decimals = 0 if scale < RADIUS else 1
-    rings = [(radius, f"{radius / scale:.{decimals}f}{unit}") for radius in (RADIUS / 2, RADIUS)]
+    rings = []
+    for radius in (RADIUS / 2, RADIUS):
+        label = f"{radius / scale:.{decimals}f}{unit}"
+        rings.append((radius, label))
     svg = figure_as_svg("rose", petals=petals, rings=rings, arrow=mean_direction, classes=classes)
     return Plan("Wind rose", description, svg)
 

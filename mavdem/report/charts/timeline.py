@@ -195,6 +195,7 @@ class Timeline(NamedTuple):
 
     @property
     def _time_axis(self) -> Axis:
+        """The axis of time of all charts, which ends at the first and the last time shown."""
         return self.time_axis._replace(limits=self.span)
 
     def marked(self, chart: Chart) -> Chart:
@@ -222,7 +223,9 @@ class Timeline(NamedTuple):
             event, _ = labelled_event
             if isinstance(event.fact.code, Ending):
                 return 0
-            return 1 if event.is_alarm else 2
+            if event.is_alarm:
+                return 1
+            return 2
 
         # The sort is stable, so that within a rank the latest event stays first: the end of a flight matters more than
         # what led to it.
@@ -307,11 +310,9 @@ def _flight_charts(history: TimeHistory) -> Iterator[Chart]:
         history: signals of the flight over time.
     """
     # The barometer is drawn first, so that it lies behind the estimated height and shows where that diverged.
-    measured_heights = [
-        *_lines_of_columns(history.barometer_height, ["barometer"], [MEASURED]),
-        *_lines_of_columns(history.satellite_height, ["satellites"], [COMMAND]),
-    ]
-    estimated_height = [*_lines_of_columns(history.height, ["estimate"])]
+    measured_heights = list(_lines_of_columns(history.barometer_height, ["barometer"], [MEASURED]))
+    measured_heights += _lines_of_columns(history.satellite_height, ["satellites"], [COMMAND])
+    estimated_height = list(_lines_of_columns(history.height, ["estimate"]))
     chart = over_time("Height", "m", [*measured_heights, *estimated_height])
     limits = _height_limits(measured_heights, estimated_height)
     yield chart._replace(y=chart.y._replace(limits=limits))
@@ -320,19 +321,29 @@ def _flight_charts(history: TimeHistory) -> Iterator[Chart]:
         names = [without_remark(name) for name in motors.names]
         yield over_time("Motors", "%", _lines_of_columns(motors.outputs, names))
         yield over_time("Motors minus their mean", "%", _lines_of_columns(motors.deviations, names))
-    voltage_lines: list[Line] = []
-    for number, (name, voltage) in enumerate(history.voltages.items()):
-        colour = DISTINCT[number % len(DISTINCT)]
-        voltage_lines += _lines_of_columns(voltage, [name], [colour])
-    if voltage_lines:
-        start_and_end = np.array([history.segment.start, history.segment.end])
-        for name, limit in history.voltage_limits.items():
-            colour = BAD if name.endswith("critical") else BASELINE
-            limit_line = Line(
-                name, colour, start_and_end, np.full(2, limit), style=LineStyle.DASHES
-            )
-            voltage_lines.append(limit_line)
-    yield over_time("Battery", "V", voltage_lines)
+    yield over_time("Battery", "V", _voltage_lines(history))
+
+
+def _voltage_lines(history: TimeHistory) -> list[Line]:
+    """Returns a line over time for the voltage of each battery, and dashed ones at the limits of the autopilot.
+
+    Args:
+        history: signals of the flight over time, with the voltages, V, and their limits.
+
+    Returns:
+        The lines; none if no voltage was recorded.
+    """
+    lines: list[Line] = []
+    for (name, voltage), colour in zip(history.voltages.items(), cycle(DISTINCT), strict=False):
+        lines += _lines_of_columns(voltage, [name], [colour])
+    if not lines:
+        return []
+    start_and_end = np.array([history.segment.start, history.segment.end])
+    for name, limit in history.voltage_limits.items():
+        colour = BAD if name.endswith("critical") else BASELINE
+        limits = np.full(2, limit)
+        lines.append(Line(name, colour, start_and_end, limits, style=LineStyle.DASHES))
+    return lines
 
 
 def _height_limits(

@@ -65,11 +65,11 @@ def detail_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
         families=difference.tested_families,
         are_two_vehicles=reviewed.are_two_vehicles,
     )
-    return [
-        *sentences_without_change(reviewed),
-        *(sentences_on_missing_figures(difference) if difference.changes else ()),
-        *method,
-    ]
+    sentences = sentences_without_change(reviewed)
+    # If there are no changes at all, the missing figures are named above.
+    if difference.changes:
+        sentences += sentences_on_missing_figures(difference)
+    return [*sentences, *method]
 
 
 def sentences_on_missing_figures(difference: VehicleDifference) -> list[Sentence]:
@@ -148,11 +148,10 @@ def doubtful_changes(reviewed: ReviewedDifference) -> list[QuantityChange]:
     Args:
         reviewed: comparison of two states.
     """
-    doubtful = [
-        change
-        for change in reviewed.difference.tested
-        if change.is_doubtful and not reviewed.motors.takes_precedence_over(change)
-    ]
+    doubtful = []
+    for change in reviewed.difference.tested:
+        if change.is_doubtful and not reviewed.motors.takes_precedence_over(change):
+            doubtful.append(change)
     return sorted(doubtful, key=lambda change: change.p)
 
 
@@ -295,9 +294,18 @@ def sentences_without_change(reviewed: ReviewedDifference) -> list[Sentence]:
 
 
 def explained_bounds(difference: VehicleDifference) -> Blocks:
-    """Returns :func:`undetected_change_table` with a sentence on what its columns mean; empty without a table."""
+    """Returns a table of how large changes may have been missed, with a sentence on what its columns mean.
+
+    Args:
+        difference: comparison of two states, quantity by quantity.
+
+    Returns:
+        The table of :func:`undetected_change_table` and the sentence; empty without a table.
+    """
     table = undetected_change_table(difference)
-    return [*table, *render_section("difference_bounds")] if table else []
+    if not table:
+        return []
+    return [*table, *render_section("difference_bounds")]
 
 
 def undetected_change_table(difference: VehicleDifference) -> list[Table]:
@@ -328,5 +336,12 @@ def undetected_change_table(difference: VehicleDifference) -> list[Table]:
 
 
 def same_sentences(same: Sequence[QuantityChange]) -> list[Sentence]:
-    """Returns the sentence on the quantities that stayed the same; none without any."""
-    return render_section("difference_same", same=[*texts_by_kind(same)])
+    """Returns the sentence that lists the quantities that stayed the same.
+
+    Args:
+        same: compared quantities without a change.
+
+    Returns:
+        A list with the sentence; empty if no quantity stayed the same.
+    """
+    return render_section("difference_same", same=list(texts_by_kind(same)))

@@ -66,8 +66,12 @@ def condition_table(reviewed: ReviewedDifference) -> list[Table]:
     Args:
         reviewed: comparison of two flights, or of the flights of two fleets, whose means it then has.
     """
-    rows = [[f"{row.name} ({row.unit})", *row.cells] for row in condition_rows(reviewed)]
-    return [Table(["flown with", *STATE_NAMES], rows)] if rows else []
+    rows = []
+    for condition in condition_rows(reviewed):
+        rows.append([f"{condition.name} ({condition.unit})", *condition.cells])
+    if not rows:
+        return []
+    return [Table(["flown with", *STATE_NAMES], rows)]
 
 
 def condition_sentence(reviewed: ReviewedDifference) -> list[Sentence]:
@@ -79,7 +83,9 @@ def condition_sentence(reviewed: ReviewedDifference) -> list[Sentence]:
         reviewed: comparison of two states.
     """
     texts = [row.text for row in condition_rows(reviewed) if row.name in BRIEF_CONDITIONS]
-    return [Sentence(f"{'; '.join(texts)}.", "Flown with:")] if texts else []
+    if not texts:
+        return []
+    return [Sentence(f"{'; '.join(texts)}.", "Flown with:")]
 
 
 def condition_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
@@ -96,10 +102,11 @@ def condition_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
         ConditionRow("mean roll and pitch", "°", (_lean(before), _lean(after))),
     ]
     for axis in AXES:
-        torques = [conditions.wind_torque.get(axis) for conditions in (before, after)]
-        if None not in torques:
-            cells = tuple(rounded(degrees(torque or 0.0)) for torque in torques)
-            rows.append(ConditionRow(f"wind torque on {axis}", "°/s²", (cells[0], cells[1])))
+        torque_before = before.wind_torque.get(axis)
+        torque_after = after.wind_torque.get(axis)
+        if torque_before is not None and torque_after is not None:
+            cells = (rounded(degrees(torque_before)), rounded(degrees(torque_after)))
+            rows.append(ConditionRow(f"wind torque on {axis}", "°/s²", cells))
     rows.append(vibration_row(reviewed))
     return [row for row in rows if row.is_known]
 
@@ -110,7 +117,10 @@ def wind_rows(reviews_by_side: Mapping[str, Review]) -> list[ConditionRow]:
     Args:
         reviews_by_side: review documents of both logs, by side; of a fleet, empty.
     """
-    winds = [(reviews_by_side.get(side) or {}).get("wind") or {} for side in STATE_NAMES]
+    winds = []
+    for side in STATE_NAMES:
+        review = reviews_by_side.get(side) or {}
+        winds.append(review.get("wind") or {})
     before, after = winds
     return [
         ConditionRow(WIND, "m/s", (_wind_speed_cell(before), _wind_speed_cell(after))),

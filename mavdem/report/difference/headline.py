@@ -111,7 +111,9 @@ def _sentences_on_gains(
     if not gains:
         gains = changed_rate_gains(parameters, ())
     shown_gains = [parameter_text(gain) for gain in gains[:MAX_HEADLINE_GAINS]]
-    axes_of_gains = {axis for gain in gains for axis in axes_of_parameter(gain.name)}
+    axes_of_gains = set[str]()
+    for gain in gains:
+        axes_of_gains.update(axes_of_parameter(gain.name))
     effects = []
     for change in changes:
         if difference.follows_from_gains(change) and change.quantity.axis in axes_of_gains:
@@ -237,7 +239,9 @@ def headline_blocks(
     """
     blocks = Blocks()
     for side, headline in headlines.items():
-        is_stated = any(headline and headline in above.text for above in comparison_headline)
-        if headline and not is_stated:
+        if not headline:
+            continue
+        is_stated_above = any(headline in sentence.text for sentence in comparison_headline)
+        if not is_stated_above:
             blocks.append(Sentence(headline, lead=f"{side} by itself:"))
     return blocks

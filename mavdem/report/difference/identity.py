@@ -20,21 +20,21 @@ def identity_cautions(reviewed: ReviewedDifference) -> list[Sentence]:
         reviewed: comparison of two states, with the names of the vehicles in the logs of both.
     """
     difference = reviewed.difference
+    first_side, second_side = STATE_NAMES
     if reviewed.is_simulation_against_flight:
         (simulated_side,) = reviewed.simulated_sides
-        (recorded_side,) = set(STATE_NAMES) - {simulated_side}
+        recorded_side = second_side if simulated_side == first_side else first_side
         sentences = render_section(
             "difference_simulated", simulated_side=simulated_side, recorded_side=recorded_side
         )
         return [caution(sentence.text) for sentence in sentences]
-    names_before, names_after = difference.vehicles
-    if UNKNOWN in (*names_before, *names_after) and not difference.is_of_two_vehicles:
-        return [*render_section("difference_unnamed")]
-    vehicles_before, vehicles_after = (shown_vehicles(reviewed, side) for side in STATE_NAMES)
+    has_unnamed_vehicle = UNKNOWN in difference.vehicles.before + difference.vehicles.after
+    if has_unnamed_vehicle and not difference.is_of_two_vehicles:
+        return render_section("difference_unnamed")
     sentences = render_section(
         "difference_vehicles",
-        before=vehicles_before,
-        after=vehicles_after,
+        before=shown_vehicles(reviewed, first_side),
+        after=shown_vehicles(reviewed, second_side),
         are_two_vehicles=difference.is_of_two_vehicles,
         shared_names=difference.shared,
     )
@@ -47,7 +47,9 @@ def identity_remarks(reviewed: ReviewedDifference) -> list[Sentence]:
     Args:
         reviewed: comparison of two states.
     """
-    return [] if reviewed.are_two_vehicles else identity_cautions(reviewed)
+    if reviewed.are_two_vehicles:
+        return []
+    return identity_cautions(reviewed)
 
 
 def shown_vehicles(reviewed: ReviewedDifference, side: str) -> list[str]:

@@ -70,11 +70,15 @@ def bad_lights(reviews: Mapping[str, Review]) -> list[BadLight]:
         axis = value_at(first_bad_light, "figures.axis") or ""
         levels, reason = levels_and_reason(lights_by_side)
         bad_light = BadLight(name, tuple(bad_sides), axis, levels, reason)
-        is_headline = any(
-            lights_by_side[side]["sentence"] == value_at(reviews[side], "headline.sentence")
-            for side in bad_sides
-        )
-        (headlines if is_headline else others).append(bad_light)
+        is_headline = False
+        for side in bad_sides:
+            headline_sentence = value_at(reviews[side], "headline.sentence")
+            if lights_by_side[side]["sentence"] == headline_sentence:
+                is_headline = True
+        if is_headline:
+            headlines.append(bad_light)
+        else:
+            others.append(bad_light)
     return [*headlines, *others]
 
 
@@ -84,14 +88,13 @@ def lights_of_both(reviews: Mapping[str, Review]) -> dict[str, dict[str, JsonVal
     Args:
         reviews: review documents of both logs, by side; one without lights, as of a fleet, has none in common.
     """
-    first_lights, second_lights = (
-        reviews.get(side, {}).get("lights") or {} for side in STATE_NAMES
-    )
+    first_side, second_side = STATE_NAMES
+    first_lights = reviews.get(first_side, {}).get("lights") or {}
+    second_lights = reviews.get(second_side, {}).get("lights") or {}
     lights_of_both = {}
     for name, first_light in first_lights.items():
         if name in second_lights:
-            pair = (first_light, second_lights[name])
-            lights_of_both[name] = dict(zip(STATE_NAMES, pair, strict=True))
+            lights_of_both[name] = {first_side: first_light, second_side: second_lights[name]}
     return lights_of_both
 
 

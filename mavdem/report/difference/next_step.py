@@ -65,9 +65,12 @@ def next_blocks(reviewed: ReviewedDifference) -> list[Sentence]:
     doubtful = doubtful_changes(reviewed)
     if not doubtful:
         return []
-    # The most certain change comes first.
-    weaker_motors = [change for change in doubtful if change.shows_weaker_motor]
-    motor = motor_name(weaker_motors[0], difference) if weaker_motors else ""
+    motor = ""
+    for change in doubtful:
+        # The changes are sorted: the most certain one of those that show a weaker motor counts.
+        if change.shows_weaker_motor:
+            motor = motor_name(change, difference)
+            break
     return render_section("difference_doubt", motor=motor)
 
 

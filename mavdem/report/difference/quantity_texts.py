@@ -103,11 +103,13 @@ def change_with_interval(change: QuantityChange) -> str:
     """
     if change.quantity.kind in LOGARITHMIC_KINDS:
         decimals = 0 if 100 * change.half_width >= MIN_WHOLE_PERCENT else 1
-        numbers = []
-        for value in (change.difference, *change.interval):
-            numbers.append(_signed(f"{100 * value:z.{decimals}f}"))
-        increase, low, high = numbers
-        return f"{increase} % ({low} to {high} %)"
+
+        def percentage(fraction: float) -> str:
+            """Returns a relative change in percent with its sign."""
+            return _signed(f"{100 * fraction:z.{decimals}f}")
+
+        low, high = change.interval
+        return f"{percentage(change.difference)} % ({percentage(low)} to {percentage(high)} %)"
     scale = SHOWN_QUANTITIES[change.quantity.kind].scale
     return _signed(plus_minus(scale * change.difference, scale * change.half_width))
 
@@ -178,10 +180,13 @@ def bound_row(kind: str, changes: Sequence[QuantityChange], significance: float)
 
 def _names_of_quantities(changes: Sequence[QuantityChange]) -> str:
     """Returns the motors or axes of some quantities as text, such as "motors 1 and 2" or "pitch and roll"."""
-    motors = [str(change.quantity.motor) for change in changes if change.quantity.is_of_motor]
+    motors = [change.quantity.motor for change in changes if change.quantity.is_of_motor]
+    if len(motors) == 1:
+        return f"motor {motors[0]}"
     if motors:
-        return f"{'motor' if len(motors) == 1 else 'motors'} {listed(motors)}"
-    return listed(change.quantity.axis for change in changes)
+        return f"motors {listed(motors)}"
+    axes = [change.quantity.axis for change in changes]
+    return listed(axes)
 
 
 def _limit_text(kind: str, limit: float) -> str:

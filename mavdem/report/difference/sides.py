@@ -40,5 +40,6 @@ def side_descriptions(names: tuple[str, str], reviewed: ReviewedDifference) -> d
             parts.append(f"{settled_seconds:.0f} s of settled flight")
         if flight_count > 1:
             parts.append(counted(flight_count, "flight"))
-        descriptions[side] = ", ".join(part for part in parts if part)
+        known_parts = [part for part in parts if part]
+        descriptions[side] = ", ".join(known_parts)
     return descriptions

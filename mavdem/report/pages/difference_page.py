@@ -191,6 +191,7 @@ def _chapters(
     if _do_loops_differ(reviewed):
         changed_chapters.append(steps)
     other_chapters = [chapter for chapter in (steps, motors) if chapter not in changed_chapters]
+    margins = _table_chapter("Margins", "90 % interval", _margin_rows(reviews_by_side))
     return [
         *changed_chapters,
         _change_chapter(reviewed),
@@ -198,9 +199,7 @@ def _chapters(
         _series_chapter(flights, series_charts),
         _light_chapter(reviewed, headline),
         *other_chapters,
-        _table_chapter("Margins", "90 % interval", _margin_rows(reviews_by_side))._replace(
-            folded=True
-        ),
+        margins._replace(folded=True),
         _parameter_chapter(reviewed),
         Chapter("In words", words, folded=True),
     ]
@@ -333,10 +332,15 @@ def _change_chapter(reviewed: ReviewedDifference) -> Chapter:
     caption = CHANGES_CAPTION
     if any(is_uncertain_evidence(change, evidence) for change in changes_in_drawing):
         caption += EVIDENCE_CAPTION
-    groups = [] if drawing is None else [Group.side_by_side([drawing], caption)]
+    groups = []
+    if drawing is not None:
+        groups.append(Group.side_by_side([drawing], caption))
+    blocks = Blocks()
+    if not difference.is_of_same_flight:
+        blocks += explained_bounds(difference)
     other_changes = [change for change in difference.changes if change not in changes_in_drawing]
-    bounds = [] if difference.is_of_same_flight else explained_bounds(difference)
-    return Chapter("What changed", [*bounds, *same_sentences(other_changes)], groups)
+    blocks += same_sentences(other_changes)
+    return Chapter("What changed", blocks, groups)
 
 
 def _series_charts(
@@ -368,13 +372,17 @@ def _overview_groups(
         legend: name of each side in legends.
         series_charts: charts of the time series of both flights, among them those of ``OVERVIEW_SERIES``.
     """
+    charts = []
     spectra = _spectrum_chart(reviews_by_side, legend)
-    charts = [_with_single_side(spectra)] if spectra.lines else []
+    if spectra.lines:
+        charts.append(_with_single_side(spectra))
     charts_by_title = {chart.title: chart for chart in series_charts}
     for title in OVERVIEW_SERIES:
         if title in charts_by_title:
             charts.append(charts_by_title[title])
-    return [Group.side_by_side(charts)] if charts else []
+    if not charts:
+        return []
+    return [Group.side_by_side(charts)]
 
 
 def _motor_groups(series_charts: Sequence[Chart]) -> list[Group]:

@@ -214,11 +214,16 @@ def _step_caption(panels: Mapping[str, Mapping[str, Sequence[Panel]]]) -> str:
     """
     colours = set[str]()
     for panels_by_loop in panels.values():
-        for panel in chain(*panels_by_loop.values()):
-            if isinstance(panel, Chart):
-                colours.update(line.colour for line in panel.lines)
-    meanings = [words for colour, words in COLOUR_MEANINGS.items() if colour in colours]
-    return " ".join([STEP_CAPTION, *meanings])
+        for panels_of_loop in panels_by_loop.values():
+            for panel in panels_of_loop:
+                # A panel may also be a drawing, which has no lines.
+                if isinstance(panel, Chart):
+                    colours.update([line.colour for line in panel.lines])
+    caption = STEP_CAPTION
+    for colour, meaning in COLOUR_MEANINGS.items():
+        if colour in colours:
+            caption += f" {meaning}"
+    return caption
 
 
 def _groups_of_columns(
@@ -238,10 +243,12 @@ def _groups_of_columns(
     charts_by_axis = {axis: loops for axis, loops in charts.items() if loops}
     if not charts_by_axis:
         return []
-    if len(charts_by_axis) == 1:
-        (columns,) = charts_by_axis.values()
-    else:
-        columns = {axis: [*chain(*loops.values())] for axis, loops in charts_by_axis.items()}
+    columns: dict[str, Sequence[Panel]] = {}
+    for axis, charts_by_loop in charts_by_axis.items():
+        if len(charts_by_axis) == 1:
+            columns.update(charts_by_loop)
+        else:
+            columns[axis] = list(chain.from_iterable(charts_by_loop.values()))
     return [Group.of_axes(columns, assessment.lights[Light.MARGINS], caption)]
 
 
