@@ -336,7 +336,7 @@ def _light_counts(flights: Sequence[AxisRows]) -> dict[Light, dict[Level, int]]:
     Returns:
         By status light, such as that of the motors, and then by level, the number of flights.
     """
-    counts_by_light = {}
+    counts_by_light: dict[Light, dict[Level, int]] = {}
     for light in Light:
         counts = Counter[Level]()
         for flight in flights:

@@ -222,7 +222,7 @@ def _margin_sentences(assessment: Assessment) -> list[Sentence]:
     """Returns a list with the sentence that says why margins are too small; empty if that is not the headline."""
     if assessment.evidence is None:
         return []
-    margins = []
+    margins: list[Fact] = []
     for margins_of_axis in assessment.evidence.margins:
         margins += margins_of_axis.facts
     return margin_sentences(assessment.headline, assessment.evidence.identified_loops, margins)
