@@ -91,7 +91,14 @@ def find_logs(
 
 
 def _without_file_scheme(name: str) -> str:
-    """Returns the path of a URL that begins with ``file://``, a file of this machine; any other name as it is."""
+    """Returns the path of a log on this machine that a user named by a URL which begins with ``file://``.
+
+    Args:
+        name: path or URL of a log, as the user has it.
+
+    Returns:
+        The path; any other name unchanged.
+    """
     if not name.lower().startswith("file://"):
         return name
     # This module imports Python's HTTP client, which takes long and is needed for nothing else here.

@@ -271,7 +271,11 @@ class Store:
                 )
 
     def _write_pages(self, outcome: JobOutcome) -> None:
-        """Writes the pages of an outcome into the folder of the fleet."""
+        """Writes the pages of the flights of one log into the folder of the fleet.
+
+        Args:
+            outcome: what a worker process returned for the log, with the HTML of each page by the name of its file.
+        """
         for name, html in outcome.pages.items():
             (self.folder / PAGES).mkdir(exist_ok=True)
             with atomic_write(self.folder / PAGES / name) as file:

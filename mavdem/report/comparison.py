@@ -152,7 +152,14 @@ def _is_band_too_narrow(summary: JsonValues) -> bool:
 
 
 def _common_horizons(comparison: Comparison) -> list[str]:
-    """Returns the headers of the horizons that all flights have, in steps; the last one is the whole test part."""
+    """Returns the headers of a table's columns for the horizons at which all flights were evaluated.
+
+    Args:
+        comparison: outcomes of all methods on windows of one flight or several.
+
+    Returns:
+        Numbers of steps as text, for the horizons that all flights have, and "all" for the whole test part.
+    """
     horizon_counts = []
     for flight in comparison.flights:
         summary_of_first_method = comparison.summaries(flight)[0]

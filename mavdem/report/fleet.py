@@ -212,7 +212,14 @@ def has_section(name: str, flights: Flights) -> bool:
 
 
 def vehicle_health(flights: Flights) -> str:
-    """Returns the health of a vehicle's motors in its latest flight that was judged; "unknown" if none was."""
+    """Returns the health of a vehicle's motors: that in the latest flight in which it was judged.
+
+    Args:
+        flights: flights of the vehicle in order of date; each has a row for each axis.
+
+    Returns:
+        "fault", "drift" or "ok"; "unknown" if no flight was judged.
+    """
     for flight in reversed(flights):
         health = worst_health(flight)
         if health != UNKNOWN:

@@ -143,7 +143,14 @@ def _count_bad_unnamed_flights(
 
 
 def vehicles_with_section(summaries: Sequence[VehicleSummary]) -> dict[str, VehicleFlights]:
-    """Returns the summary of each vehicle that has a section on a fleet's page, by the vehicle's name."""
+    """Returns the vehicles that have a section of their own on a fleet's page.
+
+    Args:
+        summaries: summary of the logs under each name; those under a name without a section are left out.
+
+    Returns:
+        Summary of the vehicle's flights by the vehicle's name.
+    """
     vehicles = {}
     for summary in summaries:
         if summary.vehicle is not None and summary.vehicle.has_section:

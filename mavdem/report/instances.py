@@ -77,7 +77,13 @@ def _range_text(instance: Instance) -> str:
 
 
 def _number_text(value: float, unit: str) -> str:
-    """Returns a number; counts, pulses and speeds of motors without decimals, what is below 1 with two of them."""
+    """Returns a value of a sensor or another part as text without its unit, with the decimals that its kind has.
+
+    Args:
+        value: the value.
+        unit: its unit, "1" for counts and ratios. Counts, pulses (µs) and speeds of motors (1/min) have no decimals,
+            other values below 1 have two, and the rest has ``SHOWN_DIGITS`` significant digits.
+    """
     is_count = unit == "1" and float(value).is_integer()
     if is_count or unit in ("1/min", "µs"):
         return f"{value:.0f}"
@@ -87,7 +93,11 @@ def _number_text(value: float, unit: str) -> str:
 
 
 def _used_text(used_share: float | None) -> str:
-    """Returns "yes", "no" or the percentage of the time; empty if the log does not say it."""
+    """Returns whether the autopilot used a sensor or another part, for a table: "yes", "no" or a percentage.
+
+    Args:
+        used_share: fraction of the time in which it was used; None if the log does not say it, which gives no text.
+    """
     if used_share is None:
         return ""
     if used_share in (0.0, 1.0):

@@ -33,7 +33,13 @@ class CompiledTemplates(FileSystemBytecodeCache):
             super().load_bytecode(bucket)
 
     def dump_bytecode(self, bucket: Bucket) -> None:
-        """Stores a compiled template, unless Python stores no compiled modules or the folder cannot be written to."""
+        """Stores a compiled template in the folder of the cache, so that the next process need not compile it.
+
+        Nothing is stored if Python itself stores no compiled modules, or if the folder cannot be written to.
+
+        Args:
+            bucket: Jinja's container of the compiled template.
+        """
         if sys.dont_write_bytecode:
             return
         with suppress(OSError):

@@ -111,9 +111,15 @@ def sentences_for(medium: Medium) -> Iterator[None]:
 
 
 def headline(fact: Fact) -> str:
-    """Renders the short sentence that heads a report of a ``fact``; its ordinary sentence where it has no short one.
+    """Renders the short sentence about a fact that heads a report.
 
     A headline is about one battery: the others, which the light of power states beside it, are left out.
+
+    Args:
+        fact: the fact, a coded finding.
+
+    Returns:
+        The sentence; the ordinary one of the fact where it has no short one.
     """
     if fact.figures.get("batteries"):
         fact = fact.replace(batteries=())

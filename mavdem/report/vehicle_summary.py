@@ -238,7 +238,12 @@ def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
 
 
 def _mean_winds(logs: Sequence[AxisRows]) -> list[Wind]:
-    """Returns the mean wind of each log whose wind is known, both its speed and its direction."""
+    """Returns the mean winds of some logs, for a drawing of the winds of a fleet.
+
+    Args:
+        logs: rows of each log in the fleet's table, one for each axis. A log is left out if the speed or the direction
+            of its wind is not known.
+    """
     winds = []
     for log in logs:
         row = log_row(log)
@@ -347,7 +352,14 @@ def _light_counts(flights: Sequence[AxisRows]) -> dict[Light, dict[Level, int]]:
 
 
 def _unused_rows(rows: FlightRows) -> list[UnusedRow]:
-    """Returns the rows without a flight: first the rows of logs with a date, by date."""
+    """Returns the rows of logs that hold no flight which can be analysed, for the list of why logs were not used.
+
+    Args:
+        rows: all rows of the fleet's table under one name.
+
+    Returns:
+        Rows with file and reason: first those of logs with a date, by date. The first row of each log is marked.
+    """
     unused_rows = []
     for flight in group_into_flights(row for row in rows if not row.has_flight):
         for number, row in enumerate(flight):

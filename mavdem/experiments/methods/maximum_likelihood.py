@@ -152,7 +152,14 @@ class PredictionErrorLikelihood(NamedTuple):
         return measured_outputs - np.concatenate(predictions)
 
     def value(self, parameters: Array) -> float:
-        """Returns the log likelihood up to a constant, nats; NaN where the predictor A − K C is not stable."""
+        """Returns the log likelihood of the training data, up to a constant, for one vector of the parameters.
+
+        Args:
+            parameters: (f,) parameters of the model in innovation form, and the first state of each segment.
+
+        Returns:
+            The log likelihood, nats; NaN if the predictor A − K C is not stable, since its errors then grow.
+        """
         model = self.with_parameters(parameters).model
         predictor = model.A - model.K @ model.C
         if abs(np.linalg.eigvals(predictor)).max() >= 1:

@@ -217,7 +217,14 @@ def motor_levels(light: Fact, imbalance: Array) -> list[Level]:
 
 
 def rose_of_wind(wind: WindVelocity) -> Plan:
-    """Returns the wind rose of a flight: the share of time, %, that wind came from each direction, by speed."""
+    """Returns the wind rose of a flight: for each direction, how much of the time wind came from there, by speed.
+
+    Args:
+        wind: the estimated wind of the flight, with speed and direction at each sample.
+
+    Returns:
+        The drawing, in percent of the time, with an arrow for the mean direction.
+    """
     polar = wind.polar
     description = (
         f"The wind came from {compass_text(wind.direction)}, {wind.mean_speed:.1f} m/s in the mean."

@@ -186,7 +186,14 @@ class Timeline(NamedTuple):
         return charts_with_setpoint
 
     def _overview_of(self, unmarked_charts: Charts) -> Charts:
-        """Returns charts of this flight, with the marks of all its charts, below the strip of flight modes."""
+        """Adds to charts of this flight what all its charts have in common: marks, time axis and the strip of modes.
+
+        Args:
+            unmarked_charts: charts over the time of the flight.
+
+        Returns:
+            The strip of flight modes, if modes are known, and below it the charts with marks at the events.
+        """
         charts = tuple(self.marked(chart) for chart in unmarked_charts)
         if not self.modes:
             return charts

@@ -341,7 +341,14 @@ def _trims_without_lean(flights: Sequence[AxisRows]) -> Estimates:
 
 
 def _motor_names(flights: Sequence[AxisRows]) -> list[str]:
-    """Returns the names of the motors, without their positions, in the latest flight that has them; otherwise none."""
+    """Returns the names of a vehicle's motors, such as "motor 1", from the latest flight whose rows have them.
+
+    Args:
+        flights: rows of each flight in the fleet's table, one for each axis, in order of time.
+
+    Returns:
+        The names without the positions in brackets; none if no flight has names.
+    """
     for flight in reversed(flights):
         for row in flight:
             if row.motors:

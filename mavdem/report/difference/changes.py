@@ -73,7 +73,14 @@ def detail_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
 
 
 def sentences_on_missing_figures(difference: VehicleDifference) -> list[Sentence]:
-    """Returns a sentence for each reason for which figures could not be compared, with these figures."""
+    """Returns the sentences on figures that could not be compared, such as margins that one side does not have.
+
+    Args:
+        difference: comparison of two states, with the reason for each missing figure.
+
+    Returns:
+        A sentence for each reason, which begins with the names of the figures; none if all could be compared.
+    """
     missing_by_reason = group_by(difference.incomparable, lambda missing: missing.reason)
     sentences = []
     for reason, missing_quantities in missing_by_reason.items():

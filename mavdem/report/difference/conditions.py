@@ -167,7 +167,14 @@ def _percent(fraction: float | None) -> str:
 
 
 def _lean(conditions: Conditions) -> str:
-    """Returns mean roll and pitch of a flight in whole degrees, such as "+1 and −4"; a dash where not known."""
+    """Returns the table cell of a flight's mean roll and pitch, whole degrees, such as "+1 and −4".
+
+    Args:
+        conditions: how the flight was flown, with the mean angles, rad.
+
+    Returns:
+        Both angles with their signs; a dash if they are not known.
+    """
     if conditions.lean_roll is None or conditions.lean_pitch is None:
         return UNKNOWN_CELL
     roll, pitch = degrees(conditions.lean_roll), degrees(conditions.lean_pitch)

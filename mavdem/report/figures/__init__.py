@@ -59,10 +59,16 @@ class Plots:
         return draw_charts(model_charts.residual_charts(self.learned, output))
 
     def bode(self, output: int = -1) -> Figure:
-        """Draws magnitude and phase of an ``output`` over frequency, from the axis's command, with 90 % bands.
+        """Draws the Bode diagram of the vehicle: magnitude and phase of an output per command of the axis.
 
-        The response is computed from the physical plant or, where that is not identifiable, from DEM's model. The
-        output is the last one, a rate, unless given.
+        The response is computed from the physical plant, with 90 % bands, or, where that is not identifiable, from
+        DEM's model without bands.
+
+        Args:
+            output: index of the output; by default the last one, a rate.
+
+        Returns:
+            The figure with both charts.
         """
         return draw_charts(model_charts.bode_charts(self.learned, output))
 

@@ -143,7 +143,14 @@ def limit_to_values(axes: Axes, values: ArrayLike, margin: float = 0.6) -> None:
 
 
 def draw_charts(charts: Sequence[Chart]) -> BareFigure:
-    """Returns a figure with the charts below each other."""
+    """Draws charts below each other with matplotlib.
+
+    Args:
+        charts: at least one chart of lines.
+
+    Returns:
+        The figure, whose height grows with the number of charts.
+    """
     with new_figure(MARGIN_HEIGHT + CHART_HEIGHT * len(charts)) as figure:
         axes_by_row = figure.subplots(len(charts), squeeze=False).ravel()
         for axes, chart in zip(axes_by_row, charts, strict=True):

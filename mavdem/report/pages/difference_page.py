@@ -212,7 +212,11 @@ def _has_changed_motor(difference: VehicleDifference) -> bool:
 
 
 def _do_loops_differ(reviewed: ReviewedDifference) -> bool:
-    """Returns whether a compared figure of a control loop changed, or the gains of one did."""
+    """Returns whether the control loops of two flights differ: a compared figure of a loop changed, or gains did.
+
+    Args:
+        reviewed: comparison of both flights, which knows the axes with other gains.
+    """
     difference = reviewed.difference
     changes = difference.changes_with(QuantityOutcome.CHANGED)
     has_changed_loop = any(change.quantity.kind in LOOP_KINDS for change in changes)
@@ -305,12 +309,22 @@ def _light_chapter(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -
 
 
 def _reasons_in_tables(blocks: Blocks) -> list[Sentence]:
-    """Returns the sentences that tables have beside a level, so that they are not repeated."""
+    """Returns the sentences that stand in the cells of tables as reasons for a level.
+
+    Args:
+        blocks: sentences and tables of a chapter.
+
+    Returns:
+        The reasons as sentences, so that other parts of the page need not repeat them.
+    """
     sentences = []
     for block in blocks:
-        if isinstance(block, Table):
-            for row in block.rows:
-                sentences += [Sentence(cell.reason) for cell in row if isinstance(cell, Rated)]
+        if not isinstance(block, Table):
+            continue
+        for row in block.rows:
+            for cell in row:
+                if isinstance(cell, Rated):
+                    sentences.append(Sentence(cell.reason))
     return sentences
 
 

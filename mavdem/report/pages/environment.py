@@ -97,7 +97,13 @@ def _with_unbroken_units(html: Markup) -> Markup:
 
 
 def _with_unbroken_intervals(html: Markup) -> Markup:
-    """Returns text whose intervals stay on a line: in a narrow table a line breaks before an interval, not in it."""
+    """Replaces the spaces within intervals such as "57 (50 to 63)" by ones at which no line breaks.
+
+    In a narrow table a line then ends before an interval and not in the middle of it.
+
+    Args:
+        html: text of a page.
+    """
 
     def unbroken(interval: re.Match[str]) -> str:
         """Returns an interval with spaces at which no line breaks."""

@@ -143,12 +143,15 @@ def fleet_page(
 
 
 def _rated(cells: Sequence[str]) -> list[str]:
-    """Returns the cells of a flight's line, in which the health is coloured by its level."""
+    """Returns the cells of a flight in the table of a fleet, with the level by which the health is coloured.
+
+    Args:
+        cells: text of each cell, in the order of ``COLUMNS``.
+    """
     cells_by_column = dict(zip(COLUMNS, cells, strict=True))
-    cells_by_column["health"] = Rated(
-        cells_by_column["health"], BADGE_LEVELS[cells_by_column["health"]]
-    )
-    return [*cells_by_column.values()]
+    health = cells_by_column["health"]
+    cells_by_column["health"] = Rated(health, BADGE_LEVELS[health])
+    return list(cells_by_column.values())
 
 
 def vehicle_charts(rows: FlightRows) -> str:
@@ -385,7 +388,15 @@ def _text_beside_label(name: str, names: GivenNames, *, is_shared: bool) -> str:
 
 
 def _latest_line(summary: VehicleSummary) -> FlightLine | None:
-    """Returns the line of the latest flight under a name, which is the last one; None without a flight."""
+    """Returns the line of the latest flight under a vehicle's name.
+
+    Args:
+        summary: summary of the logs under the name, with a line for each log in order of date. A log that could not be
+            used is no flight.
+
+    Returns:
+        The line; None without a flight.
+    """
     health_column = [*COLUMNS].index("health")
     for line in reversed(summary.lines):
         if line.cells[health_column] != NOT_USED:
@@ -620,7 +631,14 @@ def _repeated_summaries(sections: Sequence[VehicleSection]) -> Table:
 
 
 def _rose(summaries: Sequence[VehicleSummary]) -> Plan | None:
-    """Returns a drawing of the winds of all flights: few as dots, many as a rose; None if no wind is known."""
+    """Returns a drawing of the mean winds of all flights of a fleet: of few flights as dots, of many as a wind rose.
+
+    Args:
+        summaries: summary of the flights under each name, with the mean wind of each flight.
+
+    Returns:
+        The drawing; None if no wind is known.
+    """
     winds = []
     for summary in summaries:
         winds += summary.winds
