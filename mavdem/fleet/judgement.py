@@ -127,7 +127,12 @@ def outdated_vehicles(store: Store) -> set[str]:
 
 
 def mark_pages_updated(store: Store, vehicles: Iterable[str]) -> None:
-    """Notes that the pages of the flights of these vehicles say how the flights differ from each other."""
+    """Records in a fleet's store that the pages of some vehicles' flights have the present comparison of their flights.
+
+    Args:
+        store: the store, which lists vehicles with outdated pages.
+        vehicles: names of the vehicles that are taken off this list.
+    """
     with store.transaction():
         names = [[vehicle] for vehicle in vehicles]
         store.db.executemany("delete from outdated_pages where vehicle = ?", names)

@@ -345,21 +345,39 @@ class Store:
         return (row_of_json(*columns) for columns in selected_columns)
 
     def sound_rows(self, query: str, values: Sequence[Any] = ()) -> Iterator[FlightRow]:
-        """Yields the rows that a query with ``values`` finds, as :meth:`rows` does, but without damaged rows."""
+        """Yields the rows of the fleet's table that a query finds, without rows whose stored text is damaged.
+
+        Args:
+            query: SQL query, whose columns are what :func:`row_of_json` takes.
+            values: values of the placeholders in the query.
+        """
         for columns in self.db.execute(query, values):
             with suppress(sqlite3.DatabaseError):
                 yield row_of_json(*columns)
 
     def rows_of(self, sources: Iterable[LogSource]) -> FlightRows:
-        """Returns the rows of these logs, without damaged rows."""
+        """Returns the rows of some logs, in the order in which they were stored, without damaged rows.
+
+        Args:
+            sources: the logs, by whose paths the rows are selected.
+        """
         return self._rows_of("row", sources)
 
     def brief_rows_of(self, sources: Iterable[LogSource]) -> FlightRows:
-        """Returns the rows of these logs with ``BRIEF_COLUMNS`` alone, which takes a quarter of the time."""
+        """Returns the rows of some logs with ``BRIEF_COLUMNS`` alone, which takes a quarter of the time of whole rows.
+
+        Args:
+            sources: the logs, by whose paths the rows are selected.
+        """
         return self._rows_of("brief", sources)
 
     def _rows_of(self, column: str, sources: Iterable[LogSource]) -> FlightRows:
-        """Returns the rows of these logs from the ``column`` "row" or "brief" of the table of flights."""
+        """Returns the rows of some logs, in the order in which they were stored.
+
+        Args:
+            column: column of the table of flights: "row", or "brief" for rows without what only pages of flights need.
+            sources: the logs, by whose paths the rows are selected.
+        """
         query = f"""select {column}, path from flights join logs using (log)
         where path in (select value from json_each(?)) order by flights.rowid"""
         paths = json.dumps([utf8_text(source.path) for source in sources])

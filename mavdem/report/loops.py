@@ -587,7 +587,9 @@ def margin_overview(tuning: Tuning) -> Table | None:
             for variant, loop in compared_loops(advice).items():
                 cells = _margin_cells(loop.open_loop(loop_name), STEP_SECONDS[loop_name])
                 # Wind turns the angle, which the attitude loop holds.
-                wind_error = rounded(loop.lean_in_wind) if loop_name == "attitude" else ""
+                wind_error = ""
+                if loop_name == "attitude":
+                    wind_error = rounded(loop.lean_in_wind)
                 rows.append([f"{axis} {loop_name}, {variant}{remark}", *cells, wind_error])
     if not rows:
         return None
@@ -648,9 +650,13 @@ def _axis_details(advice: Advice, *, is_doubtful: bool) -> Blocks:
         is_doubtful: whether a measured response contradicts the identified loop, and so all its margins.
     """
     loops = compared_loops(advice)
-    blocks: Blocks = [*_gain_sentences(advice)]
-    blocks += margin_tables(loops, doubtful=loops if is_doubtful else ())
-    return [*blocks, *_basis_sentences(advice.before, is_doubtful=is_doubtful)]
+    doubtful_loops: Container[str] = ()
+    if is_doubtful:
+        doubtful_loops = loops
+    blocks: Blocks = list(_gain_sentences(advice))
+    blocks += margin_tables(loops, doubtful_loops)
+    blocks += _basis_sentences(advice.before, is_doubtful=is_doubtful)
+    return blocks
 
 
 def _basis_sentences(loop: Loop, *, is_doubtful: bool) -> list[Sentence]:

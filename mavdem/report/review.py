@@ -297,7 +297,12 @@ def _mode_of_headline(assessment: Assessment) -> list[CountedEvent]:
 
 
 def _is_part_of_headline(event: Fact, headline_fact: Fact) -> bool:
-    """Returns whether an event is that of the headline, or began within the same second."""
+    """Returns whether the headline of a review covers an event: it is the same event, or one within a second of it.
+
+    Args:
+        event: an event of the flight, a coded finding.
+        headline_fact: the fact in the headline. If either has no time, they are the same if their codes are.
+    """
     if event.time is None or headline_fact.time is None:
         return event.code is headline_fact.code
     return abs(event.time - headline_fact.time) < 1.0
@@ -395,8 +400,15 @@ def _shortened_line(label_and_level: str, fact: Fact, columns: int, count_text: 
 
 
 def _label_and_level(label: str, fact: Fact) -> str:
-    """Returns the first two columns of a line: the name of a light or the time of an event, and its level."""
-    level = fact.level.upper() if fact.is_bad else str(fact.level)
+    """Returns the first two columns of a line of the terminal, such as "motors     good     ".
+
+    Args:
+        label: name of a status light or time of an event.
+        fact: the light or event, a coded finding, whose level is the second column. A bad one is in capitals.
+    """
+    level = str(fact.level)
+    if fact.is_bad:
+        level = level.upper()
     # The level of an event that is only named, such as a change of mode, would be no judgement.
     if fact.code is ReportedEvent.MODE_CHANGED and fact.is_good:
         level = ""

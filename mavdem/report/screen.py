@@ -277,15 +277,20 @@ def assessment_blocks(findings: Findings, judgement: Judgement | None) -> Blocks
         findings: grades of the model by purpose with their reasons, and warnings.
         judgement: headline, status lights and next step; None if there is none, and then these are left out.
     """
-    grades = []
+    blocks = Blocks()
+    sentences = None
+    if judgement is not None:
+        sentences = judgement_sentences(judgement)
+        blocks.append(sentences.headline)
+        blocks += sentences.lights
     for purpose, grade, reason in findings.purposes:
         lead = f"{purpose.capitalize()}: {grade}."
-        grades.append(Sentence(reason.sentence_and_remedy, lead))
-    warnings = [warning(fact) for fact in findings.warnings]
-    if judgement is None:
-        return [*grades, *warnings]
-    sentences = judgement_sentences(judgement)
-    return [sentences.headline, *sentences.lights, *grades, sentences.next_step, *warnings]
+        blocks.append(Sentence(reason.sentence_and_remedy, lead))
+    if sentences is not None:
+        blocks.append(sentences.next_step)
+    for fact in findings.warnings:
+        blocks.append(warning(fact))
+    return blocks
 
 
 def flight_title(flights: Flights, simulation_fact: Fact | None = None) -> Sentence:
@@ -634,8 +639,9 @@ def detail_blocks(learned: Learned) -> Blocks:
     gain_of_fit = 0.0
     if simulation_fit is not None:
         # The objective of the fit is the sum of its terms, each of which has a value for every iteration.
-        objective_at_start = sum(term[0] for term in simulation_fit.terms.values())
-        objective_at_end = sum(term[-1] for term in simulation_fit.terms.values())
+        terms = list(simulation_fit.terms.values())
+        objective_at_start = sum(term[0] for term in terms)
+        objective_at_end = sum(term[-1] for term in terms)
         gain_of_fit = objective_at_end - objective_at_start
     learning = render_section(
         "learning",

@@ -237,7 +237,12 @@ def _px4_filter(
 
 
 def without_filters(controller: Controller, filters: Sequence[TriedFilter]) -> Controller:
-    """Returns the controller with these filters off, and all others as they are."""
+    """Returns a controller as it would be with some notch filters switched off, and all other filters unchanged.
+
+    Args:
+        controller: controller with the parameters of the log.
+        filters: notch filters to switch off, each with the parameters that do so.
+    """
     parameters: dict[str, float] = {}
     for tried_filter in filters:
         parameters |= tried_filter.values_when_off

@@ -58,13 +58,27 @@ class JointAutoregression(Baseline):
     model: VectorAutoregression
 
     def one_step(self) -> Array:
-        """Returns (T, m): each training sample from those before it in its segment, and the inputs up to its own."""
+        """Predicts the outputs of each training sample from the samples before it in its segment, and from the inputs.
+
+        Returns:
+            (T, m) predictions in the outputs' units, of all segments one after the other. The inputs of the predicted
+            sample itself are among those that are used.
+        """
         return self.model.one_step_predictions(self.record)
 
     def rolling_forecast_unknown_inputs(
         self, steps: int, inputs: Array, outputs: Array
     ) -> Forecast:
-        """Returns (H, m): a new prediction at every ``steps``-th of ``inputs`` (H, r), ``outputs`` (H, m)."""
+        """Forecasts the outputs without the inputs of that time, with a new forecast at every ``steps``-th sample.
+
+        Args:
+            steps: number of samples of each forecast.
+            inputs: (H, r) inputs after the training data; a forecast uses those before it.
+            outputs: (H, m) outputs of the same samples; a forecast uses those before it.
+
+        Returns:
+            Means and variances of the outputs (H, m).
+        """
         return self.model.rolling_forecast_unknown_inputs(
             self._last_samples, steps, inputs, outputs
         )

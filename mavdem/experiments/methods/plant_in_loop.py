@@ -455,8 +455,15 @@ class ClosedLoop(ForecasterBase):
         return self._output_forecast(joined_means, joined_variances)
 
     def _output_forecast(self, means: Array, variances: Array) -> Forecast:
-        """Returns the outputs of centred channels (…, 3) and of their variances, in the order of the record."""
-        # The channels have the angle first; the record may have the rate first.
+        """Converts means and variances of the model's channels to a forecast of the outputs.
+
+        Args:
+            means: (…, 3) means of the channels, of which the model's offset was subtracted: angle, rate, and command.
+            variances: (…, 3) their variances.
+
+        Returns:
+            Means and variances (…, 2) of angle and rate, in the order in which the record has these two outputs.
+        """
         order = np.argsort(self.angle_and_rate)
         means = means + self.posterior.data.center
         return Forecast(means[..., order], variances[..., order])

@@ -144,7 +144,10 @@ def _block_means(samples: Array) -> Array:
     block_numbers = np.floor(samples[0] / MEAN_SECONDS).astype(int)
     _, blocks = np.unique(block_numbers, return_inverse=True)
     counts = np.bincount(blocks)
-    return np.array([np.bincount(blocks, values) / counts for values in samples])
+    times, values = samples
+    mean_times = np.bincount(blocks, times) / counts
+    mean_values = np.bincount(blocks, values) / counts
+    return np.array([mean_times, mean_values])
 
 
 def _recorded_series(signals: Signals) -> dict[str, TimeSeries]:
@@ -249,7 +252,8 @@ def _motor_limits(flights: Iterable[FlightSeries]) -> tuple[float, float] | None
                 outputs.append(values)
     if not outputs:
         return None
-    return float(min(map(np.min, outputs))), float(max(map(np.max, outputs)))
+    all_outputs = np.concatenate(outputs)
+    return float(all_outputs.min()), float(all_outputs.max())
 
 
 def thinned_series(series: FlightSeries, max_points: int) -> FlightSeries:

@@ -264,7 +264,16 @@ def _height_keys(lowest_height: float, height_range: float) -> list[_Key]:
 
 
 def _mode_numbers(time: Array, modes: Sequence[Span], names: Sequence[str]) -> Array:
-    """Returns the number of the flight mode at each time (N,) among the names; −1 where the mode is not known."""
+    """Returns which flight mode the vehicle had at each of some times, as a number for the data of a page.
+
+    Args:
+        time: (N,) times, s.
+        modes: flight modes, each with its name, and with its start and end, s.
+        names: names of all modes, in the order of their numbers.
+
+    Returns:
+        (N,) index of the mode's name among the names, from 0; −1 where the mode is not known.
+    """
     numbers = np.full(len(time), -1)
     for mode in modes:
         numbers[(time >= mode.start) & (time <= mode.end)] = names.index(mode.name)

@@ -107,7 +107,6 @@ def vibration_charts(evidence: Evidence, timeline: Timeline, light: Fact) -> lis
     vibration = reported_vibration(evidence.signals)
     if vibration is None:
         return []
-    levels = vibration.levels
     level_limits: tuple[Line, ...] = ()
     clip_limits: tuple[Line, ...] = ()
     if light.code is VibrationLight.VIBRATION_MEASURED:
@@ -122,17 +121,32 @@ def vibration_charts(evidence: Evidence, timeline: Timeline, light: Fact) -> lis
         lines = _lines_of_series(series_by_name, timeline)
         if lines:
             charts.append(over_time(title, "m/s²", (*lines, *level_limits)))
-    counts_by_imu: dict[str, TimeSeries | None] = {}
-    start, end = timeline.span
-    is_shown = (levels.boot == timeline.boot) & (levels.time >= start) & (levels.time <= end)
-    counts = np.cumsum(np.where(is_shown[:, None], vibration.clips, 0), axis=0)
-    for number, count in enumerate(counts.T, start=1):
-        if count.any():
-            counts_by_imu[f"IMU {number}"] = replace(levels, values=count)
-    clip_lines = _lines_of_series(counts_by_imu, timeline)
+    clip_lines = _lines_of_series(_clip_counts(vibration, timeline), timeline)
     if clip_lines:
         charts.append(over_time("Clips so far", "", (*clip_lines, *clip_limits)))
     return [timeline.marked(chart) for chart in charts]
+
+
+def _clip_counts(vibration: ReportedVibration, timeline: Timeline) -> dict[str, TimeSeries | None]:
+    """Returns how often each IMU has clipped so far, over time, counted from the beginning of a timeline.
+
+    Args:
+        vibration: what the autopilot reports of its IMUs, with the new clips of each IMU at each sample.
+        timeline: timeline of the flight, for its boot and its span of time.
+
+    Returns:
+        Counts by name, such as "IMU 1"; IMUs that never clipped are left out.
+    """
+    samples = vibration.levels
+    start, end = timeline.span
+    is_shown = (samples.boot == timeline.boot) & (samples.time >= start) & (samples.time <= end)
+    shown_clips = np.where(is_shown[:, None], vibration.clips, 0)
+    counts = np.cumsum(shown_clips, axis=0)
+    counts_by_imu: dict[str, TimeSeries | None] = {}
+    for number, count in enumerate(counts.T, start=1):
+        if count.any():
+            counts_by_imu[f"IMU {number}"] = replace(samples, values=count)
+    return counts_by_imu
 
 
 def _vibration_by_imu(vibration: ReportedVibration) -> dict[str, dict[str, TimeSeries | None]]:
@@ -243,7 +257,12 @@ def _compass_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
 
 
 def _processor_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
-    """Yields load and memory of the processor."""
+    """Yields charts of the load of the autopilot's processor, and of its used and free memory, over time.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+        timeline: timeline of the flight, for its span of time.
+    """
     yield _quantity_chart("Processor load", (PROCESSOR_LOAD,), evidence, timeline)
     yield _quantity_chart("Memory used", (MEMORY_USED,), evidence, timeline)
     yield _quantity_chart("Memory free", (MEMORY_FREE,), evidence, timeline)
@@ -295,11 +314,21 @@ def _target_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
 
 
 def _stick_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
-    """Yields the charts of sticks and of switches. Switches that changed most come first."""
+    """Yields a chart of the sticks of the remote control over time, and one of its switches.
+
+    The second one has the ``SHOWN_SWITCHES`` channels whose values changed most.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+        timeline: timeline of the flight, for its span of time.
+    """
     inputs = pilot_input(evidence.signals)
     yield over_time("Sticks", inputs.unit, _lines_of_series(inputs.sticks, timeline))
-    by_change = sorted(inputs.switches.items(), key=lambda item: -np.ptp(item[1].values))
-    shown_switches = {f"channel {number}": series for number, series in by_change[:SHOWN_SWITCHES]}
+    ranges = {channel: np.ptp(series.values) for channel, series in inputs.switches.items()}
+    channels_by_range = sorted(ranges, key=ranges.__getitem__, reverse=True)
+    shown_switches = {}
+    for channel in channels_by_range[:SHOWN_SWITCHES]:
+        shown_switches[f"channel {channel}"] = inputs.switches[channel]
     yield over_time("Switches", "µs", _lines_of_series(shown_switches, timeline))
 
 

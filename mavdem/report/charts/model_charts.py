@@ -265,6 +265,7 @@ def forecast_charts(held_out: HeldOut, labels: Labels, output: int = 0) -> Chart
     line_time = np.insert(time.ravel(), window_starts, time[1:, 0])
 
     def concatenated(windows: Array) -> Array:
+        """Returns the output in the shown unit, of all drawn windows in a row, from windows (W, H, m)."""
         values = unit.scale * windows[:MAX_DRAWN_WINDOWS, :, output]
         return np.insert(values.ravel(), window_starts, np.nan)
 
@@ -300,10 +301,9 @@ def sample_times(record: Record) -> Array:
         The times (T,), s.
     """
     segment_times = record.begins or tuple(record.dt * record.segment_starts)
-    times = [
-        start + record.dt * np.arange(length)
-        for start, length in zip(segment_times, record.lengths, strict=True)
-    ]
+    times = []
+    for start, length in zip(segment_times, record.lengths, strict=True):
+        times.append(start + record.dt * np.arange(length))
     return np.concatenate(times)
 
 
@@ -318,7 +318,15 @@ class GappedSeries(NamedTuple):
 
 
 def series_with_gaps(record: Record, values: Array) -> GappedSeries:
-    """Returns values (T,) of the samples of a record as a series that is broken between its segments."""
+    """Returns values over the time of a record, with a NaN between segments, at which a drawn line breaks.
+
+    Args:
+        record: training data of a model, in one or several segments with gaps between.
+        values: (T,) a value for each sample of the record.
+    """
     time = sample_times(record)
+    # The NaN before a segment has the time of the segment's first sample.
     starts = record.segment_starts[1:]
-    return GappedSeries(np.insert(time, starts, time[starts]), np.insert(values, starts, np.nan))
+    time_with_gaps = np.insert(time, starts, time[starts])
+    values_with_gaps = np.insert(values, starts, np.nan)
+    return GappedSeries(time_with_gaps, values_with_gaps)

@@ -213,7 +213,10 @@ def motor_levels(light: Fact, imbalance: Array) -> list[Level]:
         is_warned_of = abs(imbalance) > 100 * FAULT_RISE
     if not is_warned_of.any():
         return [light.level] * motor_count
-    return [light.level if is_bad_motor else Level.GOOD for is_bad_motor in is_warned_of]
+    levels = []
+    for is_bad_motor in is_warned_of:
+        levels.append(light.level if is_bad_motor else Level.GOOD)
+    return levels
 
 
 def rose_of_wind(wind: WindVelocity) -> Plan:

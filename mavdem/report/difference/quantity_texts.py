@@ -190,7 +190,13 @@ def _names_of_quantities(changes: Sequence[QuantityChange]) -> str:
 
 
 def _limit_text(kind: str, limit: float) -> str:
-    """Returns an upper limit of a kind of quantity with its unit; whole percent, rounded up, from 3 % on."""
+    """Returns an upper limit of a kind of quantity with its unit, such as "6 %" or "14°".
+
+    Args:
+        kind: kind of quantity, such as ``DAMPING``.
+        limit: the limit, in the unit in which the quantity is compared. A logarithm is shown as a relative change, from
+            3 % on in whole percent and rounded up.
+    """
     percent = 100 * limit
     if kind in LOGARITHMIC_KINDS and percent >= MIN_WHOLE_PERCENT:
         return f"{ceil(percent)} %"
@@ -198,11 +204,18 @@ def _limit_text(kind: str, limit: float) -> str:
 
 
 def _amount_text(kind: str, amount: float) -> str:
-    """Returns an amount of a kind of quantity with its unit, such as "2 %"; a logarithm is given as a ratio."""
-    shown_form = SHOWN_QUANTITIES[kind]
+    """Returns an amount of a kind of quantity with its unit, such as "2 %" or "5.0 ms".
+
+    Args:
+        kind: kind of quantity, such as ``DAMPING``.
+        amount: the amount, in the unit in which the quantity is compared. A difference of logarithms, if it is small,
+            is the relative change, and shown in percent.
+    """
     if kind in LOGARITHMIC_KINDS:
         return f"{rounded(100 * amount)} %"
-    return f"{rounded(shown_form.scale * amount)}{_space_before(shown_form.unit)}{shown_form.unit}"
+    shown_form = SHOWN_QUANTITIES[kind]
+    number = rounded(shown_form.scale * amount)
+    return f"{number}{_space_before(shown_form.unit)}{shown_form.unit}"
 
 
 def equivalence_limit_text(kind: str) -> str:

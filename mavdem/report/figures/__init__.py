@@ -90,10 +90,15 @@ class Plots:
         labels = Labels.of(self.learned)
         segment_times = np.split(model_charts.sample_times(record), record.segment_starts[1:])
         flights = []
-        for time, channels in zip(segment_times, record.segments, strict=True):
+        for time, (inputs, outputs) in zip(segment_times, record.segments, strict=True):
             flights.append(
                 Flight(
-                    time, *channels, record.dt, *labels, effect_directions=record.effect_directions
+                    time,
+                    inputs,
+                    outputs,
+                    record.dt,
+                    *labels,
+                    effect_directions=record.effect_directions,
                 )
             )
         return flights

@@ -109,8 +109,10 @@ def fleet_page(
     # Without a flight there is nothing but the reasons.
     first_blocks = len(blocks)
     if vehicles:
-        leads = [block.lead if isinstance(block, Sentence) else "" for block in blocks]
-        first_blocks = leads.index(LAST_SUMMARY_LEAD) + 1
+        for number, block in enumerate(blocks, start=1):
+            if isinstance(block, Sentence) and block.lead == LAST_SUMMARY_LEAD:
+                first_blocks = number
+                break
     return render_page(
         environment().get_template("fleet.html"),
         blocks=blocks[:first_blocks],
@@ -191,12 +193,19 @@ def _newest_first(summaries: Sequence[VehicleSummary]) -> list[FlightLine]:
 
 
 def _named_cells(line: FlightLine, names: GivenNames) -> list[str]:
-    """Returns the cells of a flight's line, with the names that the flight and its vehicle were given."""
+    """Returns the cells of a flight in the table of a fleet, with names that a user gave in the place of logged ones.
+
+    Args:
+        line: line of the flight, with a cell for each column of the table.
+        names: names that users gave to vehicles and flights; those without one keep the name in their log.
+    """
     cells = dict(zip(COLUMNS, line.cells, strict=True))
-    cells["flight"] = names.flights.get(line.content) or cells["flight"]
+    given_flight_name = names.flights.get(line.content)
+    if given_flight_name:
+        cells["flight"] = given_flight_name
     if line.vehicle in names.vehicles:
         cells["vehicle"] = names.vehicle(line.vehicle)
-    return [*cells.values()]
+    return list(cells.values())
 
 
 class FlightBars(NamedTuple):

@@ -219,7 +219,14 @@ def log_page(
 
 
 def _margin_sentences(assessment: Assessment) -> list[Sentence]:
-    """Returns a list with the sentence that says why margins are too small; empty if that is not the headline."""
+    """Returns the sentence on why the stability margins of a flight's control loops are too small.
+
+    Args:
+        assessment: assessment of the log, with its headline and the identified loops.
+
+    Returns:
+        A list with the sentence; empty if the margins are not the headline.
+    """
     if assessment.evidence is None:
         return []
     margins: list[Fact] = []
@@ -299,9 +306,15 @@ def _titles_with_level(chapters: Sequence[Chapter], lights: NamedFacts, level: L
 
 
 def _explains_headline(title: str, lights: NamedFacts, headline: Fact) -> bool:
-    """Returns whether the headline of a page is the fact of a status light that the chapter of a title explains."""
-    for light, light_title in CHAPTER_OF_LIGHT.items():
-        if light_title == title and light in lights and lights[light].code is headline.code:
+    """Returns whether a chapter of a page explains the headline: whether one of its status lights is the headline.
+
+    Args:
+        title: title of the chapter.
+        lights: the judgement of each part of the vehicle by name, a fact (a coded finding) with a level.
+        headline: the fact in the headline.
+    """
+    for light, title_of_light in CHAPTER_OF_LIGHT.items():
+        if title_of_light == title and light in lights and lights[light].code is headline.code:
             return True
     return False
 

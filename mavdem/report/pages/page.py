@@ -10,6 +10,8 @@ from datetime import date
 from types import MappingProxyType
 from typing import NamedTuple
 
+import numpy as np
+
 from mavdem.arrays import Array
 from mavdem.assessment.axis import LogAnalysis
 from mavdem.dataset.intervals import TimeInterval
@@ -454,22 +456,32 @@ def flight_html(flight: Flight) -> str:
     Returns:
         HTML without scripts.
     """
-    names = (*flight.input_names, *flight.output_names)
-    units = (*flight.input_units, *flight.output_units)
-    columns = (*flight.inputs.T, *flight.outputs.T)
+    names = flight.input_names + flight.output_names
+    units = flight.input_units + flight.output_units
+    samples = np.hstack([flight.inputs, flight.outputs])
     rows = []
-    for name, unit, values in zip(names, units, columns, strict=True):
+    for name, unit, values in zip(names, units, samples.T, strict=True):
         rows.append(_channel_row(name, unit, values))
     table = Table(["channel", "mean", "sd", "lowest", "highest"], rows)
     return notebook_html([flight_title([flight]), table])
 
 
 def _channel_row(name: str, unit: str, values: Array) -> list[str]:
-    """Returns the name of a channel with its unit, then mean, standard deviation, minimum and maximum."""
+    """Returns the row of an input or output in a table of a flight: its name with the unit, and four statistics.
+
+    Args:
+        name: name of the input or output.
+        unit: its unit; angles in radians are shown in degrees.
+        values: (T,) its samples.
+
+    Returns:
+        Five cells: the name, and then mean, standard deviation, minimum and maximum of the samples.
+    """
     shown_unit = display_unit(unit)
-    figures = (values.mean(), values.std(), values.min(), values.max())
-    cells = [rounded(shown_unit.scale * figure, 3) for figure in figures]
-    return [name_with_unit(name, shown_unit.name), *cells]
+    row = [name_with_unit(name, shown_unit.name)]
+    for figure in (values.mean(), values.std(), values.min(), values.max()):
+        row.append(rounded(shown_unit.scale * figure, 3))
+    return row
 
 
 def learned_html(learned: Learned) -> str:

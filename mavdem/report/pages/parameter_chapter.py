@@ -49,8 +49,10 @@ def reference_address(autopilot: str, parameter: str) -> str:
     page = PARAMETER_REFERENCES.get(autopilot)
     if page is None:
         return ""
-    # ArduPilot's page, made by Sphinx, writes its anchors in small letters and with hyphens.
-    anchor = parameter if autopilot == "PX4" else parameter.lower().replace("_", "-")
+    anchor = parameter
+    if autopilot != "PX4":
+        # ArduPilot's page, made by Sphinx, writes its anchors in small letters and with hyphens.
+        anchor = parameter.lower().replace("_", "-")
     return f"{page}#{anchor}"
 
 
@@ -197,5 +199,8 @@ def _control_parameter_rows(telemetry: Telemetry) -> list[list[str]]:
     rows: list[list[str]] = []
     for name, values in values_by_name.items():
         linked_name = Linked(name, reference_address(telemetry.autopilot, first_names[name]))
-        rows.append([linked_name, *(values.get(column, "") for column in AXIS_COLUMNS)])
+        row: list[str] = [linked_name]
+        for column in AXIS_COLUMNS:
+            row.append(values.get(column, ""))
+        rows.append(row)
     return rows

@@ -155,9 +155,15 @@ def _kept_gains(tuning: Tuning, evidence: Evidence) -> list[Table]:
         if controller is None:
             continue
         gains = logged_gains(controller)
-        cells = [gains.get(controller.parameter_names[field]) for field in GAIN_HEADERS]
-        rows.append([axis, *["" if value is None else f"{value:.4g}" for value in cells]])
-    return [Table(["gains in the log", *GAIN_HEADERS.values()], rows)] if rows else []
+        row = [axis]
+        for gain_field in GAIN_HEADERS:
+            parameter_name = controller.parameter_names[gain_field]
+            gain = gains.get(parameter_name)
+            row.append("" if gain is None else f"{gain:.4g}")
+        rows.append(row)
+    if not rows:
+        return []
+    return [Table(["gains in the log", *GAIN_HEADERS.values()], rows)]
 
 
 def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:

@@ -270,7 +270,12 @@ def _errors_after_variance_step(runner: Runner) -> dict[str, float]:
 
 
 def _flight_records(runner: Runner, smoothness_in_steps: float) -> list[NoisyRecord]:
-    """Returns the recorded flights with added noise, whose kernel is so many sampling steps wide."""
+    """Returns the recorded flights with smooth noise of known variances added to their outputs.
+
+    Args:
+        runner: runner that has the recorded flights, by name; perhaps none.
+        smoothness_in_steps: width of the noise's Gaussian kernel, in sampling steps of each flight.
+    """
     records = []
     for name, flight in runner.recorded_flights.items():
         records += flight_records({name: flight}, smoothness_in_steps * float(flight.dt))

@@ -68,7 +68,12 @@ class SmoothnessUncertainty(NamedTuple):
 
 
 def with_smoothness(model: GenerativeModel, smoothness: float) -> GenerativeModel:
-    """Returns the model with the smoothness of both noises, in its unit of time."""
+    """Returns a generative model whose output noise and state noise both have another smoothness.
+
+    Args:
+        model: model whose other values are kept.
+        smoothness: width s of the Gaussian kernel of both noises, in the model's unit of time.
+    """
     return replace(
         model,
         output_temporal_precision=temporal_precision(model.p, smoothness),
@@ -82,7 +87,16 @@ def fit_states(model: GenerativeModel, statistics: SufficientStatistics, s: floa
 
 
 def fit_all(model: GenerativeModel, statistics: SufficientStatistics, s: float) -> Iterate:
-    """Maximises F̄ over states, θ and λ for one smoothness s."""
+    """Fits a model by DEM for one smoothness of the noises: maximises the free energy F̄ over states, θ and λ.
+
+    Args:
+        model: the generative model; its smoothness is replaced.
+        statistics: sufficient statistics of the data.
+        s: smoothness of both noises, in the model's unit of time.
+
+    Returns:
+        The last iterate, with the posterior of the parameters θ and of the noise precisions λ.
+    """
     start = initial_iterate(with_smoothness(model, s), statistics)
     iterates, _ = run_rounds(start, MAX_ROUNDS)
     return iterates[-1]

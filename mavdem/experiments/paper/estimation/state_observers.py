@@ -146,8 +146,16 @@ def _later_augmented_kalman(window: RollWindow, outputs: Array, inputs: Array) -
 
 
 def _differences(window: RollWindow, outputs: Array, inputs: Array) -> Array:
-    """Returns the roll as measured, and its central difference as the roll rate: estimates without a model."""
-    # All estimators take inputs; this one needs none.
+    """Estimates roll and roll rate without a model: the roll is the measured one, the rate its central difference.
+
+    Args:
+        window: window of the flight, for its sampling step.
+        outputs: (T, 1) measured roll, rad.
+        inputs: inputs, which all estimators take, and this one does not need.
+
+    Returns:
+        (T, 2) roll, rad, and roll rate, rad/s.
+    """
     del inputs
     return np.hstack([outputs, embedding_derivative(outputs, 2, window.dt)])
 
