@@ -175,8 +175,8 @@ def test_a_headline_on_margins_has_its_goal_crossover_and_the_other_axes_that_la
             ("yaw", 65.0, Level.GOOD),
         )
     )
-    open_loop = SimpleNamespace(crossover=17.4)
-    loops = {"roll": SimpleNamespace(axis="roll", rate=open_loop, attitude=None)}
+    rate_loop = SimpleNamespace(crossover=17.4)
+    loops = {"roll": SimpleNamespace(axis="roll", open_loop={"rate": rate_loop}.get)}
     (why,) = margin_sentences(roll, loops, (roll, pitch, yaw))
     assert why.lead == "Why:"
     goal = "the gain of that loop is 1 at 17 Hz, and the goal is 45° of phase margin there"
