@@ -138,7 +138,9 @@ class QuantityChange(NamedTuple):
     @property
     def difference(self) -> float:
         """Second state less first; relative for ``LOGARITHMIC_KINDS``."""
-        return expm1(self.tested_difference) if self._is_ratio else self.tested_difference
+        if self._is_ratio:
+            return expm1(self.tested_difference)
+        return self.tested_difference
 
     @property
     def half_width(self) -> float:
@@ -152,7 +154,9 @@ class QuantityChange(NamedTuple):
         """Ends of the 90 % interval of the difference, which is not symmetric for ``LOGARITHMIC_KINDS``."""
         low = self.tested_difference - self.tested_half_width
         high = self.tested_difference + self.tested_half_width
-        return (expm1(low), expm1(high)) if self._is_ratio else (low, high)
+        if self._is_ratio:
+            return (expm1(low), expm1(high))
+        return (low, high)
 
     @property
     def _is_ratio(self) -> bool:

@@ -117,7 +117,12 @@ class FunctionByName:
 
 
 def _function(module: str, name: str) -> Any:
-    """Imports a module, and returns its function of this name."""
+    """Returns a function of a module, which is imported for this.
+
+    Args:
+        module: full name of the module.
+        name: name of the function in it.
+    """
     return getattr(import_module(module), name)
 
 
@@ -166,13 +171,25 @@ class JobOutcome:
 
 
 def failed(job: Job, ending: JobEnding, status: Fact, key: str = "") -> JobOutcome:
-    """Returns the outcome of a log without a flight: one row, whose ``status`` says why."""
+    """Returns the outcome of a job whose log could not be read: one row of the fleet's table, which says why.
+
+    Args:
+        job: the log that was to be read.
+        ending: how the reading ended, such as "time" if it took too long.
+        status: the reason, a coded finding.
+        key: hash and size of the log's content; empty if the content was not reached.
+    """
     row = FlightRow.without_flight(status=status, **_job_columns(job, key))
     return JobOutcome(job.path, ending, (row,), key)
 
 
 def _job_columns(job: Job, key: str) -> JsonValues:
-    """Returns the columns that are the same in all rows of a job."""
+    """Returns the columns that all rows of one log have in common: its path, its key and the version of mavdem.
+
+    Args:
+        job: the log that was read.
+        key: hash and size of the log's content; empty if the content was not reached.
+    """
     return {"file": job.path, "key": key, "mavdem_version": metadata.version("mavdem")}
 
 

@@ -182,8 +182,10 @@ def tune_details(tuning: Tuning) -> Blocks:
         sentences.append(headline_sentence(axis.capitalize()))
         sentences += _gain_sentences(advice)
         sentences += _basis_sentences(advice.before, is_doubtful=is_doubtful)
-    tables = margin_tables(loops, doubtful_headers) if loops else ()
-    return [*tables, *sentences, *_unchecked_effects(tuning)]
+    blocks = Blocks()
+    if loops:
+        blocks += margin_tables(loops, doubtful_headers)
+    return [*blocks, *sentences, *_unchecked_effects(tuning)]
 
 
 def _unchecked_effects(tuning: Tuning) -> list[Sentence]:

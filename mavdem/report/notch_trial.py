@@ -252,12 +252,19 @@ def _remarks_on_trial(
 
 
 def _mode_of(tried_filter: TriedFilter) -> float:
-    """Returns what the centre of a filter follows, by its parameter; ``NotchMode.FIXED`` without one."""
+    """Returns what the centre of a notch filter follows in flight, such as the throttle or the speeds of the motors.
+
+    Args:
+        tried_filter: the filter, with its parameters.
+
+    Returns:
+        The value of its parameter for that, one of ``NotchMode``; ``NotchMode.FIXED`` if it has no such parameter.
+    """
     return tried_filter.parameters.get(f"{tried_filter.prefix}MODE", NotchMode.FIXED)
 
 
 def _titles(filters: Sequence[TriedFilter]) -> list[str]:
-    """Returns the names of several filters; an empty one for a single filter."""
+    """Returns the names of notch filters on a page: "Notch 1", "Notch 2" and so on; a single filter needs no name."""
     if len(filters) == 1:
         return [""]
     return [f"Notch {number}" for number in range(1, len(filters) + 1)]
@@ -337,11 +344,25 @@ def _notch_sliders(tried_filter: TriedFilter, gyro_rate: float) -> tuple[NotchSl
 
 
 def _harmonics(tried_filter: TriedFilter) -> dict[int, bool]:
-    """Returns whether each multiple of the centre has a notch at first; empty if the filter has no mask."""
+    """Returns at which multiples of its centre a notch filter has another notch, with the settings shown first.
+
+    ArduPilot sets them by the bits of one parameter: the lowest bit is of the centre itself, the next one of twice the
+    centre, and so on.
+
+    Args:
+        tried_filter: the filter, with its parameters.
+
+    Returns:
+        For each multiple that is offered, whether it has a notch; empty if the filter has no such parameter.
+    """
     if "harmonics" not in tried_filter.names:
         return {}
     mask = int(tried_filter.parameters[tried_filter.names["harmonics"]])
-    return {k: bool(mask >> (k - 1) & 1) for k in range(1, OFFERED_HARMONICS + 1)}
+    has_notch = {}
+    for multiple in range(1, OFFERED_HARMONICS + 1):
+        bit = 1 << (multiple - 1)
+        has_notch[multiple] = bool(mask & bit)
+    return has_notch
 
 
 def _filter_equations(controller: Controller, filters: Sequence[TriedFilter]) -> JsonValues:
@@ -366,7 +387,12 @@ def _filter_equations(controller: Controller, filters: Sequence[TriedFilter]) ->
     models = []
     for title, tried_filter in zip(_titles(filters), filters, strict=True):
         parameters = {**controller.parameters, **tried_filter.parameters}
-        prefix = tried_filter.prefix
+        # The notches of PX4, whose parameters have no prefix, do not follow anything.
+        hover_ratio = 1.0
+        source_count = 1
+        if tried_filter.prefix:
+            hover_ratio = hover_center_ratio(parameters, tried_filter.prefix)
+            source_count = notch_source_count(parameters, tried_filter.prefix)
         models.append(
             {
                 "title": title,
@@ -374,8 +400,8 @@ def _filter_equations(controller: Controller, filters: Sequence[TriedFilter]) ->
                 "off": tried_filter.values_when_off,
                 "names": tried_filter.names,
                 "wasOn": tried_filter.is_on,
-                "hoverRatio": hover_center_ratio(parameters, prefix) if prefix else 1.0,
-                "sources": notch_source_count(parameters, prefix) if prefix else 1,
+                "hoverRatio": hover_ratio,
+                "sources": source_count,
                 "motors": tried_filter.motor_frequencies,
             }
         )

@@ -78,10 +78,13 @@ def drawn_changes(difference: VehicleDifference) -> list[QuantityChange]:
         """Returns the position of the outcome, and whether "no change" is possible."""
         return outcomes_in_order.index(change.outcome), change.interval_contains_zero
 
-    changes = [
-        change for change in difference.changes if change.outcome is not QuantityOutcome.SAME
-    ]
-    return sorted(changes or difference.changes, key=sort_key)
+    changes = []
+    for change in difference.changes:
+        if change.outcome is not QuantityOutcome.SAME:
+            changes.append(change)
+    if not changes:
+        changes = list(difference.changes)
+    return sorted(changes, key=sort_key)
 
 
 def change_plan(
@@ -103,8 +106,10 @@ def change_plan(
         return None
     relative_changes = [_relative(change) for change in changes]
     # The axis reaches to the farthest end of an interval, and at least to the equivalence limit, which is 1.
-    farthest_end = max(max(abs(relative.low), abs(relative.high)) for relative in relative_changes)
-    extent = min(max(farthest_end, 1.0), MAX_RELATIVE_CHANGE)
+    extent = 1.0
+    for relative in relative_changes:
+        extent = max(extent, abs(relative.low), abs(relative.high))
+    extent = min(extent, MAX_RELATIVE_CHANGE)
     percent_per_limit = (CENTER_PERCENT - MARGIN_PERCENT) / extent
 
     def position(value: float) -> float:
@@ -159,7 +164,11 @@ class _RelativeChange(NamedTuple):
 
 
 def _relative(change: QuantityChange) -> _RelativeChange:
-    """Returns a change in units of its equivalence limit."""
+    """Returns a change in units of the equivalence limit of its quantity, so that all quantities share one axis.
+
+    Args:
+        change: change of one quantity with its interval. Below the equivalence limit, a change does not matter.
+    """
     limit = EQUIVALENCE_LIMITS[change.quantity.kind]
     low, high = change.interval
     return _RelativeChange(change.difference / limit, low=low / limit, high=high / limit)

@@ -526,7 +526,9 @@ class Group(NamedTuple):
         """Name of the column that a phone opens; empty where it opens all."""
         if self.first in self.names:
             return self.first
-        return self.names[0] if len(self.names) > 1 else ""
+        if len(self.names) > 1:
+            return self.names[0]
+        return ""
 
     @classmethod
     def of_axes(
@@ -541,7 +543,9 @@ class Group(NamedTuple):
                 charts explain no light.
             caption: text below the charts.
         """
-        deciding_axis = "" if light is None else str(light.figures.get("axis", light.subject))
+        deciding_axis = ""
+        if light is not None:
+            deciding_axis = str(light.figures.get("axis", light.subject))
         return cls(
             columns=tuple(tuple(panels) for panels in columns.values()),
             caption=caption,
@@ -581,8 +585,10 @@ def step_chart(title: str, loop_name: str, steps: Sequence[Line]) -> Chart:
     for step in steps:
         is_unsettled = abs(step.y - step.y[-1]) > SETTLED_SHARE * abs(step.y[-1])
         settling_times.append(step.x[is_unsettled].max(initial=0.0))
-    # If all responses are settled from the beginning, nothing is cut off.
-    end = 2 * float(max(settling_times)) or np.inf
+    end = 2 * float(max(settling_times))
+    if end == 0.0:
+        # If all responses are settled from the beginning, nothing is cut off.
+        end = np.inf
     shown_steps = tuple(step.until(end) for step in steps)
     return Chart(title, TIME_AFTER_STEP, STEP_RESPONSE, shown_steps, (setpoint,))
 
@@ -602,11 +608,21 @@ def over_time(title: str, unit: str, lines: Iterable[Line]) -> Chart:
 
 
 def _range_text(line: Line) -> str:
-    """Returns the range of a line in words, such as "motor 1 from 1.00 to 4.00"; empty without a finite value."""
-    finite = line.y[np.isfinite(line.y)]
-    if not len(finite):
+    """Returns the range of a line in words, such as "motor 1 from 1.00 to 4.00", for readers who do not see the chart.
+
+    Args:
+        line: the line; one without a name is called "values".
+
+    Returns:
+        The text; empty if the line has no finite value.
+    """
+    finite_values = line.y[np.isfinite(line.y)]
+    if not len(finite_values):
         return ""
-    return f"{line.name or 'values'} from {rounded(finite.min(), 3)} to {rounded(finite.max(), 3)}"
+    name = line.name or "values"
+    lowest = rounded(finite_values.min(), 3)
+    highest = rounded(finite_values.max(), 3)
+    return f"{name} from {lowest} to {highest}"
 
 
 def _line_as_json(line: Line, *, is_logarithmic: bool) -> JsonValues:
@@ -616,8 +632,10 @@ def _line_as_json(line: Line, *, is_logarithmic: bool) -> JsonValues:
         line: the line. Its abscissae are left out ("x" is null), since all lines of a chart have the same.
         is_logarithmic: whether the vertical axis is logarithmic; then decimal logarithms are packed.
     """
-    remark = {"remark": line.remark} if line.remark else {}
-    return remark | {
+    values: JsonValues = {}
+    if line.remark:
+        values["remark"] = line.remark
+    return values | {
         "name": line.name,
         "colour": line.colour,
         "x": None,

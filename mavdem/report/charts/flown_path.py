@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
+from math import ceil
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -173,9 +174,11 @@ def flown_path(timeline: Timeline | None, wind: MapWind | None = None) -> Plan |
     has_moved = bool(np.ptp(position.values[:, :2], axis=0).any())
     if not has_moved and not is_received:
         return None
-    stride = -(-len(position.time) // MAX_PATH_POINTS)
-    # The last sample is always among those drawn.
-    drawn = slice((len(position.time) - 1) % stride, None, stride)
+    sample_count = len(position.time)
+    stride = ceil(sample_count / MAX_PATH_POINTS)
+    # The first samples are skipped such that the last one is among those drawn.
+    first_drawn = (sample_count - 1) % stride
+    drawn = slice(first_drawn, None, stride)
     time = position.time[drawn]
     north, east, down = position.values[drawn].T
     height = -down
@@ -282,7 +285,9 @@ def _mode_numbers(time: Array, modes: Sequence[Span], names: Sequence[str]) -> A
 
 def _mode_colour(number: int) -> str:
     """Returns the colour of a flight mode by its number; neutral where the mode is not known."""
-    return MEASURED if number < 0 else MODE_COLOURS[number % len(MODE_COLOURS)]
+    if number < 0:
+        return MEASURED
+    return MODE_COLOURS[number % len(MODE_COLOURS)]
 
 
 def _path_pieces(

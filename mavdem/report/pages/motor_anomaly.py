@@ -98,8 +98,9 @@ def motor_anomaly(row: FlightRow | None) -> MotorAnomaly | None:
         return None
     motor = suspected_motor(row)
     # A fault has a next step even where the motor is not known; a drift has one only for a suspected motor.
-    has_next_step = row.health == MotorHealth.FAULT or bool(motor)
-    next_step = motor_next_step(row) if has_next_step else []
+    next_step = []
+    if row.health == MotorHealth.FAULT or motor:
+        next_step = motor_next_step(row)
     level = HEALTH_LEVELS[MotorHealth(row.health)]
     return MotorAnomaly(level, row.health_reason or "", next_step, motor)
 
@@ -252,7 +253,9 @@ def _light_html(light: re.Match[str], anomaly: MotorAnomaly | None) -> str:
         anomaly: the anomaly of the motors; None without any.
     """
     level_of_log = Level(light["level_of_log"] or light["level"])
-    level = level_of_log if anomaly is None else motors_level(level_of_log, anomaly.level)
+    level = level_of_log
+    if anomaly is not None:
+        level = motors_level(level_of_log, anomaly.level)
     return render_page(
         environment().get_template("motors_light.html"),
         heading=light["heading"],

@@ -166,8 +166,10 @@ class PageEvent(NamedTuple):
     @property
     def sentence(self) -> str:
         """What happened and, unless the page has that already, what to do about it."""
-        is_repeated = self.event.fact.remedy in self.repeated
-        return str(self.event.fact) if is_repeated else self.event.sentence
+        is_remedy_repeated = self.event.fact.remedy in self.repeated
+        if is_remedy_repeated:
+            return str(self.event.fact)
+        return self.event.sentence
 
     @property
     def why(self) -> str:
@@ -188,7 +190,9 @@ class PageEvent(NamedTuple):
     def boot(self) -> int | None:
         """The boot of the autopilot, from 0, on whose clock its time is; None if that is not known."""
         boot = self.event.fact.figures.get("boot")
-        return None if boot is None else int(boot)
+        if boot is None:
+            return None
+        return int(boot)
 
 
 SECONDS_BEFORE_LOSS = 15.0
@@ -286,15 +290,18 @@ class Head(NamedTuple):
 
     @property
     def whole_flight(self) -> Group | None:
-        """A small plot of the whole flight for the paper of a lost flight, whose other plots show the loss; or None.
+        """A small plot of the whole flight for the paper of a lost flight, whose other plots show only the loss.
 
-        It is that of the height, or of the motors where no height was recorded; the time of the other plots is grey.
+        It shows the height, or the motors if no height was recorded. The time of the other plots is grey in it. None if
+        the other plots show the whole flight, or nothing can be plotted.
         """
         opening_span = self.opening_span
         if self.timeline is None or opening_span in (None, self.timeline.span):
             return None
         chart = self.timeline.whole_flight_chart(opening_span)
-        return None if chart is None else Group(((chart,),))
+        if chart is None:
+            return None
+        return Group.side_by_side([chart])
 
     @property
     def earlier_lights(self) -> dict[str, str]:
@@ -315,8 +322,10 @@ class Head(NamedTuple):
             return self.events
         facts = [page_event.event.fact for page_event in self.events]
         brief_events = []
-        # Index of the first event of each kind, and the number of events of that kind, the worst kind first.
-        for index, count in sorted(worst_events(facts)[:MAX_BRIEF_EVENTS]):
+        # Each has the index of the first event of a kind, and the number of events of that kind, the worst kind first.
+        worst_kinds = worst_events(facts)[:MAX_BRIEF_EVENTS]
+        # Sorted by their indices, they are in the order of time.
+        for index, count in sorted(worst_kinds):
             brief_events.append(self.events[index]._replace(total=count))
         return brief_events
 
@@ -342,7 +351,9 @@ class Head(NamedTuple):
         for page_event in self.events:
             is_active_alarm = page_event.event.is_alarm and not page_event.is_over
             if is_active_alarm:
-                return None if page_event.is_headline else page_event
+                if page_event.is_headline:
+                    return None
+                return page_event
         return None
 
     @property
