@@ -37,7 +37,7 @@ from mavdem.facts.watch import WatchFact
 from mavdem.immutable import ImmutableResult
 from mavdem.live.history import REPORTED_HORIZON
 from mavdem.live.link import SILENCE_SECONDS
-from mavdem.live.link_loss import lights_during_silence, link_loss_fact
+from mavdem.live.link_loss import LONG_LOSS_SECONDS, lights_during_silence, link_loss_fact
 from mavdem.live.live_lights import fastest_rates, lights_before_model
 from mavdem.live.takeoff_place import Displacement
 from mavdem.live.vehicle_state import VehicleState
@@ -69,6 +69,8 @@ MAX_ALARM_DELAY = 3.0
 EMPTYING_BATTERY = (ReportedEvent.BATTERY_WARNED, PowerLight.BATTERY_LOW, PowerLight.CHARGE_LOW)
 """Lights of the power that advise a landing in flight, even if they are to be watched only."""
 
+TOO_FEW_MESSAGES = (RowsFact.LIVE_RATES_TOO_LOW, RowsFact.NO_LIVE_ATTITUDE)
+"""Reasons without a model whose remedy is another option of mavdem: nobody restarts it while the vehicle flies."""
 
 PERMANENT_FAULTS = (MarginsLight.LOOP_MARGINS,)
 """Bad findings that do not arise in flight: the vehicle has had them since its take-off, and need not land now."""
@@ -484,6 +486,7 @@ class SessionStatus(ImmutableResult):
         """Returns a judgement whose headline and next step are for a vehicle in flight, where alarms come first.
 
         If no messages of the vehicle arrive, that is the headline, with the alarm before it, and no light is good.
+        Neither is one if this computer is so late that its alarms cannot be relied on.
 
         Args:
             judgement: judgement of the flight so far, with the next step after its landing.
@@ -492,6 +495,14 @@ class SessionStatus(ImmutableResult):
         is_urgent = self._is_urgent(headline)
         if self.no_model_reason is not None and not self._is_received:
             return self._judgement_of_silent_vehicle(judgement, self.no_model_reason)
+        if self.is_late:
+            # What is shown was so before: how the vehicle flies now is not known.
+            past_lights = lights_during_silence(
+                judgement.lights, self.analysis_delay, MissingMessages.MESSAGES
+            )
+            judgement = replace(judgement, lights=past_lights)
+            if not is_urgent:
+                headline = self._late_headline
         if self.link_outage is not None and headline.code in HEADLINES_WITHOUT_ALARM:
             # The pilot flew without alarms meanwhile, which is not over with the outage.
             headline = headline.replace(outage=self.link_outage)
@@ -574,7 +585,8 @@ class SessionStatus(ImmutableResult):
            lands by itself, to land soon if the headline is bad, or to fly on.
         4. The vehicle lands by itself: to let it land.
         5. A model was judged, or there is none for a reason without a remedy: to fly on.
-        6. Otherwise: what has to happen before a model can be learned, which is the next step of ``judgement``.
+        6. Too few messages come: to fly on, and to start mavdem again after the landing, with a request for more.
+        7. Otherwise: what has to happen before a model can be learned, which is the next step of ``judgement``.
 
         Args:
             judgement: judgement of the flight so far.
@@ -584,7 +596,7 @@ class SessionStatus(ImmutableResult):
         is_battery_emptying = judgement.lights[Light.POWER].code in EMPTYING_BATTERY
         if is_battery_emptying:
             return Fact(NextStep.LAND_SOON)
-        if self.analysis_delay >= MAX_ALARM_DELAY:
+        if self.is_late:
             return Fact(NextStep.FLY_BY_SIGHT, delay=self.analysis_delay)
         if headline.is_watch_or_bad:
             advice_after_landing = choose_next_step(headline, judgement.lights, None)
@@ -596,10 +608,19 @@ class SessionStatus(ImmutableResult):
             return Fact(step_until_landing, reason=advice_after_landing)
         if is_landing:
             return Fact(NextStep.LET_LAND, reason=None)
-        has_remedy = bool(self._reason_without_model.remedy)
-        if self.model_judgement is not None or not has_remedy:
+        reason = self._reason_without_model
+        if self.model_judgement is not None or not reason.remedy:
             return Fact(NextStep.FLY_ON, reason=None)
+        if reason.code in TOO_FEW_MESSAGES:
+            return Fact(NextStep.FLY_ON, reason=judgement.next_step)
         return judgement.next_step
+
+    @property
+    def _late_headline(self) -> Fact:
+        """The headline in flight if the analysis is late: by how much; bad from ``LONG_LOSS_SECONDS`` on."""
+        is_very_late = self.analysis_delay >= LONG_LOSS_SECONDS
+        level = Level.BAD if is_very_late else Level.WATCH
+        return Fact(SessionFact.ESTIMATES_LATE, level, delay=self.analysis_delay)
 
     @property
     def _followed_watch_facts(self) -> dict[str, Fact]:
@@ -698,6 +719,17 @@ class SessionStatus(ImmutableResult):
     def is_silent(self) -> bool:
         """Whether the followed vehicle has sent nothing for ``SILENCE_SECONDS``, or nothing yet."""
         return self.message_age is None or self.message_age >= SILENCE_SECONDS
+
+    @property
+    def is_late(self) -> bool:
+        """Whether what arrives is analysed so late that the state of a flying vehicle is not known."""
+        return self.analysis_delay >= MAX_ALARM_DELAY
+
+    @property
+    def present_wind(self) -> WindEstimate | None:
+        """The wind now, m/s; None on the ground, while the vehicle is silent, and if this computer is late."""
+        is_known = self.is_flying and self._is_received and not self.is_silent and not self.is_late
+        return self.wind if is_known else None
 
     @property
     def row_rate(self) -> float:

@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 
+import numpy as np
 from pytest import fixture, mark
 
 from mavdem.assessment.judgement import Judgement, unjudged
@@ -20,6 +21,7 @@ from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.takeoff_place import Displacement
 from mavdem.live.vehicle_state import VehicleState
+from mavdem.live.wind import WindEstimate
 from mavdem.report.live import light_rows, vehicle_text
 from mavdem.report.templates import as_clause
 
@@ -121,6 +123,33 @@ def test_nobody_is_told_to_fly_on_by_alarms_that_come_late(slow):
     assert watched.overall_judgement.next_step.code is NextStep.FLY_BY_SIGHT
     landed = replace(learning, is_flying=False)
     assert landed.overall_judgement.next_step.code is not NextStep.FLY_BY_SIGHT
+
+
+def test_alarms_that_come_late_are_the_headline_and_leave_no_light_good(slow):
+    battery = {Light.POWER: Fact(PowerLight.BATTERY_HELD, Level.GOOD)}
+    late = replace(slow, no_model_reason=None, analysis_delay=4.0, worst_lights=battery)
+    judgement = late.overall_judgement
+    assert str(judgement.headline).startswith("This computer is 4.0 s behind the vehicle: ")
+    assert judgement.headline.level is Level.WATCH
+    assert not any(light.is_good for light in judgement.lights.values())
+    assert replace(late, analysis_delay=31.0).overall_judgement.headline.is_bad
+    assert replace(late, analysis_delay=1.2).overall_judgement.lights[Light.POWER].is_good
+    weak = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 1", share=0.9)
+    alarmed = replace(late, active_alarms=(weak,), worst_lights={Light.MOTORS: weak})
+    assert alarmed.overall_judgement.headline == weak
+
+
+def test_nobody_is_told_in_flight_to_start_mavdem_with_another_option(slow):
+    step = slow.overall_judgement.next_step
+    assert step.code is NextStep.FLY_ON and "--request-rate" in str(step)
+
+
+def test_the_wind_is_that_of_now_only_while_the_vehicle_is_received_in_time(slow):
+    wind = WindEstimate(time=3.0, velocity=np.zeros(2), band=np.ones(2))
+    blowing = replace(slow, wind=wind, message_age=0.2)
+    assert blowing.present_wind is wind
+    for change in ({"message_age": 29.0}, {"analysis_delay": 5.0}, {"is_flying": False}):
+        assert replace(blowing, **change).present_wind is None
 
 
 @mark.parametrize(
@@ -315,6 +344,8 @@ def test_the_time_in_flight_is_in_the_first_line(slow):
         "1:1, Loiter, in flight for 12:34 min, 10 m above the take-off, 20 m from it."
     )
     assert "in flight for 12:34 min, 20 m from the take-off" in vehicle_text(flying)
+    # Whether a silent vehicle flies on is not known.
+    assert "in flight 12:34 min after take-off, " in vehicle_text(replace(flying, message_age=29.0))
 
 
 def test_the_light_of_the_tracking_says_which_message_and_rate_it_lacks(slow):

@@ -757,7 +757,9 @@ def test_the_status_fits_the_terminal(width, monkeypatch):
     unwatched = Fact(
         WatchFact.NOT_WATCHED, time=3.0, subject=WatchedQuantity.HEIGHT, reason=missing
     )
-    status = SessionStatus("1:1", is_flying=True, wind=wind, watch_facts=(unwatched,))
+    status = SessionStatus(
+        "1:1", is_flying=True, message_age=0.0, wind=wind, watch_facts=(unwatched,)
+    )
     terminal_output = shown_status(status, monkeypatch, width)
     lines = terminal_output.splitlines()
     # The vehicle, headline and next step, seven lights, and a line on the model and what is not watched.
@@ -839,7 +841,7 @@ def test_on_a_terminal_the_place_of_a_lost_vehicle_stands_in_the_headline_alone(
     assert terminal_text in vehicle_text(status, has_table=True)
     lost = replace(status, no_model_reason=silent)
     assert terminal_text in str(lost.overall_judgement.headline)
-    assert vehicle_text(lost, has_table=True) == "1:1, Guided, in flight for 6 s."
+    assert vehicle_text(lost, has_table=True) == "1:1, Guided, in flight 6 s after take-off."
 
 
 def test_a_line_of_a_log_says_what_is_new(capsys):

@@ -30,7 +30,7 @@ from mavdem.facts.event import Event
 from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.loops import GainFact, LoopAction
-from mavdem.facts.session import TimeUse
+from mavdem.facts.session import SessionFact, TimeUse
 from mavdem.facts.watch import WatchFact
 from mavdem.facts.wind import WindLight
 from mavdem.fleet.names import NO_NAMES, GivenNames
@@ -864,7 +864,8 @@ def _live_subtitle(status: SessionStatus, link: str, axis: str) -> str:
     vehicle_state = vehicle_text(status).removeprefix(f"{status.vehicle}, ")
     present_time = time_of_day(clock.unix_time())
     subtitle = f"{capitalize_first(vehicle_state)} Link {link}, as of {present_time}."
-    if status.delay_fact is not None:
+    is_stated = status.overall_judgement.headline.code is SessionFact.ESTIMATES_LATE
+    if status.delay_fact is not None and not is_stated:
         subtitle = f"{subtitle} {status.delay_fact}"
     return subtitle
 
@@ -976,7 +977,7 @@ def _numbered_live_events(
 
 
 def _live_map_wind(status: SessionStatus) -> MapWind | None:
-    """Returns the wind that the map of a live page shows: the present one in flight, the mean of the flight after it.
+    """Returns the wind that the map of a live page shows: the present one, or else the mean of the flight.
 
     The mean is that of the light, which may be of the recording, so that a page has no two means of one flight.
 
@@ -989,9 +990,10 @@ def _live_map_wind(status: SessionStatus) -> MapWind | None:
     """
     estimate, name = status.mean_wind, "mean wind"
     light = status.overall_judgement.lights[Light.WIND]
-    if status.is_flying:
-        estimate, name = status.wind, "wind now"
-    elif light.code is WindLight.WIND_BLEW and light.figures["direction"] is not None:
+    has_direction = light.code is WindLight.WIND_BLEW and light.figures["direction"] is not None
+    if status.present_wind is not None:
+        estimate, name = status.present_wind, "wind now"
+    elif has_direction and not status.is_flying:
         mean_interval = (light.figures["low"], light.figures["high"])
         return MapWind(light.figures["direction"], speed_interval=mean_interval, name=name)
     if estimate is None:
