@@ -89,16 +89,17 @@ class Outcome:
         """
         errors = self.mspe(kind)
         scores = self.scores[kind]
+        # JSON cannot state NaN, the share without a band.
+        shares_inside_band = []
+        for share in scores.inside.tolist():
+            shares_inside_band.append(None if isnan(share) else share)
         return {
             "failure": self.failure,
             "stable": self.stable,
             "cautions": self.cautions,
             "mspe": {"per_output": errors, "total": errors.sum()},
             "relative": scores.ratio,
-            # JSON cannot state NaN, the share without a band.
-            "inside_90_percent_band": [
-                None if isnan(share) else share for share in scores.inside.tolist()
-            ],
+            "inside_90_percent_band": shares_inside_band,
             "seconds": round(self.seconds, ROUNDED_SECONDS),
         }
 

@@ -321,9 +321,11 @@ def vehicle_texts(flights: Flights) -> VehicleTexts:
         is_shared=has_shared_name(flights),
     )
     reason = ""
+    present_anomaly = None
     if latest_anomalous_row is not None and has_anomaly:
-        reason = first_sentence(latest_anomalous_row.health_reason or "")
-    next_step = _next_step(flights, latest_anomalous_row if has_anomaly else None)
+        present_anomaly = latest_anomalous_row
+        reason = first_sentence(present_anomaly.health_reason or "")
+    next_step = _next_step(flights, present_anomaly)
     return VehicleTexts(latest_flight.text, reason, all_flights.text, next_step)
 
 

@@ -79,9 +79,12 @@ def _parameter_row(parameter: ComparedParameter) -> list[str]:
         # Adding 0 turns a rounded −0 into 0, so that its sign is +.
         error = f"{round(100 * (estimate / truth - 1)) + 0:+d} %"
     default_name = parameter.name.replace("effect of", "effectiveness of")
+    estimate_text = rounded(estimate)
+    if isfinite(half_width):
+        estimate_text = plus_minus(estimate, half_width)
     return [
         PARAMETER_NAMES.get(parameter.name, default_name),
-        plus_minus(estimate, half_width) if isfinite(half_width) else rounded(estimate),
+        estimate_text,
         rounded(truth, 3),
         error,
         unit.name,

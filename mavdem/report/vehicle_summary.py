@@ -307,7 +307,9 @@ def _vehicle_flights(name: str, flights: Flights) -> VehicleFlights:
     last_row = log_row(flights[-1])
     # One word on the last flight, such as "fault" or "good".
     badge_word = badge(flights)
-    is_judged = badge_word != NOT_USED
+    level_of_badge = Level.UNKNOWN
+    if badge_word != NOT_USED:
+        level_of_badge = badge_level(flights)
     headline = ""
     if last_row.headline_level in WARNING_LEVELS:
         headline = last_row.headline or ""
@@ -316,7 +318,7 @@ def _vehicle_flights(name: str, flights: Flights) -> VehicleFlights:
         frame=last_row.frame or "",
         firmware=last_row.firmware or "",
         badge=str(badge_word),
-        badge_level=badge_level(flights) if is_judged else Level.UNKNOWN,
+        badge_level=level_of_badge,
         headline=headline,
         lights={light: light_level(flights[-1], light) for light in Light},
     )

@@ -124,17 +124,21 @@ def change_plan(
             beyond = 1
         elif relative.difference < -extent:
             beyond = -1
-        is_evidence = is_uncertain_evidence(change, evidence)
+        level = OUTCOME_LEVELS[change.outcome]
+        remark = ""
+        if is_uncertain_evidence(change, evidence):
+            level = EVIDENCE_LEVEL
+            remark = EVIDENCE_REMARK
         rows.append(
             DrawnChange(
                 capitalize_first(change_text(change, difference)),
-                level=EVIDENCE_LEVEL if is_evidence else OUTCOME_LEVELS[change.outcome],
+                level=level,
                 low=position(relative.low),
                 middle=position(relative.difference),
                 high=position(relative.high),
                 limit=equivalence_limit_text(change.quantity.kind),
                 beyond=beyond,
-                remark=EVIDENCE_REMARK if is_evidence else "",
+                remark=remark,
             )
         )
     svg = figure_as_svg("changes", rows=rows, limit=percent_per_limit)

@@ -114,13 +114,17 @@ class MapWind(NamedTuple):
         if wind is None or not wind.direction_identifiable:
             return None
         polar = wind.polar
-        has_speed = wind.speed_identifiable
+        speed_interval = None
+        speeds = None
+        if wind.speed_identifiable:
+            speed_interval = wind.mean_speed_interval
+            speeds = polar.speed
         return cls(
             wind.direction,
-            speed_interval=wind.mean_speed_interval if has_speed else None,
+            speed_interval=speed_interval,
             time=wind.time,
             directions=polar.direction,
-            speeds=polar.speed if has_speed else None,
+            speeds=speeds,
         )
 
     @property

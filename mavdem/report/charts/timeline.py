@@ -786,7 +786,8 @@ def _live_charts(motor_names: Iterable[str], axis: str, columns: _LiveColumns) -
     horizon = f"{REPORTED_HORIZON:g} s ahead"
     setpoints = {"roll": columns.roll_setpoint, "pitch": columns.pitch_setpoint}
     angles = {"roll": columns.roll, "pitch": columns.pitch, axis: columns.measured_angle}
-    for name in (axis, "pitch" if axis == "roll" else "roll"):
+    other_axis = "pitch" if axis == "roll" else "roll"
+    for name in (axis, other_axis):
         angle_lines = [
             Line("setpoint", TRUTH, time, ANGLE_UNIT.scale * setpoints[name]),
             Line("measured", MEASURED, time, ANGLE_UNIT.scale * angles[name]),
