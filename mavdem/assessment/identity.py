@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.assessment.autopilot_messages import status_texts
+from mavdem.assessment.simulation import simulation_fact
 from mavdem.dataset.segments import Segment, settled_segments
 from mavdem.dataset.signals import Signals, global_positions
 from mavdem.dataset.time_series import float_column
@@ -110,7 +111,7 @@ def identify_vehicle(signals: Signals, receive_time: float = float("nan")) -> Id
         ``date_basis`` which clock the date comes from.
     """
     telemetry = signals.telemetry
-    name, name_basis = vehicle_name(telemetry)
+    name, name_basis = vehicle_name(telemetry, is_simulated=simulation_fact(signals) is not None)
     date, date_basis = _flight_date(signals, receive_time)
     return Identity(
         name,
@@ -126,7 +127,7 @@ def identify_vehicle(signals: Signals, receive_time: float = float("nan")) -> Id
     )
 
 
-def vehicle_name(telemetry: Telemetry) -> NameWithBasis:
+def vehicle_name(telemetry: Telemetry, *, is_simulated: bool) -> NameWithBasis:
     """Makes a name that is the same in all logs of one vehicle, so that they can be recognised.
 
     It is, in this order of preference:
@@ -136,12 +137,21 @@ def vehicle_name(telemetry: Telemetry) -> NameWithBasis:
        belong to a simulator;
     3. the name of the autopilot and the MAVLink system id, which many vehicles share.
 
+    A simulated flight has only the last. The serial number and the calibrations in its log are those of the simulator,
+    whichever frame it flew, or of the real vehicle whose board flew the simulation.
+
     Args:
         telemetry: messages and parameters of the vehicle.
+        is_simulated: whether the log shows that the flight was simulated.
 
     Returns:
         The name, and what it was made from.
     """
+    system_name = NameWithBasis(
+        system_id_name(telemetry.autopilot, telemetry.system), Basis.SYSTEM_ID
+    )
+    if is_simulated:
+        return system_name
     board_number = telemetry.board
     if not board_number:
         board_number = board_number_from_texts(_texts(telemetry))
@@ -157,7 +167,7 @@ def vehicle_name(telemetry: Telemetry) -> NameWithBasis:
                 digits = [f"{value:.{CALIBRATION_DIGITS}g}" for value in calibration]
                 digest = hashlib.sha256(" ".join(digits).encode()).hexdigest()
                 return NameWithBasis(f"{sensor}-{digest[:NAME_DIGITS]}", sensor)
-    return NameWithBasis(system_id_name(telemetry.autopilot, telemetry.system), Basis.SYSTEM_ID)
+    return system_name
 
 
 def _calibration_values(parameters: Parameters, name_formats: str) -> list[float]:

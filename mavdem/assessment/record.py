@@ -19,8 +19,8 @@ from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.instances import Instance, list_instances
 from mavdem.assessment.inventory import VehicleContents, inventory
 from mavdem.assessment.judgement import Judgement
-from mavdem.assessment.lights.log import simulation_fact
 from mavdem.assessment.noise_spectra import MeasuredNoise, measure_noise
+from mavdem.assessment.simulation import simulation_fact
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.signals import Signals

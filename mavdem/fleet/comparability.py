@@ -14,6 +14,9 @@ from mavdem.fleet.row import FlightRow
 STATE_NAMES = ("A", "B")
 """How the two states are called in messages."""
 
+GENERIC_FRAME = "GENERIC"
+"""MAV_TYPE of an autopilot that does not know its frame."""
+
 UNRELIABLE_STATUSES = {Status.BIASED, Status.NOT_IDENTIFIABLE}
 """Statuses of a physical parameter with which it is not compared."""
 
@@ -63,6 +66,23 @@ def incomparability_reason(states: Sequence[Flights]) -> Fact | None:
     return None
 
 
+def has_other_frame(states: Sequence[Flights]) -> bool:
+    """Returns whether two states are of other frames or autopilots, so that they are no one vehicle's.
+
+    A board that was moved to another frame keeps its serial number, but what flies is another vehicle.
+
+    Args:
+        states: the flights of the first and of the second state.
+    """
+    state_before, state_after = states
+    for property_of in (_frame, _autopilot):
+        values_before = _known_properties(state_before, property_of)
+        values_after = _known_properties(state_after, property_of)
+        if values_before and values_after and not values_before & values_after:
+            return True
+    return False
+
+
 def _known_properties(flights: Flights, property_of: Callable[[FlightRow], str | None]) -> set[str]:
     """Collects the different values of a property, such as the autopilot, over all flights of one state of a vehicle.
 
@@ -80,6 +100,16 @@ def _known_properties(flights: Flights, property_of: Callable[[FlightRow], str |
             if value:
                 known_values.add(value)
     return known_values
+
+
+def _frame(row: FlightRow) -> str | None:
+    """Returns the kind of frame, such as "QUADROTOR"; ``None`` where the log does not name a certain one."""
+    return None if row.frame == GENERIC_FRAME else row.frame
+
+
+def _autopilot(row: FlightRow) -> str | None:
+    """Returns the autopilot, such as "PX4"; ``None`` where it is not known."""
+    return row.autopilot
 
 
 def _motor_count(row: FlightRow) -> str | None:

@@ -12,7 +12,12 @@ from mavdem.containers import Names
 from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Incomparable, QuantityOutcome
-from mavdem.fleet.comparability import MissingQuantity, incomparability_reason, missing_quantities
+from mavdem.fleet.comparability import (
+    MissingQuantity,
+    has_other_frame,
+    incomparability_reason,
+    missing_quantities,
+)
 from mavdem.fleet.flight_conditions import Conditions, condition_allowance, mean_conditions
 from mavdem.fleet.flights import Flights, group_by_vehicle, group_into_flights, log_row
 from mavdem.fleet.parameter_changes import (
@@ -83,18 +88,24 @@ class VehicleDifference(NamedTuple):
     level: float = CONFIDENCE_LEVEL
     """Probability of the intervals."""
 
+    has_other_frame: bool = False
+    """Whether the states have other frames or autopilots, as far as their logs name them."""
+
     @property
     def is_of_two_vehicles(self) -> bool:
         """Whether the states are known to be of two vehicles, so that differences need not be changes.
 
-        They are if their names differ, or the numbers of their motors.
+        They are if their frames, autopilots or numbers of motors differ, or names of which each belongs to a single
+        vehicle. MAVLink system ids show neither that two logs are of one vehicle nor that they are of two.
         """
         reasons = {missing.reason.code for missing in self.incomparable}
-        if Incomparable.OTHER_VEHICLES in reasons:
+        if self.has_other_frame or Incomparable.OTHER_VEHICLES in reasons:
             return True
         names_before = set(self.vehicles.before)
         names_after = set(self.vehicles.after)
         if not names_before or not names_after or UNKNOWN in names_before | names_after:
+            return False
+        if set(self.shared) & (names_before | names_after):
             return False
         return names_before != names_after
 
@@ -205,6 +216,7 @@ def vehicle_difference(
         conditions=BeforeAfter(conditions_before, conditions_after),
         axes_with_other_gains=axes,
         axes_with_other_attitude_gains=attitude_axes,
+        has_other_frame=has_other_frame(states),
     )
 
 

@@ -24,6 +24,7 @@ from mavdem.units import (
     EffectPerInput,
     Hertz,
     InputInStatedUnit,
+    Metres,
     Number,
     PerRadian,
     PerSecond,
@@ -36,7 +37,7 @@ from mavdem.units import (
     with_unit,
 )
 
-SCHEMA_VERSION = 15
+SCHEMA_VERSION = 16
 """Version of the columns and of what they mean: logs whose rows have another version are read again."""
 
 UNKNOWN = "unknown"
@@ -110,6 +111,18 @@ class FlightRow:
     """MAVLink id"""
     date: UtcTime | None = report_column("identity.date")
     """when the flight began"""
+    simulated: OptionalInteger = None
+    """1 if the log shows that the flight was simulated, otherwise 0"""
+    flight_time: Seconds = None
+    """time off the ground, all flights and hops of the log together"""
+    distance: Metres = None
+    """length of the path over ground, all flights of the log together"""
+    height: Metres = None
+    """largest height above the take-off"""
+    modes: Names | None = None
+    """flight modes in order of their first use"""
+    control_parameters: OptionalText = None
+    """JSON object of the autopilot's control parameters: value by name"""
     axis: OptionalText = None
     """roll or pitch"""
     tier: OptionalText = report_column("tier")

@@ -1,6 +1,7 @@
 """The rows of one log in a fleet's table: its figures by vehicle and axis; and the pages of its flights."""
 
 import errno
+import json
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -12,18 +13,27 @@ from mavdem.assessment.assess import assess_signals
 from mavdem.assessment.axis import LogAnalysis
 from mavdem.assessment.axis.loop_decision import LoopDecision
 from mavdem.assessment.axis.responses import LoopResponse
+from mavdem.assessment.flown_flights import (
+    flights_and_hops,
+    flown_flights,
+    largest_height,
+    total_distance,
+    total_time,
+)
 from mavdem.assessment.record import NoLoop
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.signals import Signals
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact, Level
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.fleet import ReadingFact
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import motor_number
 from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.fleet.workers import PAGES, LogRows, MakePage, reading_failure
 from mavdem.ingest import read_log
+from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.loops.axis_loops import Loop
 from mavdem.motors.balance import balance_of_steady_flight
 from mavdem.wind_velocity.velocity import WindVelocity
@@ -112,6 +122,7 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
         "file": file,
         "component": signals.telemetry.component,
         "failed_motor": failed_motor(assessment),
+        **_flown_columns(assessment),
     }
     # A tier is the kind of model that the settled flight allows; without settled flight there is none.
     has_settled_flight = False
@@ -133,6 +144,37 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
         columns_of_axis = _loop_columns(assessment, axis) | _mean_columns(analysis)
         rows.append(FlightRow.from_report(report, axis=axis, **columns, **columns_of_axis))
     return rows
+
+
+def _flown_columns(assessment: Assessment) -> JsonValues:
+    """Returns the columns on how a log was flown: how long and far, in which modes and with which control parameters.
+
+    Args:
+        assessment: assessment of a vehicle, with its evidence.
+
+    Returns:
+        Values by name of the column: time in the air (s), distance and height (m) of all flights of the log together,
+        None where not known; the modes; the control parameters as JSON; and whether the flight was simulated, 0 or 1.
+    """
+    assert assessment.evidence is not None
+    signals = assessment.evidence.signals
+    # A dictionary keeps the order of the first use of each mode.
+    modes = dict[str, None]()
+    for event in assessment.events:
+        if event.code is ReportedEvent.MODE_CHANGED:
+            modes[event.subject] = None
+    parameters = signals.telemetry.parameters
+    gains = {name: value for name, value in parameters.items() if CONTROL_PARAMETERS.match(name)}
+    flights = flown_flights(signals)
+    return {
+        "simulated": int(assessment.simulated is not None),
+        # The hops are counted, as in the time in the air of a report.
+        "flight_time": total_time(flights_and_hops(signals)),
+        "distance": total_distance(flights),
+        "height": largest_height(flights),
+        "modes": tuple(modes),
+        "control_parameters": json.dumps(gains),
+    }
 
 
 def _loop_columns(assessment: Assessment, axis: str) -> JsonValues:

@@ -6,6 +6,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from mavdem.assessment.identity import vehicle_name
+from mavdem.assessment.simulation import named_simulator
 from mavdem.dataset.batteries import BATTERY_MESSAGES, Battery, battery_name
 from mavdem.dataset.signals import Signals
 from mavdem.facts.vehicle import Basis
@@ -78,7 +79,7 @@ def vehicle_state(slow_messages: RecentMessages, vehicle: Telemetry, now: float)
         charge = _latest_charge(shown_battery)
         if len(voltages) > 1:
             shown_name = battery_name(shown_battery.number)
-    name, basis = vehicle_name(vehicle)
+    name, basis = vehicle_name(vehicle, is_simulated=named_simulator(vehicle) is not None)
     return VehicleState(
         signals.mode_at(slow_messages.boot, now),
         lands_by_itself=landing_mode is not None and bool(landing_mode.values[-1]),

@@ -198,7 +198,7 @@ def has_section(name: str, flights: Flights) -> bool:
 
     A log that does not name its vehicle has the MAVLink system id as its name, which several vehicles may share. Such
     flights have a section only if there is something to report: the health of the motors was judged in one, or the
-    headline of the latest flight is bad.
+    headline of the latest flight is bad. A crash in a simulator is nothing to report.
 
     Args:
         name: name of the vehicle or vehicles in the logs; ``UNKNOWN`` if they have none.
@@ -208,7 +208,8 @@ def has_section(name: str, flights: Flights) -> bool:
         return False
     if not has_shared_name(flights):
         return True
-    return vehicle_health(flights) != UNKNOWN or bad_headline(flights) != ""
+    has_bad_flight = bad_headline(flights) != "" and not log_row(flights[-1]).simulated
+    return vehicle_health(flights) != UNKNOWN or has_bad_flight
 
 
 def vehicle_health(flights: Flights) -> str:

@@ -70,7 +70,9 @@ def fleet_blocks(
     named_count = 0
     unjudged_count = 0
     unnamed_flights = 0
+    simulated_flights = 0
     for summary in summaries:
+        simulated_flights += summary.flown.simulated
         if summary.has_shared_name:
             unnamed_flights += summary.flown.flights
         elif summary.vehicle is not None:
@@ -92,6 +94,7 @@ def fleet_blocks(
         unjudged=unjudged_count,
         unnamed_flights=unnamed_flights,
         bad_unnamed_flights=bad_count,
+        simulated_flights=simulated_flights,
         # Only the latest flight under each shared name is described.
         bad_names="" if lists_follow and bad_count > 1 else abbreviated_list(latest_bad),
         are_all_described=len(latest_bad) == bad_count,
@@ -286,7 +289,9 @@ def _health_summary(
                 reason = subject + vehicle.texts.reason
             if is_most_urgent and vehicle.texts.next_step:
                 next_step = subject + vehicle.texts.next_step
-            urgent_texts.append(f"{label} ({as_clause(vehicle.texts.latest_flight)})")
+            # A list that follows has the reasons.
+            why = "" if lists_follow else f" ({as_clause(vehicle.texts.latest_flight)})"
+            urgent_texts.append(f"{label}{why}")
         elif vehicle.last.badge_level is Level.WATCH:
             watched_count += 1
         if vehicle.health == MotorHealth.OK:

@@ -24,9 +24,6 @@ MAX_NOTE_LENGTH = 320
 DATE_LENGTH = 16
 """Letters of a date and time up to the minute, as in "2026-02-09 12:30"."""
 
-MODEL_WORDS = {"a": "full", "b": "slow motion", "c": "none"}
-"""Which model a log allows, by its tier."""
-
 
 class FlightLine(NamedTuple):
     """The line of one flight."""
@@ -45,6 +42,9 @@ class FlightLine(NamedTuple):
 
     vehicle: str
     """What its log calls the vehicle."""
+
+    simulated: bool
+    """Whether the flight was simulated."""
 
     cells: list[str]
     """The cells, one for each of the ``COLUMNS``."""
@@ -69,6 +69,7 @@ def flight_line(flight: AxisRows) -> FlightLine:
         link=link,
         file=first_row.file,
         vehicle=first_row.vehicle,
+        simulated=bool(first_row.simulated),
         cells=cells,
     )
 
@@ -99,6 +100,7 @@ def _vehicle(flight: AxisRows) -> str:
     """Returns the cell with the vehicle of a flight in a fleet's list: its name in the logs.
 
     If the logs have nothing but a MAVLink system id, the vehicle is described instead, as in "unnamed PX4 quadrotor".
+    A simulated flight says so.
 
     Args:
         flight: rows of one flight in the fleet's table, one for each axis.
@@ -106,7 +108,8 @@ def _vehicle(flight: AxisRows) -> str:
     row = log_row(flight)
     if row.vehicle_basis != SYSTEM_ID_BASIS:
         return row.vehicle
-    return vehicle_name_or_type(row.vehicle, row.frame or "", NO_NAMES, is_shared=True)
+    name = vehicle_name_or_type(row.vehicle, row.frame or "", NO_NAMES, is_shared=True)
+    return f"{name}, simulated" if row.simulated else name
 
 
 def _date(flight: AxisRows) -> str:
@@ -126,11 +129,6 @@ def _date(flight: AxisRows) -> str:
     if row.past_date is None:
         return f"clock in {row.date.year}"
     return f"{row.date}"[:DATE_LENGTH]
-
-
-def _model(flight: AxisRows) -> str:
-    """Returns which model the rates of a flight's log allow: "full", "slow motion" or "none"; empty if not known."""
-    return MODEL_WORDS.get(log_row(flight).tier or "", "")
 
 
 def _badge(flight: AxisRows) -> str:
@@ -244,12 +242,11 @@ def _wind_text(flight: AxisRows) -> str:
 
 COLUMNS = {
     "flight": Column("text", file_name, "12rem", "flight"),
-    "vehicle": Column("text", _vehicle, "8rem", "vehicle"),
+    "vehicle": Column("text", _vehicle, "10rem", "vehicle"),
     "date": Column("text", _date, "6.6rem", "date"),
-    "model": Column("text", _model, "4.4rem"),
     "health": Column("health", _badge, "5.8rem", "health"),
     "lights": Column("lights", _warning_lights, "9rem", "lights"),
-    "motor": Column("text", _suspect_motors, "4.6rem"),
+    "motor": Column("text", _suspect_motors, "4.4rem"),
     "notes": Column("notes", _notes_on_flight, "auto", "notes"),
     "settled (s)": Column("number", _settled_seconds, "4.4rem"),
     "wind (m/s)": Column("number", _wind_text, "6rem"),

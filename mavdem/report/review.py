@@ -14,7 +14,7 @@ from mavdem.assessment.axis.loop_decision import advises_to_tune
 from mavdem.assessment.flown_flights import flown_flights
 from mavdem.assessment.identity import day_in_file_name
 from mavdem.assessment.lights import REGISTRY
-from mavdem.assessment.lights.log import simulation_fact
+from mavdem.assessment.simulation import simulation_fact
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.events import ReportedEvent

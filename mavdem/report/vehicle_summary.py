@@ -44,7 +44,7 @@ from mavdem.report.fleet import (
 )
 from mavdem.report.flight_lines import FlightLine, flight_line
 
-SUMMARY_VERSION = "8"
+SUMMARY_VERSION = "9"
 """Version of :class:`VehicleSummary` and of what makes it: kept summaries of another version are made again."""
 
 WARNING_LEVELS = Level.BAD, Level.WATCH
@@ -62,6 +62,9 @@ class FlownFlights(NamedTuple):
 
     duplicates: int
     """Number of further logs of these flights."""
+
+    simulated: int
+    """Number of the flights that were simulated."""
 
     seconds: float
     """Time of settled flight, s."""
@@ -175,7 +178,7 @@ class VehicleSummary:
     """What is known of the vehicle; None where no log holds a flight."""
 
     bad_flights: int
-    """Number of flights that went badly, the latest of them too."""
+    """Number of flights that went badly, the latest of them too; simulated ones do not count."""
 
     light_counts: dict[Light, dict[Level, int]]
     """Number of flights with each level, by light."""
@@ -222,8 +225,10 @@ def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
     # Each log, and each flight, is the list of its rows. Only some logs hold a flight.
     logs = group_into_flights(rows)
     flights = group_into_flights(row for row in rows if row.has_flight)
-    vehicle_state = _vehicle_flights(name, flights) if flights else None
-    bad_flights = [flight for flight in flights if badge_level([flight]) is Level.BAD]
+    real_flights = [flight for flight in flights if not log_row(flight).simulated]
+    # Under a system id real and simulated flights may be mixed: the real ones are those to look at.
+    vehicle_state = _vehicle_flights(name, real_flights or flights) if flights else None
+    bad_flights = [flight for flight in real_flights if badge_level([flight]) is Level.BAD]
     return VehicleSummary(
         name=name,
         has_shared_name=name == UNKNOWN or has_shared_name(flights),
@@ -284,6 +289,7 @@ def _flown_flights(name: str, flights: Flights) -> FlownFlights:
     return FlownFlights(
         flights=len(counted_flights),
         duplicates=len(flights) - len(counted_flights),
+        simulated=sum(bool(log_row(flight).simulated) for flight in counted_flights),
         seconds=sum(durations),
         first_date=min(dates, default=None),
         last_date=max(dates, default=None),

@@ -175,6 +175,12 @@ CONTENT_HASH_SQL = (
 )
 """SQL expression of :attr:`LibraryEntry.content_hash`."""
 
+INCOMPLETE_SQL = (
+    "(entries.digest = '' and entries.gains in ('', '{}') and entries.modes = ''"
+    f" and entries.flight_time is null and entries.stage = '{Stage.DONE}')"
+)
+"""SQL condition of flights without flight time, modes and gains, as earlier versions of `mavdem track` stored them."""
+
 SQL_ORDERS = {
     ListingOrder.UPLOAD: "received desc, rowid desc",
     ListingOrder.FLIGHT: "date desc, received desc, rowid desc",
@@ -338,7 +344,13 @@ def columns_of_flight(rows: Sequence[FlightRow]) -> JsonValues:
         "autopilot": first_row.autopilot or "",
         "date": date,
         "future_date": future_date,
+        "simulated": first_row.simulated or 0,
         "duration": first_row.duration,
+        "flight_time": first_row.flight_time,
+        "distance": first_row.distance,
+        "height": first_row.height,
+        "modes": ",".join(first_row.modes or ()),
+        "gains": first_row.control_parameters or "{}",
         "headline": first_row.headline or "",
         "level": first_row.headline_level or "",
         "motor": _motor_with_fault(rows),

@@ -50,8 +50,10 @@ from mavdem.results import PAGE_FILE
 from mavdem.serve.index import (
     COLUMNS,
     DIGEST_GLOB,
+    INCOMPLETE_SQL,
     SQL_ORDERS,
     LibraryEntry,
+    columns_of_flight,
     create_or_update_table,
     entry_from_row,
     entry_of_fleet_log,
@@ -343,7 +345,8 @@ class Library:
         """Adds entries to the index for logs that the command ``mavdem track`` has read since the last call.
 
         That command writes into the same SQLite file. A log is left out if the index has its path, or another path with
-        the same content.
+        the same content. Entries of an earlier version, without flight time, modes and gains, are completed once the
+        command has read their logs again.
         """
         # SQLite's ``data_version`` changes with every commit of another connection. Comparing it is cheap enough to be
         # done every second. Each thread has a separate connection, and so stores the version of its last call.
@@ -361,6 +364,17 @@ class Library:
             new_rows = self.store.sound_rows(new_rows_query, [folder, os.sep])
             for file, rows_of_file in group_by(new_rows, lambda row: row.file).items():
                 insert_entry(db, entry_of_fleet_log(file, rows_of_file))
+            incomplete_rows_query = f"""select row, file from flights join entries on file = path
+            where {INCOMPLETE_SQL} and json_valid(row) and json_extract(row, '$.control_parameters') is not null
+            order by flights.rowid"""
+            incomplete_rows = self.store.sound_rows(incomplete_rows_query)
+            for file, rows_of_file in group_by(incomplete_rows, lambda row: row.file).items():
+                columns = columns_of_flight(rows_of_file)
+                assignments = ", ".join(f"{name} = :{name}" for name in columns)
+                db.execute(
+                    f"update entries set {assignments} where path = :path",
+                    {**columns, "path": file},
+                )
         self._thread_state.fleet_version = version
 
     # Looking up and changing entries
@@ -411,6 +425,15 @@ class Library:
         # An entry may be deleted between the two queries.
         entries = [entries_by_id[id] for id in returned_ids if id in entries_by_id]
         return FoundEntries(entries, total=len(matching_ids))
+
+    def incomplete_count(self) -> int:
+        """Returns the number of flights of which neither flight time nor modes nor gains are known.
+
+        An earlier version of ``mavdem track``, which did not store these, has read their logs.
+        """
+        query = f"select count(*) from entries where {INCOMPLETE_SQL}"
+        (count,) = self.db.execute(query).fetchone()
+        return int(count)
 
     def vehicle_names(self) -> list[str]:
         """Returns the names of all vehicles, in alphabetical order.

@@ -47,7 +47,7 @@ from mavdem.serve.guard import POLICY_HEADER
 from mavdem.serve.index import LibraryEntry
 from mavdem.serve.recordings import RecordingRequests, reason_without_file
 from mavdem.serve.rerun_viewer import viewer_policy
-from mavdem.serve.search import search_problems, unknown_terms
+from mavdem.serve.search import needs_complete_entries, search_problems, unknown_terms
 from mavdem.serve.stored_parameters import read_parameters
 from mavdem.serve.stored_series import read_series
 from mavdem.serve.uploads import MAX_FILES
@@ -155,6 +155,9 @@ class Pages:
         problems = search_problems(result.query)
         if not result.entries:
             problems += unknown_terms(result.query)
+        not_known_count = 0
+        if visitor["may_read"] and needs_complete_entries(result.query):
+            not_known_count = self._library.incomplete_count()
         is_library_empty = not result.entries and not result.query and not result.offset
         html = render_server_page(
             "library",
@@ -162,6 +165,7 @@ class Pages:
             total=result.total,
             query=result.query,
             problems=problems,
+            not_known_count=not_known_count,
             order=result.order,
             offset=result.offset,
             page=FLIGHTS_PER_PAGE,

@@ -19,13 +19,8 @@ import numpy as np
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import assess_signals
 from mavdem.assessment.flown_flights import (
-    flights_and_hops,
     flown_flights,
-    largest_height,
-    total_distance,
-    total_time,
 )
-from mavdem.assessment.lights.log import simulation_fact
 from mavdem.assessment.limits import LEVELS_BY_SEVERITY
 from mavdem.assessment.reported import reported_events
 from mavdem.assessment.time_history import time_history
@@ -34,7 +29,6 @@ from mavdem.dataset.signals import Signals
 from mavdem.documents import complete_document
 from mavdem.documents.review import review_document
 from mavdem.errors import Unreadable
-from mavdem.facts.events import ReportedEvent
 from mavdem.facts.fleet import ReadingFact
 from mavdem.facts.serve import Stage
 from mavdem.files import atomic_write
@@ -46,7 +40,6 @@ from mavdem.fleet.tracking import assess_rows
 from mavdem.fleet.workers import LogRows
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Log
-from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.processes import lower_priority
 from mavdem.report.charts.comparison_charts import flight_series
 from mavdem.report.pages.flight_page import review_page
@@ -309,24 +302,9 @@ def _index_columns(assessment: Assessment, rows: FlightRows) -> JsonValues:
     """
     # Only an assessment in which no vehicle was judged has no evidence.
     assert assessment.evidence is not None
-    parameters = assessment.evidence.signals.telemetry.parameters
-    gains = {name: value for name, value in parameters.items() if CONTROL_PARAMETERS.match(name)}
-    # A dictionary keeps the order of the first use of each mode.
-    modes = dict[str, None]()
-    for event in assessment.events:
-        if event.code is ReportedEvent.MODE_CHANGED:
-            modes[event.subject] = None
-    signals = assessment.evidence.signals
-    flights = flown_flights(signals)
+    flights = flown_flights(assessment.evidence.signals)
     return {
         **columns_of_flight(rows),
         **_assessment_columns(assessment),
-        "simulated": int(simulation_fact(signals) is not None),
-        # The hops are counted, as in the time in the air of a report.
-        "flight_time": total_time(flights_and_hops(signals)),
-        "distance": total_distance(flights),
-        "height": largest_height(flights),
         "flights": json.dumps([asdict(flight) for flight in flights]),
-        "modes": ",".join(modes),
-        "gains": json.dumps(gains),
     }

@@ -194,6 +194,19 @@ def unknown_terms(text: str) -> list[str]:
     return [f"No flight has a property {shown_names}: terms are {listed(KNOWN_TERMS)}, and gains"]
 
 
+def needs_complete_entries(text: str) -> bool:
+    """Returns whether a search compares what ``mavdem track`` of earlier versions did not store.
+
+    These are the time in the air, distance, height, modes and gains.
+
+    Args:
+        text: words of the search.
+    """
+    names = {name for name, _, _ in _terms(text)}
+    has_gain = any(name.isupper() and name.lower() not in KNOWN_TERMS for name in names)
+    return has_gain or bool({"time", "distance", "height", "mode"} & {n.lower() for n in names})
+
+
 def _terms(text: str) -> Iterator[tuple[str, str, str]]:
     """Yields name, operator and value of the words of a search that compare a property."""
     for word in text.split()[:MAX_SEARCH_WORDS]:

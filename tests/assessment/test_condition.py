@@ -123,6 +123,13 @@ def name_of(telemetry):
     return identity.name, identity.basis
 
 
+def test_the_number_of_a_simulators_board_names_no_vehicle():
+    """ArduPilot's simulator has one serial number, whichever frame it flies."""
+    parameters = {"SIM_SPEEDUP": 1.0, **CALIBRATED}
+    simulated = with_texts(flown(parameters), TEXT.encode())
+    assert name_of(simulated) == ("ardupilotmega-1", "system id")
+
+
 def test_the_boards_number_is_the_same_from_the_text_and_from_autopilot_version():
     telemetry_with_text = with_texts(flown(), TEXT.encode())
     serial_words = np.array([int(word, 16) for word in TEXT.split()[1:]], "<u4")

@@ -19,9 +19,7 @@ from mavdem.assessment.lights.estimator import MAX_FIELD_CHANGE, estimator_light
 from mavdem.assessment.lights.log import (
     MAX_CUT_BYTES,
     MAX_GAP,
-    MAX_SIMULATED_RATE_CHANGE,
     log_light,
-    simulation_fact,
 )
 from mavdem.assessment.lights.power import (
     BOARD_VOLTAGE_LIMITS,
@@ -31,6 +29,7 @@ from mavdem.assessment.lights.power import (
 )
 from mavdem.assessment.lights.wind import wind_light
 from mavdem.assessment.mean_interval import MeanFigure
+from mavdem.assessment.simulation import MAX_SIMULATED_RATE_CHANGE, simulation_fact
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent

@@ -12,6 +12,7 @@ from scipy.stats import norm, t
 
 from mavdem.confidence import coverage_factor
 from mavdem.documents import complete_document
+from mavdem.documents.fleet import Diff
 from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts.fleet import ComparedSubject, Incomparable, QuantityOutcome
 from mavdem.fleet.difference import vehicle_difference
@@ -415,9 +416,9 @@ def test_what_is_not_known_in_both_is_not_compared_and_the_reason_is_said(
     }
     inner = reason_by_quantity[quantity].figures.get("reasons", (reason_by_quantity[quantity],))
     assert [fact.code for fact in inner] == [reason]
-    common_columns = {"a": "A", "b": "B", "parameters": [], "headlines": {"a": None, "b": None}}
-    common_columns["motor_health"] = {"a": None, "b": None}
-    document = complete_document("diff", common_columns | difference._asdict())
+    sides = {"a": None, "b": None}
+    values = {"a": "A", "b": "B", "parameters": [], "headlines": sides, "motor_health": sides}
+    document = complete_document("diff", Diff.from_results(difference, **values))
     assert json.loads(json.dumps(document, allow_nan=False)) == document
 
 

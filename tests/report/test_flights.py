@@ -370,6 +370,16 @@ def test_a_headline_before_a_list_names_the_most_urgent_vehicle_alone():
         and "unnamed PX4 quadrotor" in full_headline
     )
     assert brief == (
-        "3 of 3 vehicles need a look: first quad 0 (fell 0), and so do 2 bad flights whose vehicle is "
-        "not known."
+        "3 of 3 vehicles need a look: first quad 0, and so do 2 bad flights whose vehicle is not known."
     )
+
+
+def test_a_crash_in_a_simulator_is_marked_and_needs_no_look():
+    crash = {"vehicle_basis": "system id", "headline": "Lost.", "headline_level": "bad"}
+    simulated, real = (
+        flight_row("px4-1", number, simulated=1 - number, **crash) for number in (0, 1)
+    )
+    assert flight_line([simulated]).cells[[*COLUMNS].index("vehicle")].endswith(", simulated")
+    text = plain_text(fleet_blocks([simulated]))
+    assert "need" not in text.split("Simulated:")[0] and "Simulated: 1 flight;" in text
+    assert "1 bad flight" in plain_text(fleet_blocks([simulated, real]))

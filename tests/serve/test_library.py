@@ -363,8 +363,9 @@ def test_a_vehicle_without_a_name_is_called_by_its_type_and_the_end_of_its_seria
 
 def test_a_date_in_the_future_is_no_date():
     future = datetime.now(UTC) + timedelta(days=500)
-    entry = LibraryEntry("id", "a.bin", stage=Stage.DONE, level="good", simulated=1)
-    entry = replace(entry, **columns_of_flight([flight_row("quad", 0, date=future)]))
+    entry = LibraryEntry("id", "a.bin", stage=Stage.DONE, level="good")
+    row = flight_row("quad", 0, date=future, simulated=1)
+    entry = replace(entry, **columns_of_flight([row]))
     assert entry.date == "" and entry.future_date.startswith(f"{future.year}-")
     page = library_page([entry])
     assert f">clock in {future.year}<" in page and ">simulated<" in page

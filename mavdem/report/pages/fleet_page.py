@@ -291,6 +291,8 @@ class VehicleSection:
     """Its latest flight."""
     link: str
     """Address of the page of that flight; empty without one."""
+    file: str
+    """Name of the log of that flight, or the name that a user gave to the flight."""
     other_lights: str
     """How many lights of that flight are good and how many unknown, as in "5 good, 2 unknown"."""
     flights: int
@@ -323,7 +325,8 @@ def _vehicle_sections(
 
     Flights whose logs do not identify their vehicle may be of several vehicles, and have no section, unless they were
     compared with a baseline. To keep the page small, charts are drawn only for the ``MAX_DRAWN`` most urgent vehicles
-    with more than one flight. Sections are folded, except the first one with charts if its vehicle needs a look.
+    with more than one flight. Sections are folded, except the first one with charts if its vehicle needs a look and its
+    motors were judged: otherwise there is little to see.
 
     Args:
         summaries: summary of the flights under each name.
@@ -360,6 +363,7 @@ def _vehicle_sections(
                 searched=label if is_shared else names.vehicle(name),
                 last=vehicle.last,
                 link=latest_line.link if latest_line is not None else "",
+                file=_flight_name(latest_line, names) if latest_line is not None else "",
                 other_lights=_other_lights(vehicle.last),
                 flights=vehicle.flight_count,
                 bars=_level_bars(vehicle.levels, bar_count),
@@ -369,7 +373,7 @@ def _vehicle_sections(
                 changes=changes.get(name, ()),
                 # Charts are HTML that this program made itself, so that nothing in it has to be escaped.
                 charts=Markup(charts(name) if name in names_with_charts else ""),  # noqa: S704
-                is_open=needs_look and name in names_with_charts[:1],
+                is_open=needs_look and vehicle.health != UNKNOWN and name in names_with_charts[:1],
             )
         )
     return sections
@@ -394,6 +398,11 @@ def _text_beside_label(name: str, names: GivenNames, *, is_shared: bool) -> str:
     if has_given_name or is_serial(name):
         return short_name(name)
     return ""
+
+
+def _flight_name(line: FlightLine, names: GivenNames) -> str:
+    """Returns the name that a user gave to the flight of a line, otherwise that of its log's file."""
+    return dict(zip(COLUMNS, _named_cells(line, names), strict=True))["flight"]
 
 
 def _latest_line(summary: VehicleSummary) -> FlightLine | None:
@@ -438,7 +447,7 @@ class UnnamedFlight(NamedTuple):
 
 
 def _bad_unnamed_flights(summaries: Sequence[VehicleSummary]) -> list[UnnamedFlight]:
-    """Returns the bad flights of vehicles that cannot be told apart, for a list of their own; the newest first.
+    """Returns the bad real flights of vehicles that cannot be told apart, for a list of their own; the newest first.
 
     The names of such vehicles are made of MAVLink system ids, which several vehicles may have. If the motors of the
     flights under such a name have a fault or drift, the name has a section of its own, which shows its latest flight.
@@ -457,7 +466,7 @@ def _bad_unnamed_flights(summaries: Sequence[VehicleSummary]) -> list[UnnamedFli
     flights = []
     for line in _newest_first(summaries_of_shared_names):
         cells = dict(zip(COLUMNS, line.cells, strict=True))
-        is_bad = BADGE_LEVELS[cells["health"]] is Level.BAD
+        is_bad = BADGE_LEVELS[cells["health"]] is Level.BAD and not line.simulated
         if is_bad and line not in lines_in_sections:
             # The first note on a flight is its headline.
             headline = cells["notes"].split("\n")[0]

@@ -448,19 +448,27 @@
       }
       return;
     }
-    let found = 0;
+    const found = [];
+    // Fields whose own name has a searched word come first, and times last: nobody plots a clock over time.
+    const rankOf = field => {
+      const fieldWords = words.flatMap(word => word.split(".")).filter(Boolean), shown = field.toLowerCase();
+      if (/^time|timestamp|^t$/.test(shown)) return 3;
+      if (fieldWords.includes(shown)) return 0;
+      return fieldWords.some(word => shown.includes(word)) ? 1 : 2;
+    };
     const noteOn = (message, field) => [unitOf({ message: message.shown, field }), message.rate && `${Number(message.rate.toPrecision(2))} Hz`].filter(Boolean).join(", ");
     for (const message of listedMessages) {
       for (const instance of message.instances.length > 1 ? message.instances : [null]) for (const [label, fields] of [...elementsOf(message.fields).map(([array, elements]) => [`${array}[all ${elements.length}]`, elements]), ...message.fields.map(field => [field, [field]])]) {
         const field = label, wanted = fields.map(one => ({ message: message.shown, field: one, instance }));
         const name = fieldName({ message: message.shown, field, instance }), searched = `${name} ${message.message}.${field}`.toLowerCase();
         if (!words.every(word => searched.includes(word)) && !(words.length === 1 && `${message.shown}.${field}`.toLowerCase().startsWith(words[0]))) continue;
-        if (++found > MAX_SHOWN_FIELDS) continue;
-        add(name, noteOn(message, fields[0]), event => plotFields(wanted, event.shiftKey), wanted.every(plotOf));
+        found.push({ name, wanted, note: noteOn(message, fields[0]), rank: rankOf(field) });
       }
     }
-    if (found > MAX_SHOWN_FIELDS) element("li", `and ${found - MAX_SHOWN_FIELDS} more: add a word`, list, "soft");
-    if (!found) element("li", "No field has all these words.", list, "soft");
+    found.sort((a, b) => a.rank - b.rank);
+    for (const { name, wanted, note } of found.slice(0, MAX_SHOWN_FIELDS)) add(name, note, event => plotFields(wanted, event.shiftKey), wanted.every(plotOf));
+    if (found.length > MAX_SHOWN_FIELDS) element("li", `and ${found.length - MAX_SHOWN_FIELDS} more: add a word`, list, "soft");
+    if (!found.length) element("li", "No field has all these words.", list, "soft");
   };
   // An Enter that came while the log was read counts once it is read.
   let isEnterWaiting = null;
@@ -489,7 +497,9 @@
   // A page that an earlier version wrote has no plots that others can be added to.
   if (fieldsPart && plots?.addLines && column && $("bar")) {
     const details = element("details", "", null, "fields"), label = element("label", "Search ", null), input = element("input", "", label);
-    element("summary", "Plot any field of the log", details);
+    const summary = element("summary", "Plot any field of the log", details);
+    // The cursor is in the box as soon as that is open, so that no letter is lost.
+    summary.addEventListener("click", () => requestAnimationFrame(() => { if (details.open) input.focus(); }));
     Object.assign(input, { id: "fieldsearch", type: "search", placeholder: "words of message and field", autocomplete: "off" });
     const status = element("p", "", null, "soft"), list = element("ul", "", null, "fieldlist");
     Object.assign(status, { id: "fieldstatus" }).setAttribute("role", "status");

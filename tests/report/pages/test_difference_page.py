@@ -1,6 +1,7 @@
 """The page of two flights compared: its charts show the figures that its text compares."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -123,7 +124,8 @@ def test_a_comparison_states_first_that_it_is_of_two_vehicles():
 
 def test_vehicles_without_a_name_are_called_so():
     px4, ardupilot = (
-        flight_row(name, 0, vehicle_basis="system id") for name in ("px4-1", "ardupilotmega-1")
+        flight_row(f"{autopilot}-1".lower(), 0, vehicle_basis="system id", autopilot=autopilot)
+        for autopilot in ("PX4", "ARDUPILOTMEGA")
     )
     first, *_ = headline_of_comparison(reviewed_difference(vehicle_difference([px4], [ardupilot])))
     assert "two vehicles: unnamed PX4 vehicle and unnamed ArduPilot vehicle." in first.text
@@ -146,6 +148,16 @@ def test_frames_with_other_numbers_of_motors_are_two_vehicles():
     quad, hexa = (flight_row("px4-1", 0), flight_row("px4-1", 1, motors=tuple("123456")))
     first, *_ = headline_of_comparison(reviewed_difference(vehicle_difference([quad], [hexa])))
     assert "A and B are two vehicles" in first.text
+
+
+def test_other_frames_are_two_vehicles_and_other_system_ids_show_nothing():
+    quad = flight_row("001a", 0)
+    hexa = replace(quad, frame="HEXAROTOR")
+    assert vehicle_difference([quad], [hexa]).is_of_two_vehicles
+    unknown_frame = replace(quad, frame="GENERIC")
+    assert not vehicle_difference([quad], [unknown_frame]).is_of_two_vehicles
+    unnamed = [flight_row(f"px4-{system}", 0, vehicle_basis="system id") for system in (1, 2)]
+    assert not vehicle_difference(unnamed[:1], unnamed[1:]).is_of_two_vehicles
 
 
 def test_two_vehicles_with_serial_numbers_are_told_apart_by_these():
