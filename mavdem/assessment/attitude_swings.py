@@ -2,7 +2,8 @@
 
 A position controller whose gains are too high for the vehicle, or whose position is wrong, leans the vehicle to and
 fro by tens of degrees, once in one to five seconds. The attitude may follow its setpoint throughout, so that no error
-of the attitude shows it.
+of the attitude shows it. A path that turns to and fro by itself leans a sound vehicle as much
+(:mod:`mavdem.assessment.commanded_swings`).
 """
 
 from collections.abc import Iterator
@@ -10,12 +11,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from mavdem.arrays import Array
+from mavdem.assessment.commanded_swings import commanded_lean, path_leans
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.flight_states import mode_intervals
 from mavdem.dataset.intervals import TimeInterval, in_intervals, intersection
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import attitude_tracking
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
 
 AUTONOMOUS_MODES = frozenset(
@@ -44,13 +46,15 @@ def attitude_swings(signals: Signals, boot: int, flight_interval: TimeInterval) 
 
     Yields:
         A fact for each axis and time, with the name of the axis as its subject, the largest ``angle``, rad, the number
-        of leans as ``count``, and the time, s, from a lean to the next one to the same side as ``period``.
+        of leans as ``count``, and the time, s, from a lean to the next one to the same side as ``period``. A swing that
+        the path commanded is good, and has the largest lean, rad, that the path needs as ``commanded_angle``.
     """
     tracking = attitude_tracking(signals, boot)
     if tracking is None:
         return
     autonomous = intersection([flight_interval], mode_intervals(signals, boot, AUTONOMOUS_MODES))
     is_autonomous = in_intervals(tracking.time, autonomous)
+    leans_of_path = path_leans(signals, boot, tracking)
     for column, axis in enumerate(TILT_AXES):
         # Angles that the pilot may have commanded are set to 0, so that they are no swings.
         angle = np.where(is_autonomous, tracking.angles[:, column], 0.0)
@@ -58,7 +62,7 @@ def attitude_swings(signals: Signals, boot: int, flight_interval: TimeInterval) 
             peak_times = tracking.time[peaks_of_swing]
             # Successive leans are to opposite sides: half a period apart.
             mean_half_period = float(np.diff(peak_times).mean())
-            yield Fact(
+            swing = Fact(
                 MotionEvent.ATTITUDE_SWUNG,
                 time=float(peak_times[0]),
                 end_time=float(peak_times[-1]),
@@ -68,6 +72,13 @@ def attitude_swings(signals: Signals, boot: int, flight_interval: TimeInterval) 
                 period=2 * mean_half_period,
                 boot=boot,
             )
+            if leans_of_path is not None:
+                commanded_angle = commanded_lean(
+                    tracking.time, angle, leans_of_path[:, column], peaks_of_swing
+                )
+                if commanded_angle is not None:
+                    swing = swing.replace(Level.GOOD, commanded_angle=commanded_angle)
+            yield swing
 
 
 def _alternating_peaks(time: Array, angle: Array) -> list[list[int]]:

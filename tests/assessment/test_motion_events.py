@@ -511,6 +511,38 @@ def test_a_vehicle_that_an_automatic_mode_leans_to_and_fro_swings(mode, angle, p
         assert "position controller" in swung.remedy
 
 
+@mark.parametrize(
+    "path_share, lead, level",
+    [
+        (0.8, 0.3, Level.GOOD),
+        (0.3, 0.3, Level.WATCH),
+        (0.8, -0.3, Level.WATCH),
+        (0.0, 0.3, Level.WATCH),
+    ],
+)
+def test_a_swing_is_good_if_a_path_ahead_of_it_commands_most_of_it(path_share, lead, level):
+    """The position setpoint sways so that it needs a share of the lean, ahead of it by ``lead``, s, or behind it."""
+    telemetry = instrumented("Auto")
+    period = 2.4
+    frequency = 2 * np.pi / period
+    elapsed = stamps(telemetry, "ATTITUDE") - EVENT
+    is_swinging = (elapsed > 0) & (elapsed < 4 * period)
+    lean = np.radians(30.0) * np.sin(frequency * elapsed) * is_swinging
+    telemetry = changed(telemetry, "ATTITUDE", pitch=lean, pitchspeed=np.gradient(lean, elapsed))
+    telemetry = changed(telemetry, "ATTITUDE_TARGET", q=quaternion(0 * lean, lean, 0 * lean))
+    # With a heading of 0, the nose up slows the vehicle down: a pitch of sin(wt) needs north = sin(wt).
+    time = stamps(telemetry, "LOCAL_POSITION_NED")
+    acceleration = 9.81 * np.tan(path_share * np.radians(30.0))
+    north = acceleration / frequency**2 * np.sin(frequency * (time - EVENT + lead))
+    path = columns(time, x=north, y=0.0, z=-10.0, vx=0.0, vy=0.0, vz=0.0)
+    telemetry = changed(telemetry, "POSITION_TARGET_LOCAL_NED", **path)
+    swung = events_and_ending(telemetry)[0][MotionEvent.ATTITUDE_SWUNG]
+    assert swung.level is level
+    assert ("commanded by a path" in swung.sentence) is (level is Level.GOOD)
+    if level is Level.GOOD:
+        assert np.degrees(swung.figures["commanded_angle"]) == approx(24.0 * 0.8, abs=2.0)
+
+
 def test_a_swing_far_from_the_setpoint_is_no_matter_of_the_position_controller():
     """The setpoint stays level, while the vehicle leans by 50° to both sides: that is bad, though it came back."""
     telemetry = instrumented("Auto")

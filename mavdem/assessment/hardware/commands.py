@@ -3,17 +3,15 @@
 import numpy as np
 
 from mavdem.arrays import Array
+from mavdem.assessment.commanded_swings import POSITION_TARGET_MESSAGE
 from mavdem.assessment.evidence import Evidence
 from mavdem.dataset.pilot_input import pilot_input
 from mavdem.dataset.time_series import TimeSeries, recorded_series, series_of_boot
 from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.setpoints import CommandFact, CommandPart
 
-POSITION_TARGET_MESSAGE = "POSITION_TARGET_LOCAL_NED"
-"""Message with the setpoints of position, x, y and z, m, and velocity, vx, vy and vz, m/s."""
-
 POSITION_MESSAGE = "LOCAL_POSITION_NED"
-"""Message with the estimates of both."""
+"""Message with the estimates of position, x, y and z, m, and velocity, vx, vy and vz, m/s."""
 
 MIN_STICK_CHANGE = {"%": 5.0, "µs": 50.0}
 """Change of a stick in flight, by its unit, from which on it moved: a choice well above the noise of receivers."""

@@ -1,0 +1,111 @@
+"""Swings of the attitude that the path commanded: position setpoints that turn to and fro by themselves.
+
+A path whose waypoints follow each other within seconds leans a sound vehicle to and fro. The setpoint of the position
+then accelerates to alternate sides, and the lean follows it. A position controller that oscillates leans the vehicle
+about a path that does not.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from mavdem.arrays import Array
+from mavdem.dataset.axes import YAW
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.steady_flight import AttitudeTracking
+from mavdem.dataset.time_series import recorded_series, series_of_boot
+from mavdem.physical_constants import GRAVITY
+
+POSITION_TARGET_MESSAGE = "POSITION_TARGET_LOCAL_NED"
+"""Message with the setpoints of position, x, y and z, m, and velocity, vx, vy and vz, m/s."""
+
+GRID_STEP = 0.05
+"""Seconds between samples of the path: a tenth of the quickest half swing that a position controller makes."""
+
+SMOOTHING_SECONDS = 0.25
+"""Standard deviation, s, of the Gaussian that smooths the path before it is differentiated twice.
+
+Logs have the position setpoint at 5 to 10 Hz. A swing with a period of 2.5 s keeps 0.8 of its amplitude.
+"""
+
+MAX_PATH_LEAN = np.radians(45.0)
+"""Lean, rad, above which an acceleration of the setpoint is no path but a jump, as by a reset of the position.
+
+It is the steepest lean that ArduPilot's and PX4's parameters allow in automatic flight by default.
+"""
+
+MIN_LEAD_SECONDS = 0.1
+"""Time, s, by which a path that commands a lean is ahead of it: the attitude needs a few tenths of a second to follow.
+
+A setpoint that only follows the vehicle, such as the nearest point of a line, is not ahead.
+"""
+
+MIN_COMMANDED_SHARE = 0.5
+"""Share of the leans of a swing from which on the path made it: the greater part."""
+
+
+def path_leans(signals: Signals, boot: int, tracking: AttitudeTracking) -> Array | None:
+    """Returns the roll and pitch that a vehicle needs to follow the path of its position setpoint, without wind.
+
+    They follow from the horizontal acceleration of the setpoint along the body axes, a = g tan(lean).
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
+        tracking: the attitude of the boot at N times.
+
+    Returns:
+        Roll and pitch (N, 2), rad; None if no position setpoint was recorded in the boot.
+    """
+    recorded_setpoints = recorded_series(signals.telemetry, POSITION_TARGET_MESSAGE, "x", "y")
+    setpoints = series_of_boot(recorded_setpoints, boot)
+    if setpoints is None or len(setpoints.time) < 2:
+        return None
+    grid = np.arange(setpoints.time[0], setpoints.time[-1], GRID_STEP)
+    if len(grid) == 0:
+        return None
+    accelerations = []
+    for column in range(2):
+        path = np.interp(grid, setpoints.time, setpoints.values[:, column])
+        second_difference = gaussian_filter1d(path, SMOOTHING_SECONDS / GRID_STEP, order=2)
+        acceleration = second_difference / GRID_STEP**2
+        accelerations.append(np.interp(tracking.time, grid, acceleration, left=0.0, right=0.0))
+    north, east = accelerations
+    heading = tracking.angles[:, YAW]
+    forward = np.cos(heading) * north + np.sin(heading) * east
+    right = np.cos(heading) * east - np.sin(heading) * north
+    # The nose is down, at a negative pitch, when the vehicle accelerates forward.
+    return np.column_stack([np.arctan(right / GRAVITY), np.arctan(-forward / GRAVITY)])
+
+
+def commanded_lean(
+    time: Array, angle: Array, path_lean: Array, peaks_of_swing: Sequence[int]
+) -> float | None:
+    """Returns the largest lean of a swing that the path commanded; None if the path did not make the swing.
+
+    The path makes a swing if it leans to the side of each lean before that has its peak, and if that is on average the
+    greater part (``MIN_COMMANDED_SHARE``) of the leans.
+
+    Args:
+        time: (N,) times of the samples, s, ascending.
+        angle: (N,) roll or pitch, rad.
+        path_lean: (N,) the same angle as the path needs it, rad.
+        peaks_of_swing: indices of the samples with the largest angles, to alternate sides; at least two.
+    """
+    peak_times = time[peaks_of_swing]
+    # Before the first peak there is as much time as after it.
+    previous_times = [2 * peak_times[0] - peak_times[1], *peak_times[:-1]]
+    shares = []
+    largest_lean = 0.0
+    for peak, previous_time in zip(peaks_of_swing, previous_times, strict=True):
+        rows = slice(np.searchsorted(time, previous_time), peak + 1)
+        leans_to_side = path_lean[rows] * np.sign(angle[peak])
+        row_of_largest = int(np.argmax(leans_to_side))
+        lean = float(leans_to_side[row_of_largest])
+        lead = time[peak] - time[rows][row_of_largest]
+        if lean <= 0 or lean > MAX_PATH_LEAN or lead < MIN_LEAD_SECONDS:
+            return None
+        shares.append(min(lean / abs(float(angle[peak])), 1.0))
+        largest_lean = max(largest_lean, lean)
+    return largest_lean if np.mean(shares) >= MIN_COMMANDED_SHARE else None
