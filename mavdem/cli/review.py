@@ -1,6 +1,8 @@
 """``mavdem review``, and ``mavdem LOG``: everything that a log shows, on one screen and in one folder."""
 
+import os
 import sys
+from collections.abc import Collection
 from pathlib import Path
 from time import perf_counter
 
@@ -33,14 +35,20 @@ from mavdem.cli.streams import (
 )
 from mavdem.processes import keep_freed_memory
 from mavdem.report.review import (
+    LABEL_COLUMNS,
+    LEVEL_COLUMNS,
     first_lines,
     further_lines,
     gain_lines,
+    headline_lines,
     page_line,
     review_screen,
 )
 from mavdem.report.screen import analysis_blocks, instance_blocks
 from mavdem.results import PAGE_FILE, RESULT_FILES
+
+LEVEL_COLOURS = {"good": "green", "watch": "yellow", "BAD": "bright_red"}
+"""Colour of the word for each level on a terminal; a level that is unknown has none."""
 
 
 class ReviewScreen:
@@ -55,20 +63,48 @@ class ReviewScreen:
         """Prints the first part, if the log holds what models and loops need, so that the second will take a while."""
         if self._is_in_parts and findings.analysis.learnability.learnable:
             self._first_findings = findings
-            _print_lines(first_lines(findings, text_columns()))
+            print_review_lines(first_lines(findings, text_columns()))
 
     def show(self, assessment: Assessment) -> None:
         """Prints what of the screen has not been printed yet."""
+        columns = text_columns()
         if self._first_findings is None:
-            _print_lines(review_screen(assessment, text_columns()))
+            text = review_screen(assessment, columns)
         else:
-            _print_lines(further_lines(assessment, self._first_findings, text_columns()))
+            text = further_lines(assessment, self._first_findings, columns)
+        print_review_lines(text, headline_lines(assessment, columns))
 
 
-def _print_lines(text: str) -> None:
-    """Prints text line by line, with the names of files in it made harmless."""
+def print_review_lines(text: str, emphasised_lines: Collection[str] = ()) -> None:
+    """Prints lines of a review: on a terminal with the levels of lights and events in colour, and the headline bold.
+
+    Names of files in the text are made harmless first. Files and pipes get the same text without colours, which
+    ``click.echo`` leaves out there.
+
+    Args:
+        text: lines of the review.
+        emphasised_lines: lines that are the headline.
+    """
+    # A user who sets this variable wants no colours (https://no-color.org).
+    is_styled = not os.environ.get("NO_COLOR")
     for line in text.splitlines():
-        print_to_stdout(escape_unprintable(line))
+        printable_line = escape_unprintable(line)
+        if is_styled and line in emphasised_lines:
+            printable_line = click.style(printable_line, bold=True)
+        elif is_styled:
+            printable_line = with_coloured_level(printable_line)
+        print_to_stdout(printable_line)
+
+
+def with_coloured_level(line: str) -> str:
+    """Returns a line of a review with its level in the level's colour; any line without a level unchanged."""
+    level_end = LABEL_COLUMNS + LEVEL_COLUMNS
+    label, level, sentence = line[:LABEL_COLUMNS], line[LABEL_COLUMNS:level_end], line[level_end:]
+    colour = LEVEL_COLOURS.get(level.strip())
+    # A sentence that is wrapped below a title may have such a word in this place, but not the space before it.
+    if colour is None or not label.endswith(" "):
+        return line
+    return label + click.style(level, fg=colour) + sentence
 
 
 @click.command("review")
@@ -125,7 +161,9 @@ def review_command(
         screen.show(assessment)
     assessment.compute_for_page()
     if not as_json:
-        _print_lines("\n".join([*gain_lines(assessment, text_columns()), page_line(assessment)]))
+        print_review_lines(
+            "\n".join([*gain_lines(assessment, text_columns()), page_line(assessment)])
+        )
     # Imported here, so that the screen does not wait for the models of the documents.
     from mavdem.documents.review import review_document
 

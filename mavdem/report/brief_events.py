@@ -1,12 +1,12 @@
 """A short list of a flight's events, facts (coded findings): the bad ones first, each kind once with its count."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from mavdem.assessment.ending import ENDINGS
 from mavdem.assessment.limits import LEVELS_BY_SEVERITY
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Facts
 from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.events import ReportedEvent
 
@@ -16,7 +16,7 @@ meaning, and a restart on the ground. The one that matters most to a flight is t
 
 
 class CountedEvent(NamedTuple):
-    """The first event of its kind, which stands for all of them."""
+    """The longest event of its kind, which stands for all of them."""
 
     number: int
     """Its index among all events, from 0."""
@@ -25,7 +25,7 @@ class CountedEvent(NamedTuple):
 
 
 def worst_events(events: Sequence[Fact]) -> list[CountedEvent]:
-    """Selects the events of a flight that a short list shows: of each kind that warns the first one, with their number.
+    """Selects the events of a flight that a short list shows: of each kind that warns the longest, with their number.
 
     The bad kinds come first. Of one level, what happened to the vehicle comes before what the autopilot reports, and
     ``LESSER_EVENTS`` come last.
@@ -38,20 +38,22 @@ def worst_events(events: Sequence[Fact]) -> list[CountedEvent]:
         events: events of a log, in the order of time, each a coded finding.
 
     Returns:
-        Index of the first event of each kind, and their number, the worst kind first; kinds that are as bad are in the
-        order of time.
+        Index of the longest event of each kind (of events without a duration, the first one), and their number, the
+        worst kind first; kinds that are as bad are in the order of time.
     """
     codes_and_times = {(event.code, event.time) for event in events}
     counts: Counter[tuple[str, str, str]] = Counter()
-    first_indices: dict[tuple[str, str, str], int] = {}
+    longest_indices: dict[tuple[str, str, str], int] = {}
     for index, event in enumerate(events):
         has_ending = (ENDINGS.get(event.code), event.time) in codes_and_times
         if not event.is_watch_or_bad or has_ending:
             continue
         kind = (str(event.code), str(event.level), event.subject)
         counts[kind] += 1
-        first_indices.setdefault(kind, index)
-    counted_events = [CountedEvent(index, counts[kind]) for kind, index in first_indices.items()]
+        longest_index = longest_indices.setdefault(kind, index)
+        if _duration(event) > _duration(events[longest_index]):
+            longest_indices[kind] = index
+    counted_events = [CountedEvent(index, counts[kind]) for kind, index in longest_indices.items()]
 
     # The sort is stable, so that events that are as bad stay in the order of time.
     counted_events.sort(key=lambda counted: _rank(events[counted.number]))
@@ -76,6 +78,42 @@ def _rank(event: Fact) -> tuple[int, int]:
     return rank_of_level, 1
 
 
-def first_of_count(count: int) -> str:
-    """Returns how many events one stands for, to follow its sentence: " (first of 3)"; empty for a single one."""
-    return f" (first of {count})" if count > 1 else ""
+def _duration(event: Fact) -> float:
+    """Returns how long an event lasted, s; 0 for a moment, and for one whose begin or end is not known."""
+    if event.time is None or event.end_time is None:
+        return 0.0
+    return event.end_time - event.time
+
+
+def place_among_equals(event: Fact, count: int) -> str:
+    """Returns how many events of its kind one stands for, to follow its sentence; empty for a single one.
+
+    Args:
+        event: the event that is shown: the longest of its kind or, of moments, the first.
+        count: number of events of its kind.
+
+    Returns:
+        Text such as " (longest of 3)" or " (first of 3)".
+    """
+    if count == 1:
+        return ""
+    place = "longest" if _duration(event) > 0 else "first"
+    return f" ({place} of {count})"
+
+
+def with_saturations_counted(events: Facts) -> Iterator[Fact]:
+    """Yields the events of a flight, but of each motor only the first saturation, with the number of all of them.
+
+    A motor may reach its output limit hundreds of times in a flight, which would fill the list of events.
+
+    Args:
+        events: events of the flight, in the order of time.
+    """
+    saturation = MotionEvent.MOTOR_AT_ITS_STOP
+    counts_by_motor = Counter(event.subject for event in events if event.code is saturation)
+    for event in events:
+        if event.code is not saturation:
+            yield event
+        elif event.subject in counts_by_motor:
+            # The first saturation of this motor stands for all of them, so that its count is taken out.
+            yield event.replace(count=counts_by_motor.pop(event.subject))

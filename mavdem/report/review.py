@@ -21,11 +21,16 @@ from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Unjudged
 from mavdem.ingest import Log
 from mavdem.report.blocks import Sentence, shortened
-from mavdem.report.brief_events import CountedEvent, first_of_count, worst_events
+from mavdem.report.brief_events import (
+    CountedEvent,
+    place_among_equals,
+    with_saturations_counted,
+    worst_events,
+)
 from mavdem.report.gain_changes import gain_changes
 from mavdem.report.lights import earlier_lights, lights_with_reason_once
 from mavdem.report.numbers import counted
-from mavdem.report.templates import headline, render_section
+from mavdem.report.templates import headline, render_section, without_full_stop
 from mavdem.report.why import cause_sentences
 
 SCREEN_COLUMNS = 80
@@ -43,6 +48,12 @@ NO_LIGHTS: NamedFacts = MappingProxyType({})
 TIME_ORIGIN = "Times are seconds since boot."
 """What the times of a review count from: the autopilot's start, as in the plots of the page."""
 
+LABEL_COLUMNS = 11
+"""Columns at the beginning of a line of a light or event, for its name or time."""
+
+LEVEL_COLUMNS = 9
+"""Columns after that, for its level."""
+
 HARD_SPACE = "\N{NO-BREAK SPACE}"
 """A space at which no line is broken."""
 
@@ -59,7 +70,8 @@ def review_screen(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> str:
         columns: number of characters in a line.
     """
     title_lines = _title_lines(review_title(assessment), columns)
-    light_lines = _lines_of_lights(lights_with_reason_once(assessment.lights), columns)
+    lights = lights_with_reason_once(assessment.lights)
+    light_lines = _lines_of_lights(lights, columns, headline_fact=assessment.headline)
     last_lines = _last_lines(assessment, columns)
     return "\n".join([*title_lines, *light_lines, *last_lines])
 
@@ -117,7 +129,7 @@ def further_lines(
     for name, fact in lights_with_reason_once(assessment.lights).items():
         if name not in first_lights:
             further_lights[name] = fact
-    light_lines = _lines_of_lights(further_lights, columns, first_lights)
+    light_lines = _lines_of_lights(further_lights, columns, first_lights, assessment.headline)
     return "\n".join([*light_lines, *_last_lines(assessment, columns)])
 
 
@@ -127,22 +139,29 @@ def _title_lines(title: Sentence, columns: int) -> list[str]:
 
 
 def _lines_of_lights(
-    lights: NamedFacts, columns: int, lights_before: NamedFacts = NO_LIGHTS
+    lights: NamedFacts,
+    columns: int,
+    lights_before: NamedFacts = NO_LIGHTS,
+    headline_fact: Fact | None = None,
 ) -> list[str]:
     """Returns the lines of the terminal for some status lights, each the judgement of one part of the vehicle.
 
     A light that warns of the same as an earlier one refers to that ("See motors.") instead of repeating the sentence.
+    The light that is the headline has only its first clause, since its whole sentence follows below.
 
     Args:
         lights: the lights by name, such as "motors", each a finding with a level and a sentence.
         columns: number of characters that a line may have.
         lights_before: lights that are printed above these.
+        headline_fact: the headline that follows; None if it is not known yet.
     """
     repeated_lights = earlier_lights({**lights_before, **lights})
     lines = []
     for name, light in lights.items():
         if name in repeated_lights:
             lines.append(f"{_label_and_level(name, light)}See {repeated_lights[name]}.")
+        elif headline_fact is not None and headline(light) == headline(headline_fact):
+            lines.append(_line_of_headline(name, light, columns))
         else:
             lines += _lines_of_light(name, light, columns)
     return lines
@@ -156,10 +175,24 @@ def _last_lines(assessment: Assessment, columns: int) -> list[str]:
         columns: number of characters in a line.
     """
     lines = list(_event_lines(assessment, columns))
-    lines += wrap(headline(assessment.headline), columns)
+    lines += headline_lines(assessment, columns)
     lines += _evidence_lines(assessment.headline, columns)
     lines += _wrapped_lines(f"Next: {assessment.next_step}", columns)
     return lines
+
+
+def headline_lines(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> list[str]:
+    """Returns the lines of the headline of a review: a light's whole sentence, since that names motors and figures.
+
+    The sentence of an event would repeat what the lines of evidence below it state, so that its short form is used.
+
+    Args:
+        assessment: all results on the flight: events, status lights, model, loops and wind.
+        columns: number of characters in a line.
+    """
+    fact = assessment.headline
+    is_light = fact in assessment.lights.values() and fact not in assessment.events
+    return wrap(fact.sentence if is_light else headline(fact), columns)
 
 
 def _evidence_lines(event: Fact, columns: int) -> Iterator[str]:
@@ -251,7 +284,8 @@ def _event_lines(assessment: Assessment, columns: int) -> Iterator[str]:
         previous_boot = boot
         has_time = event.time is not None and isfinite(event.time)
         label = f"{event.time:.1f} s" if has_time else "event"
-        yield _shortened_line(_label_and_level(label, event), event, columns, first_of_count(count))
+        place = place_among_equals(event, count)
+        yield _shortened_line(_label_and_level(label, event), event, columns, place)
 
 
 def _screen_events(assessment: Assessment) -> list[CountedEvent]:
@@ -259,7 +293,7 @@ def _screen_events(assessment: Assessment) -> list[CountedEvent]:
 
     There are none where nothing is bad and the headline is no event: the lights then say all. Events that the lights or
     the headline state already are left out, and so is what happened in the same second as the headline's event, of
-    which it is a part. The flight mode in which that happened comes with them.
+    which it is a part. The flight mode in which that happened comes with them, and so do changes of the mode meanwhile.
 
     Args:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
@@ -276,24 +310,42 @@ def _screen_events(assessment: Assessment) -> list[CountedEvent]:
         is_in_light = (event.code, event.time) in light_codes_and_times
         if not is_in_light and not _is_part_of_headline(event, assessment.headline):
             shown_events.append(counted_event)
-    shown_events = shown_events[:MAX_SCREEN_EVENTS] + _mode_of_headline(assessment)
+    shown_events = shown_events[:MAX_SCREEN_EVENTS] + _modes_of_headline(assessment)
     # A counted event begins with its number, and events are numbered in the order of time.
     return sorted(shown_events)
 
 
-def _mode_of_headline(assessment: Assessment) -> list[CountedEvent]:
-    """Returns a list with the last change of the flight mode before the event in the headline; empty without one.
+def _modes_of_headline(assessment: Assessment) -> list[CountedEvent]:
+    """Returns the change to the flight mode in which the headline's event began, and the changes while it lasted.
 
     Args:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
+
+    Returns:
+        The changes in the order of time; empty if the headline is no event, or no mode was recorded.
     """
     if assessment.headline not in assessment.events:
         return []
-    earlier_events = assessment.events[: assessment.events.index(assessment.headline)]
-    for index in reversed(range(len(earlier_events))):
-        if earlier_events[index].code is ReportedEvent.MODE_CHANGED:
-            return [CountedEvent(index, 1)]
-    return []
+    headline_index = assessment.events.index(assessment.headline)
+    mode_before: list[CountedEvent] = []
+    modes_meanwhile: list[CountedEvent] = []
+    for index, event in enumerate(assessment.events):
+        if event.code is not ReportedEvent.MODE_CHANGED:
+            continue
+        mode = CountedEvent(index, 1)
+        if index < headline_index:
+            mode_before = [mode]
+        elif _is_during(event, assessment.headline):
+            modes_meanwhile.append(mode)
+    return mode_before + modes_meanwhile
+
+
+def _is_during(event: Fact, longer_event: Fact) -> bool:
+    """Returns whether an event happened while another one of the same boot lasted, whose end must be known."""
+    if event.time is None or longer_event.time is None or longer_event.end_time is None:
+        return False
+    is_same_boot = event.figures.get("boot") == longer_event.figures.get("boot")
+    return is_same_boot and longer_event.time <= event.time <= longer_event.end_time
 
 
 def _is_part_of_headline(event: Fact, headline_fact: Fact) -> bool:
@@ -340,8 +392,24 @@ def page_line(assessment: Assessment) -> str:
     """Returns the line of a screen on what its page has besides; empty where no vehicle was analysed."""
     if assessment.analysis is None:
         return ""
-    events = counted(len(assessment.events), "event")
+    # The page lists the saturations of each motor as one event.
+    event_count = len([*with_saturations_counted(assessment.events)])
+    events = counted(event_count, "event")
     return f"Only the page has plots over time, all {events}, sensors and parameters."
+
+
+def _line_of_headline(name: str, light: Fact, columns: int) -> str:
+    """Returns the line of the status light that is the headline: its first clause, such as "Too little margin.".
+
+    Args:
+        name: name of the light, its subject, such as "motors".
+        light: the judgement of this subject, a coded finding with a level.
+        columns: number of characters in a line.
+    """
+    label_and_level = _label_and_level(name, light)
+    first_clause, _, _ = headline(light).partition(": ")
+    text = f"{without_full_stop(first_clause)}."
+    return label_and_level + shortened(text, columns - len(label_and_level))
 
 
 def _lines_of_light(name: str, fact: Fact, columns: int) -> list[str]:
@@ -412,4 +480,4 @@ def _label_and_level(label: str, fact: Fact) -> str:
     # The level of an event that is only named, such as a change of mode, would be no judgement.
     if fact.code is ReportedEvent.MODE_CHANGED and fact.is_good:
         level = ""
-    return f"{label:<11}{level:<9}"
+    return f"{label:<{LABEL_COLUMNS}}{level:<{LEVEL_COLUMNS}}"

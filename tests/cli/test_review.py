@@ -4,6 +4,7 @@ import re
 import time
 from dataclasses import replace
 
+import click
 from command_line import document_of, run, strict_json
 from pytest import mark, raises
 from recorded_flights import LOGS, SLOW
@@ -11,11 +12,13 @@ from refusals import prose
 
 import mavdem
 from mavdem.assessment.assess import assess
+from mavdem.cli.review import with_coloured_level
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.learnability import NotLearnableReason
 from mavdem.facts.lights import Unjudged
+from mavdem.facts.motors import TrimFact
 from mavdem.ingest import read_log
 from mavdem.report.review import first_lines, further_lines, review_screen
 
@@ -117,6 +120,58 @@ def test_a_screen_lists_the_mode_and_the_worst_events_around_its_headline():
         "90.0 s",
         "104.0 s",
     ]
+
+
+def test_a_screen_lists_the_modes_while_the_event_of_its_headline_lasted():
+    assessment = assess(read_log(SLOW))
+    mode = Fact(ReportedEvent.MODE_CHANGED, Level.GOOD, subject="Return", cause=None, boot=0)
+    swing = Fact(
+        MotionEvent.ATTITUDE_SWUNG,
+        time=100.0,
+        end_time=105.0,
+        subject="roll",
+        angle=0.5,
+        count=4,
+        period=2.4,
+        boot=0,
+    )
+    later_mode = mode.replace(time=106.0)
+    events = (mode.replace(time=90.0), swing, mode.replace(time=102.0), later_mode)
+    judgement = replace(assessment.judgement, headline=swing, lights={})
+    evidence = replace(assessment.evidence, events=events)
+    screen = review_screen(replace(assessment, judgement=judgement, evidence=evidence))
+    assert re.findall(r"(?m)^([0-9.]+) s .* Mode Return", screen) == ["90.0", "102.0"]
+
+
+def test_the_light_of_the_headline_has_only_its_first_clause():
+    """The terminal would otherwise show one sentence twice."""
+    assessment = assess(read_log(SLOW))
+    trim = Fact(
+        TrimFact.TRIM_OF_YAW,
+        share=0.13,
+        worst="motor 1",
+        deviation=0.14,
+        half=0.01,
+        probability=0.99,
+        assumed=False,
+    )
+    judgement = replace(assessment.judgement, headline=trim, lights={"motors": trim})
+    screen = review_screen(replace(assessment, judgement=judgement), columns=200)
+    assert "\nmotors     watch    Yaw trim 13 %.\n" in screen
+    assert f"\n{trim.sentence}\n" in screen
+
+
+def test_levels_are_coloured_only_in_their_column():
+    line = "motors     BAD      It is BAD."
+    assert click.unstyle(with_coloured_level(line)) == line
+    assert with_coloured_level(line).startswith("motors     \x1b[91mBAD")
+    assert with_coloured_level(line).endswith("It is BAD.")
+    for plain in (
+        "Next: fly.",
+        "wind       unknown  No wind estimate.",
+        "It is not BAD      at all",
+    ):
+        assert with_coloured_level(plain) == plain
 
 
 def test_a_file_that_is_missing_is_no_command(capsys):

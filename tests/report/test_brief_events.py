@@ -14,7 +14,7 @@ from mavdem.facts.online import SurpriseCause
 from mavdem.facts.session import SessionFact
 from mavdem.facts.witnesses import SensorFact
 from mavdem.live.history import LiveHistory
-from mavdem.report.brief_events import worst_events
+from mavdem.report.brief_events import place_among_equals, worst_events
 from mavdem.report.loops import decision_sentences
 from mavdem.report.pages.flight_page import _numbered_events, _numbered_live_events
 from mavdem.report.pages.page import Head, PageEvent
@@ -37,7 +37,7 @@ def test_bad_events_come_first_and_those_of_a_kind_once():
     assert worst_events(EVENTS) == [(5, 1), (6, 1), (0, 4)]
     page_events = [PageEvent(Event(event.time, event)) for event in EVENTS]
     brief = [event.brief for event in Head(Level.BAD, {}, page_events).brief_events]
-    assert brief[0] == ("An accelerometer clipped 9 times from 5.0 to 6.0 s (first of 4).")
+    assert brief[0] == ("An accelerometer clipped 9 times from 5.0 to 6.0 s (longest of 4).")
     assert brief[1].startswith("Lost control at 30.0 s")
     assert len(brief) == 3 and "hit the ground" in brief[2]
 
@@ -52,6 +52,16 @@ def test_what_happened_in_flight_comes_before_what_is_reported_on_the_ground():
         CLIPS[0],
         restarted,
     ]
+
+
+def test_the_longest_event_of_a_kind_stands_for_all():
+    longest = CLIPS[2].replace(end_time=CLIPS[2].time + 3.0)
+    events = (*CLIPS[:2], longest, CLIPS[3])
+    ((index, count),) = worst_events(events)
+    assert (events[index], count) == (longest, 4)
+    assert place_among_equals(longest, count) == " (longest of 4)"
+    assert place_among_equals(HIT, 2) == " (first of 2)"
+    assert place_among_equals(longest, 1) == ""
 
 
 def test_a_page_says_once_what_to_do_and_what_shows_an_event():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from math import nan
@@ -25,7 +24,7 @@ from mavdem.dataset.speed_controllers import speed_controllers
 from mavdem.dem import Learned
 from mavdem.facts import Fact, Facts, Level, NamedFacts
 from mavdem.facts.assessment import Grade, NextStep, Purpose
-from mavdem.facts.ending import Ending, MotionEvent
+from mavdem.facts.ending import Ending
 from mavdem.facts.event import Event
 from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light, Unjudged
@@ -37,6 +36,7 @@ from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.loops.advice import AdviceByAxis
 from mavdem.loops.resonance import controller_if_known
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, headline_sentence, warning
+from mavdem.report.brief_events import with_saturations_counted
 from mavdem.report.charts import model_charts
 from mavdem.report.charts.chart import MAX_POINTS, MAX_POINTS_OF_SMALL_PAGE, Group
 from mavdem.report.charts.flown_path import MapWind, flown_path
@@ -396,7 +396,7 @@ def _numbered_events(
     page_events = []
     number = 0
     texts_above = {evidence_of_headline}
-    for fact in _with_saturations_counted(events):
+    for fact in with_saturations_counted(events):
         if fact.remedy in next_step:
             texts_above.add(fact.remedy)
         # The headline may have figures that the event has not, such as a motor that was weak before.
@@ -440,24 +440,6 @@ def _labels_in_charts(events: Sequence[PageEvent], timeline: Timeline) -> Names:
         fact = event.fact
         labels.append(labels_by_event.get((fact.code, fact.time, fact.subject), ""))
     return tuple(labels)
-
-
-def _with_saturations_counted(events: Facts) -> Iterator[Fact]:
-    """Yields the events of a flight, but of each motor only the first saturation, with the number of all of them.
-
-    A motor may reach its output limit hundreds of times in a flight, which would fill the list of events.
-
-    Args:
-        events: events of the flight, in the order of time.
-    """
-    saturation = MotionEvent.MOTOR_AT_ITS_STOP
-    counts_by_motor = Counter(event.subject for event in events if event.code is saturation)
-    for event in events:
-        if event.code is not saturation:
-            yield event
-        elif event.subject in counts_by_motor:
-            # The first saturation of this motor stands for all of them, so that its count is taken out.
-            yield event.replace(count=counts_by_motor.pop(event.subject))
 
 
 def _flight_chapters(

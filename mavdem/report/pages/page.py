@@ -22,7 +22,7 @@ from mavdem.facts.event import Event
 from mavdem.facts.session import SessionFact
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.brief_events import first_of_count, worst_events
+from mavdem.report.brief_events import place_among_equals, worst_events
 from mavdem.report.charts.chart import MAX_POINTS, Group, Plan
 from mavdem.report.charts.timeline import Timeline
 from mavdem.report.gain_changes import GainChanges
@@ -161,7 +161,7 @@ class PageEvent(NamedTuple):
             sentence = f"{without_full_stop(first_clause)}."
         if self.total == 1:
             return sentence
-        return f"{without_full_stop(sentence)}{first_of_count(self.total)}."
+        return f"{without_full_stop(sentence)}{place_among_equals(fact, self.total)}."
 
     @property
     def sentence(self) -> str:
@@ -322,7 +322,7 @@ class Head(NamedTuple):
             return self.events
         facts = [page_event.event.fact for page_event in self.events]
         brief_events = []
-        # Each has the index of the first event of a kind, and the number of events of that kind, the worst kind first.
+        # Each has the index of the longest event of a kind, and the number of events of that kind, the worst kind first.
         worst_kinds = worst_events(facts)[:MAX_BRIEF_EVENTS]
         # Sorted by their indices, they are in the order of time.
         for index, count in sorted(worst_kinds):
