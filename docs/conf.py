@@ -4,6 +4,7 @@ import io
 import json
 from collections.abc import Iterator
 from importlib.metadata import version as remote_version
+from pathlib import Path
 from typing import Any
 
 import matplotlib
@@ -80,8 +81,18 @@ class Notebook(MystParser):
                     yield f"~~~~text\n{''.join(data['text/plain']).strip()}\n~~~~"
 
 
+def append_contents(app: Any, page: str, source: list[str]) -> None:
+    """Appends the list of all pages (`contents.txt`) to the first page, whose file is also read in the repository.
+
+    There the list, which is only for Sphinx, would be shown as blocks of code.
+    """
+    if page == "index":
+        source[0] += "\n" + (Path(__file__).parent / "contents.txt").read_text("utf-8")
+
+
 def setup(app: Any) -> None:
     """Called by Sphinx: adds notebooks and formulas, without the fields of named tuples, which their class has."""
+    app.connect("source-read", append_contents)
     app.connect(
         "autodoc-skip-member",
         lambda *of: "Alias for field" in str(getattr(of[3], "__doc__", "")) or None,

@@ -322,7 +322,7 @@ class Head(NamedTuple):
             return self.events
         facts = [page_event.event.fact for page_event in self.events]
         brief_events = []
-        # Each has the index of the longest event of a kind, and the number of events of that kind, the worst kind first.
+        # Each has the index of the longest event of a kind, and the number of those events, the worst kind first.
         worst_kinds = worst_events(facts)[:MAX_BRIEF_EVENTS]
         # Sorted by their indices, they are in the order of time.
         for index, count in sorted(worst_kinds):
