@@ -7,8 +7,9 @@ from itertools import cycle
 import numpy as np
 
 from mavdem.arrays import Array
+from mavdem.assessment.commanded_swings import POSITION_TARGET_MESSAGE
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.hardware.commands import POSITION_MESSAGE, POSITION_TARGET_MESSAGE
+from mavdem.assessment.hardware.commands import POSITION_MESSAGE
 from mavdem.assessment.hardware.recording import is_attitude_resampled
 from mavdem.assessment.lights.vibration import CLIP_LIMITS, vibration_limits
 from mavdem.containers import Names
