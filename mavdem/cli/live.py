@@ -50,7 +50,7 @@ from mavdem.live.session_loop import run_session
 from mavdem.live.session_status import STATUS_PERIOD, SessionStatus
 from mavdem.live.vehicle_selection import Component
 from mavdem.machine import LOOPBACK
-from mavdem.report.live import headline_and_next_step
+from mavdem.report.live import closing_lines
 from mavdem.report.pages.flight_page import live_page
 from mavdem.report.templates import as_clause
 
@@ -375,7 +375,7 @@ def _follow_vehicle(
 
         def report_status(status: SessionStatus) -> None:
             dashboard.report(session, status)
-            status_lines.show_new_alarms(status)
+            status_lines.show_if_new(status)
 
         session = LiveSession(
             link=link,
@@ -445,7 +445,7 @@ def _follow_vehicle(
             # Another vehicle may be in the air: nobody waits for advice on the gains of the one before.
             session.report_gain_advice(is_at_end=True)
         status = _with_final_judgement(status, session)
-        for line in headline_and_next_step(status.overall_judgement):
+        for line in closing_lines(status):
             status_lines.print_conclusion(escape_unprintable(line))
         dashboard.report(session, status)
         resources.close()

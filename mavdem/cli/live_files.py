@@ -5,8 +5,9 @@ from pathlib import Path
 from shlex import quote
 
 from mavdem.facts import Fact, Facts
-from mavdem.facts.loops import GainFact, LoopFact
+from mavdem.facts.loops import GainFact
 from mavdem.facts.session import TimeUse
+from mavdem.live.gain_advice import decisive_reason
 from mavdem.report.templates import as_clause
 
 
@@ -56,11 +57,15 @@ def gains_line(advice: Facts | None, seconds_by_use: Mapping[TimeUse, float]) ->
         if fact.code is GainFact.GAINS_WRITTEN:
             return f"Gains: {fact.figures['path']}. Load one file in a ground station."
     if advice:
-        reason = _reason_without_gains(advice)
-        if reason.code is GainFact.ADVICE_FAILED:
+        finding = _reason_without_gains(advice)
+        if finding.code is GainFact.ADVICE_FAILED:
             # This sentence itself says that there are no gains.
-            return reason.sentence
-        return f"No gains: {as_clause(reason)}."
+            return finding.sentence
+        axis = finding.subject or finding.figures.get("axis")
+        axis_text = f" for {axis}" if axis else ""
+        # The first sentence is the reason; those that follow explain it, and the page has them.
+        reason, _, _ = decisive_reason(finding).sentence.partition(". ")
+        return f"No gains{axis_text}: {as_clause(reason.removeprefix('No margins: '))}."
     has_flown = seconds_by_use[TimeUse.LEARNED] > 0 or seconds_by_use[TimeUse.UNSETTLED] > 0
     if has_flown:
         return "No gains: too little settled flight to compute them from."
@@ -74,18 +79,13 @@ def _reason_without_gains(advice: Sequence[Fact]) -> Fact:
         advice: facts (coded findings) of the advice, at least one.
 
     Returns:
-        The reason that a finding ``GAINS_LEFT`` (the gains are left unchanged) contains; without such a finding, the
-        first. Of a reason that itself consists of reasons, such as one for each axis, it is the first: a crash, for
-        example, comes before what a single axis lacks.
+        The finding ``GAINS_LEFT`` (the gains are left unchanged), whose reason is the decisive one; without such a
+        finding, the first of the advice.
     """
-    reason = advice[0]
     for fact in advice:
         if fact.code is GainFact.GAINS_LEFT:
-            reason = fact.figures["reason"]
-            break
-    while reason.code in (GainFact.NO_GAINS_ADVISED, LoopFact.NO_LOOP):
-        reason = reason.figures["reasons"][0]
-    return reason
+            return fact
+    return advice[0]
 
 
 def _shell_word(path: Path) -> str:

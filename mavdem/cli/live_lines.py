@@ -13,6 +13,7 @@ from rich.text import Text
 from mavdem.cli.streams import escape_unprintable
 from mavdem.facts import Fact, Level
 from mavdem.facts.event import LEARNING_STATES, Event
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.session import SessionFact
 from mavdem.facts.watch import WatchFact
 from mavdem.live import clock
@@ -62,6 +63,9 @@ def event_line(event: Event, *, has_remedy: bool = True, ends_alarm: bool = Fals
         ends_alarm: whether it is the end of an alarm, although its fact does not say so.
     """
     fact = event.fact
+    if fact.code in (ReportedEvent.OFF_GROUND, ReportedEvent.ON_GROUND):
+        # The page names the message that shows it; a pilot sees where the vehicle is.
+        fact = fact.replace(basis=())
     sentence = fact.sentence
     marker = ALARM_OVER_MARKER if ends_alarm else ""
     if fact.code is WatchFact.ALARM_OVER:

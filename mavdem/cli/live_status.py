@@ -85,11 +85,21 @@ It is longer than the silence after which a message counts as missing. The statu
 changes at once.
 """
 
+SEARCH_SECONDS = 5.0
+"""Time for which no vehicle must be found before that is printed, s: five times the period of HEARTBEAT."""
+
+UNPRINTED_STATES = LEARNING_STATES | {
+    SessionFact.COMPUTER_BEHIND,
+    SessionFact.COMPUTER_KEEPS_UP,
+    SessionFact.PARAMETERS_KNOWN,
+}
+"""Events that are not printed: the status has them, or the report after the landing, and the page lists them."""
+
 MAX_LATEST_LINES = 50
 """Lines above the status that are kept, to draw them anew where the terminal is resized: more than it shows."""
 
-STATUS_LINE_WIDTH = 120
-"""Longest line of the status in a file, characters: as wide as a screen of this program; a choice."""
+STATUS_LINE_WIDTH = 240
+"""Longest line of the status in a file, characters: two lines of a wide terminal, room for all lights; a choice."""
 
 MAX_SETTLING_SECONDS = 15.0
 """Longest time that a change waits to be printed while further quantities change, s; a choice."""
@@ -191,16 +201,19 @@ class StatusLines:
         self._line_console = console
         # Whether the session prints lines below each other, which begin with the time.
         self._has_stamps = terminal_text is None
-        # The alarms of the status on the terminal.
+        # The alarms and the vehicle of the status on the terminal.
         self._shown_alarms: Facts = ()
+        self._shown_vehicle: str | None = None
         # The latest lines above that status, with their styles, and the size of the terminal when they were printed.
         self._latest_lines: deque[tuple[str, str]] = deque(maxlen=MAX_LATEST_LINES)
         self._terminal_size = STDERR.size
         # The next step that was printed last, without its numbers; and what the latest event advised.
         self._printed_next_step: Hashable = None
         self._advised_text = ""
-        # The report that no vehicle has been found yet, until it is known whether anything is received.
+        # The report that no vehicle has been found yet, until it has held for a while, and since when it has, s of the
+        # monotonic clock.
         self._unprinted_search: Event | None = None
+        self._search_start = inf
         # Whether the latest report on the link was an alarm.
         self._is_link_alarmed = False
         # Whether standard error has said that lines were lost, since they cannot be printed.
@@ -246,13 +259,15 @@ class StatusLines:
         else:
             self.update_in_place(status)
 
-    def show_new_alarms(self, status: SessionStatus) -> None:
-        """Updates the status on a terminal if its alarms are others than those shown, before the next period is over.
+    def show_if_new(self, status: SessionStatus) -> None:
+        """Updates the status on a terminal if its alarms or its vehicle are others than those shown.
+
+        So an event does not stand above a status of the period before, which contradicts it.
 
         Args:
-            status: State of the live session, as it is just before an alarm is printed.
+            status: State of the live session, as it is just before an alarm or a vehicle is reported.
         """
-        if status.alarms != self._shown_alarms:
+        if (status.alarms, status.vehicle) != (self._shown_alarms, self._shown_vehicle):
             self.update_in_place(status)
 
     def print_event(self, event: Event) -> None:
@@ -275,9 +290,8 @@ class StatusLines:
     def _print_event_below(self, event: Event, *, ends_alarm: bool) -> None:
         """Prints an event below the earlier lines, as to a file, with what to do about it.
 
-        Two kinds of events are not printed: progress of the model (``LEARNING_STATES``), among which a pilot would
-        overlook an alarm; and, for now, that no vehicle has been found. ``_print_search`` prints that later, if it
-        still holds.
+        Two kinds of events are not printed: ``UNPRINTED_STATES``, among which a pilot would overlook an alarm; and, for
+        now, that no vehicle has been found. ``_print_search`` prints that later, if it still holds.
 
         Args:
             event: What was found, and when.
@@ -286,17 +300,18 @@ class StatusLines:
         fact = event.fact
         if fact.code is VehicleFact.NO_VEHICLE_YET:
             self._unprinted_search = event
+            self._search_start = monotonic()
             return
         # The next step is not printed again where the event has just advised the same.
         self._advised_text = fact.remedy
-        if fact.code not in LEARNING_STATES:
+        if fact.code not in UNPRINTED_STATES:
             self._print(event_line(event, ends_alarm=ends_alarm), style_of_facts(fact))
 
     def _print_event_above_status(self, event: Event, *, ends_alarm: bool) -> None:
         """Prints an event above the status on the terminal, with a bell if it is an alarm.
 
         A small terminal has room for few lines. So states of the session that the status shows (``SESSION_STATES``) and
-        progress of the model (``LEARNING_STATES``) are not printed, and only alarms and warnings say what to do.
+        ``UNPRINTED_STATES`` are not printed, and only alarms and warnings say what to do.
 
         Args:
             event: What was found, and when.
@@ -307,7 +322,7 @@ class StatusLines:
             with suppress(OSError):
                 STDERR.bell()
         is_in_status = fact.code in SESSION_STATES and not event.is_alarm
-        if is_in_status or fact.code in LEARNING_STATES:
+        if is_in_status or fact.code in UNPRINTED_STATES:
             return
         has_remedy = event.is_alarm or fact.is_watch_or_bad
         line = event_line(event, has_remedy=has_remedy, ends_alarm=ends_alarm)
@@ -381,6 +396,7 @@ class StatusLines:
         with suppress(OSError):
             self._redraw_after_resizing()
         self._shown_alarms = status.alarms
+        self._shown_vehicle = status.vehicle
         texts = _status_texts(status)
         alarm_style = style_of_facts(*status.alarms)
         headline_style = style_of_facts(*status.alarms, status.overall_judgement.headline)
@@ -453,6 +469,11 @@ class StatusLines:
         is_new = state != self._printed_state
         if not is_new and now - self._print_time < UNCHANGED_STATE_PERIOD:
             return
+        is_at_rest = status.is_silent and not status.is_flying
+        if is_at_rest and not is_new:
+            # A vehicle that was switched off is no news, however long that lasts.
+            self._print_next_step(status)
+            return
         self._printed_state = state
         self._print_time = now
         line = stamped_line(
@@ -465,16 +486,21 @@ class StatusLines:
     def _print_search(self, status: SessionStatus) -> None:
         """Prints the event that no vehicle has been found, held back until now, if the status still says so.
 
-        At the start of a session this event is mostly out of date at once: a vehicle is found with the next messages,
-        or nothing at all is received, which is an event of its own.
+        At the start of a session this event is mostly soon out of date: a vehicle is found with its next HEARTBEAT, or
+        nothing at all is received, which is an event of its own.
 
         Args:
             status: State of the live session.
         """
         event = self._unprinted_search
-        self._unprinted_search = None
         reason = status.no_model_reason
-        if event is not None and reason is not None and reason.code is event.fact.code:
+        if event is None:
+            return
+        is_outdated = reason is None or reason.code is not event.fact.code
+        has_held = monotonic() - self._search_start >= SEARCH_SECONDS
+        if is_outdated or has_held:
+            self._unprinted_search = None
+        if has_held and not is_outdated:
             self._print(event_line(event))
 
     def print_conclusion(self, text: str) -> None:

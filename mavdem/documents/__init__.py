@@ -42,7 +42,7 @@ DOCUMENTS = {
     "order": Published("comparison.Order", 4, "`--json` of order"),
     "diff": Published("fleet.Diff", 9, "`--json` of diff"),
     "track": Published("fleet.Track", 9, "`--json` of track"),
-    "live": Published("session.Live", 7, "`--json` of live"),
+    "live": Published("session.Live", 8, "`--json` of live"),
     "convert": Published("others.Convert", 2, "`--json` of convert"),
     "twin": Published("loops.Twin", 5, "`--json` of twin"),
     "fly": Published("others.Fly", 3, "`--json` of fly"),

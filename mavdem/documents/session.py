@@ -151,6 +151,8 @@ class LiveFlight(MotorHealth):
     """what must be known before the model is used"""
     next_step: SentenceText | None = None
     """what to do next, one sentence"""
+    flights: list[SentenceAndFact]
+    """verdict on each flight of the session, the worst first, one sentence each; headline, lights and next_step are of the latest flight"""
     events: list[AdviceAndFact]
     """what was said in flight, one sentence each"""
     rrd: str | None
@@ -216,6 +218,7 @@ def live_document(
         samples={"learnt": status.learned_rows, "shown": status.unlearned_rows},
         lost=status.lost_messages,
         watched=status.watch_facts,
+        flights=[verdict.fact for verdict in status.verdicts_worst_first],
         missing=round(status.gap_seconds, SECONDS_DECIMALS),
         behind={
             "most": round(session.backlog.longest_delay, SECONDS_DECIMALS),

@@ -134,7 +134,7 @@ class SessionFact(Code):
     PARAMETERS_KNOWN = "parameters_known"
     FLIGHT_LEARNED = "flight_learned"
     REPORTS_LEFT_OUT = "reports_left_out"
-    EARLIER_FLIGHT = "earlier_flight"
+    FLIGHT_VERDICT = "flight_verdict"
     SAMPLE_SKIPPED = "sample_skipped"
     MOTION_UNEXPECTED = "motion_unexpected"
     GUST_FELT = "gust_felt"

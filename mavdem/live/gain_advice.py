@@ -19,7 +19,7 @@ from mavdem.dataset.axes import AXES
 from mavdem.dem.parallel import LOW_PRIORITY, NORMAL_PRIORITY
 from mavdem.errors import Refusal, error_message
 from mavdem.facts import Fact, Facts
-from mavdem.facts.loops import GainFact
+from mavdem.facts.loops import GainFact, LoopAction, LoopFact
 from mavdem.files import atomic_writes
 from mavdem.ingest import read_log
 from mavdem.live.latest_flight import log_of_latest_flight
@@ -167,12 +167,13 @@ def advise_gains(recording: Path, vehicle: str) -> GainAdvice:
         log = log_of_latest_flight(read_log(recording))
         assessment = assess(log, vehicle, AXES[0], Options(with_model=False))
     except Refusal as error:
-        return GainAdvice((Fact(GainFact.GAINS_LEFT, reason=error.fact),))
+        return GainAdvice((Fact(GainFact.GAINS_LEFT, reason=decisive_reason(error.fact)),))
     # Only an assessment in which no vehicle was judged has no evidence.
     assert assessment.evidence is not None
     tuning = tune_loops(assessment, AXES, is_written=True)
     if tuning.no_loop is not None:
-        return GainAdvice((Fact(GainFact.GAINS_LEFT, reason=tuning.no_loop),), assessment.judgement)
+        gains_left = Fact(GainFact.GAINS_LEFT, reason=decisive_reason(tuning.no_loop))
+        return GainAdvice((gains_left,), assessment.judgement)
     facts = facts_of_tuning(tuning)
     if not tuning.parameters:
         return GainAdvice(facts, tuning.judgement)
@@ -230,9 +231,26 @@ def facts_of_tuning(tuning: Tuning) -> Facts:
     gains_unchanged = Fact(
         GainFact.GAINS_LEFT,
         subject=least_certain_advice.before.axis,
-        reason=least_certain_advice.conclusion,
+        reason=decisive_reason(least_certain_advice.conclusion),
     )
     return (gains_unchanged,)
+
+
+def decisive_reason(finding: Fact) -> Fact:
+    """Returns the one reason for a finding, where it consists of other findings, such as one for each axis.
+
+    Args:
+        finding: a reason why gains stay as they are, or a decision on a loop.
+
+    Returns:
+        The first of several reasons: a crash, for example, comes before what a single axis lacks. The finding itself if
+        it has no reasons.
+    """
+    if finding.code in (GainFact.NO_GAINS_ADVISED, LoopFact.NO_LOOP):
+        return decisive_reason(finding.figures["reasons"][0])
+    if finding.code in (GainFact.GAINS_LEFT, LoopAction.LOOPS_JUDGED, LoopFact.NO_MARGINS):
+        return decisive_reason(finding.figures["reason"])
+    return finding
 
 
 def _new_gains_fact(axis: str, advice: Advice) -> Fact:

@@ -73,7 +73,8 @@ class LinkIntake:
         # When the link was known to be empty last, s of the monotonic clock.
         self._emptied_time = clock.monotonic()
         self.read_until = self._emptied_time
-        self._is_ended_on_purpose = False
+        # When the user ended the session, or the last message after that came, UNIX s; None before.
+        self._end_time: float | None = None
 
     def receive(self, timeout: float) -> list[FrameBatch]:
         """Receives and records what has arrived, or waits until something arrives; opens a lost link again.
@@ -163,8 +164,9 @@ class LinkIntake:
 
         The recording goes on until ``end_recording``, since replies to the last requests come later.
         """
-        # This is not called in a session that fails.
-        self._is_ended_on_purpose = True
+        # This is not called in a session that fails. What follows may take a busy computer seconds, in which the vehicle
+        # would seem to have been silent.
+        self._end_time = clock.unix_time()
         if not self.is_lost:
             self._record(self._link.receive_rest())
 
@@ -184,6 +186,8 @@ class LinkIntake:
         for piece in pieces:
             completed_frames = self._frame_reader.feed(piece.data)
             stamped_frames.append(_StampedFrames(piece.arrival_time, completed_frames))
+            if self._end_time is not None:
+                self._end_time = max(self._end_time, piece.arrival_time)
         if self.recording is None:
             return stamped_frames
         try:
@@ -210,8 +214,8 @@ class LinkIntake:
         if self.recording is None:
             return
         try:
-            if self._is_ended_on_purpose:
-                self.recording.mark_end(clock.unix_time())
+            if self._end_time is not None:
+                self.recording.mark_end(self._end_time)
             self.recording.close()
         except OSError as error:
             self.recording = None

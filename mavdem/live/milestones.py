@@ -5,15 +5,16 @@ The first estimate of the wind is reported by ``mavdem.live.wind``.
 
 from collections.abc import Callable
 from math import isfinite
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from mavdem.dem import Learned
-from mavdem.facts import Fact, Facts, Level
+from mavdem.facts import Fact, Facts
 from mavdem.facts.lights import Light
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.session import SessionFact
+from mavdem.live.flight_verdict import FlightVerdict
 from mavdem.live.learning import FlightLearning
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.wind import WindEstimate
@@ -21,36 +22,6 @@ from mavdem.plant.parameters import Physical
 
 MARGIN_FIGURES = ("phase_margin", "phase_margin_interval", "gain_margin", "gain_margin_interval")
 """Figures of the fact on the control loop's stability margins that are reported after a landing."""
-
-
-class _FlightSummary(NamedTuple):
-    """What is reported of a flight when the next one begins."""
-
-    number: int
-    """Number of the flight in the session, from 1; 0 where no take-off was noticed."""
-
-    duration: float | None = None
-    """Time from the take-off until the vehicle was in the air last, s; None where the take-off was not seen."""
-
-    verdict: Fact | None = None
-    """Headline of the latest judgement of the flight; None before one."""
-
-    is_lost_in_air: bool = False
-    """Whether the autopilot restarted after the last message in the air, so that the end of the flight is not known."""
-
-    @property
-    def fact(self) -> Fact:
-        """The flight with its verdict as a fact, at most of level "watch": a bad one is no alarm of the next flight."""
-        assert self.verdict is not None
-        level = Level.WATCH if self.verdict.is_bad else self.verdict.level
-        return Fact(
-            SessionFact.EARLIER_FLIGHT,
-            level,
-            number=self.number,
-            duration=self.duration,
-            is_lost_in_air=self.is_lost_in_air,
-            reason=self.verdict,
-        )
 
 
 class Milestones:
@@ -85,8 +56,16 @@ class Milestones:
         self._unreported_end: float | None = None
         # How many rows had been learned from at the last report of a flight.
         self._reported_rows = 0
-        # The flight whose verdict is reported when another one begins; None before any.
-        self._latest_flight: _FlightSummary | None = None
+        # The verdicts on the flights before the latest one, and on that one; None before any.
+        self._earlier_verdicts: list[FlightVerdict] = []
+        self._latest_verdict: FlightVerdict | None = None
+
+    @property
+    def verdicts(self) -> tuple[FlightVerdict, ...]:
+        """The verdicts on all flights of the session, in their order."""
+        if self._latest_verdict is None:
+            return ()
+        return (*self._earlier_verdicts, self._latest_verdict)
 
     def note_first_model(self, learning: FlightLearning, now: float, takeoff_time: float) -> None:
         """Reports the first model with its time, and how long after the take-off it was learned.
@@ -132,7 +111,7 @@ class Milestones:
         """
         if boot != self._boot:
             self._note_restart(boot)
-        self._summarise_flight(status)
+        self._judge_flight(status)
         physical = _latest_physical(learning)
         are_parameters_known = physical is not None and physical.identifiable
         if are_parameters_known and not self._has_parameters:
@@ -154,36 +133,37 @@ class Milestones:
             boot: number of the new boot.
         """
         self._boot = boot
-        if self._latest_flight is not None and self._was_flying:
-            self._latest_flight = self._latest_flight._replace(is_lost_in_air=True)
+        if self._latest_verdict is not None and self._was_flying:
+            self._latest_verdict = self._latest_verdict._replace(is_lost_in_air=True)
         # Just after a restart it is not known whether the vehicle flies; that is no landing.
         self._was_flying = False
 
-    def _summarise_flight(self, status: SessionStatus) -> None:
+    def _judge_flight(self, status: SessionStatus) -> None:
         """Keeps the verdict on the latest flight up to date, and reports it when another flight has begun.
 
-        From then on lights and verdict of the session are of the new flight, so that this line alone has the old one.
+        From then on lights and headline of the session are of the new flight, so that this line alone has the old one,
+        until the end of the session reports the verdicts on all flights.
 
         Args:
             status: status of the session, with the judgement of the latest flight.
         """
-        flight = self._latest_flight
-        is_new_flight = flight is None or flight.number != status.flight_number
+        verdict = self._latest_verdict
+        is_new_flight = verdict is None or verdict.number != status.flight_number
         if status.is_flying and is_new_flight:
-            if flight is not None:
-                self._log(flight.fact)
+            if verdict is not None:
+                self._earlier_verdicts.append(verdict)
+                self._log(verdict.fact_in_next_flight)
                 self._forget_milestones()
-            flight = _FlightSummary(status.flight_number)
-        elif status.is_flying and flight is not None:
-            # A flight that seemed to be lost in the air goes on, after a restart in the air.
-            flight = flight._replace(is_lost_in_air=False)
-        if flight is None:
+            verdict = status.verdict
+        elif verdict is None:
             return
-        if status.is_flying:
-            flight = flight._replace(duration=status.flight_seconds)
-        if not flight.is_lost_in_air:
-            flight = flight._replace(verdict=status.verdict_on_flight)
-        self._latest_flight = flight
+        elif status.is_flying:
+            # A flight that seemed to be lost in the air goes on, after a restart in the air.
+            verdict = status.verdict
+        elif not verdict.is_lost_in_air:
+            # After the landing the duration stays, and the judgement may become that of the recording.
+            verdict = verdict._replace(judgement=status.verdict.judgement)
+        self._latest_verdict = verdict
 
     def _forget_milestones(self) -> None:
         """Forgets what was reported of a flight, so that the next one's first model and parameters are reported too."""
@@ -236,7 +216,7 @@ class Milestones:
         """Reports what the flight has shown: physical parameters, margins, wind, and how late estimates came.
 
         What is not known is None, with the reason if there is one. Nothing is reported if the vehicle has not flown,
-        and no row has been learned from, since the last report.
+        and no row has been learned from, since the last report; nor of a lost vehicle without parameters.
 
         Args:
             learning: counts the rows that were learned from, and has the unit of the inputs.
@@ -248,6 +228,10 @@ class Milestones:
             return
         self._has_flown = False
         self._reported_rows = learning.learned_rows
+        is_lost = status.loss is not None
+        if is_lost and physical is None:
+            # The loss was an alarm, and nobody asks what else a flight has shown that was over before it was known.
+            return
         margins = status.overall_judgement.lights.get(Light.MARGINS)
         no_parameters_reason = None
         if physical is None:
@@ -267,7 +251,7 @@ class Milestones:
                 clock=now,
                 axis=self._axis,
                 is_flying=status.is_flying or not status.has_landed,
-                is_lost=status.loss is not None,
+                is_lost=is_lost,
                 is_fitted=physical is not None,
                 margins_follow=self.margins_follow,
                 **_margin_figures(margins),

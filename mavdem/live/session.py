@@ -172,7 +172,8 @@ class LiveSession:
         self._flight_number = 0
         # The latest model of an earlier flight, which is kept if the latest flight gives none.
         self._earlier_model: Learned | None = None
-        # Number of the flight whose recording is judged; 0 before any.
+        # Number of the latest flight whose end was reported, and of that whose recording is judged; 0 before any.
+        self._ended_flight = 0
         self._recorded_flight = 0
 
     def step(self, timeout: float = 0.1) -> None:
@@ -205,8 +206,9 @@ class LiveSession:
         )
         events = self.stream.drain_events()
         has_alarm = any(event.fact.is_bad for event in events)
-        if has_alarm:
-            # An alarm must not stand beside a status of up to a second before, which calls the vehicle sound.
+        has_vehicle = any(event.fact.code is VehicleFact.FOLLOWING_VEHICLE for event in events)
+        if has_alarm or has_vehicle:
+            # Neither must stand beside a status of up to a second before, which calls the vehicle sound or not found.
             self._report_status_unless_late(self.status)
         for event in events:
             # A vehicle that is to be followed after a silent one has been reported as its successor.
@@ -561,8 +563,9 @@ class LiveSession:
     def _report_no_model_reason(self, status: SessionStatus) -> None:
         """Reports why no model is learned, or that one is being learned again, whenever that changes.
 
-        In flight, a lost link is such a reason, which is reported again when it has become bad. The same reason with
-        other measured figures, such as rates that vary, is not reported again.
+        In flight, a lost link is such a reason, which is reported once it is bad: until then the headline states it, and
+        messages that come again are reported. The same reason with other measured figures, such as rates that vary, is
+        not reported again.
 
         Args:
             status: the present status, with the reason.
@@ -571,10 +574,19 @@ class LiveSession:
         if status.is_flying and reason is not None and reason.code in NO_ROWS_CODES:
             # It is kept for the end of the session, when the vehicle no longer flies.
             self.flight.no_rows_reason = reason
+        link_loss = status.link_loss
+        if link_loss is not None and not link_loss.is_bad:
+            return
         former_reason = self._reported_reason
         if _without_measurements(reason) == _without_measurements(former_reason):
             return
         self._reported_reason = reason
+        if reason is not None and reason.code is SessionFact.FLIGHT_OVER:
+            # It may have another cause a moment later, which does not end the flight a second time.
+            is_end_reported = self._ended_flight == status.flight_number
+            self._ended_flight = status.flight_number
+            if is_end_reported:
+                return
         if not self._is_covered_by_other_report(reason, former_reason, status):
             self._presentation.log(_report_on_learning(reason, status))
 
@@ -594,16 +606,20 @@ class LiveSession:
         is_first_model = reason is None and former_reason == FIRST_FIT_RUNNING
         # While a vehicle is out of control in the air, its alarm is reported, and learning does not matter.
         is_out_of_control = status.is_flying and status.loss is not None
-        # After a landing, the report on the flight says that it is over.
-        has_landed = self.flight.learning.has_landed and not status.is_flying
+        # After a landing, the report on the flight says that it is over; after a loss nobody is asked to take off.
+        has_flown = status.flight_number > 0 and not status.is_flying
         is_not_flying = reason is not None and reason.code is SessionFact.NOT_FLYING
-        is_reported_landing = has_landed and is_not_flying
+        is_reported_landing = has_flown and is_not_flying
         return is_first_model or is_out_of_control or is_reported_landing
 
     @property
     def status(self) -> SessionStatus:
         """The status as of now."""
-        return replace(self._report.status, shortfall=self._reason_without_parameters())
+        return replace(
+            self._report.status,
+            shortfall=self._reason_without_parameters(),
+            verdicts=self._milestone_reporter.verdicts,
+        )
 
     def time_account(self) -> dict[TimeUse, float]:
         """Returns how many seconds of the session each use of time took, such as learning; their sum is its age."""
@@ -793,12 +809,24 @@ class LiveSession:
             reported_advice = [fact for fact in advice if fact.code is GainFact.ADVICE_FAILED]
         if reported_advice and judgement is not None:
             self._log_margins(judgement.lights[Light.MARGINS], tuple(reported_advice))
-        is_vehicle_lost = self.stream.status().loss is not None
         for fact in reported_advice:
-            if is_vehicle_lost and fact.code is GainFact.GAINS_LEFT:
-                # The loss was an alarm, and nobody asks why a vehicle that has crashed gets no new gains.
-                continue
-            self._presentation.log(fact)
+            if fact.code is not GainFact.GAINS_LEFT or not self._is_stated_elsewhere(fact):
+                self._presentation.log(fact)
+
+    def _is_stated_elsewhere(self, gains_left: Fact) -> bool:
+        """Returns whether another report has stated already why there are no new gains.
+
+        A loss of the vehicle was an alarm. Rates that were too low to learn from are in the report after the landing.
+
+        Args:
+            gains_left: the fact that the gains stay as they are, with the reason.
+        """
+        if self.stream.status().loss is not None:
+            return True
+        shortfall = self._reason_without_parameters()
+        if shortfall is None or shortfall.code is not RowsFact.LIVE_RATES_TOO_LOW:
+            return False
+        return bool(shortfall.figures["reason"].code == gains_left.figures["reason"].code)
 
     def _log_margins(self, margins: Fact, advice: Facts) -> None:
         """Reports the stability margins, unless they are not known or the advice on gains states them anyway.

@@ -35,6 +35,7 @@ from mavdem.facts.session import LinkFact, MissingMessages, RowsFact, SessionFac
 from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import WatchFact
 from mavdem.immutable import ImmutableResult
+from mavdem.live.flight_verdict import FlightVerdict, worst_first
 from mavdem.live.history import REPORTED_HORIZON
 from mavdem.live.link import SILENCE_SECONDS
 from mavdem.live.link_loss import LONG_LOSS_SECONDS, lights_during_silence, link_loss_fact
@@ -117,7 +118,7 @@ class SessionStatus(ImmutableResult):
     """The status of a live session at one moment.
 
     ``LiveStream.status`` fills in what concerns the link and the vehicle, ``StatusReport.status`` adds the model, and
-    ``LiveSession.status`` the ``shortfall``.
+    ``LiveSession.status`` the ``shortfall`` and the ``verdicts``.
     """
 
     vehicle: str | None = None
@@ -248,6 +249,9 @@ class SessionStatus(ImmutableResult):
     worst_lights: NamedFacts = field(default_factory=dict)
     """The worst fact found so far without a model in the latest flight, by light."""
 
+    verdicts: tuple[FlightVerdict, ...] = ()
+    """The verdicts on all flights of the session up to now, in their order; ``verdicts_worst_first`` is up to date."""
+
     absent_messages: frozenset[str] = frozenset()
     """Names of the messages that do not come, although the vehicle was asked for them."""
 
@@ -282,7 +286,8 @@ class SessionStatus(ImmutableResult):
         """
         judgement = self._judgement_with_all_lights
         is_nothing_checked = judgement.headline.code is HeadlineCode.NOTHING_CHECKED
-        if is_nothing_checked and self.is_flying and self._watched_names:
+        is_in_flight = self.is_flying and not self.is_over
+        if is_nothing_checked and is_in_flight and self._watched_names:
             no_alarm = Fact(WatchFact.NO_ALARM, names=self._watched_names)
             judgement = replace(judgement, headline=no_alarm)
         # The judgement of the recording, where there is one, has a headline on the loss that says more than this one.
@@ -300,9 +305,26 @@ class SessionStatus(ImmutableResult):
         return judgement
 
     @property
-    def verdict_on_flight(self) -> Fact:
-        """The headline by what was found in the latest flight, without what a pilot must do while it goes on."""
-        return replace(self, is_flying=False, is_over=True).overall_judgement.headline
+    def verdict(self) -> FlightVerdict:
+        """The verdict by what was found in the latest flight, without what a pilot must do while it goes on."""
+        flight_so_far = replace(self, is_flying=False, is_over=True)
+        return FlightVerdict(
+            self.flight_number, flight_so_far.overall_judgement, self.flight_seconds
+        )
+
+    @property
+    def verdicts_worst_first(self) -> list[FlightVerdict]:
+        """The verdicts on all flights of the session, the worst first, with which a session of several flights ends.
+
+        That on the latest flight is by the present judgement, which is of the recording once that is judged. Only of a
+        flight that was lost before a restart the judgement before the restart stays, until then.
+        """
+        if not self.verdicts:
+            return []
+        *earlier_verdicts, latest_verdict = self.verdicts
+        if self.is_recording_judged or not latest_verdict.is_lost_in_air:
+            latest_verdict = latest_verdict._replace(judgement=self.overall_judgement)
+        return worst_first([*earlier_verdicts, latest_verdict])
 
     @property
     def link_loss(self) -> Fact | None:

@@ -69,17 +69,20 @@ def vehicle_text(status: SessionStatus, *, has_table: bool = False) -> str:
 def status_line_text(status: SessionStatus) -> str:
     """Returns the status of a live session as one line of text, for an output that is not a terminal, such as a file.
 
-    It has the vehicle and its phase of flight, the battery, the wind, the link, whether a model is learned, and the
-    names of the status lights that are bad or to be watched.
+    It has the vehicle and its phase of flight, the battery, the wind, the link, whether a model is learned and, from the
+    first take-off on, the names of the status lights by level, the worst first.
 
     Args:
         status: state of the session, with the status lights: the judgement of each part of the vehicle by a level.
     """
-    light_names_by_level: dict[str, list[str]] = {str(level): [] for level in Level}
-    for light_name, light in status.overall_judgement.lights.items():
-        light_names_by_level[str(light.level)].append(light_name)
+    judged_lights = status.overall_judgement.lights
+    lights_of_levels = []
+    for level in (Level.BAD, Level.WATCH, Level.GOOD, Level.UNKNOWN):
+        names = [name for name, light in judged_lights.items() if light.level is level]
+        if names:
+            lights_of_levels.append(f"{level}: {', '.join(names)}")
     # The template "live_line" makes one sentence of all these.
-    [sentence] = render_section("live_line", status=status, names_by_level=light_names_by_level)
+    [sentence] = render_section("live_line", status=status, lights=lights_of_levels)
     return sentence.text
 
 
@@ -188,6 +191,23 @@ def headline_and_next_step(judgement: Judgement) -> list[str]:
     if next_step in headline_text:
         return [headline_text]
     return [headline_text, f"Next: {next_step}"]
+
+
+def closing_lines(status: SessionStatus) -> list[str]:
+    """Returns the last words on a session: its verdict and the next step or, after several flights, all verdicts.
+
+    Of several flights each has a line, the worst first, followed by the next step after that one. So a fault of the
+    first flight is not forgotten because the last one was sound.
+
+    Args:
+        status: state of the session at its end.
+    """
+    verdicts = status.verdicts_worst_first
+    if len(verdicts) < 2:
+        return headline_and_next_step(status.overall_judgement)
+    lines = [verdict.fact.sentence for verdict in verdicts]
+    _, *next_step_lines = headline_and_next_step(verdicts[0].judgement)
+    return [lines[0], *next_step_lines, *lines[1:]]
 
 
 def moment_text(event: Event) -> str:

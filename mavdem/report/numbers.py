@@ -111,6 +111,23 @@ def one_line_list(names: Iterable[str], max_names: int = 5, max_length: int = 80
     return ", ".join(listed_names)
 
 
+def plus_minus_or_below(value: float, half_width: float) -> str:
+    """Returns an estimate of a quantity above zero with the half width of its interval.
+
+    If the interval contains zero, its upper end is returned, since the estimate does not differ from zero.
+
+    >>> plus_minus_or_below(3.5123, 1.149), plus_minus_or_below(1.5, 1.6)
+    ('3.5 ± 1.1', 'below 3.1')
+
+    Args:
+        value: the estimate.
+        half_width: half width of its interval, in the same unit.
+    """
+    if value > half_width:
+        return plus_minus(value, half_width)
+    return f"below {value + half_width:.2g}"
+
+
 def plus_minus(value: float, half_width: float) -> str:
     """Returns an estimate with the half width of its interval, both with the digits that the half width bears.
 

@@ -1,5 +1,6 @@
 """Milestones of a live flight: once each, with what is known."""
 
+from dataclasses import replace
 from unittest.mock import Mock
 
 import numpy as np
@@ -20,6 +21,7 @@ from mavdem.live.learning import FlightLearning
 from mavdem.live.milestones import Milestones
 from mavdem.live.session_status import Latency, SessionStatus
 from mavdem.plant.parameters import Physical
+from mavdem.report.live import closing_lines, headline_and_next_step
 from mavdem.report.templates import as_clause
 
 PHYSICAL = partial_record(
@@ -116,7 +118,7 @@ def reported_flights(*parts):
             worst_lights=power,
         )
         milestones.update(learning_with("model"), status, float(now), boot)
-    return [fact for fact in facts if fact.code is SessionFact.EARLIER_FLIGHT]
+    return [fact for fact in facts if fact.code is SessionFact.FLIGHT_VERDICT]
 
 
 def test_a_flight_is_reported_with_its_verdict_when_the_next_one_begins():
@@ -124,30 +126,58 @@ def test_a_flight_is_reported_with_its_verdict_when_the_next_one_begins():
     assert not reported_flights((0, 0, False, None), flight, ground)
     assert not reported_flights(flight, ground, flight), "it has bounced"
     [first] = reported_flights(flight, ground, (0, 2, True, 0.5))
-    assert str(first).startswith("Flight 1 (1:15 min) is over. Its verdict: too little was checked")
+    assert str(first).startswith("Flight 1 (1:15 min): too little was checked")
+
+
+def test_a_session_of_several_flights_ends_with_all_verdicts_the_worst_first():
+    """A first flight that was lost is not forgotten because nothing is wrong in the second one."""
+    milestones = Milestones("roll", Mock())
+    loss = Fact(Ending.CONTROL_LOST, time=22.1, height=None, cause=None, word=None)
+    lost = SessionStatus(is_flying=True, flight_number=1, flight_seconds=34.0, loss=loss)
+    sound = SessionStatus(is_flying=True, flight_number=2, flight_seconds=22.0)
+    for now, status in enumerate((lost, replace(lost, is_flying=False), sound)):
+        milestones.update(learning_with(), status, float(now))
+    assert closing_lines(replace(lost, verdicts=milestones.verdicts[:1], is_over=True)) == (
+        headline_and_next_step(replace(lost, is_over=True).overall_judgement)
+    )
+    end = replace(sound, is_over=True, verdicts=milestones.verdicts)
+    first_line, next_step, second_line = closing_lines(end)
+    assert first_line == f"Flight 1 (0:34 min): {as_clause(loss)}."
+    assert next_step == f"Next: {lost.verdict.judgement.next_step}"
+    assert second_line.startswith("Flight 2 (0:22 min): ")
 
 
 def test_a_flight_whose_link_was_lost_in_the_air_is_reported_too():
     flight = (0, 1, True, 11.0)
     [lost] = reported_flights(flight, (1, 1, False, None), (1, 2, True, 0.5))
-    assert str(lost).startswith("Flight 1 (0:11 min) was lost in the air")
+    assert str(lost).startswith("Flight 1 (0:11 min), lost in the air with its messages")
     # After a restart in the air the same flight goes on, until the next take-off.
     goes_on = [flight, (1, 1, False, None), (1, 1, True, None)]
     assert not reported_flights(*goes_on)
     [landed] = reported_flights(*goes_on, (1, 1, False, None), (1, 2, True, 0.5))
-    assert "is over" in str(landed)
+    assert "lost in the air" not in str(landed)
 
 
 def test_a_flight_that_ends_in_the_air_is_no_landing():
-    """The last reports of a crashed vehicle are of a flight: that it was lost is reported once the loss is known."""
+    """The last reports of a crashed vehicle are of a flight: that it was lost is reported once the loss is known.
+
+    Without parameters there is nothing to add to the alarm of the loss.
+    """
     facts = []
+    unfitted_facts = []
     milestones = Milestones("roll", facts.append)
-    learning = learning_with()
+    unfitted_milestones = Milestones("roll", unfitted_facts.append)
+    learning = learning_with("model", PHYSICAL)
+    milestones._has_parameters = True
     for now, is_flying in ((39.0, True), (40.0, False), (41.0, False)):
-        milestones.update(learning, SessionStatus(is_flying=is_flying, has_landed=False), now)
+        status = SessionStatus(is_flying=is_flying, has_landed=False)
+        milestones.update(learning, status, now)
+        unfitted_milestones.update(learning_with(), status, now)
     assert not facts
     lost = SessionStatus(has_landed=False, loss=Fact(Ending.CRASHED))
     milestones.update(learning, lost, 42.0)
+    unfitted_milestones.update(learning_with(), lost, 42.0)
+    assert not unfitted_facts
     [lost_flight_fact] = facts
     assert lost_flight_fact.figures["is_lost"] and lost_flight_fact.figures["clock"] == 40.0
 

@@ -93,7 +93,7 @@ def test_a_motor_that_weakens_is_named_in_flight_and_by_its_log(flown):
     headline = status.overall_judgement.headline
     assert (headline.code, headline.subject) == (alarm.fact.code, fact.subject)
     texts = [block.text for block in render_section("live_status", status=status)]
-    assert texts[0].startswith("ALARM;") and str(fact) not in texts
+    assert texts[0].startswith("Not learning;") and str(fact) not in texts
     blocks = live_report(LiveHistory(), status, dict.fromkeys(TimeUse, 0.0), "roll")
     assert any("motor 3 (front left)" in str(block).lower() for block in blocks)
     assert not SessionStatus().active_alarms
@@ -181,7 +181,7 @@ def test_the_alarm_of_the_headline_is_stated_once_after_the_landing(monkeypatch)
     status = replay(hovering(rise=150.0)).stream.status()
     reason = Fact(LinkFact.CONNECTION_LOST, cause=None, reopening=False)
     silent = replace(status, no_model_reason=reason)
-    StatusLines(screen).show_new_alarms(silent)
+    StatusLines(screen).show_if_new(silent)
     Console(file=terminal_output, width=100).print(screen.update.call_args.args[0])
     text = " ".join(terminal_output.getvalue().split())
     assert not status.is_flying and text.count("of its thrust") == 1

@@ -90,7 +90,7 @@ def test_a_flight_is_judged_as_if_it_were_the_only_one_of_its_session(session_no
         fact for fact in facts_of_fresh if fact.code is SessionFact.FLIGHT_LEARNED
     ]
     # What the first flight has shown is reported once, when the second one begins.
-    [verdict] = [fact for fact in facts if fact.code is SessionFact.EARLIER_FLIGHT]
+    [verdict] = [fact for fact in facts if fact.code is SessionFact.FLIGHT_VERDICT]
     assert "motor 3" in str(verdict)
 
     # The model at the end is of the second flight; where that gives none, the first one's is kept, and not judged.

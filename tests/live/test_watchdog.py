@@ -601,10 +601,17 @@ def test_rates_that_vary_are_no_news(capsys):
 
 def test_a_lasting_state_is_repeated_in_a_short_line_and_its_next_step_once(capsys):
     lines = StatusLines(None)
-    status = SessionStatus("1:1", no_model_reason=Fact(SessionFact.NOT_FLYING), boot_clock=182.44)
+    status = SessionStatus(
+        "1:1", no_model_reason=Fact(SessionFact.NOT_FLYING), boot_clock=182.44, message_age=0.5
+    )
     for _ in range(3):
         # The second and the third line repeat an unchanged state.
         lines.show(Mock(status=status))
+        lines._print_time = -np.inf
+    # A vehicle that is silent on the ground is no news.
+    silent = replace(status, message_age=40.0)
+    for _ in range(3):
+        lines.show(Mock(status=silent))
         lines._print_time = -np.inf
     printed = capsys.readouterr().out
     assert printed.count(status.no_model_reason.remedy) == 1
@@ -672,7 +679,7 @@ def test_the_status_stands_in_its_place_on_a_terminal():
         lines.show(Mock(status=status))
     last = terminal_output.getvalue().split("1:1, nothing received yet.")[-1]
     # The alarm is red and a word, and each light has its level as a word.
-    assert "\x1b[1;31m" in last and "ALARM; 123,456 samples" in last and "unknown" in last
+    assert "\x1b[1;31m" in last and "Learning; 123,456 samples" in last and "unknown" in last
     # A sentence that is longer than a line wraps, so that none is cut.
     words = re.sub(r"\x1b\[[^m]*m|\s+", " ", last).split()
     # The alarm in the headline is not said twice.
@@ -733,7 +740,7 @@ def test_after_a_landing_nobody_is_asked_to_take_off_again(monkeypatch):
     )
     terminal_output = shown_status(landed, monkeypatch)
     text = " ".join(terminal_output.split())
-    assert text.count("Waiting; 0 samples") == 1 and "Take off" not in text
+    assert text.count("Not learning; 0 samples") == 1 and "Take off" not in text
     assert "motors watch motor 4: 7 % left" in text
 
 
@@ -766,7 +773,7 @@ def test_the_status_fits_the_terminal(width, monkeypatch):
     assert len(lines) <= {60: 13, 80: 9, 120: 7, 200: 7}[width]
     assert max(map(len, lines)) <= min(width, 120)
     text = " ".join(terminal_output.split())
-    assert "wind unknown now 11–16 m/s, 54°" in text and "Not watched: height." in text
+    assert "wind unknown now 11–16 m/s 54°" in text and "Not watched: height." in text
 
 
 def test_a_flying_vehicle_without_a_judgement_is_not_called_grounded():
@@ -1065,22 +1072,30 @@ def test_lines_below_each_other_say_that_attitude_is_back_during_an_alarm(capsys
     silent = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MOTION, duration=3.0)
     alarm = Fact(ReportedEvent.BATTERY_ALARMED, Level.BAD)
     lines = StatusLines(None)
-    alarmed = SessionStatus("1:1", no_model_reason=silent, active_alarms=(alarm,), message_age=0.5)
+    alarmed = SessionStatus(
+        "1:1",
+        is_flying=True,
+        no_model_reason=silent,
+        active_alarms=(alarm,),
+        state=VehicleState("Hold", is_armed=True),
+        message_age=0.5,
+    )
     rates = {"ATTITUDE": 50.0, "SERVO_OUTPUT_RAW": 50.0}
     unsettled = Fact(SessionFact.NOT_SETTLED)
     for status in (alarmed, replace(alarmed, no_model_reason=unsettled, rates=rates)):
         lines.show(Mock(status=status))
     without, back = capsys.readouterr().out.splitlines()
-    assert "; no attitude; not learning" in without
-    assert "; 50 Hz; not learning" in back
+    assert "; no attitude; unknown: motors" in without
+    assert "; 50 Hz; good: log; unknown: motors" in back
+    assert back.endswith("not learning: this part of the flight is not learned from: climb, landing or strong tilt")
 
 
-def test_an_alarm_that_stays_after_the_landing_is_a_fault_that_was_found(monkeypatch):
+def test_an_alarm_that_stays_after_the_landing_is_shown_as_a_fault(monkeypatch):
     alarm = Fact(ReportedEvent.BATTERY_ALARMED, Level.BAD)
     landed = VehicleState("Hold", is_armed=False)
     status = SessionStatus("1:1", active_alarms=(alarm,), state=landed, message_age=40.0)
     shown = shown_status(status, monkeypatch)
-    assert "Fault found; 0 samples." in shown
+    assert "The autopilot reports a critical battery." in shown
     assert "ALARM" not in shown and "no attitude" not in shown
 
 
@@ -1143,14 +1158,24 @@ def test_lines_that_a_full_disk_loses_are_reported_once(capsys):
     assert report.startswith("mavdem: Standard output cannot be written to (No space left")
 
 
-def test_a_missing_vehicle_is_reported_only_where_messages_come_and_none_is_found(capsys):
-    """At the start no message has come yet, and the silence has a line of its own."""
+def test_a_missing_vehicle_is_reported_only_where_messages_come_and_none_is_found(
+    capsys, monkeypatch
+):
+    """At the start no message has come yet, and the silence has a line of its own.
+
+    A vehicle whose next HEARTBEAT is awaited is not missing yet.
+    """
+    now = [100.0]
+    monkeypatch.setattr("mavdem.cli.live_status.monotonic", lambda: now[0])
     search = Fact(VehicleFact.NO_VEHICLE_YET, subject="")
     silent = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0)
     counts = []
     for reason in (silent, search):
         lines = StatusLines(None)
         lines.print_event(Event(9.0, search, reception=0.0))
+        lines.show(Mock(status=SessionStatus(no_model_reason=reason)))
+        assert "No vehicle found yet." not in capsys.readouterr().out
+        now[0] += 6.0
         lines.show(Mock(status=SessionStatus(no_model_reason=reason)))
         counts.append(capsys.readouterr().out.count("No vehicle found yet."))
     assert counts == [0, 1]

@@ -1,0 +1,53 @@
+"""The verdict on one flight of a live session, which the next take-off and the end of the session report."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from mavdem.assessment.judgement import Judgement
+from mavdem.assessment.limits import LEVELS_BY_SEVERITY
+from mavdem.facts import Fact, Level
+from mavdem.facts.session import SessionFact
+
+
+class FlightVerdict(NamedTuple):
+    """The verdict on one flight of a session."""
+
+    number: int
+    """Number of the flight in the session, from 1; 0 where no take-off was noticed."""
+
+    judgement: Judgement
+    """Its latest judgement: headline, next step and lights."""
+
+    duration: float | None = None
+    """Time from the take-off until the vehicle was in the air last, s; None where the take-off was not seen."""
+
+    is_lost_in_air: bool = False
+    """Whether the autopilot restarted after the last message in the air, so that the end of the flight is not known."""
+
+    @property
+    def fact(self) -> Fact:
+        """The headline of the flight, with the flight's number and duration."""
+        headline = self.judgement.headline
+        return Fact(
+            SessionFact.FLIGHT_VERDICT,
+            headline.level,
+            number=self.number,
+            duration=self.duration,
+            is_lost_in_air=self.is_lost_in_air,
+            reason=headline,
+        )
+
+    @property
+    def fact_in_next_flight(self) -> Fact:
+        """The fact at the beginning of the next flight, of which it is no alarm: at most of level "watch"."""
+        fact = self.fact
+        return fact.replace(Level.WATCH) if fact.is_bad else fact
+
+
+def worst_first(verdicts: Sequence[FlightVerdict]) -> list[FlightVerdict]:
+    """Returns the verdicts on flights from the worst to the best; those that are as bad stay in their order."""
+    return sorted(
+        verdicts,
+        key=lambda verdict: LEVELS_BY_SEVERITY.index(verdict.judgement.headline.level),
+        reverse=True,
+    )
