@@ -61,11 +61,13 @@ def gains_line(advice: Facts | None, seconds_by_use: Mapping[TimeUse, float]) ->
         if finding.code is GainFact.ADVICE_FAILED:
             # This sentence itself says that there are no gains.
             return finding.sentence
-        axis = finding.subject or finding.figures.get("axis")
+        reason = decisive_reason(finding)
+        # A reason with a subject of its own, such as a motor, holds for all axes.
+        axis = "" if reason.subject else finding.subject or finding.figures.get("axis")
         axis_text = f" for {axis}" if axis else ""
         # The first sentence is the reason; those that follow explain it, and the page has them.
-        reason, _, _ = decisive_reason(finding).sentence.partition(". ")
-        return f"No gains{axis_text}: {as_clause(reason.removeprefix('No margins: '))}."
+        sentence, _, _ = reason.sentence.partition(". ")
+        return f"No gains{axis_text}: {as_clause(sentence.removeprefix('No margins: '))}."
     has_flown = seconds_by_use[TimeUse.LEARNED] > 0 or seconds_by_use[TimeUse.UNSETTLED] > 0
     if has_flown:
         return "No gains: too little settled flight to compute them from."

@@ -601,8 +601,8 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
     silent = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0)
     lost = [fact for fact in reported_facts if fact.code is LinkFact.LOST_IN_FLIGHT]
     assert last.no_model_reason == silent and silent not in reported_facts
-    # Once it is bad, it is reported again.
-    assert [fact.level for fact in lost] == [Level.WATCH, Level.BAD]
+    # It is reported once, when it is bad.
+    assert [fact.level for fact in lost] == [Level.BAD]
     assert {fact.code for fact in last.watch_facts} == {WatchFact.NOT_WATCHED}
     assert {fact.figures["reason"].code for fact in last.watch_facts} == {RowsFact.NOTHING_RECEIVED}
     # A vehicle that sends nothing else says only that it is there.
@@ -807,7 +807,6 @@ def test_a_session_with_all_faults_ends_with_a_good_model(
         VehicleFact.VEHICLE_REBOOTED,
         VehicleFact.CLOCK_JUMPED,
         RowsFact.MESSAGES_RESUMED,
-        SessionFact.NOT_FLYING,
         RateFact.RATES_CONTESTED,
     }
     assert happened <= reported_facts
