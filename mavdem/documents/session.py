@@ -152,7 +152,7 @@ class LiveFlight(MotorHealth):
     next_step: SentenceText | None = None
     """what to do next, one sentence"""
     flights: list[SentenceAndFact]
-    """verdict on each flight of the session, the worst first, one sentence each; headline, lights and next_step are of the latest flight"""
+    """verdict on each flight of the session, the worst first, one sentence each"""
     events: list[AdviceAndFact]
     """what was said in flight, one sentence each"""
     rrd: str | None

@@ -164,8 +164,8 @@ class LinkIntake:
 
         The recording goes on until ``end_recording``, since replies to the last requests come later.
         """
-        # This is not called in a session that fails. What follows may take a busy computer seconds, in which the vehicle
-        # would seem to have been silent.
+        # This is not called in a session that fails. A busy computer may need seconds for what follows, in which the
+        # vehicle would seem to have been silent.
         self._end_time = clock.unix_time()
         if not self.is_lost:
             self._record(self._link.receive_rest())

@@ -563,9 +563,8 @@ class LiveSession:
     def _report_no_model_reason(self, status: SessionStatus) -> None:
         """Reports why no model is learned, or that one is being learned again, whenever that changes.
 
-        In flight, a lost link is such a reason, which is reported once it is bad: until then the headline states it, and
-        messages that come again are reported. The same reason with other measured figures, such as rates that vary, is
-        not reported again.
+        In flight, a lost link is such a reason, which is reported once it is bad: until then the headline states it.
+        The same reason with other measured figures, such as rates that vary, is not reported again.
 
         Args:
             status: the present status, with the reason.

@@ -69,8 +69,8 @@ def vehicle_text(status: SessionStatus, *, has_table: bool = False) -> str:
 def status_line_text(status: SessionStatus) -> str:
     """Returns the status of a live session as one line of text, for an output that is not a terminal, such as a file.
 
-    It has the vehicle and its phase of flight, the battery, the wind, the link, whether a model is learned and, from the
-    first take-off on, the names of the status lights by level, the worst first.
+    It has the vehicle and its phase of flight, the battery, the wind, the link, whether a model is learned and why not.
+    From the first take-off on it has the names of the status lights by level, the worst first.
 
     Args:
         status: state of the session, with the status lights: the judgement of each part of the vehicle by a level.

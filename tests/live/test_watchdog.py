@@ -1087,7 +1087,9 @@ def test_lines_below_each_other_say_that_attitude_is_back_during_an_alarm(capsys
     without, back = capsys.readouterr().out.splitlines()
     assert "; no attitude; unknown: motors" in without
     assert "; 50 Hz; good: log; unknown: motors" in back
-    assert back.endswith("not learning: this part of the flight is not learned from: climb, landing or strong tilt")
+    assert back.endswith(
+        "not learning: this part of the flight is not learned from: climb, landing or strong tilt"
+    )
 
 
 def test_an_alarm_that_stays_after_the_landing_is_shown_as_a_fault(monkeypatch):
