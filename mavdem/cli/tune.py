@@ -135,7 +135,9 @@ def _write_tuning(
     """
     texts = {PAGE_FILE: tune_page(Path(source).name, tuning, assessment)}
     vehicle = evidence.signals.telemetry
-    files = tuning.files(vehicle) | present_parameter_files(tuning.parameters, vehicle)
+    files = tuning.files(vehicle)
+    if files:
+        files |= present_parameter_files(tuning.parameters, vehicle)
     for ending, text in files.items():
         texts[f"gains{ending}"] = text
     with replaced_files(folder, list(texts), stale_names=GAIN_FILES) as paths:

@@ -23,7 +23,13 @@ from mavdem.facts.vehicle import Basis
 from mavdem.fleet.priors import WIND_DOCUMENT, earlier_drag
 from mavdem.ingest.parameter_file import parameter_files
 from mavdem.report.blocks import Blocks, Sentence, caution
-from mavdem.report.condition import WIND_LIGHTS, drag_blocks, wind_blocks, wind_tables
+from mavdem.report.condition import (
+    WIND_LIGHTS,
+    drag_blocks,
+    flight_warning,
+    wind_blocks,
+    wind_tables,
+)
 from mavdem.report.pages.wind_page import wind_page
 from mavdem.report.screen import warnings_of_lights
 from mavdem.report.templates import render_section
@@ -124,6 +130,7 @@ def wind_command(
         summary=[],
         details=[],
         footer=[
+            *flight_warning(assessment.judgement),
             *wind_blocks(wind_evidence, tables),
             *cautions,
             *warnings_of_lights(assessment.judgement, WIND_LIGHTS),

@@ -180,6 +180,9 @@ def advise_gains(recording: Path, vehicle: str) -> GainAdvice:
 
     simulated_effects = predicted_errors(assessment.evidence, tuning.parameters)
     texts = tuning.files(assessment.evidence.signals.telemetry)
+    if not texts:
+        # Another flight is to confirm the gains before they are loaded.
+        return GainAdvice((*facts, *simulated_effects), tuning.judgement)
     files_fact = _write_gain_files(recording, texts, tuning.judgement.next_step)
     return GainAdvice((*facts, *simulated_effects, files_fact), tuning.judgement)
 

@@ -6,9 +6,11 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.assessment import Assessment
+from mavdem.assessment.judgement import Judgement
 from mavdem.confidence import coverage_factor
 from mavdem.containers import JsonValues, Names
 from mavdem.dataset.axes import TILT_AXES
+from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.facts.online import DragSource
 from mavdem.ingest.vocabulary import UNNAMED
@@ -166,6 +168,25 @@ def _is_lossy(sender: JsonValues) -> bool:
 def component_id(component: JsonValues) -> str:
     """Returns the MAVLink system and component of a sender, such as "1:1"."""
     return f"{component['system']}:{component['component']}"
+
+
+def flight_warning(judgement: Judgement) -> list[Sentence]:
+    """Returns the headline of a flight if it is bad and not about the wind, as that control was lost.
+
+    A report on the wind alone must not read as if the flight were sound.
+
+    Args:
+        judgement: headline, next step and all status lights of the flight.
+
+    Returns:
+        A list with one sentence; empty if the headline is not bad, or if a light of ``WIND_LIGHTS`` states it.
+    """
+    headline = judgement.headline
+    lights_on_wind = [judgement.lights[light_name] for light_name in WIND_LIGHTS]
+    is_stated_by_light = any(str(light) == str(headline) for light in lights_on_wind)
+    if not headline.is_bad or is_stated_by_light:
+        return []
+    return [Sentence(str(headline), "The flight:", Level.BAD)]
 
 
 def wind_blocks(evidence: WindEvidence, tables: Sequence[Block] = ()) -> Blocks:

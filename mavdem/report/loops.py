@@ -1,6 +1,6 @@
 """Control loops in sentences and tables, made of facts (coded findings): margins, decisions, gains to set."""
 
-from collections.abc import Collection, Container, Iterator
+from collections.abc import Collection, Container, Iterable, Iterator
 from math import nan
 from operator import attrgetter
 from typing import NamedTuple
@@ -108,6 +108,7 @@ def tune_blocks(
         else:
             blocks.append(Sentence(" ".join([report, *remedies]), lead))
         if isinstance(advice, Fact):
+            blocks += _faults_in_flight(tuning, axes, headline_above)
             continue
         is_doubtful = axis in tuning.doubtful_axes
         if not advice.refusals and not has_tables_elsewhere:
@@ -149,8 +150,7 @@ def _unstated_remedies(
     """
     advice = tuning.axes[axis]
     advice_on_gains = advice if isinstance(advice, Fact) else advice.conclusion
-    decision = tuning.judgement.loop_decisions.get(axis)
-    candidates = [advice_on_gains.remedy, *_remedies_besides_tuning(decision)]
+    candidates = [advice_on_gains.remedy, *_remedies_besides_tuning(tuning, axis)]
     remedies: list[str] = []
     for remedy in candidates:
         text_above = " ".join([report, *remedies])
@@ -237,8 +237,11 @@ def _group_key(tuning: Tuning, axis: str) -> tuple[str, ...]:
     if isinstance(advice_or_reason, Advice):
         return (axis,)
     reason_text = advice_or_reason.sentence_and_remedy
-    remedies = _remedies_besides_tuning(tuning.judgement.loop_decisions.get(axis))
-    return ("", reason_text, *remedies)
+    further_remedies = []
+    for remedy in _remedies_besides_tuning(tuning, axis):
+        if remedy not in reason_text:
+            further_remedies.append(remedy)
+    return ("", reason_text, *further_remedies)
 
 
 def _facts_on_axis(tuning: Tuning, axis: str) -> list[Fact]:
@@ -271,18 +274,52 @@ def _facts_on_axis(tuning: Tuning, axis: str) -> list[Fact]:
     return [*_rating_unless_contradicted(advice, decision), advice_on_gains, *reasons]
 
 
-def _remedies_besides_tuning(decision: LoopDecision | None) -> list[str]:
+def _faults_in_flight(tuning: Tuning, axes: Iterable[str], headline_above: str) -> list[Sentence]:
+    """Returns what the flight shows of axes whose loops are not known, such as that an axis swings, and what to do.
+
+    Args:
+        tuning: the fact why the loop of each axis is not known, and the decision on its loops.
+        axes: axes that the report names together.
+        headline_above: headline that stands above the report, and is not repeated.
+
+    Returns:
+        A sentence for each axis that is to be watched or bad.
+    """
+    sentences = []
+    for axis in axes:
+        if not _has_fault_in_flight(tuning, axis):
+            continue
+        decision = tuning.judgement.loop_decisions[axis]
+        if str(decision.reason) != headline_above:
+            lead = f"{axis.capitalize()} in flight:"
+            sentences.append(Sentence(decision.fact.sentence_and_remedy, lead))
+    return sentences
+
+
+def _has_fault_in_flight(tuning: Tuning, axis: str) -> bool:
+    """Returns whether the loop of an axis is not known, but the flight shows that something is wrong with the axis.
+
+    What to do about that then is no way to gains, since it does not make the loop known.
+    """
+    decision = tuning.judgement.loop_decisions.get(axis)
+    is_loop_unknown = isinstance(tuning.axes[axis], Fact)
+    return is_loop_unknown and decision is not None and decision.reason.is_watch_or_bad
+
+
+def _remedies_besides_tuning(tuning: Tuning, axis: str) -> list[str]:
     """Returns what to do about the control loops of an axis, except to run ``mavdem tune``.
 
     This report comes from that command, so that its next step and its advice on gains say the rest.
 
     Args:
-        decision: decision on the loops of the axis; None if there is none.
+        tuning: the advice on each axis, and the decision on its loops.
+        axis: "roll", "pitch" or "yaw".
 
     Returns:
-        A list with one sentence; empty if there is nothing else to do.
+        A list with one sentence; empty if there is nothing else to do, or if a sentence on the fault in flight says it.
     """
-    if decision is None or decision.action is None:
+    decision = tuning.judgement.loop_decisions.get(axis)
+    if decision is None or decision.action is None or _has_fault_in_flight(tuning, axis):
         return []
     if decision.action.code in (*ADVICE_TO_TUNE, LoopAction.FLY_BEFORE_GAINS):
         return []
@@ -545,7 +582,8 @@ def _gain_and_margin_table(advice: Advice, *, is_doubtful: bool) -> Table:
             doubtful.
 
     Returns:
-        The table, with a column for the gains that flew and, if gains are advised, one for the advised gains.
+        The table, with a column for the gains that flew and, if gains are advised, one for the advised gains. If
+        another flight is to confirm these before they are loaded, its header says so.
     """
     axis = advice.before.axis
     loops = compared_loops(advice)
@@ -564,7 +602,10 @@ def _gain_and_margin_table(advice: Advice, *, is_doubtful: bool) -> Table:
     if advice.parameters:
         wind_errors = [rounded(loop.lean_in_wind) for loop in loops.values()]
         rows.append([f"{axis} error by wind torque, sd (°)", *wind_errors])
-    return Table([f"{axis} (90 % interval)", *loops], rows)
+    headers = list(loops)
+    if advice.parameters and not advice.is_sound:
+        headers[-1] = "tried, not to be loaded"
+    return Table([f"{axis} (90 % interval)", *headers], rows)
 
 
 def margin_overview(tuning: Tuning) -> Table | None:

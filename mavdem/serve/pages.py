@@ -21,6 +21,7 @@ from mavdem.containers import JsonValues
 from mavdem.documents.library import Recordings
 from mavdem.errors import Refusal
 from mavdem.facts.serve import ListingOrder, Permission, RefusalReason, Stage
+from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import baseline_differences
 from mavdem.fleet.flights import group_by_vehicle
 from mavdem.fleet.row import FlightRow, FlightRows
@@ -503,15 +504,26 @@ class Pages:
             entry_before, entry_after = entry_after, entry_before
         parameters_before = read_parameters(self._library.results_folder(entry_before))
         parameters_after = read_parameters(self._library.results_folder(entry_after))
-        has_all_parameters = parameters_before is not None and parameters_after is not None
+        tracked_sides = []
+        outdated_sides = []
+        all_parameters = (parameters_before, parameters_after)
+        entries = (entry_before, entry_after)
+        for side, entry, parameters in zip(STATE_NAMES, entries, all_parameters, strict=True):
+            if parameters is not None:
+                continue
+            # A log without a digest lies where `mavdem track` has read it, without results in the library.
+            if entry.digest:
+                outdated_sides.append(side)
+            else:
+                tracked_sides.append(side)
         if parameters_before is None or parameters_after is None:
-            # Of flights that an earlier version has read, the index has the parameters of control alone.
+            # Of these flights the index has the parameters of control at most.
             parameters_before = json.loads(entry_before.gains)
             parameters_after = json.loads(entry_after.gains)
         reviewed = compared_states(
             self._compared_state(entry_before, parameters_before),
             self._compared_state(entry_after, parameters_after),
-        )._replace(has_only_control_parameters=not has_all_parameters)
+        )._replace(tracked_sides=tuple(tracked_sides), outdated_sides=tuple(outdated_sides))
         given_names = self._library.names.flights
         html = comparison_page(
             names=(

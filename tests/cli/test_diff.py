@@ -200,7 +200,7 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
 @mark.parametrize(
     "half_widths, conclusion",
     [
-        ({}, "No compared figure changed."),
+        ({}, "Trims and physical parameters did not change."),
         ({"lag_interval": 1.0}, "No compared figure changed significantly."),
         (
             {

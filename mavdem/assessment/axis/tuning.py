@@ -96,7 +96,8 @@ class Tuning(NamedTuple):
 
         There is a pair of files, in two formats, for each stage of tuning: the gains of a stage are loaded and flown
         before the gains of the next stage. A notch filter is in the files of the first stage that changes gains, or in
-        a separate pair if the gains are kept.
+        a separate pair if the gains are kept. Gains that another flight is to confirm first are in none
+        (``Advice.is_sound``).
 
         Args:
             vehicle: the vehicle that will load the files.
@@ -109,7 +110,7 @@ class Tuning(NamedTuple):
         for stage, heading in STAGE_HEADINGS.items():
             parameters_of_stage = dict[str, float]()
             for advice in self.advice:
-                if advice.stage is stage:
+                if advice.stage is stage and advice.is_sound:
                     parameters_of_stage |= advice.parameters
             if not parameters_of_stage:
                 continue

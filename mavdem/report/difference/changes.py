@@ -10,8 +10,10 @@ from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.quantities import LOOP_KINDS, SHARE
 from mavdem.fleet.random_effects import (
+    FAMILIES,
     SD_BETWEEN_FLIGHTS,
     QuantityChange,
+    family_of,
     significance_of_single_change,
 )
 from mavdem.motors.change_hypotheses import FAULT_RISE
@@ -207,6 +209,7 @@ def result_sentences(
         count=tested_outcomes.total(),
         unsure_count=tested_outcomes[QuantityOutcome.UNCERTAIN],
         families=difference.tested_families,
+        subjects_not_compared=subjects_not_compared(reviewed),
         has_figures=bool(difference.changes),
         has_changes_by_gains=bool(changes_by_gains),
         has_bad_light=bool(bad_lights(reviewed.reviews)),
@@ -214,6 +217,25 @@ def result_sentences(
         has_watched_light=has_watched_light,
         are_two_vehicles=reviewed.are_two_vehicles,
     )
+
+
+def subjects_not_compared(reviewed: ReviewedDifference) -> list[str]:
+    """Returns what a comparison of two states leaves open: families of figures, and gains or all parameters.
+
+    Args:
+        reviewed: comparison of two states.
+
+    Returns:
+        Names such as "loops" and "gains", in the order of the families; empty if a figure of each family and the
+        parameters were compared.
+    """
+    compared_families = {family_of(change.quantity.kind) for change in reviewed.difference.changes}
+    subjects = [family for family in FAMILIES if family not in compared_families]
+    if reviewed.sides_without_parameters:
+        subjects.append("gains")
+    if not reviewed.compared_parameter_count:
+        subjects.append("other parameters" if "gains" in subjects else "parameters")
+    return subjects
 
 
 def change_sentences(

@@ -184,9 +184,11 @@ def _lean(conditions: Conditions) -> str:
 
 
 def _wind_speed_cell(wind: Review) -> str:
-    """Returns the table cell of a flight's wind speed, m/s, with its 90 % interval, such as "5.2 (4.6 to 5.9)".
+    """Returns the table cell of a flight's mean wind speed, m/s, with its 90 % interval, such as "5.2 (4.6 to 5.9)".
 
-    If the air may have been still, the cell has only the upper end of the interval, such as "below 1.3".
+    It is the mean of the speeds, as the light on the wind has it. Documents of earlier versions have only the speed of
+    the mean wind vector. If the air may have been still, the cell has only the upper end of the interval, such as
+    "below 1.3".
 
     Args:
         wind: the wind in a review document; empty without a wind.
@@ -200,7 +202,8 @@ def _wind_speed_cell(wind: Review) -> str:
     if wind.get("calm"):
         _, upper_end = wind["speed_interval"]
         return f"below {rounded_up(upper_end, 1)}"
-    return figure_with_interval(wind.get("speed"), wind.get("speed_interval")) or UNKNOWN_CELL
+    key = "mean_speed" if "mean_speed" in wind else "speed"
+    return figure_with_interval(wind.get(key), wind.get(f"{key}_interval")) or UNKNOWN_CELL
 
 
 def _wind_direction_cell(wind: Review) -> str:

@@ -140,7 +140,7 @@ def _sentences_on_bad_lights(lights: Iterable[BadLight]) -> list[Sentence]:
     stated_reasons = set[str]()
     for light in lights:
         if light.reason in stated_reasons:
-            text = f"{light.levels}; bad for the reason above."
+            text = f"{light.levels}, for the cause stated above."
         else:
             text = f"{light.levels}. {light.reason}"
             stated_reasons.add(light.reason)

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 from mavdem.containers import JsonValues, Names
 from mavdem.facts import Level
 from mavdem.facts.margins import MarginsLight
-from mavdem.facts.motors import motor_number
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.report_columns import value_at
 from mavdem.report.blocks import Blocks, Rated, Table
@@ -126,11 +125,6 @@ def levels_and_reason(lights_by_side: Mapping[str, JsonValues]) -> tuple[str, st
     levels = f"{first['level']} in {first_side} and {second_side}"
     if first["sentence"] == second["sentence"]:
         return levels, first["sentence"]
-    first_motor = motor_number(first.get("subject") or "")
-    second_motor = motor_number(second.get("subject") or "")
-    are_of_motors = first_motor is not None and second_motor is not None
-    if are_of_motors and first_motor != second_motor:
-        levels += ", of different motors"
     reasons = f"{first_side}: {first['sentence']} {second_side}: {second['sentence']}"
     return levels, reasons + remark_on_imus(lights_by_side)
 

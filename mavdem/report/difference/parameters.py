@@ -34,6 +34,8 @@ def parameter_sentences(
         changed_count=len(reviewed.parameters),
         compared_count=reviewed.compared_parameter_count,
         are_of_control=reviewed.has_only_control_parameters,
+        tracked_sides=reviewed.tracked_sides,
+        outdated_sides=reviewed.outdated_sides,
     )
 
 
@@ -62,9 +64,16 @@ def _log_factor(parameter: ParameterChange) -> float:
 
 
 def parameter_text(parameter: ParameterChange) -> str:
-    """Returns a changed parameter as text, such as "ATC_RAT_RLL_P 0.135 → 0.108"."""
+    """Returns a changed parameter as text, such as "ATC_RAT_RLL_P 0.135 → 0.108".
+
+    Gains of rate control have three significant digits, as far as these show the change.
+    """
     before = parameter_value_text(parameter.before)
     after = parameter_value_text(parameter.after)
+    if RATE_PID_GAINS.match(parameter.name):
+        rounded_before, rounded_after = f"{parameter.before:.3g}", f"{parameter.after:.3g}"
+        if rounded_before != rounded_after:
+            before, after = rounded_before, rounded_after
     return f"{parameter.name} {before} → {after}"
 
 

@@ -53,8 +53,16 @@ class ReviewedDifference(NamedTuple):
     compared_parameter_count: int = 0
     """Number of parameters that both sides have, and that the autopilot does not set by itself."""
 
-    has_only_control_parameters: bool = False
-    """Whether only the parameters of control are compared, as those that a library keeps."""
+    tracked_sides: Names = ()
+    """Sides of a library whose parameters are not stored, since `mavdem track` read the log."""
+
+    outdated_sides: Names = ()
+    """Sides of a library of which only parameters of control are stored, since an earlier version read the log."""
+
+    @property
+    def has_only_control_parameters(self) -> bool:
+        """Whether at most the parameters of control are compared, since a library stored no others of a side."""
+        return bool(self.tracked_sides or self.outdated_sides)
 
     @property
     def simulated_sides(self) -> Names:

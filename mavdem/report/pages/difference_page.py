@@ -39,7 +39,7 @@ from mavdem.report.difference.headline import (
     headline_of_comparison,
     sentences_on_watched_lights,
 )
-from mavdem.report.difference.identity import identity_remarks
+from mavdem.report.difference.identity import identity_cautions, identity_remarks
 from mavdem.report.difference.lights import Review, light_blocks
 from mavdem.report.difference.motors import motor_table
 from mavdem.report.difference.next_step import next_blocks
@@ -141,13 +141,16 @@ def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Bloc
         headline: the sentences that head the comparison.
     """
     summary: Blocks = []
-    # What is to be watched, and what follows it, stands in small letters below the headlines.
+    # What is to be watched, and what follows it, stands in small letters below the headlines. So does a caution, such
+    # as that the flights are of two vehicles. These differ in much, so that only the first difference is a headline.
+    cautions = identity_cautions(reviewed)
     watched = sentences_on_watched_lights(reviewed.reviews)
     is_headline = True
     for sentence in headline:
         is_headline = is_headline and sentence not in watched
-        if is_headline:
+        if is_headline and sentence not in cautions:
             summary.append(headline_sentence(f"{sentence.lead} {sentence.text}".strip()))
+            is_headline = not reviewed.are_two_vehicles
         else:
             summary.append(sentence)
     if not reviewed.difference.is_of_same_flight:
@@ -201,6 +204,7 @@ def _chapters(
         *other_chapters,
         margins._replace(folded=True),
         _parameter_chapter(reviewed),
+        _single_side_chapter(series_charts),
         Chapter("In words", words, folded=True),
     ]
 
@@ -432,8 +436,8 @@ def _series_chapter(
     """Returns the chapter with the charts over time that are in no other part of the page.
 
     The charts of ``OVERVIEW_SERIES`` stand at the top of the page, and those of ``MOTOR_OUTPUTS`` in the chapter of the
-    motors. The others stand here in pairs, such as roll beside pitch. A sentence above them names each side whose time
-    series were not stored, so that its lines are missing.
+    motors. The others that both flights have stand here in pairs, such as roll beside pitch. A sentence above them
+    names each side whose time series were not stored, so that its lines are missing.
 
     Args:
         flights: time series of flight A and of flight B; None where they were not stored with the flight.
@@ -445,10 +449,31 @@ def _series_chapter(
             sides_without_series.append(side)
     remarks = render_section("difference_series", lacking=sides_without_series)
     charts = []
-    for chart in series_charts:
-        if chart.title not in OVERVIEW_SERIES and chart.title not in MOTOR_OUTPUTS:
+    for chart in _further_charts(series_charts):
+        if len(chart.lines) > 1:
             charts.append(chart)
     return Chapter("Attitude, tracking and more over time", remarks, _paired_groups(charts))
+
+
+def _single_side_chapter(series_charts: Sequence[Chart]) -> Chapter:
+    """Returns a folded chapter with the charts over time of what only one flight has recorded: they compare nothing.
+
+    Args:
+        series_charts: all charts of the time series of both flights.
+    """
+    charts = [chart for chart in _further_charts(series_charts) if len(chart.lines) == 1]
+    return Chapter("In one flight only", (), _paired_groups(charts), folded=True)
+
+
+def _further_charts(series_charts: Sequence[Chart]) -> list[Chart]:
+    """Returns the charts over time that stand neither at the top of the page nor in the chapter of the motors.
+
+    Args:
+        series_charts: all charts of the time series of both flights.
+    """
+    # The title of a chart of one side also names that side.
+    titles_elsewhere = (*OVERVIEW_SERIES, *MOTOR_OUTPUTS)
+    return [chart for chart in series_charts if chart.title not in titles_elsewhere]
 
 
 def _parameter_chapter(reviewed: ReviewedDifference) -> Chapter:

@@ -13,7 +13,13 @@ from mavdem.report.charts.chart import Chart, Group, Line, over_time
 from mavdem.report.charts.flown_path import MapWind, flown_path
 from mavdem.report.charts.plans import rose_of_wind
 from mavdem.report.charts.timeline import Timeline, history_timeline
-from mavdem.report.condition import WIND_LIGHTS, drag_blocks, wind_blocks, wind_tables
+from mavdem.report.condition import (
+    WIND_LIGHTS,
+    drag_blocks,
+    flight_warning,
+    wind_blocks,
+    wind_tables,
+)
 from mavdem.report.pages.page import Chapter, Head, render_document
 from mavdem.report.palette import MEASURED, PREDICTED
 from mavdem.report.screen import warnings_of_lights
@@ -52,8 +58,10 @@ def wind_page(
     # The first block is the sentence with the estimate, and the others say what limits it.
     estimate_sentence, *limitations = wind_blocks(wind_evidence)
     assert isinstance(estimate_sentence, Sentence)
+    warnings_of_flight = flight_warning(assessment.judgement)
     summary: Blocks = [
         headline_sentence(f"{estimate_sentence.lead} {estimate_sentence.text}"),
+        *warnings_of_flight,
         *limitations,
         *cautions,
         *warnings_of_lights(assessment.judgement, WIND_LIGHTS),
@@ -70,7 +78,8 @@ def wind_page(
         is_side_by_side=True,
     )
     head = Head(
-        level=_wind_level(wind_evidence, assessment),
+        # A green edge would call a flight sound that ended in a crash.
+        level=Level.BAD if warnings_of_flight else _wind_level(wind_evidence, assessment),
         # The page is about the wind alone: the levels of motors, power and the like are not shown.
         lights={},
         timeline=timeline,

@@ -27,6 +27,7 @@ from mavdem.report.difference.identity import identity_remarks
 from mavdem.report.difference.lights import light_blocks
 from mavdem.report.difference.motors import motor_table
 from mavdem.report.difference.next_step import next_blocks
+from mavdem.report.difference.parameters import parameter_sentences
 from mavdem.report.difference.reviewed import reviewed_difference
 from mavdem.report.pages.difference_page import (
     MAX_LISTED_PARAMETERS,
@@ -117,7 +118,7 @@ def test_a_comparison_states_first_that_it_is_of_two_vehicles():
     rows = [flight_row(vehicle, 0) for vehicle in ("quad", "other")]
     difference = vehicle_difference(rows[:1], rows[1:])
     page = comparison_page(("a.bin", "b.bin"), reviewed_difference(difference, {"A": {}, "B": {}}))
-    assert page.index("are two vehicles") < page.index("No compared figure differs")
+    assert page.index("are two vehicles") < page.index("do not differ.")
     # The style of the lights of a flight's page is not that of a table of two.
     assert 'id="lights"' not in page
 
@@ -132,6 +133,14 @@ def test_vehicles_without_a_name_are_called_so():
     same_id = reviewed_difference(vehicle_difference([px4], [flight_row("px4-1", 1)]))
     (remark,) = identity_remarks(same_id)
     assert remark.text.startswith("The logs name no vehicle, only a MAVLink system id (px4-1),")
+
+
+def test_parameters_that_a_library_does_not_have_are_not_compared_for_the_true_reason(difference):
+    reviewed = reviewed_difference(difference, {"A": {}, "B": {}})
+    tracked = plain_text(parameter_sentences(reviewed._replace(tracked_sides=("A",))))
+    outdated = plain_text(parameter_sentences(reviewed._replace(outdated_sides=("B",))))
+    assert "`mavdem track`" in tracked and "earlier version" not in tracked
+    assert "earlier version" in outdated and "`mavdem track`" not in outdated
 
 
 def test_a_simulation_and_a_flight_are_two_vehicles_even_by_the_same_name(difference):
@@ -179,7 +188,7 @@ def test_a_crash_that_makes_several_lights_bad_is_stated_once(difference):
     assert motors.text == "bad in A, good in B. It crashed."
     assert (tracking.lead, tracking.text) == (
         "Tracking:",
-        "bad in A, good in B; bad for the reason above.",
+        "bad in A, good in B, for the cause stated above.",
     )
 
 
@@ -273,7 +282,7 @@ def test_two_weak_motors_are_no_equal_lights_and_come_before_figures(difference)
     first, *_ = headline_of_comparison(reviewed_difference(difference, reviews))
     assert (first.lead, first.text) == (
         "Motors:",
-        "bad in A and B, of different motors. A: Motor 3 is weak. B: Motor 1 is weak.",
+        "bad in A and B. A: Motor 3 is weak. B: Motor 1 is weak.",
     )
     steps = [
         (step.lead, step.text) for step in next_blocks(reviewed_difference(difference, reviews))
@@ -286,13 +295,13 @@ def test_where_another_motor_is_weak_only_other_figures_do_not_differ(level):
     same = unchanged()
     reviews = {"A": motor_review("motor 3", level), "B": motor_review("motor 1", level)}
     first, second, *_ = headline_of_comparison(reviewed_difference(same, reviews))
-    assert first.text.startswith(f"{level} in A and B, of different motors. A: Motor 3 is weak.")
+    assert first.text.startswith(f"{level} in A and B. A: Motor 3 is weak.")
     assert second.lead.startswith("No other compared figure changed")
     reviews = {"A": motor_review("motor 3", level), "B": motor_review("motor 3", level)}
     leads = [
         sentence.lead for sentence in headline_of_comparison(reviewed_difference(same, reviews))
     ]
-    assert any(lead.startswith("No compared figure changed") for lead in leads)
+    assert any(lead.endswith(" did not change.") for lead in leads)
 
 
 def test_motors_are_compared_one_by_one_where_one_is_weak(difference):
