@@ -92,18 +92,18 @@ def _alternating_peaks(time: Array, angle: Array) -> list[list[int]]:
         For each run, the indices of the samples with its largest leans: at least ``MIN_SWINGS``, each within
         ``MAX_SWING_SECONDS`` of the lean before.
     """
-    runs: list[list[int]] = []
+    alternating_runs: list[list[int]] = []
     for peak in _peaks_of_leans(time, angle):
         continues_run = False
-        if runs:
-            last_peak = runs[-1][-1]
+        if alternating_runs:
+            last_peak = alternating_runs[-1][-1]
             is_to_other_side = angle[peak] * angle[last_peak] < 0
             continues_run = is_to_other_side and time[peak] - time[last_peak] <= MAX_SWING_SECONDS
         if continues_run:
-            runs[-1].append(peak)
+            alternating_runs[-1].append(peak)
         else:
-            runs.append([peak])
-    return [run for run in runs if len(run) >= MIN_SWINGS]
+            alternating_runs.append([peak])
+    return [run_peaks for run_peaks in alternating_runs if len(run_peaks) >= MIN_SWINGS]
 
 
 def _peaks_of_leans(time: Array, angle: Array) -> list[int]:

@@ -257,13 +257,13 @@ def _problem_of_text(message: StatusText, *, warns: bool) -> Fact | None:
         if not pattern.code:
             # The text reports the end of a problem.
             return None
-        groups = match.groupdict()
+        captured_texts = match.groupdict()
         return Fact(
             ReportedEvent(pattern.code),
             pattern.level,
             time=message.time,
-            subject=_subject_of_text(groups),
-            text=groups.get("text", message.text),
+            subject=_subject_of_text(captured_texts),
+            text=captured_texts.get("text", message.text),
         )
     if warns:
         return Fact(ReportedEvent.AUTOPILOT_SAID, time=message.time, text=message.text)

@@ -111,22 +111,22 @@ def _cause_of_loss(
         return None
     if loss.code is MotionEvent.TOPPLED:
         # The ground drives the motors of a toppling vehicle to their limits: they show no cause, but the stick may.
-        return _throttle_closed(loss)
+        return _throttle_closed_before(loss)
     return first_failure(signals, events, loss, collective)
 
 
-def _throttle_closed(loss: Fact) -> Fact | None:
-    """Returns the fact that a vehicle toppled because the pilot closed the throttle before.
+def _throttle_closed_before(loss: Fact) -> Fact | None:
+    """Returns the fact that a vehicle toppled because the pilot had closed the throttle.
 
-    The throttle must be closed within ``FIRST_RESPONSE_SECONDS`` of the loss. Most pilots close it later, when they see
-    that the vehicle topples: that is a reaction and no cause.
+    The throttle must be closed at most ``FIRST_RESPONSE_SECONDS`` after the vehicle began to topple. Most pilots close
+    it later, when they see that the vehicle topples: that is a reaction and no cause.
 
     Args:
-        loss: the event of the vehicle that toppled. Its ``witnesses`` are the facts of sensors and sticks around it,
-            among which the closed throttle may be.
+        loss: the event of the vehicle that toppled. Its figure ``witnesses`` has the facts of other sensors and sticks
+            that support it. A closed throttle may be one of them.
 
     Returns:
-        The fact about the cause; None if no stick shows it.
+        The fact about the cause; None if the throttle was not closed, or too late.
     """
     onset = loss_onset(loss) or 0.0
     latest_time_of_cause = onset + FIRST_RESPONSE_SECONDS

@@ -75,11 +75,11 @@ def inventory(log: Log, vehicles: Sequence[VehicleContents] | None = None) -> Js
     vehicle_values = [_vehicle_values(vehicle) for vehicle in vehicles]
     unread = []
     for frames in log.unread:
-        values = asdict(frames)
+        frame_values = asdict(frames)
         # The document calls the number of all frames "of".
-        values["of"] = values.pop("total")
-        values["cause"] = frames.cause.replace("_", " ")
-        unread.append(values)
+        frame_values["of"] = frame_values.pop("total")
+        frame_values["cause"] = frames.cause.replace("_", " ")
+        unread.append(frame_values)
     return {
         "source": log.source,
         "frames": log.frames,

@@ -65,18 +65,18 @@ def lasting_runs(time: Array, is_true: Flags, gap: float, min_samples: int = 2) 
     Returns:
         (start, end) of each interval, s; infinite if the condition holds at the first or the last sample.
     """
-    runs = true_intervals(time, is_true)
+    intervals_of_runs = true_intervals(time, is_true)
     # A run lasts until the sample after its last one, or until the end of the record.
     next_time = np.append(time, time[-1])
     lasting_run_starts = []
-    for start, end in runs:
+    for start, end in intervals_of_runs:
         row_after_run = np.searchsorted(time, end, "right")
         sample_count = row_after_run - np.searchsorted(time, start)
         has_lasted = next_time[row_after_run] - start >= LASTING_SECONDS
         if has_lasted and sample_count >= min_samples:
             lasting_run_starts.append(start)
     intervals = []
-    for start, end in merge_close_intervals(runs, gap):
+    for start, end in merge_close_intervals(intervals_of_runs, gap):
         # The starts are in ascending order: one is in the interval if more of them are before its end than before its
         # start.
         count_before_start = np.searchsorted(lasting_run_starts, start)

@@ -261,21 +261,21 @@ class Assessment:
 
     @cached_property
     def wind_share_of_torque(self) -> Fact | None:
-        """The fraction of the wind torque's variance that the wind velocity explains, as a fact.
+        """The fraction of the wind torque's variance that the wind velocity explains, as a fact (a code with figures).
 
         The torque on the axis (rad/s²) is estimated with the learned model, the velocity (m/s) by the vehicle's drag:
         two independent estimates of the same wind. They are compared at the samples that the model was trained on. None
         if one of the two is not known, they are of different boots, or the torque is smaller than its errors.
         """
-        velocity = self.wind_of_model
-        if self.analysis is None or self.model is None or velocity is None:
+        wind_velocity = self.wind_of_model
+        if self.analysis is None or self.model is None or wind_velocity is None:
             return None
         # This is None if the torque is smaller than its errors.
         wind_torque = self.model.resolved_wind_torque
         if wind_torque is None:
             return None
         training_time = np.concatenate([flight.time for flight in self.analysis.flights])
-        return torque_share_of_wind(velocity, training_time, wind_torque.torque)
+        return torque_share_of_wind(wind_velocity, training_time, wind_torque.torque)
 
     @property
     def contents(self) -> VehicleContents:

@@ -66,18 +66,18 @@ class ShownTime:
         """
         if signal is None:
             return None
-        times = []
-        values = []
+        times_of_parts = []
+        values_of_parts = []
         for part in self.parts:
             samples = signal.select(in_segments(signal, part.segment, slack=0))
-            times.append(samples.time + part.shift)
-            values.append(samples.values)
-        all_values = np.concatenate(values)
+            times_of_parts.append(samples.time + part.shift)
+            values_of_parts.append(samples.values)
+        all_values = np.concatenate(values_of_parts)
         if len(all_values) < 2:
             return None
         # A history has the number of one boot, whatever the boots of its parts.
         boot = np.full(len(all_values), self.boot)
-        return TimeSeries(np.concatenate(times), boot, all_values)
+        return TimeSeries(np.concatenate(times_of_parts), boot, all_values)
 
     def event(self, fact: Fact) -> Event | None:
         """Returns a fact as an event on the clock of the shown time.

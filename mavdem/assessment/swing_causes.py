@@ -19,7 +19,9 @@ def with_causes_of_swings(events: Sequence[Fact]) -> list[Fact]:
     for event in events:
         completed_event = event
         if event.code is MotionEvent.ATTITUDE_SWUNG:
-            concurrent_events = [other for other in events if _share_time(event, other)]
+            concurrent_events = [
+                other_event for other_event in events if _share_time(event, other_event)
+            ]
             completed_event = _with_causes(event, concurrent_events)
         completed_events.append(completed_event)
     return completed_events

@@ -239,12 +239,12 @@ def _changed_parameters(signals: Signals) -> ParameterMessages:
     for name, value in names_and_values:
         if value != telemetry.parameters.get(name):
             changed_names.add(name)
-    rows = []
+    rows_of_changed = []
     for row, (name, _) in enumerate(names_and_values):
         if name in changed_names:
-            rows.append(row)
+            rows_of_changed.append(row)
     return ParameterMessages(
-        columns["boot"][rows],
-        columns["time"][rows],
-        tuple(names_and_values[row] for row in rows),
+        columns["boot"][rows_of_changed],
+        columns["time"][rows_of_changed],
+        tuple(names_and_values[row] for row in rows_of_changed),
     )

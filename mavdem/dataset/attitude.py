@@ -246,8 +246,8 @@ def _exceeds_limit(quantities: list[Array], limit: float) -> Flags:
         Flags (N,). A value that is not finite exceeds no limit: such a sample counts as unusable, not as impossible.
     """
     exceeds = np.zeros(len(quantities[0]), dtype=np.bool_)
-    for values in quantities:
-        magnitudes = np.abs(values)
+    for quantity in quantities:
+        magnitudes = np.abs(quantity)
         exceeds |= np.isfinite(magnitudes) & (magnitudes > limit)
     return exceeds
 

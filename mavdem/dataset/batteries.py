@@ -289,21 +289,21 @@ def _cells_in_message(columns: Columns, is_possible: Flags) -> int | None:
         The number; None if they do not report it, or the voltages may be of several cells each.
     """
     if "cell_count" in columns:
-        count = int(np.median(columns["cell_count"][is_possible]))
+        cell_count = int(np.median(columns["cell_count"][is_possible]))
         # The number 0 means "not known".
-        return count or None
+        return cell_count or None
     if "voltages" not in columns:
         return None
     # Voltages (N, elements), V; NaN where an element is not in use.
     volts = _cell_millivolts(columns)[is_possible] / 1000
     is_in_use = np.isfinite(volts)
-    counts = is_in_use.sum(axis=1)
+    cells_in_use = is_in_use.sum(axis=1)
     # A single element is no count of cells: it may be the voltage of one cell, or the sum of two empty ones.
-    if counts.min() < 2:
+    if cells_in_use.min() < 2:
         return None
-    is_constant_count = np.ptp(counts) == 0
-    lowest, highest = POSSIBLE_CELL_VOLTAGE
-    is_single_cell = (volts >= lowest) & (volts <= highest)
-    if not is_constant_count or not is_single_cell[is_in_use].all():
+    is_constant_count = np.ptp(cells_in_use) == 0
+    lowest_voltage, highest_voltage = POSSIBLE_CELL_VOLTAGE
+    is_voltage_of_cell = (volts >= lowest_voltage) & (volts <= highest_voltage)
+    if not is_constant_count or not is_voltage_of_cell[is_in_use].all():
         return None
-    return int(counts[0])
+    return int(cells_in_use[0])

@@ -323,10 +323,10 @@ def _mean_square_tilt_rates(signals: Signals, boot: int, time: Array) -> Array:
     Returns:
         Moving averages of the squared rates of both axes, added up (N,), (rad/s)²; interpolated to the times.
     """
-    total = np.zeros(len(time))
+    sum_of_mean_squares = np.zeros(len(time))
     for tilt in signals.tilts:
         rate = tilt.rate_series.of_boot(boot)
-        squares = TimeSeries(rate.time, rate.boot, rate.values**2)
-        if len(squares.time):
-            total += np.interp(time, squares.time, moving_average(squares))
-    return total
+        squared_rate = TimeSeries(rate.time, rate.boot, rate.values**2)
+        if len(squared_rate.time):
+            sum_of_mean_squares += np.interp(time, squared_rate.time, moving_average(squared_rate))
+    return sum_of_mean_squares

@@ -164,10 +164,10 @@ def recorded_quantity(signals: Signals, quantity: HardwareQuantity) -> TimeSerie
         series = recorded_series(signals.telemetry, source.message, source.field)
         if series is None:
             continue
-        values = source.scale * series.values
+        quantity_values = source.scale * series.values
         lowest, highest = quantity.possible
-        is_possible = (values >= lowest) & (values <= highest)
-        is_measured = quantity.is_zero_throughout_possible or values[is_possible].any()
+        is_possible = (quantity_values >= lowest) & (quantity_values <= highest)
+        is_measured = quantity.is_zero_throughout_possible or quantity_values[is_possible].any()
         if is_measured and is_possible.any():
-            return replace(series, values=values).select(is_possible)
+            return replace(series, values=quantity_values).select(is_possible)
     return None

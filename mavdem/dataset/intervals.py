@@ -73,9 +73,11 @@ def split_at_gaps(time: Array, is_gap: Flags) -> Intervals:
         return []
     gaps = np.flatnonzero(is_gap)
     starts = time[np.append(0, gaps + 1)]
-    ends = time[np.append(gaps, -1)]
-    has_duration = starts < ends
-    return list(zip(starts[has_duration].tolist(), ends[has_duration].tolist(), strict=True))
+    interval_ends = time[np.append(gaps, -1)]
+    has_duration = starts < interval_ends
+    return list(
+        zip(starts[has_duration].tolist(), interval_ends[has_duration].tolist(), strict=True)
+    )
 
 
 def intersection(first: Intervals, second: Intervals) -> Intervals:

@@ -109,16 +109,18 @@ def contradicted_reports(
         Each series of such reports, in the order of time.
     """
     heights = np.interp(reports.time, height.time, height.values, left=np.nan, right=np.nan)
-    check = LandedReportCheck()
+    report_check = LandedReportCheck()
     # By the time of the first report of each series.
-    found: dict[float, ContradictedReports] = {}
+    contradictions: dict[float, ContradictedReports] = {}
     for row, time in enumerate(reports.time.tolist()):
         state = int(reports.values[row])
-        check.add(LandedReport(time, state, bool(has_thrust[row]), float(heights[row])))
-        start = check.first_time
-        if start is not None and check.contradicted_rise is not None:
-            found[start] = ContradictedReports((start, time), check.contradicted_rise)
-    return list(found.values())
+        report_check.add(LandedReport(time, state, bool(has_thrust[row]), float(heights[row])))
+        first_time = report_check.first_time
+        if first_time is not None and report_check.contradicted_rise is not None:
+            contradictions[first_time] = ContradictedReports(
+                (first_time, time), report_check.contradicted_rise
+            )
+    return list(contradictions.values())
 
 
 def with_undefined_ground(reports: TimeSeries, interval: TimeInterval) -> TimeSeries:
@@ -130,5 +132,5 @@ def with_undefined_ground(reports: TimeSeries, interval: TimeInterval) -> TimeSe
     """
     start, end = interval
     is_wrong = (reports.time >= start) & (reports.time <= end) & (reports.values == ON_GROUND)
-    values = np.where(is_wrong, UNDEFINED_LANDED_STATE, reports.values)
-    return TimeSeries(reports.time, reports.boot, values)
+    corrected_states = np.where(is_wrong, UNDEFINED_LANDED_STATE, reports.values)
+    return TimeSeries(reports.time, reports.boot, corrected_states)

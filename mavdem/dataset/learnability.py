@@ -79,36 +79,36 @@ def segment_learnabilities(
         return
     attitude, inputs = signals.attitude_and_inputs
     segments = settled_segments(signals)
-    figures = quality.log_quality(signals, len(segments))
+    log_figures = quality.log_quality(signals, len(segments))
     judge = SegmentJudge(
         signals,
         attitude=attitude,
         inputs=inputs,
         components=components,
-        log_figures=figures,
+        log_figures=log_figures,
         segments=segments,
         min_rate=min_rate,
     )
-    if figures.armed == 0:
+    if log_figures.armed == 0:
         reason = NEVER_ARMED
-    elif figures.airborne == 0:
-        reason = _never_airborne(signals, figures)
+    elif log_figures.airborne == 0:
+        reason = _never_airborne(signals, log_figures)
     elif not segments:
-        reason = judge.slow_or_short(figures)
+        reason = judge.slow_or_short(log_figures)
     if reason is not None:
-        yield Learnability(signals.axis, learnable=False, reason=reason, figures=figures)
+        yield Learnability(signals.axis, learnable=False, reason=reason, figures=log_figures)
         return
 
     candidates = [segment for segment in segments if segment.duration >= MIN_SEGMENT_DURATION]
     if not candidates:
         # All segments are too short. The longest one is judged nevertheless, since its reason states its duration.
         candidates = [segments[0]]
-    best = first_learnable(judge, candidates[:MAX_JUDGED_SEGMENTS])
-    yield best
-    if best.learnable and best.flight is not None:
+    best_learnability = first_learnable(judge, candidates[:MAX_JUDGED_SEGMENTS])
+    yield best_learnability
+    if best_learnability.learnable and best_learnability.flight is not None:
         for segment in candidates:
-            if segment != best.segment:
-                yield judge.learnability(segment, best.flight.dt)
+            if segment != best_learnability.segment:
+                yield judge.learnability(segment, best_learnability.flight.dt)
 
 
 def _unusable_log(signals: Signals, components: Sequence[Component]) -> Fact | None:

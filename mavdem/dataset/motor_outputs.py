@@ -428,24 +428,24 @@ def _observed_upper_limit(fractions: Array) -> float:
     Returns:
         The limit as a fraction of the range: the highest output of all motors, or 1 where no motor shows a limit.
     """
-    highest = float(fractions.max())
-    if highest < MIN_OBSERVED_LIMIT:
+    highest_fraction = float(fractions.max())
+    if highest_fraction < MIN_OBSERVED_LIMIT:
         return 1.0
     for outputs in fractions.T:
         # Outputs of 0 are of a motor that is off, and do not count.
         running_outputs = outputs[outputs > 0]
         # Bin 0 begins at the highest value, and each further bin is below the one before.
-        bins = np.floor((highest - running_outputs) / STOP_BIN_WIDTH)
-        samples_at_limit = np.count_nonzero(bins == 0)
-        is_just_below = (bins > 0) & (bins <= STOP_NEIGHBOUR_BINS)
+        bins_below_highest = np.floor((highest_fraction - running_outputs) / STOP_BIN_WIDTH)
+        samples_at_limit = np.count_nonzero(bins_below_highest == 0)
+        is_just_below = (bins_below_highest > 0) & (bins_below_highest <= STOP_NEIGHBOUR_BINS)
         samples_per_bin_just_below = np.count_nonzero(is_just_below) / STOP_NEIGHBOUR_BINS
         min_samples_at_limit = max(
             MIN_STOP_SHARE * len(outputs),
             MIN_STOP_EXCESS * samples_per_bin_just_below,
             MIN_STOP_SAMPLES,
         )
-        samples_far_below = np.count_nonzero(bins > STOP_NEIGHBOUR_BINS)
-        is_mostly_far_below = samples_far_below > np.count_nonzero(bins > 0) / 2
+        samples_far_below = np.count_nonzero(bins_below_highest > STOP_NEIGHBOUR_BINS)
+        is_mostly_far_below = samples_far_below > np.count_nonzero(bins_below_highest > 0) / 2
         if samples_at_limit >= min_samples_at_limit and is_mostly_far_below:
-            return highest
+            return highest_fraction
     return 1.0

@@ -126,7 +126,7 @@ def _stream_advice(telemetry: Telemetry, rate: int, *, is_requested: bool) -> Fa
             prefixes.add(match["prefix"])
     fast_ports = []
     for port in sorted(ports):
-        rates = [parameters.get(f"{port}_{group}", 0) for group in STREAM_GROUPS]
+        rates = [parameters.get(f"{port}_{message_group}", 0) for message_group in STREAM_GROUPS]
         if min(rates) >= MIN_STREAM_RATE:
             fast_ports.append(port)
     # Without such parameters the prefix is empty.

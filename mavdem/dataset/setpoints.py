@@ -121,15 +121,15 @@ def near_measured_yaw(setpoint: Setpoint, yaw: TimeSeries) -> Setpoint:
         The setpoint, unchanged in boots without a measured yaw.
     """
     series = setpoint.signal
-    values = series.values.copy()
+    moved_yaw = series.values.copy()
     for boot in np.unique(series.boot):
         rows = rows_of_boot(series.boot, boot)
         yaw_of_boot = yaw.of_boot(boot)
         if not len(yaw_of_boot.time):
             continue
         measured_yaw = np.interp(series.time[rows], yaw_of_boot.time, yaw_of_boot.values)
-        values[rows] = measured_yaw + wrapped_angle(values[rows] - measured_yaw)
-    return replace(setpoint, signal=replace(series, values=values))
+        moved_yaw[rows] = measured_yaw + wrapped_angle(moved_yaw[rows] - measured_yaw)
+    return replace(setpoint, signal=replace(series, values=moved_yaw))
 
 
 def held_setpoint(setpoint: Setpoint, boot: int, time: Array) -> Array:
@@ -146,9 +146,9 @@ def held_setpoint(setpoint: Setpoint, boot: int, time: Array) -> Array:
     signal = setpoint.signal.of_boot(boot)
     # A setpoint of NaN at time −∞ is put before the first one, and is the last value of earlier times.
     stamps = np.append(-np.inf, signal.time)
-    values = np.append(np.nan, signal.values)
+    setpoint_values = np.append(np.nan, signal.values)
     # The row of the last setpoint at or before each time. Stamps are rounded, and may be that much too late.
     last_row = np.searchsorted(stamps, time + STAMP_ROUNDING, side="right") - 1
     age = time - stamps[last_row]
     still_holds = age <= MAX_SETPOINT_AGE + STAMP_ROUNDING
-    return np.where(still_holds, values[last_row], np.nan)
+    return np.where(still_holds, setpoint_values[last_row], np.nan)

@@ -97,13 +97,13 @@ def attitude_tracking(signals: Signals, boot: int) -> AttitudeTracking | None:
     angles = [np.interp(time, angle.time, angle.values) for angle in recorded_angles]
     angle_setpoints = np.full((len(time), len(TILT_AXES)), nan)
     rate_setpoints = np.full((len(time), len(TILT_AXES)), nan)
-    for column, axis in enumerate(TILT_AXES):
+    for axis_column, axis in enumerate(TILT_AXES):
         for setpoint in signals.for_axis(axis).setpoints:
-            values = held_setpoint(setpoint, boot, time)
+            setpoint_values = held_setpoint(setpoint, boot, time)
             if setpoint.unit == "rad":
-                angle_setpoints[:, column] = values
+                angle_setpoints[:, axis_column] = setpoint_values
             else:
-                rate_setpoints[:, column] = values
+                rate_setpoints[:, axis_column] = setpoint_values
     return AttitudeTracking(
         time=time,
         angles=np.column_stack(angles),

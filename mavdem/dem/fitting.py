@@ -153,19 +153,24 @@ def generative_model(
 
 
 def _require_regulated_order(settings: CompleteSettings, m: int) -> None:
-    """Raises ValueError unless a model with the regulated prior can have the order in the settings.
+    """Raises ValueError unless the data can determine a model with n states under the "regulated" prior.
 
-    The first m states are the outputs. The hidden states form a chain, and one more derivative of the last output is
-    needed for each of them.
+    Under that prior (``priors.regulated_prior``) the first m states are the outputs. Each other state is hidden, and
+    acts only on the derivative of the state before it: the first hidden state is seen in the first derivative of the
+    last output, the second one in the second derivative, and so on. The model has p derivatives of the outputs, so
+    that there can be p hidden states.
+
+    There can be more with ``last_derivative_zero``: the equation of motion then also holds for the highest derivative
+    of the states, so that it determines all of them together with the outputs.
 
     Args:
-        settings: order n and embedding order p of the fit.
+        settings: order n, embedding order p and ``last_derivative_zero`` of the fit.
         m: number of outputs.
     """
     n = settings.order
     max_order = m + settings.p
-    is_too_high = n > max_order and not settings.last_derivative_zero
-    if n < m or is_too_high:
+    exceeds_max_order = n > max_order and not settings.last_derivative_zero
+    if n < m or exceeds_max_order:
         raise ValueError(
             f"order must be between {m} and {max_order} with {m} outputs and p = {settings.p}, not {n}"
         )

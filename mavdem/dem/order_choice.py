@@ -242,17 +242,17 @@ def free_energy_of_flights(
         The free energies of the flights, and the reasons for the flights that have none.
     """
     search_orders = partial(_free_energy_or_reason, max_order=max_order, known_inputs=known_inputs)
-    results: dict[str, FlightFreeEnergy] = {}
+    free_energies: dict[str, FlightFreeEnergy] = {}
     refusals: dict[str, NotLearnable] = {}
     # If an exception ends the loop, closing the generator cancels the remaining jobs.
-    with closing(parallel_map(search_orders, flights.values())) as answers:
-        for completed_count, (name, answer) in enumerate(zip(flights, answers, strict=True), 1):
-            if isinstance(answer, NotLearnable):
-                refusals[name] = answer
+    with closing(parallel_map(search_orders, flights.values())) as outcomes:
+        for completed_count, (name, outcome) in enumerate(zip(flights, outcomes, strict=True), 1):
+            if isinstance(outcome, NotLearnable):
+                refusals[name] = outcome
             else:
-                results[name] = answer
+                free_energies[name] = outcome
             progress(completed_count / len(flights))
-    return FreeEnergyOfFlights(results, refusals)
+    return FreeEnergyOfFlights(free_energies, refusals)
 
 
 def _free_energy_or_reason(

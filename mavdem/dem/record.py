@@ -171,11 +171,11 @@ class Record:
         require_finite_and_bounded(self.inputs, "inputs")
         require_finite_and_bounded(self.outputs, "outputs")
         # Both tables must have one row for each sample of all segments.
-        rows = sum(self.lengths)
+        sample_count = sum(self.lengths)
         shapes = [table.shape for table in (self.inputs, self.outputs)]
-        if not rows or any(len(shape) != 2 or shape[0] != rows for shape in shapes):
+        if not sample_count or any(len(shape) != 2 or shape[0] != sample_count for shape in shapes):
             raise ValueError(
-                f"inputs and outputs must be tables of {rows} rows, the sum of lengths"
+                f"inputs and outputs must be tables of {sample_count} rows, the sum of lengths"
             )
         directions = self.effect_directions
         if directions is not None and directions.shape != self.inputs.shape[1:]:
@@ -261,8 +261,12 @@ class Record:
     @property
     def segments(self) -> Segments:
         """Inputs and outputs of each segment."""
-        cuts = self.segment_starts[1:]
-        segments = zip(np.split(self.inputs, cuts), np.split(self.outputs, cuts), strict=True)
+        later_segment_starts = self.segment_starts[1:]
+        segments = zip(
+            np.split(self.inputs, later_segment_starts),
+            np.split(self.outputs, later_segment_starts),
+            strict=True,
+        )
         return [SegmentSamples(inputs, outputs) for inputs, outputs in segments]
 
     @property
@@ -327,17 +331,17 @@ def cross_validation_folds(lengths: Sequence[int], count: int) -> list[list[Fold
     """
     sample_count = sum(lengths)
     folds = []
-    for number in range(count):
+    for fold_number in range(count):
         # Range of the fold's samples, counted over all segments. Its overlap with each segment is a piece.
-        fold_start = sample_count * number // count
-        fold_stop = sample_count * (number + 1) // count
+        fold_start = sample_count * fold_number // count
+        fold_stop = sample_count * (fold_number + 1) // count
         segment_start = 0
         pieces = []
         for segment, length in enumerate(lengths):
             first_sample = max(fold_start - segment_start, 0)
-            stop = min(fold_stop - segment_start, length)
-            if first_sample < stop:
-                pieces.append(FoldPiece(segment, first_sample, stop))
+            stop_sample = min(fold_stop - segment_start, length)
+            if first_sample < stop_sample:
+                pieces.append(FoldPiece(segment, first_sample, stop_sample))
             segment_start += length
         if pieces:
             folds.append(pieces)

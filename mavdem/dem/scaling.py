@@ -124,27 +124,27 @@ class Scaling:
         return self.output_scale[output_columns]
 
     def parameter_scale(self, order: int) -> Array:
-        """Returns the size of the engine's unit of each parameter in θ, in physical units, for ``order`` states.
+        """Returns the factors that convert the parameters θ of the engine to physical units.
 
-        The unit of a parameter in A or B is its row's unit (of a state), divided by its column's unit (of a state or an
-        input) and by seconds. The unit of a parameter in C is the output's unit divided by the state's. A parameter in
-        physical units is the engine's parameter times this size.
+        The engine fits ẋ = A x + B v, y = C x to scaled channels; θ has the entries of A, B and C. A row of A or B
+        belongs to the derivative of a state, a column to a state or an input: the factor of an entry is the scale of
+        its row over that of its column. In C a row belongs to an output, a column to a state.
 
         Args:
             order: number of states n.
 
         Returns:
-            The size of each unit (k,).
+            The factors (k,): physical parameter over parameter of the engine.
         """
         state_scale = self.state_scale(order)
         input_scale = self.input_scale
         if self.constant:
             # The constant input is 1 in both units.
             input_scale = np.append(input_scale, 1.0)
-        scale_of_A = np.outer(state_scale, 1 / state_scale)
-        scale_of_B = np.outer(state_scale, 1 / input_scale)
-        scale_of_C = np.outer(self.output_scale, 1 / state_scale)
-        return pack(scale_of_A, scale_of_B, scale_of_C)
+        A_factors = np.outer(state_scale, 1 / state_scale)
+        B_factors = np.outer(state_scale, 1 / input_scale)
+        C_factors = np.outer(self.output_scale, 1 / state_scale)
+        return pack(A_factors, B_factors, C_factors)
 
     def physical_model(self, theta: Array, order: int) -> LinearModel:
         """Converts parameters θ to a model in physical units.

@@ -236,36 +236,40 @@ def held_out_windows(
     _, default_steps = part_samples(flights[0].dt)
     steps = default_steps if steps is None else steps
     # The samples before the first window, in which the filter finds its state, are whole windows of at least 1.5 s.
-    lead = steps * ceil(default_steps / steps)
-    results = []
+    lead_samples = steps * ceil(default_steps / steps)
+    block_forecasts = []
     folds = cross_validation_folds([len(flight) for flight in flights], FOLDS)
     for fold_number, fold in enumerate(folds, start=1):
-        training = list(training_pieces(flights, fold))
+        training_flights = list(training_pieces(flights, fold))
         model = None
         failures = Facts()
         try:
-            model = learn_forecasts(training, settings)
+            model = learn_forecasts(training_flights, settings)
         except ValueError as error:
             failures = (fact_from_error(error),)
         # A fold may contain samples of several flights.
         for piece in fold:
             flight = flights[piece.segment]
-            first_sample = max(piece.first, lead)
-            count = (piece.stop - first_sample) // steps
-            if count > 0:
+            first_sample = max(piece.first, lead_samples)
+            window_count = (piece.stop - first_sample) // steps
+            if window_count > 0:
                 block = HeldOutBlock(
-                    samples=flight[first_sample - lead : first_sample + count * steps],
-                    lead=lead,
+                    samples=flight[
+                        first_sample - lead_samples : first_sample + window_count * steps
+                    ],
+                    lead=lead_samples,
                     steps=steps,
                     # At the beginning of a flight there is no sample before; its first one stands for it.
                     previous_output=flight.outputs[:1],
                 )
                 # If no training data remain, the baselines take their mean from the block itself.
-                results.append(forecast_block(model, training or [block.samples], block, failures))
+                block_forecasts.append(
+                    forecast_block(model, training_flights or [block.samples], block, failures)
+                )
         progress(fold_number / FOLDS)
-    if not results:
+    if not block_forecasts:
         raise ValueError(f"no held-out window of {steps} samples fits into a part of these flights")
-    return joined_results(results)
+    return joined_results(block_forecasts)
 
 
 def held_out_test(train: Flight, test: Flight, learned: Learned) -> HeldOut:
@@ -305,14 +309,14 @@ def training_pieces(flights: Sequence[Flight], fold: Sequence[FoldPiece]) -> Ite
     held_out_pieces = {piece.segment: piece for piece in fold}
     min_samples = max(MIN_PIECE_SECONDS / flights[0].dt, 1)
     for flight_index, flight in enumerate(flights):
-        end = len(flight)
+        flight_end = len(flight)
         # An empty piece at the end leaves the whole flight for training.
-        no_piece = FoldPiece(flight_index, first=end, stop=end)
-        held_out = held_out_pieces.get(flight_index, no_piece)
-        if held_out.first >= min_samples:
-            yield flight[: held_out.first]
-        if end - held_out.stop >= min_samples:
-            yield flight[held_out.stop :]
+        no_piece = FoldPiece(flight_index, first=flight_end, stop=flight_end)
+        held_out_piece = held_out_pieces.get(flight_index, no_piece)
+        if held_out_piece.first >= min_samples:
+            yield flight[: held_out_piece.first]
+        if flight_end - held_out_piece.stop >= min_samples:
+            yield flight[held_out_piece.stop :]
 
 
 @dataclass(frozen=True, eq=False)
@@ -422,7 +426,7 @@ def joined_results(results: Sequence[HeldOut]) -> HeldOut:
         All windows. Each fold has training data of its own, so the variance, which is the unit of errors, is the mean
         of their variances. Each reason why a window failed is contained once.
     """
-    start_times = np.concatenate([result.time[:, 0] for result in results])
+    start_times = np.concatenate([block_result.time[:, 0] for block_result in results])
     windows_by_time = np.argsort(start_times, kind="stable")
 
     def joined(arrays: Sequence[Array]) -> Array:
@@ -431,17 +435,17 @@ def joined_results(results: Sequence[HeldOut]) -> HeldOut:
 
     forecasts = {}
     for name in HeldOutForecast:
-        forecasts[name] = joined([result.forecasts[name] for result in results])
+        forecasts[name] = joined([block_result.forecasts[name] for block_result in results])
     failures = list[Fact]()
-    for result in results:
-        failures += result.failures
+    for block_result in results:
+        failures += block_result.failures
     return HeldOut(
-        time=joined([result.time for result in results]),
-        measured=joined([result.measured for result in results]),
+        time=joined([block_result.time for block_result in results]),
+        measured=joined([block_result.measured for block_result in results]),
         forecasts=forecasts,
-        band=joined([result.band for result in results]),
-        expected=joined([result.expected for result in results]),
-        variance=np.mean([result.variance for result in results], axis=0),
+        band=joined([block_result.band for block_result in results]),
+        expected=joined([block_result.expected for block_result in results]),
+        variance=np.mean([block_result.variance for block_result in results], axis=0),
         # A dictionary keeps one of equal failures, in their order.
         failures=tuple(dict.fromkeys(failures)),
     )

@@ -117,13 +117,13 @@ def evaluate_window(method: Method, window: Window) -> Outcome:
     Returns:
         Errors and forecasts of the test part, whether the model is stable, and the processor time of training, s.
     """
-    begin = thread_time()
+    start_of_training = thread_time()
     # Overflow shows in the errors or the failure of the outcome, so that warnings would only repeat it.
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             model = method.learn(window.train)
-            seconds = thread_time() - begin
+            training_seconds = thread_time() - start_of_training
             scores, forecasts = evaluate_model(method, window, model)
             return Outcome(
                 method.name,
@@ -132,7 +132,7 @@ def evaluate_window(method: Method, window: Window) -> Outcome:
                 failure=None,
                 stable=model.stable,
                 cautions=model.cautions,
-                seconds=seconds,
+                seconds=training_seconds,
                 scores=scores,
                 forecasts=forecasts,
             )
@@ -145,7 +145,7 @@ def evaluate_window(method: Method, window: Window) -> Outcome:
         failure=failure,
         stable=None,
         cautions=(),
-        seconds=thread_time() - begin,
+        seconds=thread_time() - start_of_training,
         scores=infinite_scores(method, window),
         forecasts={},
     )

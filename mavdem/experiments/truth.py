@@ -87,12 +87,12 @@ class Truth(NamedTuple):
     """(N,) rad/s, as the autopilot knew it"""
     disturbance: Array
     """(N,) wind torque, rad/s²"""
-    weak: Array
+    after_failure: Array
     """(N,) 1 after a motor failed, else 0"""
     effect: Array
-    """(r,) rad/s² per µs"""
-    weak_effect: Array
-    """(r,) rad/s² per µs after a motor failed"""
+    """(r,) angular acceleration by each motor, rad/s² per µs"""
+    effect_after_failure: Array
+    """(r,) the same after a motor failed"""
     damping: float
     """1/s"""
     lag: float
@@ -109,18 +109,18 @@ class Truth(NamedTuple):
         Returns:
             (r,) effect of each input on the axis.
         """
-        # ``weak`` is 0 or 1. Interpolated and compared with one half, it has the value of the nearer sample.
-        is_weak = np.interp(time, self.time, self.weak) >= 0.5
-        if is_weak.mean() >= 0.5:
-            return self.weak_effect
+        # ``after_failure`` is 0 or 1. Interpolated and compared with one half, it has the value of the nearer sample.
+        is_after_failure = np.interp(time, self.time, self.after_failure) >= 0.5
+        if is_after_failure.mean() >= 0.5:
+            return self.effect_after_failure
         return self.effect
 
 
 def read_truth(path: PathName, axis: str) -> Truth:
     """Reads one axis of a truth file: the simulator's own parameters and wind torque, written by ``mavdem fly``.
 
-    A truth file is a NumPy archive (``.npz``). A vehicle without a motor failure has no effects after one; those before
-    then hold throughout.
+    A truth file is a NumPy archive (``.npz``). It has the effects of the motors on the axis, before and after the
+    failure of a motor. If the simulation had no failure, the second ones are missing, and are set to the first ones.
 
     Args:
         path: path of the file.
@@ -141,9 +141,9 @@ def read_truth(path: PathName, axis: str) -> Truth:
                 time=file["time"],
                 rate=file["known_rates"][:, AXES.index(axis)],
                 disturbance=file[f"{axis}_disturbance"],
-                weak=file["weak"],
+                after_failure=file["weak"],
                 effect=effect,
-                weak_effect=file.get(f"{axis}_effect_weak", effect),
+                effect_after_failure=file.get(f"{axis}_effect_weak", effect),
                 # The rate is the last state of the simulator's A, and decays at −A's last diagonal entry.
                 damping=-float(file[f"{axis}_A"][-1, -1]),
                 lag=float(file["lag"][0]),
@@ -162,9 +162,9 @@ def read_truth(path: PathName, axis: str) -> Truth:
 def _require_equal_lengths(truth: Truth) -> None:
     """Raises ``ValueError`` where columns of a truth file have other lengths than its times, or effects differ."""
     # Both functions raise this error themselves when they are given arrays that do not fit together.
-    for column in (truth.rate, truth.disturbance, truth.weak):
+    for column in (truth.rate, truth.disturbance, truth.after_failure):
         np.interp(0.0, truth.time, column)
-    np.stack([truth.effect, truth.weak_effect])
+    np.stack([truth.effect, truth.effect_after_failure])
 
 
 def read_truth_of_flight(flights: Sequence[Flight], path: PathName) -> Truth:

@@ -245,10 +245,10 @@ def outside_blocks(blocks: Sequence[LeftOutBlock], positions: StreamPositions) -
         Flags (n,).
     """
     starts = np.array([block.start for block in blocks])
-    ends = np.array([block.end for block in blocks])
+    block_ends = np.array([block.end for block in blocks])
     # Blocks do not overlap, so only the last one that begins at or before a message can contain it.
     row = np.searchsorted(starts, positions, side="right") - 1
-    is_inside = (row >= 0) & (positions < ends[row])
+    is_inside = (row >= 0) & (positions < block_ends[row])
     return ~is_inside
 
 
@@ -299,32 +299,35 @@ def _runs_of_rising_clock(
     """
     positions, time, _ = messages
     steps = np.diff(time)
-    cuts = 1 + np.flatnonzero((steps > MIN_RESET_STEP) | (steps < -rules.max_fall))
+    jumps = 1 + np.flatnonzero((steps > MIN_RESET_STEP) | (steps < -rules.max_fall))
     repeated_blocks = _repeated_blocks(messages, 1 + np.flatnonzero(steps < -rules.max_fall))
-    limits = sorted({0, *cuts.tolist(), *repeated_blocks.values(), len(time)})
+    run_bounds = sorted({0, *jumps.tolist(), *repeated_blocks.values(), len(time)})
     runs: list[_Run] = []
-    for first, end in zip(limits[:-1], limits[1:], strict=True):
-        if end - first < MIN_BLOCK_MESSAGES:
+    for first_message, end_message in zip(run_bounds[:-1], run_bounds[1:], strict=True):
+        if end_message - first_message < MIN_BLOCK_MESSAGES:
             continue
         first_boot, end_boot = np.searchsorted(
-            boots.positions, positions[[first, end - 1]]
+            boots.positions, positions[[first_message, end_message - 1]]
         ).tolist()
-        utc = boots.utc[first_boot:end_boot]
+        utc_readings = boots.utc[first_boot:end_boot]
+        utc_at_boot = None
+        if len(utc_readings) >= MIN_UTC_READINGS:
+            utc_at_boot = float(np.median(utc_readings))
         # A log begins with definitions, its head, which lies between the last message of the run before and this run.
-        earliest_head = positions[first] - MAX_HEAD_BYTES
+        earliest_head = positions[first_message] - MAX_HEAD_BYTES
         if runs:
             earliest_head = max(earliest_head, positions[runs[-1].end - 1])
-        latest_head = positions[first] + MAX_HEAD_BYTES
-        first_start, end_start = np.searchsorted(log_starts, [earliest_head, latest_head])
+        latest_head = positions[first_message] + MAX_HEAD_BYTES
+        first_log_start, end_log_start = np.searchsorted(log_starts, [earliest_head, latest_head])
         runs.append(
             _Run(
-                first,
-                end,
-                start_time=float(time[first]),
-                end_time=float(time[first:end].max()),
-                begins_log=bool(first_start < end_start),
-                utc_at_boot=float(np.median(utc)) if len(utc) >= MIN_UTC_READINGS else None,
-                is_repeated=first in repeated_blocks,
+                first_message,
+                end_message,
+                start_time=float(time[first_message]),
+                end_time=float(time[first_message:end_message].max()),
+                begins_log=bool(first_log_start < end_log_start),
+                utc_at_boot=utc_at_boot,
+                is_repeated=first_message in repeated_blocks,
             )
         )
     return runs

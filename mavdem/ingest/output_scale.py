@@ -213,17 +213,17 @@ def _pulse_range(
         ranges = [_px4_range(drivers, parameters)]
     else:
         ranges = _ardupilot_ranges(parameters)
-    for low, high in ranges:
-        is_pulse_range = low > 0 and high - low >= MIN_PULSE_RANGE
+    for lower_end, upper_end in ranges:
+        is_pulse_range = lower_end > 0 and upper_end - lower_end >= MIN_PULSE_RANGE
         # One microsecond above the range is rounding.
-        is_outside = (pulse_widths < low) | (pulse_widths > high + 1)
+        is_outside = (pulse_widths < lower_end) | (pulse_widths > upper_end + 1)
         if is_pulse_range and np.mean(is_outside) <= MAX_FRACTION_OUTSIDE:
-            return low, high
-    low, high = DEFAULT_PULSE_RANGE
-    if drivers and pulse_widths.max() > high + 1:
+            return lower_end, upper_end
+    lower_end, upper_end = DEFAULT_PULSE_RANGE
+    if drivers and pulse_widths.max() > upper_end + 1:
         # The range was changed from PX4's default, and nothing shows its upper end.
-        return low, MAX_PULSE_WIDTH
-    return low, high
+        return lower_end, MAX_PULSE_WIDTH
+    return lower_end, upper_end
 
 
 def _ardupilot_ranges(parameters: Parameters) -> list[Interval]:

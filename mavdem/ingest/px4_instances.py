@@ -234,7 +234,7 @@ def _sampled_ratios(topics: Topics, instance: int, ratio: EstimatorRatio, time: 
         Ratios (T,): of the samples since the time before, or else of the last one if that is at most ``MAX_AID_AGE``
         old; NaN where there are none.
     """
-    largest = np.full(len(time), np.nan)
+    largest_ratios = np.full(len(time), np.nan)
     for source in AID_SOURCES[ratio]:
         for topic_instance, topic in topics.get(f"estimator_aid_src_{source}", {}).items():
             # Without the field, the instance of the topic has the number of the estimator.
@@ -245,16 +245,16 @@ def _sampled_ratios(topics: Topics, instance: int, ratio: EstimatorRatio, time: 
             # Without the field, samples that were not fused count as rejected: a source in use remains in use.
             is_rejected = samples.get("innovation_rejected", np.ones(len(samples["time"]))) > 0
             samples = selected_rows(samples, _is_used(is_fused, is_rejected))
-            squares = [
+            squared_ratios = [
                 samples[field] for field in samples if field.partition("[")[0] == "test_ratio"
             ]
-            if not len(samples["time"]) or not squares:
+            if not len(samples["time"]) or not squared_ratios:
                 continue
-            sampled_ratios = np.sqrt(np.maximum(np.max(squares, axis=0), 0.0))
+            sampled_ratios = np.sqrt(np.maximum(np.max(squared_ratios, axis=0), 0.0))
             largest_of_source = _largest_since_previous_time(time, samples["time"], sampled_ratios)
             # The larger of both; a NaN is ignored.
-            largest = np.fmax(largest, largest_of_source)
-    return largest
+            largest_ratios = np.fmax(largest_ratios, largest_of_source)
+    return largest_ratios
 
 
 def _largest_since_previous_time(time: Array, sample_time: Array, values: Array) -> Array:
@@ -271,13 +271,13 @@ def _largest_since_previous_time(time: Array, sample_time: Array, values: Array)
         Largest samples (T,); NaN where there are none.
     """
     largest_samples = np.full(len(time), np.nan)
-    # Each time has a window of samples, from row ``starts`` to before row ``ends``.
-    ends = np.searchsorted(sample_time, time, side="right")
-    ends_before = np.append(ends[:1] - 1, ends[:-1])
-    starts = np.minimum(ends_before, ends - 1)
-    is_recent = (ends > 0) & (time - sample_time[ends - 1] <= MAX_AID_AGE)
+    # Each time has a window of samples, from row ``starts`` to before row ``end_samples``.
+    end_samples = np.searchsorted(sample_time, time, side="right")
+    ends_before = np.append(end_samples[:1] - 1, end_samples[:-1])
+    starts = np.minimum(ends_before, end_samples - 1)
+    is_recent = (end_samples > 0) & (time - sample_time[end_samples - 1] <= MAX_AID_AGE)
     if is_recent.any():
-        windows = np.column_stack([starts, ends])[is_recent]
+        windows = np.column_stack([starts, end_samples])[is_recent]
         # ``reduceat`` returns the maxima from each index to the next: of windows and of the gaps between them by turns.
         # The appended 0 makes the end of the last sample a valid index.
         maxima = np.maximum.reduceat(np.append(values, 0.0), windows.ravel())

@@ -192,11 +192,11 @@ def _bytes_before(frames: Frames, rows: slice | Rows) -> NDArray[np.integer]:
     if isinstance(rows, slice):
         # A slice avoids arrays of row numbers for a large log. The frames before rows first to stop − 1 are the rows
         # first − 1 to stop − 2; the first frame of the log is preceded by byte 0, the beginning of the log.
-        first, stop, _ = rows.indices(len(frames))
-        end_of_frame_before = frames[max(first - 1, 0) : max(stop - 1, 0)].end
-        if first == 0:
+        first_row, stop_row, _ = rows.indices(len(frames))
+        end_of_frame_before = frames[max(first_row - 1, 0) : max(stop_row - 1, 0)].end
+        if first_row == 0:
             end_of_frame_before = np.insert(end_of_frame_before, 0, 0)
-        return frames.start[rows] - end_of_frame_before[: stop - first]
+        return frames.start[rows] - end_of_frame_before[: stop_row - first_row]
     end_of_frame_before = np.where(rows > 0, frames.start[rows - 1] + frames.size[rows - 1], 0)
     return frames.start[rows] - end_of_frame_before
 

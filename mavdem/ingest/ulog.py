@@ -341,8 +341,8 @@ def _span_without_long_silence(tables: Iterable[Columns]) -> tuple[int, int]:
         return earliest_stamp, latest_stamp
     stamps = np.sort(np.concatenate(counted_stamps))
     later_part_starts = 1 + np.flatnonzero(np.diff(stamps) > max_silence)
-    parts = np.split(stamps, later_part_starts)
-    largest_part = max(parts, key=len)
+    stamps_of_parts = np.split(stamps, later_part_starts)
+    largest_part = max(stamps_of_parts, key=len)
     return int(largest_part[0]), int(largest_part[-1])
 
 

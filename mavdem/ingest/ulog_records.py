@@ -202,7 +202,7 @@ class _RecordScan:
         """
         offsets = self.offsets
         offset = start
-        # The number of records before the present run of sound ones.
+        # The number of records that were found before the latest omitted bytes. Those after it are the present run.
         records_before_run = len(offsets)
         while offset < section_end:
             header = self.definitions.header(offset)
@@ -220,17 +220,20 @@ class _RecordScan:
                 continue
             omitted_bytes = slice(offset, record_end)
             if fit is Fit.DAMAGED:
-                first_recent = max(records_before_run, len(offsets) - MIN_SEQUENCE_RECORDS)
-                omitted_bytes = self._damaged_bytes(offset, section_end, offsets[first_recent:])
+                # The last records of the run show the time before the damage, and whether a data record precedes it.
+                latest_offsets = offsets[records_before_run:][-MIN_SEQUENCE_RECORDS:]
+                omitted_bytes = self._damaged_bytes(offset, section_end, latest_offsets)
             elif fit is Fit.UNKNOWN and header.record_type == DATA:
-                # The definition of this subscription was lost by earlier damage.
-                self._add_loss(0, omitted_bytes.stop - omitted_bytes.start, 0.0)
+                # The definition of this subscription was lost by earlier damage, which has been counted as a place.
+                self._add_loss(damaged_places=0, lost_bytes=record_end - offset, lost_seconds=0.0)
+            # The omitted bytes may begin before this record, at a data record that the damage has changed too. That
+            # record has been added as a sound one, and is removed again.
             while len(offsets) > records_before_run and offsets[-1] >= omitted_bytes.start:
                 offsets.pop()
             offset = omitted_bytes.stop
             records_before_run = len(offsets)
         if offset > section_end and len(offsets) > records_before_run:
-            # The last record is cut off.
+            # The length of the last record exceeds the section: its end was never written.
             offsets.pop()
 
     def _add_sound_record(self, offset: int, record_type: int) -> None:
@@ -334,25 +337,27 @@ class _RecordScan:
         return self._next_sequence(offset + 1, record_end, section_end) is None
 
     def _next_sequence(self, start: int, stop: int, section_end: int) -> int | None:
-        """Searches for the next offset at which a sequence of records begins that fit the definitions.
+        """Returns the first offset of a range at which a sequence of records begins that fit the definitions.
+
+        A regular expression first finds the bytes that look like a header of a record. Only there the records are
+        compared with their definitions, which takes much longer.
 
         Args:
-            start: Offset at which the search starts.
-            stop: Offset before which the beginning of the first record lies.
+            start: First offset of the range.
+            stop: Offset after the range. The sequence may go beyond it.
             section_end: Offset at which the section of the file ends.
 
         Returns:
-            The offset; None if there is none.
+            The offset; None if no sequence begins in the range.
         """
-        possible_starts = self.definitions.record_start_pattern().finditer(
-            self.content, start, stop
-        )
-        for match in possible_starts:
-            if self._begins_sequence(match.start(), section_end):
-                return match.start()
+        header_pattern = self.definitions.record_start_pattern()
+        for header_match in header_pattern.finditer(self.content, start, stop):
+            offset = header_match.start()
+            if self._begins_sequence(offset, section_end):
+                return offset
         return None
 
-    def _damaged_bytes(self, offset: int, section_end: int, recent_offsets: Sequence[int]) -> slice:
+    def _damaged_bytes(self, offset: int, section_end: int, latest_offsets: Sequence[int]) -> slice:
         """Finds the bytes to leave out around a record that does not fit, and adds them to ``loss``.
 
         The data record before it may be damaged too: if bytes are missing, it contains the beginning of a later record;
@@ -363,15 +368,15 @@ class _RecordScan:
         Args:
             offset: Offset of the record that does not fit.
             section_end: Offset at which the section of the file ends.
-            recent_offsets: Offsets of the last records before it, ascending.
+            latest_offsets: Offsets of the last sound records directly before it, ascending.
 
         Returns:
             The range of offsets to leave out.
         """
         follows_data = (
-            bool(recent_offsets) and self.definitions.header(recent_offsets[-1]).record_type == DATA
+            bool(latest_offsets) and self.definitions.header(latest_offsets[-1]).record_type == DATA
         )
-        start = recent_offsets[-1] if follows_data else offset
+        start = latest_offsets[-1] if follows_data else offset
         next_sound = self._next_sound_record(offset, start + 1, section_end)
         has_sound_record_after = next_sound < section_end
         if not has_sound_record_after and self._may_be_cut_off(offset, section_end):
@@ -380,10 +385,10 @@ class _RecordScan:
             return slice(start, section_end)
         if self._has_wrong_header_only(offset, next_sound):
             start = offset
-        records_before = [record for record in recent_offsets if record < start]
+        records_before = [record for record in latest_offsets if record < start]
         records_after = self._data_offsets(next_sound, section_end)
         lost_seconds = self._seconds_between(records_before, records_after)
-        self._add_loss(1, next_sound - start, lost_seconds)
+        self._add_loss(damaged_places=1, lost_bytes=next_sound - start, lost_seconds=lost_seconds)
         return slice(start, next_sound)
 
     def _next_sound_record(self, damaged_offset: int, search_start: int, section_end: int) -> int:
@@ -514,13 +519,13 @@ class _RecordScan:
                 stamps.append(int.from_bytes(stamp_bytes, "little"))
         return stamps
 
-    def _add_loss(self, damaged_places: int, lost_bytes: int, lost_seconds: float) -> None:
+    def _add_loss(self, *, damaged_places: int, lost_bytes: int, lost_seconds: float) -> None:
         """Adds a damaged place, or a record without a definition, to ``loss``, the sum of what the file has lost.
 
         Args:
-            damaged_places: Number of damaged places: 1, or 0 for a sound record whose definition was lost by earlier
-            damage. lost_bytes: Number of bytes that are left out. lost_seconds: Time between the records before and
-            after the damaged place, s.
+            damaged_places: Number of damaged places: 1, or 0 for a record whose definition was lost by earlier damage.
+            lost_bytes: Number of bytes that are left out.
+            lost_seconds: Time between the records before and after the damaged place, s.
         """
         self.loss = RecordLoss(
             self.loss.damaged_places + damaged_places,

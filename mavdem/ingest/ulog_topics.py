@@ -68,8 +68,8 @@ def parse_records(records: SoundRecords, *, has_all_fields: bool = False) -> Par
             body_offsets = data_offsets[rows_of_subscription[subscription]] + DATA_HEADER.size
             columns = _decoded_columns(content, body_offsets, layout, fields)
         topics.append(LoggedTopic(layout.name, definitions.instances[subscription], columns))
-    other = read_other_records(records, records.offsets[~is_data], data_offsets)
-    return ParsedRecords(topics, len(data_offsets), other)
+    other_records = read_other_records(records, records.offsets[~is_data], data_offsets)
+    return ParsedRecords(topics, len(data_offsets), other_records)
 
 
 def _decoded_columns(

@@ -103,11 +103,11 @@ def ardupilot_controller(
     gains = dict(zip(rate.names, gain_values, strict=True))
     has_mixer = len(motor_weights) != 1
     if rate.is_before_3_4:
-        scale = GAIN_SCALE_BEFORE_34
+        gain_scale = GAIN_SCALE_BEFORE_34
         if has_mixer and parameters.get("FRAME") in X_FRAMES_BEFORE_34:
-            scale = X_GAIN_SCALE_BEFORE_34
+            gain_scale = X_GAIN_SCALE_BEFORE_34
         for gain in ("p", "i", "d"):
-            gains[gain] = scale * gains[gain]
+            gains[gain] = gain_scale * gains[gain]
     # The exponent is limited, since a corrupt one would give an absurd rate.
     gyro_rate_exponent = np.clip(parameters.get("INS_GYRO_RATE", 0.0), 0.0, MAX_GYRO_RATE_EXPONENT)
     loop_rate = parameters.get(LOOP_RATE_PARAMETERS["ardupilot"], DEFAULT_LOOP_RATES["ardupilot"])
@@ -133,8 +133,8 @@ def ardupilot_controller(
         if len(motor_weights) != MOTOR_COUNT or not any(motor_weights) or not spin_min < spin_max:
             raise _unknown_mixer(parameters)
         # AP_MotorsMatrix normalises the largest factor of an axis to a half.
-        largest = max(map(abs, motor_weights))
-        fields["mixer"] = tuple(weight / largest / 2 for weight in motor_weights)
+        largest_weight = max(map(abs, motor_weights))
+        fields["mixer"] = tuple(weight / largest_weight / 2 for weight in motor_weights)
         fields["spin_range"] = (spin_min, spin_max)
     return fields
 

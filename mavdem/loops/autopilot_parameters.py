@@ -47,7 +47,7 @@ def required_parameters(parameters: Parameters, *names: str) -> list[float]:
     Raises:
         NotLearnable: some are missing; the error lists them.
     """
-    missing = [name for name in names if name not in parameters]
-    if missing:
-        raise NotLearnable(ControllerFact.PARAMETERS_MISSING, names=missing)
+    missing_names = [name for name in names if name not in parameters]
+    if missing_names:
+        raise NotLearnable(ControllerFact.PARAMETERS_MISSING, names=missing_names)
     return [parameters[name] for name in names]

@@ -106,17 +106,17 @@ def demand_noise(loop: Loop, new_controller: Controller) -> DemandNoise | None:
         return None
     controller = loop.controller
     # The noise is measured after the gyro's filters, so only the controller is between it and the demand.
-    before = demand_deviation(controller, noise)
-    after = demand_deviation(new_controller, noise)
+    deviation_before = demand_deviation(controller, noise)
+    deviation_after = demand_deviation(new_controller, noise)
     # The response of the D term is the controller's response minus the response of one without D.
     deviation_by_d = demand_deviation(controller, noise, subtracted=replace(controller, d=0.0))
     return DemandNoise(
         lowest=noise.frequency[0],
         highest=noise.frequency[-1],
-        before=before,
-        after=after,
+        before=deviation_before,
+        after=deviation_after,
         by_d=deviation_by_d,
-        heat=(after / before) ** 2,
+        heat=(deviation_after / deviation_before) ** 2,
     )
 
 

@@ -440,13 +440,13 @@ class GainSearch:
         Returns:
             Ratios, in ascending order and evenly spaced by their logarithms.
         """
-        usual = self.defaults.ratios.derivative
-        logged = self.logged_gains.get("d", 0.0) / self.logged_gains["p"]
-        if not (usual and logged):
-            return [logged]
-        lowest = min(usual / MAX_RATIO_CHANGE, logged)
-        highest = max(usual * MAX_RATIO_CHANGE, logged)
-        ratios: list[float] = np.geomspace(lowest, highest, RATIO_COUNT).tolist()
+        default_ratio = self.defaults.ratios.derivative
+        logged_ratio = self.logged_gains.get("d", 0.0) / self.logged_gains["p"]
+        if not (default_ratio and logged_ratio):
+            return [logged_ratio]
+        lowest_ratio = min(default_ratio / MAX_RATIO_CHANGE, logged_ratio)
+        highest_ratio = max(default_ratio * MAX_RATIO_CHANGE, logged_ratio)
+        ratios: list[float] = np.geomspace(lowest_ratio, highest_ratio, RATIO_COUNT).tolist()
         return ratios
 
     def _rate_gains(self, factor: float, derivative_ratio: float) -> Parameters:
@@ -652,14 +652,14 @@ class GainSearch:
         """
         if stage is not Stage.RATE or not gains:
             return ()
-        names = self.loop.controller.parameter_names
-        logged = self.loop.controller.parameters
-        p_name, i_name = names["p"], names["i"]
+        parameter_names = self.loop.controller.parameter_names
+        logged_gains = self.loop.controller.parameters
+        p_name, i_name = parameter_names["p"], parameter_names["i"]
         notes = []
-        if names["angle_gain"] in gains:
-            notes.append(Fact(GainFact.ANGLE_FOLLOWS, name=names["angle_gain"]))
-        integral_falls = i_name in gains and gains[i_name] < logged[i_name]
-        if integral_falls and gains[p_name] > logged[p_name]:
+        if parameter_names["angle_gain"] in gains:
+            notes.append(Fact(GainFact.ANGLE_FOLLOWS, name=parameter_names["angle_gain"]))
+        integral_falls = i_name in gains and gains[i_name] < logged_gains[i_name]
+        if integral_falls and gains[p_name] > logged_gains[p_name]:
             notes.append(Fact(GainFact.INTEGRAL_FALLS, name=i_name))
         return (*notes, *self._notes_on_ratios(gains))
 

@@ -56,18 +56,19 @@ def identified_steps(loop: Loop, time: Array, count: int) -> Array | None:
     is_output_explained = loop.plant.unexplained_output <= MAX_UNEXPLAINED_OUTPUT
     if not is_output_explained:
         return None
-    rate = loop.rate
+    rate_loop = loop.rate
     # ``agrees`` is None where the loop could not be compared with the measured response of the rate.
     contradicts_measurement = loop.agrees is False
-    if contradicts_measurement or not rate.is_stable:
+    if contradicts_measurement or not rate_loop.is_stable:
         return None
-    # Row 0 is of the estimate, the others are of draws.
-    stable_responses = rate.closed_loop_response[rate.stable][: count + 1]
-    steps = steps_from_frequency_responses(rate.frequency, stable_responses, time)
+    # The first response is that of the estimate, the others are those of draws.
+    stable_responses = rate_loop.closed_loop_response[rate_loop.stable][: count + 1]
+    stable_steps = steps_from_frequency_responses(rate_loop.frequency, stable_responses, time)
     # If fewer than n draws are stable, ``resize`` repeats the steps to the requested number.
-    steps = np.resize(steps, (count + 1, len(time)))
-    gains_of_draws = 1 + GAIN_DEVIATION * default_rng(GAIN_SEED).standard_normal(count)
-    steps[1:] *= gains_of_draws[:, None]
+    steps = np.resize(stable_steps, (count + 1, len(time)))
+    gain_factors = 1 + GAIN_DEVIATION * default_rng(GAIN_SEED).standard_normal(count)
+    # The estimate keeps its gain; the step of each draw is multiplied by a random one.
+    steps[1:] *= gain_factors[:, None]
     return steps
 
 

@@ -136,12 +136,12 @@ def response_knots(taps: int, steps_per_sample: int) -> Array:
     Returns:
         Lags (K + 2,), in samples, ascending.
     """
-    last = taps * steps_per_sample
+    last_lag = taps * steps_per_sample
     lag = 0
     knots = [lag]
-    while lag < last:
+    while lag < last_lag:
         spacing = max(1, round(NODE_SPACING_RATIO * lag))
-        lag = min(lag + spacing, last)
+        lag = min(lag + spacing, last_lag)
         knots.append(lag)
     return np.array(knots) / steps_per_sample
 

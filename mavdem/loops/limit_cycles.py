@@ -508,8 +508,8 @@ def _oscillation_in_run(
         return None
     rate = lines.rate[run]
     # The growth compares the first third of the windows with the last; a single window is both.
-    third = ceil(window_count / 3)
-    growth = rate[-third:].mean() / rate[:third].mean()
+    windows_per_third = ceil(window_count / 3)
+    growth = rate[-windows_per_third:].mean() / rate[:windows_per_third].mean()
     return _RunOscillation(
         frequency=frequency,
         rate=np.sqrt(np.mean(rate**2)),

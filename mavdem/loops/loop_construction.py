@@ -173,9 +173,9 @@ def _loop_cautions(loop: Loop) -> list[Fact]:
         if np.isfinite(rate.gain_margin):
             # With a gain margin of GM dB, L crosses the negative real axis at −10^(−GM / 20). The frequency of the
             # crossing is the one at which L is nearest to that point.
-            crossing = -(10 ** (-rate.gain_margin / DECIBELS_PER_DECADE))
-            nearest = np.argmin(np.abs(rate.response[ESTIMATE] - crossing))
-            if rate.frequency[nearest] >= nyquist_frequency:
+            point_on_axis = -(10 ** (-rate.gain_margin / DECIBELS_PER_DECADE))
+            crossing_index = np.argmin(np.abs(rate.response[ESTIMATE] - point_on_axis))
+            if rate.frequency[crossing_index] >= nyquist_frequency:
                 cautions.append(Fact(LoopFact.GAIN_MARGIN_EXTRAPOLATED, rate=nyquist_frequency))
     if rate.crossover * record.dt > MAX_CROSSOVER_FRACTION:
         least_rate = rate.crossover / MAX_CROSSOVER_FRACTION

@@ -258,9 +258,9 @@ class _ZeroCrossings(NamedTuple):
         """
         is_negative = np.signbit(values)
         rows, columns = np.nonzero(is_negative[:, :-1] != is_negative[:, 1:])
-        before = values[rows, columns]
-        after = values[rows, columns + 1]
-        return cls(len(values), rows, columns, before / (before - after))
+        values_before = values[rows, columns]
+        values_after = values[rows, columns + 1]
+        return cls(len(values), rows, columns, values_before / (values_before - values_after))
 
     def interpolate(self, values: Array) -> Array:
         """Interpolates other functions linearly at the zero crossings, such as the phase where the gain crosses 1.
@@ -272,9 +272,9 @@ class _ZeroCrossings(NamedTuple):
             (K,) value at each crossing.
         """
         values = np.broadcast_to(values, (self.row_count, values.shape[-1]))
-        before = values[self.rows, self.columns]
-        after = values[self.rows, self.columns + 1]
-        return before + self.fraction * (after - before)
+        values_before = values[self.rows, self.columns]
+        values_after = values[self.rows, self.columns + 1]
+        return values_before + self.fraction * (values_after - values_before)
 
     def minimum_by_row(self, values: Array) -> Array:
         """Returns the least value among the crossings of each function.
@@ -324,11 +324,11 @@ def _log_gain_margins(response: Complex) -> Array:
     is_negative_axis = crossings.interpolate(response.real) < 0
     log_gain = crossings.interpolate(np.log(np.abs(response)))
     log_margin = np.where(is_negative_axis, -log_gain, np.nan)
-    nearest = crossings.minimum_by_row(np.abs(log_margin))
+    margin_nearest_to_0 = crossings.minimum_by_row(np.abs(log_margin))
     # The absolute value has lost its sign, which is restored if the nearest crossing has a negative margin.
-    is_negative_margin = log_margin == -nearest[crossings.rows]
-    nearest[crossings.rows[is_negative_margin]] *= -1
-    return nearest
+    is_negative_margin = log_margin == -margin_nearest_to_0[crossings.rows]
+    margin_nearest_to_0[crossings.rows[is_negative_margin]] *= -1
+    return margin_nearest_to_0
 
 
 def _infinite_if_nan(values: Array) -> Array:
@@ -371,8 +371,8 @@ def plant_response(
     Returns:
         Frequencies (F,), Hz, and responses (N, F), which are read-only.
     """
-    highest = min(grid.highest, MAX_FREQUENCY_RATIO / controller.loop_period)
-    frequency = np.geomspace(grid.lowest, highest, grid.points)
+    highest_frequency = min(grid.highest, MAX_FREQUENCY_RATIO / controller.loop_period)
+    frequency = np.geomspace(grid.lowest, highest_frequency, grid.points)
     s = 2j * np.pi * frequency
     damping, lag, delay = (column[:, None] for column in dynamics.T)
     delay_response = np.exp(-s * delay)

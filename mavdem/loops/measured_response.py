@@ -175,10 +175,10 @@ def _finite_pieces(signals: Array, record: Record) -> list[Array]:
         (k, N) pieces, of different lengths N.
     """
     is_finite = np.isfinite(signals).all(axis=0)
-    changes = np.flatnonzero(np.diff(is_finite)) + 1
-    cuts = np.union1d(record.segment_starts[1:], changes)
+    changes_of_finiteness = np.flatnonzero(np.diff(is_finite)) + 1
+    piece_starts = np.union1d(record.segment_starts[1:], changes_of_finiteness)
     pieces = []
-    for piece in np.split(signals, cuts, axis=1):
+    for piece in np.split(signals, piece_starts, axis=1):
         setpoint = piece[0]
         if np.isfinite(piece).all() and np.ptp(setpoint) > 0:
             pieces.append(piece)

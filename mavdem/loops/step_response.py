@@ -159,11 +159,12 @@ class StepResponse(ImmutableResult):
     def fact(self) -> Fact:
         """The figures of the response as a :class:`Fact`, from which reports and documents make one sentence.
 
-        A fact is a code with figures by name. Here each of ``FIGURES`` (overshoot, rise time and so on) has the name
-        and the unit of its attribute. Overshoot and peak also come with their 90 % intervals; "highest" is the highest
-        known frequency, Hz.
+        A fact is a code with figures by name, and with a subject that it is about, here the loop, such as "roll rate".
+        Each of ``FIGURES`` (overshoot, rise time and so on) has the name and the unit of its attribute. Overshoot and
+        peak also come with their 90 % intervals; ``highest`` is the highest frequency at which the loop was measured,
+        Hz.
         """
-        figures = {name: getattr(self, name).value for name in FIGURES}
+        estimates = {name: getattr(self, name).value for name in FIGURES}
         return Fact(
             StepResponseFact.STEP_MEASURED,
             subject=f"{self.axis} {self.loop}",
@@ -173,7 +174,7 @@ class StepResponse(ImmutableResult):
             highest=self.max_frequency,
             is_identified=self.is_identified,
             has_peak=self.has_peak,
-            **figures,
+            **estimates,
         )
 
     def comparison(self, frequency: Array, predicted: Complex) -> Fact:
@@ -401,13 +402,17 @@ def decimated_pieces(pieces: list[Array], decimation: int) -> list[Array]:
     thinned_pieces = []
     for piece in pieces:
         # Beyond both ends the piece is extended by the line through its ends, so that the filter sees no step there.
-        samples = np.arange(-half_length, piece.shape[1] + half_length)
+        sample_numbers = np.arange(-half_length, piece.shape[1] + half_length)
         slope = (piece[:, -1:] - piece[:, :1]) / (piece.shape[1] - 1)
-        line = piece[:, :1] + slope * samples
-        deviation = np.zeros_like(line)
-        deviation[:, half_length:-half_length] = piece - line[:, half_length:-half_length]
+        end_to_end_line = piece[:, :1] + slope * sample_numbers
+        deviation = np.zeros_like(end_to_end_line)
+        deviation[:, half_length:-half_length] = (
+            piece - end_to_end_line[:, half_length:-half_length]
+        )
         windows = sliding_window_view(deviation, len(low_pass), axis=1)[:, ::decimation]
-        thinned_pieces.append(windows @ low_pass + line[:, half_length:-half_length:decimation])
+        thinned_pieces.append(
+            windows @ low_pass + end_to_end_line[:, half_length:-half_length:decimation]
+        )
     return thinned_pieces
 
 

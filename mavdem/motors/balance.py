@@ -168,19 +168,19 @@ def balance_figures(
     lean_deviations = lean - lean.mean(axis=0)
     lean_effect = np.full((len(AXES), len(TILT_AXES)), np.nan)
     effect_variance_factor = np.full((len(AXES), len(TILT_AXES)), np.nan)
-    freedom = len(blocks) - 1
+    degrees_of_freedom = len(blocks) - 1
     is_lean_known = np.isfinite(lean_deviations).all()
     if is_lean_known and np.linalg.matrix_rank(lean_deviations) == len(TILT_AXES):
-        inverse = np.linalg.inv(lean_deviations.T @ lean_deviations)
-        lean_effect = (inverse @ lean_deviations.T @ residuals).T
+        inverse_scatter = np.linalg.inv(lean_deviations.T @ lean_deviations)
+        lean_effect = (inverse_scatter @ lean_deviations.T @ residuals).T
         residuals = residuals - lean_deviations @ lean_effect.T
-        freedom -= len(TILT_AXES)
-        effect_variance_factor = np.broadcast_to(np.diag(inverse), lean_effect.shape)
+        degrees_of_freedom -= len(TILT_AXES)
+        effect_variance_factor = np.broadcast_to(np.diag(inverse_scatter), lean_effect.shape)
     # Each of roll, pitch and yaw has its own variance and correlation.
-    inflation = [variance_inflation(column) for column in residuals.T]
+    inflation = [variance_inflation(residuals_of_axis) for residuals_of_axis in residuals.T]
     # From few blocks the variance itself is uncertain, so that the errors follow a Student's t distribution. They are
     # used as normal ones of the same variance, which is larger by freedom / (freedom - 2).
-    block_variance = (residuals**2).sum(axis=0) / (freedom - 2)
+    block_variance = (residuals**2).sum(axis=0) / (degrees_of_freedom - 2)
     variance = block_variance * inflation
     return BalanceFigures(
         mean=balance.mean(axis=0),

@@ -255,8 +255,8 @@ def _best_ramp_of_lengths(balances: Array, starts: Indices, lengths: Indices) ->
     best_row = int(np.argmin(misfits))
     course = courses[best_row]
     change = changes[best_row]
-    before = mean_balance - change * course.mean()
-    ramp = Ramp(int(starts[best_row]), course, before, change)
+    balance_before_ramp = mean_balance - change * course.mean()
+    ramp = Ramp(int(starts[best_row]), course, balance_before_ramp, change)
     return _RampFit(ramp, misfit=float(misfits[best_row]))
 
 

@@ -505,22 +505,22 @@ class MotorLossDetector:
         # A later change of a motor that is weak already is not evidence about its first loss.
         self._unconfirmed_loss = None
         for motor in moved_motors:
-            previous = self.weak_motors.pop(motor, None)
-            previous_rise = 0.0 if previous is None else previous.size
+            previous_alarm = self.weak_motors.pop(motor, None)
+            previous_rise = 0.0 if previous_alarm is None else previous_alarm.size
             # The rise since the motor was sound, with both ends of its 90 % interval.
             change_of_command = float(estimate.rises[motor])
             half_width = float(estimate.half_widths[motor])
             rise = (1 + previous_rise) * (1 + change_of_command) - 1
-            lowest = (1 + previous_rise) * (1 + change_of_command - half_width) - 1
-            highest = (1 + previous_rise) * (1 + change_of_command + half_width) - 1
+            lowest_rise = (1 + previous_rise) * (1 + change_of_command - half_width) - 1
+            highest_rise = (1 + previous_rise) * (1 + change_of_command + half_width) - 1
             is_sound_again = rise < max(RISES[0], previous_rise * MAX_RECOVERED_FRACTION)
             if rises[motor] < 0 and (len(moved_motors) > 1 or is_sound_again):
                 self._add_alarm(motor, block_count, log_odds, 0.0)
                 continue
-            loss = self._model.thrust_loss(motor, max(lowest, 0.0), highest)
+            loss = self._model.thrust_loss(motor, max(lowest_rise, 0.0), highest_rise)
             alarm = self._add_alarm(motor, block_count, log_odds, max(rise, RISES[0]), loss)
             self.weak_motors[motor] = alarm
-            if previous is None:
+            if previous_alarm is None:
                 self._unconfirmed_loss = LossConfirmation(
                     motor,
                     start=alarm.onset_time,

@@ -270,17 +270,23 @@ def fit_gray_box(
     expansions, _ = gauss_newton(
         objective, expansion_at_start, damping, max_steps, corrects_curvature=True
     )
-    result = expansions[-1]
+    final_expansion = expansions[-1]
     lower_bounds, upper_bounds = model.bounds
-    is_at_bound = (result.point <= lower_bounds) | (result.point >= upper_bounds)
+    is_at_bound = (final_expansion.point <= lower_bounds) | (final_expansion.point >= upper_bounds)
     if is_at_bound.any():
         # The steps leave out parameters at their bounds, but the curvature of all is needed.
-        result = objective.full_expansion(result.point)
+        final_expansion = objective.full_expansion(final_expansion.point)
     levels = []
-    for errors, expected_variance in objective.innovations(result.point[None]):
+    for errors, expected_variance in objective.innovations(final_expansion.point[None]):
         mean_squares = np.mean(errors[0] ** 2, axis=1)
         levels.append(np.sqrt(mean_squares / expected_variance))
-    return GrayBoxFit(model, result.point, result.value, result.curvature, np.concatenate(levels))
+    return GrayBoxFit(
+        model,
+        final_expansion.point,
+        final_expansion.value,
+        final_expansion.curvature,
+        np.concatenate(levels),
+    )
 
 
 def best_start(model: GrayBoxModel, start: Array, windows: FlightWindows) -> Array:
@@ -298,17 +304,17 @@ def best_start(model: GrayBoxModel, start: Array, windows: FlightWindows) -> Arr
         θ (k,); ``start`` if no point has a finite posterior.
     """
     objective = LogPosterior(model, windows)
-    points = []
-    values = []
+    starting_points = []
+    log_posteriors = []
     for wind_factor, lag_factor in product(START_WIND_FACTORS, START_LAG_FACTORS):
         point = start.copy()
         point[model.wind_index] += np.log(wind_factor)
         point[model.lag_index] += np.log(lag_factor)
-        points.append(point)
-        values.append(objective.value(point))
+        starting_points.append(point)
+        log_posteriors.append(objective.value(point))
     # A point whose posterior is not a number must not be chosen.
-    comparable_values = np.nan_to_num(values, nan=-np.inf)
-    return points[int(np.argmax(comparable_values))]
+    comparable_log_posteriors = np.nan_to_num(log_posteriors, nan=-np.inf)
+    return starting_points[int(np.argmax(comparable_log_posteriors))]
 
 
 def initial_model(

@@ -185,10 +185,10 @@ def _is_step_of_level(
     starts = record.segment_starts
     segment_start = starts[starts <= start].max()
     segment_end = starts[starts >= stop].min(initial=len(torque))
-    before = torque[max(start - reach, segment_start) : start]
-    after = torque[stop : min(stop + reach, segment_end)]
+    torque_before = torque[max(start - reach, segment_start) : start]
+    torque_after = torque[stop : min(stop + reach, segment_end)]
     # At an end of the segment there is nothing to compare with.
-    if not len(before) or not len(after):
+    if not len(torque_before) or not len(torque_after):
         return False
-    level_change = float(np.median(after) - np.median(before))
+    level_change = float(np.median(torque_after) - np.median(torque_before))
     return abs(level_change) > threshold

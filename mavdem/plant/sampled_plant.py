@@ -305,14 +305,14 @@ def sampled_plant(
     B = np.zeros((*shape, n, 1))
     wind_output = np.zeros((*shape, n))
     # The spectra are defined in units of their time constant, so all rates are divided by ``time``, in seconds.
-    first = 2
+    first_state = 2
     for colour, size, time in components:
-        states = slice(first, first + len(colour.A))
+        states = slice(first_state, first_state + len(colour.A))
         rate_of_time = 1 / np.asarray(time)[..., None, None]
         A[..., states, states] = colour.A * rate_of_time
         intensity[..., states, states] = colour.Q * rate_of_time
         wind_output[..., states] = colour.C * np.asarray(size)[..., None]
-        first = states.stop
+        first_state = states.stop
     # The rate is driven by its damping, the motors' torque and the wind torque; the torque follows the command.
     A[..., 0, :] = wind_output
     A[..., 0, 0] = -damping

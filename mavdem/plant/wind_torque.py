@@ -609,21 +609,23 @@ def _torque_spectrum(
     Returns:
         One-sided densities of the estimate and of the model, (rad/s²)²/Hz.
     """
-    cuts = np.union1d(record.segment_starts[1:], _first_samples_after_changes(is_wind))
+    piece_starts = np.union1d(record.segment_starts[1:], _first_samples_after_changes(is_wind))
     pieces = []
-    for piece, flags in zip(np.split(torque, cuts), np.split(is_wind, cuts), strict=True):
+    for piece, wind_flags in zip(
+        np.split(torque, piece_starts), np.split(is_wind, piece_starts), strict=True
+    ):
         # The record was cut where the flag changes, so that it is the same at all samples of a piece.
-        if flags[0]:
+        if wind_flags[0]:
             pieces.append(piece)
-    length = min(round(SPECTRUM_SECONDS / record.dt), max(map(len, pieces)))
+    window_length = min(round(SPECTRUM_SECONDS / record.dt), max(map(len, pieces)))
     densities = []
     window_counts = []
     for piece in pieces:
-        if len(piece) < length:
+        if len(piece) < window_length:
             continue
-        frequency, density = power_density(piece, 1 / record.dt, length, without_trend=True)
+        frequency, density = power_density(piece, 1 / record.dt, window_length, without_trend=True)
         densities.append(density)
         # Windows begin every half length.
-        window_counts.append(2 * len(piece) // length - 1)
+        window_counts.append(2 * len(piece) // window_length - 1)
     mean_density = np.average(densities, axis=0, weights=window_counts)
     return WindSpectrum(frequency, mean_density, wind_torque_density(physical, frequency))

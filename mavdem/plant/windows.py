@@ -228,11 +228,11 @@ def _regression_innovations(inputs: Array, rate: Array) -> ArrayPair:
     earlier_signals = []
     for offset in range(REGRESSION_LAGS):
         earlier_signals.append(signals[:, offset : predicted_count + offset])
-    past = np.concatenate(earlier_signals, axis=2)
-    past = past.reshape(-1, past.shape[2])
-    present = signals[:, REGRESSION_LAGS:].reshape(-1, signals.shape[2])
-    coefficients = np.linalg.lstsq(past, present)[0]
-    innovations = present - past @ coefficients
+    regressors = np.concatenate(earlier_signals, axis=2)
+    regressors = regressors.reshape(-1, regressors.shape[2])
+    predicted_signals = signals[:, REGRESSION_LAGS:].reshape(-1, signals.shape[2])
+    coefficients = np.linalg.lstsq(regressors, predicted_signals)[0]
+    innovations = predicted_signals - regressors @ coefficients
     return innovations[:, 0], innovations[:, 1:]
 
 
@@ -274,20 +274,22 @@ def _window_samples(record: Record) -> Indices:
         NotLearnable: no segment is as long as the shortest window.
     """
     stride = max(1, int(1 / record.dt / MAX_RATE))
-    shortest = stride * MIN_WINDOW_SAMPLES
-    if record.longest_segment < shortest:
+    shortest_window = stride * MIN_WINDOW_SAMPLES
+    if record.longest_segment < shortest_window:
         raise NotLearnable(
             NoPhysical.TOO_FEW_SAMPLES_WITHOUT_GAPS,
-            least_samples=shortest,
+            least_samples=shortest_window,
             samples=record.longest_segment,
         )
-    length = _window_length(record)
-    starts = []
+    window_length = _window_length(record)
+    starts_by_segment = []
     for segment_start, segment_length in zip(record.segment_starts, record.lengths, strict=True):
-        starts.append(segment_start + length * np.arange(segment_length // length))
+        starts_by_segment.append(
+            segment_start + window_length * np.arange(segment_length // window_length)
+        )
     # A window has as many whole strides as fit into it.
-    offsets = np.arange(0, length - stride + 1, stride)
-    first_samples = np.concatenate(starts)
+    offsets = np.arange(0, window_length - stride + 1, stride)
+    first_samples = np.concatenate(starts_by_segment)
     return np.asarray(first_samples[:, None] + offsets, int)
 
 

@@ -65,8 +65,8 @@ def notch_advice(
     lines_to_filter = [line for line in lines if line.cause in (LineCause.MOTOR, LineCause.FRAME)]
     if spectrum is None or not lines_to_filter:
         return Fact(NotchAdvice.NO_LINE_TO_REMOVE)
-    line = max(lines_to_filter, key=lambda line: line.density)
-    frequency = line.frequency
+    strongest_line = max(lines_to_filter, key=lambda line: line.density)
+    frequency = strongest_line.frequency
     if any(abs(notch.frequency - frequency) < notch.bandwidth / 2 for notch in controller.notches):
         return Fact(NotchAdvice.NOTCH_IN_PLACE, frequency=frequency)
     filtered_density = spectrum.total_density.mean(axis=0)
@@ -74,13 +74,15 @@ def notch_advice(
     if unfiltered is not None:
         gain = abs(gyro_response(controller, spectrum.frequency))
         filtered_density = filtered_density * gain**2
-    low, high = LINE_BAND
-    is_line = (spectrum.frequency > low * frequency) & (spectrum.frequency < high * frequency)
+    lowest_ratio, highest_ratio = LINE_BAND
+    lower_edge = lowest_ratio * frequency
+    upper_edge = highest_ratio * frequency
+    is_line = (spectrum.frequency > lower_edge) & (spectrum.frequency < upper_edge)
     is_above_loop = spectrum.frequency > MAX_LOOP_FREQUENCY
-    share = filtered_density[is_line].sum() / filtered_density[is_above_loop].sum()
-    if share < MIN_NOISE_SHARE:
-        return Fact(NotchAdvice.NOTCH_NOT_NEEDED, frequency=frequency, share=share)
-    notch = _narrowest_notch(controller, line, spectrum, is_line)
+    line_share = filtered_density[is_line].sum() / filtered_density[is_above_loop].sum()
+    if line_share < MIN_NOISE_SHARE:
+        return Fact(NotchAdvice.NOTCH_NOT_NEEDED, frequency=frequency, share=line_share)
+    notch = _narrowest_notch(controller, strongest_line, spectrum, is_line)
     return Fact(
         NotchAdvice.SET_NOTCH,
         frequency=frequency,

@@ -295,14 +295,16 @@ def _track(windows: _LogSpectra, frequency: float) -> _Track:
         # (E, W) for each of E exponents the densities of the W windows where it predicts the line.
         scores = windows.density_along(frequency * windows.drive ** EXPONENTS[:, None])
         exponent = EXPONENTS[np.argmax(scores.mean(axis=1))]
-        mean = windows.aligned_mean(exponent)
-        nearest = round(frequency / windows.frequency_step)
+        mean_spectrum = windows.aligned_mean(exponent)
+        nearest_bin = round(frequency / windows.frequency_step)
         # Each of the searched bins has a neighbour on each side, as the parabola needs.
-        first = max(nearest - TOP_SEARCH_BINS, 1)
-        end = min(nearest + TOP_SEARCH_BINS + 1, len(mean) - 1)
-        top = first + int(np.argmax(mean[first:end]))
-        frequency = (top + _vertex_offset(mean[top - 1 : top + 2])) * windows.frequency_step
-    return _Track(exponent, scores=scores, mean=mean, top=top, frequency=frequency)
+        first_bin = max(nearest_bin - TOP_SEARCH_BINS, 1)
+        end_bin = min(nearest_bin + TOP_SEARCH_BINS + 1, len(mean_spectrum) - 1)
+        top_bin = first_bin + int(np.argmax(mean_spectrum[first_bin:end_bin]))
+        frequency = (
+            top_bin + _vertex_offset(mean_spectrum[top_bin - 1 : top_bin + 2])
+        ) * windows.frequency_step
+    return _Track(exponent, scores=scores, mean=mean_spectrum, top=top_bin, frequency=frequency)
 
 
 def _vertex_offset(heights: Array) -> float:
@@ -312,9 +314,9 @@ def _vertex_offset(heights: Array) -> float:
         heights: (3,) heights of the bins. If the parabola opens upwards, as at an end of the search range, the offset
             is 0.
     """
-    before, middle, after = heights.tolist()
-    curvature = before - 2 * middle + after
-    return 0.5 * (before - after) / curvature if curvature < 0 else 0.0
+    height_before, height_of_top, height_after = heights.tolist()
+    curvature = height_before - 2 * height_of_top + height_after
+    return 0.5 * (height_before - height_after) / curvature if curvature < 0 else 0.0
 
 
 def _line_near(spectrum: Spectrum, windows: _LogSpectra, frequency: float) -> SpectralLine:
@@ -338,17 +340,17 @@ def _line_near(spectrum: Spectrum, windows: _LogSpectra, frequency: float) -> Sp
     track = _track(windows, frequency)
     cause = _line_cause(track)
     # In a spectrum that ends at a low frequency, a line that rises fast may be the alias of a harmonic beyond it.
-    is_slow = spectrum.nyquist_frequency < SLOW_NYQUIST_FREQUENCY
-    if cause is LineCause.MOTOR and track.exponent > MAX_SLOW_SPECTRUM_EXPONENT and is_slow:
+    has_low_nyquist = spectrum.nyquist_frequency < SLOW_NYQUIST_FREQUENCY
+    if cause is LineCause.MOTOR and track.exponent > MAX_SLOW_SPECTRUM_EXPONENT and has_low_nyquist:
         cause = LineCause.UNNAMED
     # Height of the top, and of what is around it, as natural logarithms of densities.
     height = float(track.mean[track.top])
     surrounding_bins = max(MIN_SURROUNDING_BINS, round(SURROUNDING_WIDTH * track.top))
-    first = max(track.top - surrounding_bins, 0)
-    base = np.median(track.mean[first : track.top + surrounding_bins + 1])
-    heights = windows.density_along(track.frequency * windows.drive**track.exponent)
+    first_bin = max(track.top - surrounding_bins, 0)
+    surrounding_height = np.median(track.mean[first_bin : track.top + surrounding_bins + 1])
+    heights_in_windows = windows.density_along(track.frequency * windows.drive**track.exponent)
     # Single windows are noisy, so that half of the required ratio, in decibels, is enough there.
-    presence = np.mean(heights > base + np.log(MIN_LINE_RATIO) / 2)
+    presence = np.mean(heights_in_windows > surrounding_height + np.log(MIN_LINE_RATIO) / 2)
     # The order of a line is its frequency over the frequency of the motors' revolutions: 1 for unbalance, 2 for the
     # blades of a propeller with two.
     order = None
@@ -357,9 +359,9 @@ def _line_near(spectrum: Spectrum, windows: _LogSpectra, frequency: float) -> Sp
     return SpectralLine(
         cause=cause,
         frequency=track.frequency,
-        ratio=np.exp(height - base) if presence >= MIN_PRESENCE else 0.0,
+        ratio=np.exp(height - surrounding_height) if presence >= MIN_PRESENCE else 0.0,
         density=np.exp(height),
-        width=_bins_above(track, (height + base) / 2) * windows.frequency_step,
+        width=_bins_above(track, (height + surrounding_height) / 2) * windows.frequency_step,
         exponent=None if cause is LineCause.UNNAMED else track.exponent,
         order=order,
     )
@@ -496,7 +498,10 @@ def _harmonic_number(fundamental: SpectralLine, line: SpectralLine) -> int:
         from every such number by more than the fraction ``HARMONIC_TOLERANCE`` of it.
     """
     ratio = line.frequency / fundamental.frequency
-    nearest = round(ratio)
-    if 2 <= nearest <= MAX_HARMONIC and abs(ratio / nearest - 1) <= HARMONIC_TOLERANCE:
-        return nearest
+    nearest_multiple = round(ratio)
+    if (
+        2 <= nearest_multiple <= MAX_HARMONIC
+        and abs(ratio / nearest_multiple - 1) <= HARMONIC_TOLERANCE
+    ):
+        return nearest_multiple
     return 0

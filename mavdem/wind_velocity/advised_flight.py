@@ -75,8 +75,8 @@ class _Sensitivity(NamedTuple):
 
     def direction_error(self, lean_sd: float) -> float:
         """Returns the half width of the direction's 90 % interval, rad, with another error of the lean (m/s²)."""
-        across = coverage_factor() * self.across_sd(lean_sd)
-        angle = np.arctan(across / max(self.errors.speed, MIN_WIND_SPEED))
+        half_width_across = coverage_factor() * self.across_sd(lean_sd)
+        angle = np.arctan(half_width_across / max(self.errors.speed, MIN_WIND_SPEED))
         return float(np.hypot(angle, np.radians(coverage_factor() * HEADING_SD)))
 
 

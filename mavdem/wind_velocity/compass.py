@@ -113,16 +113,16 @@ def speed_and_direction(
         distance of the speed, is the angle by which the direction is uncertain.
     """
     speed = np.hypot(*velocity.T)
-    along = velocity / np.maximum(speed, MIN_DIVISOR)[:, None]
+    unit_along_wind = velocity / np.maximum(speed, MIN_DIVISOR)[:, None]
     # Along a unit vector u, the half width of u_north · north + u_east · east is the root of the sum of squares.
-    half_width_along = np.hypot(*(along * half_width).T)
+    half_width_along = np.hypot(*(unit_along_wind * half_width).T)
     # The unit vector across the wind has the components swapped. The sign of one of them would be changed, which makes
     # no difference to the squares.
-    across = along[:, ::-1]
-    half_width_across = np.hypot(*(across * half_width).T)
-    angle = np.degrees(np.arctan2(half_width_across, speed))
+    unit_across_wind = unit_along_wind[:, ::-1]
+    half_width_across = np.hypot(*(unit_across_wind * half_width).T)
+    angle_of_half_width = np.degrees(np.arctan2(half_width_across, speed))
     # If the half width across is at least the speed, the speed may be 0: then any direction is possible.
-    direction_half_width = np.where(half_width_across < speed, angle, ANY_DIRECTION)
+    direction_half_width = np.where(half_width_across < speed, angle_of_half_width, ANY_DIRECTION)
     # The direction from which the wind comes is opposite to the velocity: atan2(−east, −north), clockwise from north.
     north, east = velocity.T
     origin = np.degrees(np.arctan2(-east, -north))

@@ -205,9 +205,9 @@ def identify_drag(grid: MotionGrid, drag: Drag) -> DragPosterior:
     steered_fraction = steered_share(grid)
     # Factors of the information: four entries of drag, two of lean, and four of gusts and noise.
     information_fractions = np.repeat([steered_fraction**2, _turned_fraction(grid), 1.0], [4, 2, 4])
-    bound = MAX_PRIOR_DEVIATIONS / np.sqrt(np.diag(precision))
+    max_deviation = MAX_PRIOR_DEVIATIONS / np.sqrt(np.diag(precision))
     mean = prior_mean
-    highest_value = np.nan
+    highest_log_posterior = np.nan
     log_posteriors = list[float]()
     while len(log_posteriors) < MAX_ITERATIONS:
         expansion = _expand_log_likelihood(mean, grid)
@@ -227,21 +227,23 @@ def identify_drag(grid: MotionGrid, drag: Drag) -> DragPosterior:
             precision + discount @ information + np.outer(speed_slope, speed_slope)
         )
         deviation = mean - prior_mean
-        value = expansion.log_likelihood - deviation @ precision @ deviation / 2
-        if value > highest_value or np.isnan(highest_value):
-            highest_value = value
-            best = DragPosterior(mean, (covariance + covariance.T) / 2, steered_fraction)
-        log_posteriors.append(value)
+        log_posterior = expansion.log_likelihood - deviation @ precision @ deviation / 2
+        if log_posterior > highest_log_posterior or np.isnan(highest_log_posterior):
+            highest_log_posterior = log_posterior
+            best_posterior = DragPosterior(mean, (covariance + covariance.T) / 2, steered_fraction)
+        log_posteriors.append(log_posterior)
         if _has_converged(log_posteriors):
             break
         gradient = discount @ (information_fractions * expansion.gradient)
         step = covariance @ (gradient + speed_pull - precision @ deviation)
         mean = np.clip(
-            mean + np.clip(step, -MAX_STEP, MAX_STEP), prior_mean - bound, prior_mean + bound
+            mean + np.clip(step, -MAX_STEP, MAX_STEP),
+            prior_mean - max_deviation,
+            prior_mean + max_deviation,
         )
         if np.all(abs(step) < CONVERGED_STEP * np.sqrt(np.diag(covariance))):
             break
-    return best
+    return best_posterior
 
 
 def _has_converged(log_posteriors: Sequence[float]) -> bool:

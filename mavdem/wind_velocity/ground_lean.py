@@ -96,14 +96,16 @@ def lean_on_ground(
     if not take_offs or not landings:
         return None
     stand_end = take_offs[0] - TRANSITION_SECONDS
-    before = _lean_of_stand(angles, boot, (stand_end - STAND_SECONDS, stand_end))
+    lean_before_flight = _lean_of_stand(angles, boot, (stand_end - STAND_SECONDS, stand_end))
     stand_start = landings[-1] + TRANSITION_SECONDS
-    after = _lean_of_stand(angles, boot, (stand_start, stand_start + STAND_SECONDS))
-    if before is None or after is None:
+    lean_after_flight = _lean_of_stand(angles, boot, (stand_start, stand_start + STAND_SECONDS))
+    if lean_before_flight is None or lean_after_flight is None:
         return None
     # The smaller of two values with the same sign was there both times. Opposite signs have no common part.
-    has_same_sign = before * after > 0
-    common_part = np.sign(before) * np.minimum(abs(before), abs(after))
+    has_same_sign = lean_before_flight * lean_after_flight > 0
+    common_part = np.sign(lean_before_flight) * np.minimum(
+        abs(lean_before_flight), abs(lean_after_flight)
+    )
     return np.where(has_same_sign, common_part, 0.0)
 
 

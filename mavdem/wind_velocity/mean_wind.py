@@ -127,17 +127,17 @@ def mean_wind_by_minute(
     """
     # A flight of more than a minute has two parts, so that a wind that rose is seen.
     part_count = max(ceil(len(winds) * step / PART_SECONDS - PART_TOLERANCE), 1)
-    parts = []
+    wind_of_parts = []
     for rows in np.array_split(np.arange(len(winds)), part_count):
-        mean = mean_wind_of_steps(winds[rows], variances[rows], step)
-        parts.append(
+        mean_wind = mean_wind_of_steps(winds[rows], variances[rows], step)
+        wind_of_parts.append(
             {
-                **mean.figures,
+                **mean_wind.figures,
                 "start": float(time[rows[0]]),
                 "end": float(time[rows[-1]]),
             }
         )
-    return parts
+    return wind_of_parts
 
 
 def wind_profile(

@@ -386,19 +386,19 @@ def window_ranges(time: Array, values: Array, windows: Array) -> Array:
     Returns:
         (W,) ranges; NaN in windows with fewer than two samples.
     """
-    starts = np.searchsorted(time, windows, side="left")
-    ends = np.searchsorted(time, windows + REST_SECONDS, side="left")
+    window_starts = np.searchsorted(time, windows, side="left")
+    window_ends = np.searchsorted(time, windows + REST_SECONDS, side="left")
     ranges = np.full(len(windows), np.nan)
-    has_two_samples = ends - starts >= 2
+    has_two_samples = window_ends - window_starts >= 2
     if not has_two_samples.any():
         return ranges
     # NumPy's ``reduceat`` reduces from each start to the next one. The windows lie side by side, so that these are the
     # windows themselves; only the last one needs an end, for which the samples after it are cut off.
-    values_in_windows = values[: ends[-1]]
-    reduced_starts = starts[has_two_samples]
-    largest = np.maximum.reduceat(values_in_windows, reduced_starts)
-    smallest = np.minimum.reduceat(values_in_windows, reduced_starts)
-    ranges[has_two_samples] = largest - smallest
+    values_in_windows = values[: window_ends[-1]]
+    reduced_starts = window_starts[has_two_samples]
+    window_maxima = np.maximum.reduceat(values_in_windows, reduced_starts)
+    window_minima = np.minimum.reduceat(values_in_windows, reduced_starts)
+    ranges[has_two_samples] = window_maxima - window_minima
     return ranges
 
 

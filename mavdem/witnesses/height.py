@@ -77,8 +77,10 @@ class HeightComparison:
         """Returns the rise of the barometer's height from one time to another, m; None without a usable barometer."""
         if self.barometer is None:
             return None
-        before, after = np.interp([start, end], self.barometer.time, self.barometer.values)
-        return float(after - before)
+        start_height, end_height = np.interp(
+            [start, end], self.barometer.time, self.barometer.values
+        )
+        return float(end_height - start_height)
 
 
 @cached_per_vehicle()

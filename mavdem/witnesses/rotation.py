@@ -185,15 +185,15 @@ def _setpoint_response(
         the median errors of roll and pitch, rad.
     """
     # The latest sample at each instant of a uniform grid, since delays are whole steps of it.
-    grid = np.arange(time[0], time[-1], 1 / RESPONSE_RATE)
-    on_grid = np.searchsorted(time, grid, side="right") - 1
+    grid_times = np.arange(time[0], time[-1], 1 / RESPONSE_RATE)
+    grid_samples = np.searchsorted(time, grid_times, side="right") - 1
     # ``errors`` has an entry for each axis with enough samples, the other lists for those whose setpoint varies enough.
     correlations = []
     slopes = []
     errors = []
-    is_ignored = []
-    for angle, setpoint in zip(angles[on_grid].T, setpoints[on_grid].T, strict=True):
-        is_known = np.isfinite(setpoint) & np.isfinite(angle) & is_powered[on_grid]
+    ignores_setpoint = []
+    for angle, setpoint in zip(angles[grid_samples].T, setpoints[grid_samples].T, strict=True):
+        is_known = np.isfinite(setpoint) & np.isfinite(angle) & is_powered[grid_samples]
         if np.count_nonzero(is_known) < MIN_SECONDS * RESPONSE_RATE:
             continue
         errors.append(float(np.median(abs(angle - setpoint)[is_known])))
@@ -204,7 +204,7 @@ def _setpoint_response(
         correlation, slope = _best_fit(angle, setpoint, is_known)
         correlations.append(correlation)
         slopes.append(slope)
-        is_ignored.append(
+        ignores_setpoint.append(
             deviation > IGNORED_SETPOINT_RANGE and correlation < MAX_IGNORED_CORRELATION
         )
     if not errors:
@@ -215,13 +215,13 @@ def _setpoint_response(
     if not correlations:
         is_held = median_error > MAX_MEDIAN_ERROR and not has_moved
         return _SetpointResponse(False if is_held else None, None, median_error)
-    best = int(np.argmax(correlations))
-    correlation = correlations[best]
+    best_fit = int(np.argmax(correlations))
+    correlation = correlations[best_fit]
     follows_setpoint = None
     # If one axis follows, nothing holds the vehicle, even if the other axis does not follow.
-    if correlation > MIN_CORRELATION and slopes[best] > MIN_SLOPE:
+    if correlation > MIN_CORRELATION and slopes[best_fit] > MIN_SLOPE:
         follows_setpoint = True
-    elif (all(is_ignored) or median_error > MAX_MEDIAN_ERROR) and not has_moved:
+    elif (all(ignores_setpoint) or median_error > MAX_MEDIAN_ERROR) and not has_moved:
         follows_setpoint = False
     return _SetpointResponse(follows_setpoint, correlation, median_error)
 
@@ -249,13 +249,13 @@ def _best_fit(angle: Array, setpoint: Array, is_known: Flags) -> _Fit:
     Returns:
         Correlation and slope, rad/rad, of the best fit; −1 and 0 if all delays were skipped.
     """
-    best = _Fit(-1.0, 0.0)
+    best_fit = _Fit(-1.0, 0.0)
     longest_delay = round(DELAY_SECONDS * RESPONSE_RATE)
     # The delay is a number of samples: an angle is compared with the setpoint so many samples before it.
     for delay in range(longest_delay + 1):
-        rows = np.flatnonzero(is_known[delay:])
-        later_angle = angle[delay:][rows]
-        earlier_setpoint = setpoint[: len(setpoint) - delay][rows]
+        known_samples = np.flatnonzero(is_known[delay:])
+        later_angle = angle[delay:][known_samples]
+        earlier_setpoint = setpoint[: len(setpoint) - delay][known_samples]
         is_finite = np.isfinite(earlier_setpoint)
         # The covariances of fewer than two samples are NaN, and then the delay is skipped.
         covariances = np.cov(earlier_setpoint[is_finite], later_angle[is_finite])
@@ -264,10 +264,10 @@ def _best_fit(angle: Array, setpoint: Array, is_known: Flags) -> _Fit:
             continue
         covariance = covariances[0, 1]
         correlation = covariance / np.sqrt(setpoint_variance * angle_variance)
-        if correlation > best.correlation:
+        if correlation > best_fit.correlation:
             slope = covariance / setpoint_variance
-            best = _Fit(float(correlation), float(slope))
-    return best
+            best_fit = _Fit(float(correlation), float(slope))
+    return best_fit
 
 
 def _gyro_agrees(signals: Signals, boot: int, times: Array) -> bool | None:

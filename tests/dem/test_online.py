@@ -342,7 +342,7 @@ def test_the_limit_of_evidence_is_the_peak_of_once_in_five_minutes():
         marks._peaks.maxlen,
         marks._samples_per_peak,
         marks._refractory_samples,
-        marks._smoothing,
+        marks._new_value_weight,
     )
     assert times == approx((60, 500, 2000, 0.01))
     far = np.sqrt(1 + 1 / 3) * (gumbel_r.isf(1 / 60) - gumbel_r.median())

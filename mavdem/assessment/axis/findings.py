@@ -235,8 +235,8 @@ def _first_reason(reason: Fact | None) -> Fact:
     """
     assert reason is not None
     if reason.code is ParameterDoubt.SEVERAL_DOUBTS:
-        first: Fact = reason.figures["reason"][0]
-        return first
+        main_reason: Fact = reason.figures["reason"][0]
+        return main_reason
     return reason
 
 

@@ -138,15 +138,18 @@ def _sections_by_gains(signals: Signals, flights: Flights) -> dict[GainValues, l
     for flight in flights:
         boot = boot_number(flight)
         autotune_intervals = mode_intervals(signals, boot, AUTOTUNE_MODES)
-        cuts = _samples_of_changes(flight, history, autotune_intervals)
-        for first, end in pairwise(cuts):
-            start_time = flight.time[first]
+        section_bounds = _samples_of_changes(flight, history, autotune_intervals)
+        for first_sample, end_sample in pairwise(section_bounds):
+            start_time = flight.time[first_sample]
             # Flights are cut at both ends of AutoTune, so that a section is in it as a whole or not at all.
-            is_in_autotune = any(begin <= start_time < stop for begin, stop in autotune_intervals)
-            if is_in_autotune or end - first < MIN_SAMPLES:
+            is_in_autotune = any(
+                autotune_start <= start_time < autotune_end
+                for autotune_start, autotune_end in autotune_intervals
+            )
+            if is_in_autotune or end_sample - first_sample < MIN_SAMPLES:
                 continue
             gains = _gains_at(history, BootTime(boot, start_time))
-            sections_by_gains[gains].append(flight[first:end])
+            sections_by_gains[gains].append(flight[first_sample:end_sample])
     return sections_by_gains
 
 
@@ -170,9 +173,9 @@ def _samples_of_changes(
     cut_times = [gain_set.time for gain_set in history if gain_set.boot == boot]
     for start, end in autotune:
         cut_times += [start, end]
-    cuts = np.searchsorted(flight.time, cut_times)
-    cuts_and_ends: list[int] = np.unique([0, *cuts, len(flight)]).tolist()
-    return cuts_and_ends
+    samples_of_cuts = np.searchsorted(flight.time, cut_times)
+    section_bounds: list[int] = np.unique([0, *samples_of_cuts, len(flight)]).tolist()
+    return section_bounds
 
 
 def _gains_at(history: Sequence[GainSet], moment: BootTime) -> GainValues:
@@ -448,11 +451,15 @@ def _reported_gains(texts: Sequence[StatusText], axis: str) -> dict[str, float]:
         Values by the name of the parameter.
     """
     gains = {}
-    for text in texts:
-        # The infix of attitude gains ("angle") and rate gains in names of parameters.
-        loop = "ANG" if "Angle" in text.text else "RAT"
-        for letter, value in AUTOTUNE_RESULT.findall(text.text):
-            gains[f"ATC_{loop}_{AXIS_NAMES[axis][0]}_{letter}"] = float(value)
+    # ArduPilot's name of the axis: RLL, PIT or YAW.
+    axis_infix = AXIS_NAMES[axis][0]
+    for status_text in texts:
+        if "Angle" in status_text.text:
+            loop_infix = "ANG"
+        else:
+            loop_infix = "RAT"
+        for gain_letter, gain in AUTOTUNE_RESULT.findall(status_text.text):
+            gains[f"ATC_{loop_infix}_{axis_infix}_{gain_letter}"] = float(gain)
     return gains
 
 

@@ -140,13 +140,13 @@ def _long_intervals(series: TimeSeries, is_selected: Flags) -> list[Segment]:
     padded_flags = np.concatenate([[False], is_selected, [False]])
     changes = np.flatnonzero(np.diff(padded_flags))
     intervals = []
-    for first, end_of_run in changes.reshape(-1, 2):
-        last = end_of_run - 1
-        boot = int(series.boot[first])
-        start = series.time[first]
-        end = series.time[last]
+    for first_sample, end_sample in changes.reshape(-1, 2):
+        last_sample = end_sample - 1
+        boot = int(series.boot[first_sample])
+        start = series.time[first_sample]
+        end = series.time[last_sample]
         # The clock of another boot begins again.
-        is_one_boot = boot == series.boot[last]
+        is_one_boot = boot == series.boot[last_sample]
         if is_one_boot and end - start >= MIN_TURN_SECONDS:
             intervals.append(Segment(boot, start, end))
     return intervals

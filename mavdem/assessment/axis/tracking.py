@@ -427,17 +427,20 @@ def _errors_in_segment(setpoint: TimeSeries, response: TimeSeries, delays: Array
         setpoint: setpoint in the unit of the response.
         response: angle, rad, or body rate, rad/s; at least two samples.
         delays: (D,) s, by which the response is compared with an earlier setpoint.
+
+    Returns:
+        The setpoints (N,) at the N samples, and the errors (D, N) of the responses for each delay.
     """
     if len(setpoint.time) >= len(response.time):
-        # (D, N): for each delay the times of the setpoints that each response belongs to.
-        earlier_times = response.time - delays[:, None]
-        earlier_setpoints = np.interp(earlier_times, setpoint.time, setpoint.values)
+        # The response is the slower one: each of its samples is compared with the setpoint a delay before, (D, N).
+        times_of_setpoints = response.time - delays[:, None]
+        delayed_setpoints = np.interp(times_of_setpoints, setpoint.time, setpoint.values)
         setpoints = np.interp(response.time, setpoint.time, setpoint.values)
-        return SetpointErrors(setpoints, response.values - earlier_setpoints)
-    # (D, N): for each delay the times at which the response to each setpoint is due.
-    later_times = setpoint.time + delays[:, None]
-    later_responses = np.interp(later_times, response.time, response.values)
-    return SetpointErrors(setpoint.values, later_responses - setpoint.values)
+        return SetpointErrors(setpoints, errors=response.values - delayed_setpoints)
+    # The setpoint is the slower one: each of its samples is compared with the response a delay after it, (D, N).
+    times_of_responses = setpoint.time + delays[:, None]
+    delayed_responses = np.interp(times_of_responses, response.time, response.values)
+    return SetpointErrors(setpoint.values, errors=delayed_responses - setpoint.values)
 
 
 def _response_peak(

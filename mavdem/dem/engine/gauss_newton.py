@@ -242,20 +242,24 @@ def gauss_newton(
     is_likely = True
     correction = CurvatureCorrection(len(start.point)) if corrects_curvature else None
     while gain > CONVERGED_STEP_NATS and len(trace) <= iterations and not stop(trace[-1]):
-        current = trace[-1]
-        curvature = current.curvature if correction is None else correction.curvature(current)
+        present_expansion = trace[-1]
+        curvature = (
+            present_expansion.curvature
+            if correction is None
+            else correction.curvature(present_expansion)
+        )
         attempt = _attempt_step(
-            objective, current, curvature, damping, present_damping, is_likely=is_likely
+            objective, present_expansion, curvature, damping, present_damping, is_likely=is_likely
         )
         if attempt.expansion is None:
-            return trace, current.predicted_gain
+            return trace, present_expansion.predicted_gain
         is_likely = attempt.attempts == 1
-        gain = attempt.expansion.value - current.value
+        gain = attempt.expansion.value - present_expansion.value
         present_damping = damping.after_step(
-            attempt.damping, gain, predicted_gain(current, curvature, attempt.step)
+            attempt.damping, gain, predicted_gain(present_expansion, curvature, attempt.step)
         )
         if correction is not None:
-            correction.update(current, attempt.expansion)
+            correction.update(present_expansion, attempt.expansion)
         trace.append(attempt.expansion)
     return trace, gain
 

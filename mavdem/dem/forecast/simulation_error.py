@@ -232,22 +232,24 @@ def simulation_horizon(
         record: the training data: T samples of r inputs and m outputs, in one or several segments.
 
     Returns:
-        The number; 0 if even ``MIN_HORIZON_SECONDS`` is too long for the record; ``None`` if there is to be no
-        fit, since the settings ask for none, the inputs are unknown, the prior is the paper's, or no parameter is free.
+        The number of samples; 0 if even ``MIN_HORIZON_SECONDS`` is too long for the record; ``None`` if there is to be
+        no fit, since the settings ask for none, the inputs are unknown, the prior is the paper's, or no parameter is
+        free.
     """
     n, r, m = model.sizes
+    # θ has the n² entries of A first, then the n r entries of B. Those that the prior fixes have a large precision.
     precisions_of_A_and_B = np.diag(model.prior.theta_precision)[: n * n + n * r]
-    free_parameters = np.count_nonzero(precisions_of_A_and_B < KINEMATIC_PRECISION)
+    free_parameter_count = np.count_nonzero(precisions_of_A_and_B < KINEMATIC_PRECISION)
     if settings.horizon is None or settings.prior == "uniform":
         return None
-    if not scaling.known or not free_parameters:
+    if not scaling.known or free_parameter_count == 0:
         return None
     # The horizon is the longest for which the record suffices, from the settings' horizon down to the shortest.
     max_horizon = max(1, round(settings.horizon / record.dt))
     min_horizon = min(max_horizon, max(1, round(MIN_HORIZON_SECONDS / record.dt)))
     for horizon in range(max_horizon, min_horizon - 1, -1):
         effective_samples = effective_piece_count(record.lengths, horizon) * m
-        if effective_samples >= MIN_SAMPLES_PER_PARAMETER * free_parameters:
+        if effective_samples >= MIN_SAMPLES_PER_PARAMETER * free_parameter_count:
             return horizon
     return 0
 

@@ -450,13 +450,14 @@ def _rows_by_forecast(forecasts: int, steps: int, length: int) -> Indices:
     return rows.reshape(-1, steps)
 
 
-def _latest_first(past: Array) -> Array:
+def _latest_first(past_samples: Array) -> Array:
     """Flattens samples to the order of the coefficients, which begin with the latest sample's.
 
     Args:
-        past: (…, L, k) samples of k channels, the latest last.
+        past_samples: (…, L, k) samples of k channels, the latest last.
 
     Returns:
         (…, L · k) the samples side by side, the latest first.
     """
-    return past[..., ::-1, :].reshape(*past.shape[:-2], past.shape[-2] * past.shape[-1])
+    *leading_lengths, sample_count, channel_count = past_samples.shape
+    return past_samples[..., ::-1, :].reshape(*leading_lengths, sample_count * channel_count)

@@ -47,8 +47,8 @@ class AnomalyMarks:
         Args:
             dt: Sampling step, s.
         """
-        # Weight of a new value in the average of the evidence; the times of the constants in samples.
-        self._smoothing = min(1.0, dt / EVIDENCE_SECONDS)
+        # Weight of a new value in the exponential average; the times of the constants in samples.
+        self._new_value_weight = min(1.0, dt / EVIDENCE_SECONDS)
         self._samples_per_peak = max(1, round(PEAK_SECONDS / dt))
         self._refractory_samples = max(1, round(REFRACTORY_SECONDS / dt))
         self._peaks: deque[float] = deque(maxlen=MAX_PEAKS)
@@ -58,31 +58,34 @@ class AnomalyMarks:
         self._limit = np.inf
         # Numbers of samples so far, and at the last mark.
         self._sample_count = 0
-        self._marked_sample = -np.inf
+        self._last_marked_sample = -np.inf
 
     def add(self, surprise: float) -> bool:
-        """Adds the surprise of the next sample, and decides whether the sample is marked.
+        """Adds the surprise of the next sample, and returns whether the sample is marked as an anomaly.
 
         Args:
             surprise: Drop of the sample's free energy below its recent median, in units of a usual drop (``Surprise``).
                 A value that is not finite is ignored; samples soon after a gap have none.
 
         Returns:
-            Whether the evidence exceeds the limit, and the last mark is at least ``REFRACTORY_SECONDS`` ago.
+            Whether the evidence, an average of log(1 + surprise), exceeds its limit, and the last marked sample is at
+            least ``REFRACTORY_SECONDS`` ago.
         """
         if not np.isfinite(surprise):
             return False
         self._sample_count += 1
         # The evidence is an exponential average of log(1 + surprise). The logarithm limits the weight of a single very
         # large surprise, which would otherwise have the same effect as a lasting change.
-        self._evidence += self._smoothing * (np.log1p(max(surprise, 0.0)) - self._evidence)
+        log_surprise = np.log1p(max(surprise, 0.0))
+        self._evidence += self._new_value_weight * (log_surprise - self._evidence)
         self._current_peak = max(self._current_peak, self._evidence)
-        samples_since_mark = self._sample_count - self._marked_sample
+        samples_since_mark = self._sample_count - self._last_marked_sample
         is_marked = self._evidence > self._limit and samples_since_mark >= self._refractory_samples
         if is_marked:
-            self._marked_sample = self._sample_count
+            self._last_marked_sample = self._sample_count
         if self._sample_count % self._samples_per_peak == 0:
-            # A peak is cut off at the limit. Otherwise one failure would raise the limit so much that the next one
+            # An interval of PEAK_SECONDS ends here. Its largest evidence is a peak, from which the limit follows. It is
+            # cut off at the present limit: otherwise one failure would raise the limit so much that the next one
             # would not be marked.
             self._peaks.append(min(self._current_peak, self._limit))
             self._current_peak = self._evidence

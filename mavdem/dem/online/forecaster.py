@@ -198,19 +198,20 @@ class OnlineForecaster:
     def add_block(self, block: MemoryBlock, *, may_fit: bool = True) -> None:
         """Learns from a block of samples that has just been completed.
 
-        The block's samples are added to the sums of the regression. When ``REFIT_SECONDS`` of samples have come since
-        the last fit, the model is fitted to the sums.
+        The model is a linear regression of each sample on the samples before it, computed from sums over all samples.
+        The block's samples are added to these sums. When ``REFIT_SECONDS`` of samples have come since the last fit, the
+        model is fitted to the sums again.
 
         Args:
             block: Consecutive samples of inputs and outputs of one segment.
             may_fit: Whether the model is fitted when a fit is due. While another thread computes a fit, this fit is
                 postponed, so that samples do not wait.
         """
-        # Without the mixer the inputs cannot be combined to channels. :meth:`relearn` is given the blocks again when
-        # the mixer is known.
+        # The mixer combines the motor outputs to demands on roll, pitch and yaw, on which the regression is. It may not
+        # be known yet: :meth:`relearn` is given the blocks again when it is.
         if self.axis_mixer is None:
             return
-        # The samples of the first second determine the scaling, and are added to the sums when it is known.
+        # The samples of the first second determine the scaling, and are added to the sums only when it is known.
         if self._scaling is None:
             self._blocks_before_scaling.append(block)
             self._scaling = self._scaling_of_first_second(self.axis_mixer)

@@ -202,8 +202,10 @@ class Surprise:
             return
         # The lower end of the 90 % interval is the 5 % quantile.
         low_fraction, _ = INTERVAL_QUANTILES
-        low, lower_quartile, median = np.quantile(self._past_values, [low_fraction, 0.25, 0.5])
-        unit = min(median - low, MAX_QUARTILES * (median - lower_quartile))
+        low_quantile, lower_quartile, median = np.quantile(
+            self._past_values, [low_fraction, 0.25, 0.5]
+        )
+        unit_of_surprise = min(median - low_quantile, MAX_QUARTILES * (median - lower_quartile))
         self._median = median
         # If F(t) did not vary, this minimum keeps the surprise of a drop finite.
-        self._unit = max(unit, ROUNDING_TOLERANCE)
+        self._unit = max(unit_of_surprise, ROUNDING_TOLERANCE)

@@ -77,8 +77,8 @@ def closed_loop(train: TrainingData, uses_recorded_gains: bool = True) -> Closed
             axis, or no loop is stable.
     """
     record = Record.from_flights(train)
-    pairs = derivative_pairs(record)
-    if record.outputs.shape[1] != 2 or not pairs:
+    angle_rate_pairs = derivative_pairs(record)
+    if record.outputs.shape[1] != 2 or not angle_rate_pairs:
         raise ValueError("a closed loop needs two outputs, an angle and its rate")
     record.require_varying(known_inputs=True)
     with one_thread():
@@ -87,7 +87,7 @@ def closed_loop(train: TrainingData, uses_recorded_gains: bool = True) -> Closed
             raise ValueError(
                 "a closed loop needs one combination of the motors that turns the axis"
             )
-        angle_and_rate = list(pairs[0])
+        angle_and_rate = list(angle_rate_pairs[0])
         # The combination is signed so that it accelerates the axis in the positive sense of the rate.
         mixer = mixer * sign_of_effect(record, mixer)
         segments = []

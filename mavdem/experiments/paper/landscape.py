@@ -233,10 +233,10 @@ def end_spread(ascents: list[list[Posterior]]) -> float:
         The standard deviation over the ends, relative to the posterior's: that of A or of B, whichever is larger.
     """
     # The first two of the three parameters are A and B.
-    ends = np.array([posteriors[-1].theta[:2] for posteriors in ascents])
+    end_points = np.array([posteriors[-1].theta[:2] for posteriors in ascents])
     first_end = ascents[0][-1]
     posterior_sd = np.sqrt(np.diag(first_end.theta_covariance)[:2])
-    relative_sd = ends.std(axis=0) / posterior_sd
+    relative_sd = end_points.std(axis=0) / posterior_sd
     return float(relative_sd.max())
 
 

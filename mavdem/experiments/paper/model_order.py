@@ -176,11 +176,14 @@ def _order_choices(runner: Runner, flights: Sequence[Flight]) -> dict[tuple[str,
         for system in SYSTEMS:
             for flight in flights:
                 searches.append(SystemFlight(system, inputs, _system_flight(flight, system)))
-    results = runner.map_jobs(search_orders, searches)
-    results_by_case: dict[tuple[str, int], list[FlightFreeEnergy]] = {}
-    for search, result in zip(searches, results, strict=True):
-        results_by_case.setdefault((search.inputs, search.system), []).append(result)
-    return {case: OrderChoice(tuple(results)) for case, results in results_by_case.items()}
+    free_energies = runner.map_jobs(search_orders, searches)
+    free_energies_by_case: dict[tuple[str, int], list[FlightFreeEnergy]] = {}
+    for search, free_energy in zip(searches, free_energies, strict=True):
+        free_energies_by_case.setdefault((search.inputs, search.system), []).append(free_energy)
+    choices = {}
+    for inputs_and_system, free_energies_of_case in free_energies_by_case.items():
+        choices[inputs_and_system] = OrderChoice(tuple(free_energies_of_case))
+    return choices
 
 
 def _calm_choices(runner: Runner) -> dict[int, OrderChoice]:

@@ -194,13 +194,13 @@ def _prior_check(prior_errors: Sequence[float] | Array) -> Check:
     Returns:
         The check, with the range of the errors.
     """
-    low, high = np.percentile(prior_errors, RANGE_PERCENTILES)
+    low_quantile, high_quantile = np.percentile(prior_errors, RANGE_PERCENTILES)
     return Check(
         f"over random priors, the 10 % and 90 % quantiles of the forecasts’ errors differ by less than a factor of "
         f"{MAX_PRIOR_RATIO:g}",
-        bool(high < MAX_PRIOR_RATIO * low),
-        f"forecasts from {len(prior_errors)} random priors have an MSPE from {rounded(low, 3)} to {rounded(high, 3)} "
-        "(10 % and 90 % quantiles)",
+        bool(high_quantile < MAX_PRIOR_RATIO * low_quantile),
+        f"forecasts from {len(prior_errors)} random priors have an MSPE from {rounded(low_quantile, 3)} to "
+        f"{rounded(high_quantile, 3)} (10 % and 90 % quantiles)",
     )
 
 

@@ -255,13 +255,16 @@ def _event_changes_of_boot(
     Returns:
         The N changes.
     """
-    before = events.before.copy()
-    after = events.after.copy()
+    states_before = events.before.copy()
+    states_after = events.after.copy()
     first_event_time = events.time[1]
     if len(flags.time) and flags.time[0] < first_event_time:
-        before[0] = flags.state[0]
-        after[0] = flags.state[0]
-    return [_DatedChange(boot, *change) for change in zip(events.time, before, after, strict=True)]
+        states_before[0] = flags.state[0]
+        states_after[0] = flags.state[0]
+    return [
+        _DatedChange(boot, *change)
+        for change in zip(events.time, states_before, states_after, strict=True)
+    ]
 
 
 def _flag_changes_without_event(

@@ -238,11 +238,11 @@ def _fields_of_pieces(pieces: list[bytes], characters: str) -> list[bytes]:
     fields = []
     next_piece = 0
     for piece_count in piece_counts:
-        parts = pieces[next_piece : next_piece + piece_count]
+        pieces_of_field = pieces[next_piece : next_piece + piece_count]
         if piece_count == 1:
-            fields.append(parts[0])
+            fields.append(pieces_of_field[0])
         else:
-            integer_part, fraction = parts
+            integer_part, fraction = pieces_of_field
             fields.append(integer_part.strip() + b"." + fraction.strip())
         next_piece += piece_count
     return fields

@@ -77,21 +77,21 @@ class FrameReader:
         Returns:
             The frames. Those without a matching checksum are counted in ``undecoded_frames``, too.
         """
-        data = self._pending + piece
+        unclassified_bytes = self._pending + piece
         # All bytes before this offset are classified: they belong to frames that were returned, or to none.
         decided_end = 0
         offset = self._searched
         frames: list[Frame] = []
         while True:
-            length = _announced_length(data, offset)
+            length = _announced_length(unclassified_bytes, offset)
             # The frame that may begin here has not arrived completely.
-            if length > len(data) - offset:
+            if length > len(unclassified_bytes) - offset:
                 break
-            frame = parse_frame(data[offset : offset + length]) if length else None
+            frame = parse_frame(unclassified_bytes[offset : offset + length]) if length else None
             if frame is None or frame.checksum != framing.CHECKSUM_MATCHES:
                 offset += 1
                 continue
-            undecoded_frames = _frames_that_fill(data[decided_end:offset])
+            undecoded_frames = _frames_that_fill(unclassified_bytes[decided_end:offset])
             self.undecoded_frames += len(undecoded_frames)
             frames += undecoded_frames
             frames.append(frame)
@@ -99,7 +99,7 @@ class FrameReader:
             decided_end = offset
         # In a stream without any good frame no byte is ever classified: to bound the memory, only the last are kept.
         decided_end = max(decided_end, offset - MAX_UNDECIDED_BYTES)
-        self._pending = data[decided_end:]
+        self._pending = unclassified_bytes[decided_end:]
         self._searched = offset - decided_end
         return frames
 

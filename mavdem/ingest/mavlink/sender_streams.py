@@ -120,15 +120,15 @@ def _sequence_steps(sequence: Bytes) -> _SequenceSteps:
     Returns:
         Number of irregular steps, and number of missing frames.
     """
-    irregular = missing = 0
+    irregular_count = missing_count = 0
     for block_start in range(0, len(sequence), ROWS_AT_ONCE):
         # One number more than ``ROWS_AT_ONCE``, for the step to the next block. The numbers are signed, since their
         # differences may be negative.
-        numbers = sequence[block_start : block_start + ROWS_AT_ONCE + 1].astype(np.int16)
-        steps = np.diff(numbers) & (SEQUENCE_NUMBERS - 1)
-        irregular += int(np.count_nonzero((steps == 0) | (steps > MAX_LATE_STEPS)))
-        missing += int(missing_messages(numbers[:-1], numbers[1:]).sum())
-    return _SequenceSteps(irregular, missing)
+        signed_numbers = sequence[block_start : block_start + ROWS_AT_ONCE + 1].astype(np.int16)
+        steps = np.diff(signed_numbers) & (SEQUENCE_NUMBERS - 1)
+        irregular_count += int(np.count_nonzero((steps == 0) | (steps > MAX_LATE_STEPS)))
+        missing_count += int(missing_messages(signed_numbers[:-1], signed_numbers[1:]).sum())
+    return _SequenceSteps(irregular_count, missing_count)
 
 
 def _indices_with_boot_clock(all_frames: Frames, rows: Rows) -> NDArray[np.int32]:
@@ -154,10 +154,13 @@ def _indices_with_boot_clock(all_frames: Frames, rows: Rows) -> NDArray[np.int32
 
 
 def _has_boot_clock(message_ids: Offsets) -> Flags:
-    """Flags the messages with a boot clock that the autopilot itself sets: their ids are in ``READING_LAYOUTS``.
+    """Flags the messages whose time stamp is always the time since the autopilot started, its boot clock.
+
+    These are the messages of ``READING_LAYOUTS``, such as ATTITUDE, which the autopilot always stamps itself. In other
+    messages it may repeat the time stamp of another computer.
 
     Args:
-        message_ids: (n,) ids of messages.
+        message_ids: (n,) MAVLink ids of messages.
 
     Returns:
         Flags (n,).

@@ -233,16 +233,16 @@ class AttitudeComparison:
         if abs(reading.clock - self._compared_clock) < MIN_COMPARISON_STEP:
             return
         other_attitudes = self._attitudes[1 - counter]
-        nearest = None
+        nearest_attitude = None
         nearest_seconds = MAX_COMPARED_SECONDS
         for near_interval in (interval - 1, interval, interval + 1):
             candidate = other_attitudes.get(near_interval)
             if candidate is not None and abs(candidate.clock - reading.clock) <= nearest_seconds:
-                nearest = candidate
+                nearest_attitude = candidate
                 nearest_seconds = abs(candidate.clock - reading.clock)
-        if nearest is not None:
+        if nearest_attitude is not None:
             self._compared_clock = reading.clock
-            self._contradictions.append(attitudes_contradict(nearest, reading))
+            self._contradictions.append(attitudes_contradict(nearest_attitude, reading))
             self.has_found_two_vehicles |= self.are_two_vehicles
 
 

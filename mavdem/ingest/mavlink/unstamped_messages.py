@@ -163,13 +163,13 @@ class _UntimedMessages(NamedTuple):
             receive_times: Returns when the messages at some positions in the stream were received, s.
         """
         bounds = np.array([reboot.last_position, reboot.first_position])
-        first, end = np.searchsorted(self.positions, bounds)
-        if first == end:
+        first_untimed, end_untimed = np.searchsorted(self.positions, bounds)
+        if first_untimed == end_untimed:
             return
         last_before, first_after = receive_times(bounds)
-        received = receive_times(self.positions[first:end])
+        received = receive_times(self.positions[first_untimed:end_untimed])
         is_of_next_boot = first_after - received < received - last_before
-        rows = self.rows[first:end][is_of_next_boot]
+        rows = self.rows[first_untimed:end_untimed][is_of_next_boot]
         self.times.time[rows] = reboot.first_time
         self.times.boot[rows] = reboot.boot
 
@@ -210,22 +210,27 @@ def _merged_in_stream_order(timed_types: Sequence[ClockReadings]) -> Iterator[Cl
         are left out. Messages at the same position are in the order of their types in ``timed_types``.
     """
     message_count = sum(len(readings.positions) for readings in timed_types)
-    first = min(int(readings.positions[0]) for readings in timed_types)
-    end = max(int(readings.positions[-1]) for readings in timed_types) + 1
+    first_position = min(int(readings.positions[0]) for readings in timed_types)
+    end_position = max(int(readings.positions[-1]) for readings in timed_types) + 1
     # Sections of equal length, which need not have equally many messages.
     section_count = message_count // READINGS_AT_ONCE + 1
-    section_bounds = [first + (end - first) * k // section_count for k in range(section_count + 1)]
+    section_bounds = [
+        first_position + (end_position - first_position) * k // section_count
+        for k in range(section_count + 1)
+    ]
     for section_start, section_end in pairwise(section_bounds):
-        sections = []
+        sections_by_type = []
         for readings in timed_types:
             # With bounds of another data type, ``searchsorted`` would convert a copy of all positions.
             bounds = np.array([section_start, section_end], dtype=readings.positions.dtype)
             first_row, end_row = np.searchsorted(readings.positions, bounds).tolist()
-            sections.append(readings.select(slice(first_row, end_row)))
-        merged = ClockReadings(
-            np.concatenate([section.positions for section in sections]),
-            np.concatenate([section.time for section in sections]),
-            np.concatenate([section.boot for section in sections]),
+            sections_by_type.append(readings.select(slice(first_row, end_row)))
+        messages_of_section = ClockReadings(
+            np.concatenate([section.positions for section in sections_by_type]),
+            np.concatenate([section.time for section in sections_by_type]),
+            np.concatenate([section.boot for section in sections_by_type]),
         )
-        if len(merged.positions):
-            yield merged.select(np.argsort(merged.positions, kind="stable"))
+        if len(messages_of_section.positions):
+            yield messages_of_section.select(
+                np.argsort(messages_of_section.positions, kind="stable")
+            )

@@ -209,7 +209,7 @@ class VehicleTracks:
         return count - self._count_at_recognition < RECOGNITION_READINGS
 
     def add(self, reading: Reading) -> None:
-        """Adds the next reading to the track of the vehicle that it fits.
+        """Adds the next reading to the track of the vehicle that it fits: the readings so far of one vehicle.
 
         Tracks are kept in the order of their latest readings, the most recent first, and are tried in this order. If
         the reading contradicts the first track but fits another, the messages have switched back to a former vehicle:
@@ -226,11 +226,11 @@ class VehicleTracks:
         if not isnan(reading.heading):
             self._reading_counts[Contradiction.HEADING] += 1
             self._latest_heading = reading
-        for row, track in enumerate(self._tracks):
+        for track_index, track in enumerate(self._tracks):
             if track.contradiction(reading) is not None:
                 continue
             track.add(reading)
-            if row > 0:
+            if track_index > 0:
                 most_recent_track = self._tracks[0]
                 contradiction = most_recent_track.contradiction(reading)
                 have_advancing_clocks = (
@@ -238,7 +238,7 @@ class VehicleTracks:
                 )
                 if contradiction is not None and have_advancing_clocks:
                     self._record_switch(contradiction)
-                self._tracks.insert(0, self._tracks.pop(row))
+                self._tracks.insert(0, self._tracks.pop(track_index))
             return
         new_track = _VehicleTrack(reading)
         new_track.add(reading)

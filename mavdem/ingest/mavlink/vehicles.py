@@ -261,21 +261,21 @@ def _unread_frames(
     # key shows it.
     message_ids = frames.message_id[is_unreadable].astype(np.int64)
     keys = message_ids << SENDER_BITS | sender_ids[is_unreadable]
-    for key, rows in rows_by_value(keys).items():
+    for key, rows_of_key in rows_by_value(keys).items():
         message_id = key >> SENDER_BITS
         sender_id = key & SENDER_MASK
-        readable = frames_of_senders.get(sender_id, {}).get(message_id, ())
-        total = len(rows) + len(readable)
-        if checksums[rows[0]] == MESSAGE_UNKNOWN:
+        readable_offsets = frames_of_senders.get(sender_id, {}).get(message_id, ())
+        frame_count = len(rows_of_key) + len(readable_offsets)
+        if checksums[rows_of_key[0]] == MESSAGE_UNKNOWN:
             is_foreign = sender_id in frames_of_senders
         else:
-            is_foreign = len(rows) == total >= MIN_FOREIGN_FRAMES
+            is_foreign = len(rows_of_key) == frame_count >= MIN_FOREIGN_FRAMES
         yield UnreadFrames(
             message_id,
             system=sender_id >> COMPONENT_BITS,
             component=sender_id & COMPONENT_MASK,
-            frames=len(rows),
-            total=total,
+            frames=len(rows_of_key),
+            total=frame_count,
             cause=Flaw.ANOTHER_DIALECT if is_foreign else Flaw.DAMAGE,
         )
 

@@ -300,10 +300,10 @@ def _unpacked_records(compression: str, packed_bytes: bytes, max_size: int) -> b
     with suppress(zstandard.ZstdError, RuntimeError, EOFError, MemoryError):
         while True:
             # At the bound 0 bytes are read, which ends the loop as the end of the records does.
-            piece = reader.read(min(CHUNK_BYTES, max_size - len(records)))
-            if not piece:
+            unpacked_bytes = reader.read(min(CHUNK_BYTES, max_size - len(records)))
+            if not unpacked_bytes:
                 break
-            records += piece
+            records += unpacked_bytes
     return bytes(records)
 
 

@@ -240,18 +240,18 @@ def _messages_by_chunk(
     """
     # Number of bytes of all messages up to each one, itself included.
     bytes_until = np.cumsum(messages.record_sizes)
-    first = 0
+    first_message = 0
     # Number of bytes of all messages before the chunk. It begins below 0 since the definitions, too, fill the first
     # chunk.
     bytes_before = -len(definitions)
-    while first < len(bytes_until):
+    while first_message < len(bytes_until):
         # The chunk ends with the first message up to which it has more bytes than the limit, or with the last of all.
-        last = int(np.searchsorted(bytes_until, bytes_before + chunk_bytes, side="right"))
-        end = min(last + 1, len(bytes_until))
-        yield definitions, messages.messages_between(first, end)
+        last_message = int(np.searchsorted(bytes_until, bytes_before + chunk_bytes, side="right"))
+        end_message = min(last_message + 1, len(bytes_until))
+        yield definitions, messages.messages_between(first_message, end_message)
         definitions = b""
-        bytes_before = int(bytes_until[end - 1])
-        first = end
+        bytes_before = int(bytes_until[end_message - 1])
+        first_message = end_message
 
 
 def _chunk_with_indexes(
@@ -283,15 +283,15 @@ def _chunk_with_indexes(
     )
     content = _record_bytes(chunk)
     chunk_length = len(content)
-    entries = np.empty(len(times), dtype=INDEX_ENTRY)
-    entries["log_time"] = times
-    sizes = messages.record_sizes
+    index_entries = np.empty(len(times), dtype=INDEX_ENTRY)
+    index_entries["log_time"] = times
+    record_sizes = messages.record_sizes
     # Offset of each message in the unpacked records of the chunk.
-    entries["offset"] = len(definitions) + np.cumsum(sizes) - sizes
+    index_entries["offset"] = len(definitions) + np.cumsum(record_sizes) - record_sizes
     index_offsets = {}
     for channel in messages.counts():
         index_offsets[channel] = offset + len(content)
-        content += _message_index(channel, entries[messages.heads["channel"] == channel])
+        content += _message_index(channel, index_entries[messages.heads["channel"] == channel])
     return content, ChunkIndex(
         chunk_length=chunk_length,
         chunk_start_offset=offset,
@@ -332,10 +332,10 @@ def _summary_section(groups: Mapping[Opcode, Sequence[McapRecord]], offset: int)
     summary = b""
     summary_offsets = b""
     for opcode, records in groups.items():
-        group = b"".join(map(_record_bytes, records))
-        summary_offset = SummaryOffset(opcode, offset + len(summary), len(group))
+        group_bytes = b"".join(map(_record_bytes, records))
+        summary_offset = SummaryOffset(opcode, offset + len(summary), len(group_bytes))
         summary_offsets += _record_bytes(summary_offset)
-        summary += group
+        summary += group_bytes
     offsets_start = offset + len(summary)
     summary += summary_offsets
     # The checksum covers the summary and the footer without its last four bytes, the checksum itself.

@@ -450,8 +450,9 @@ class DensityModel:
         amplitudes, while the aliases of all other sources have random phases and add in power.
 
         Args:
-            parameters: the parameters of the loop: the odds that a change of the reference is such a step, and the odds
-                of the time from a step to the next message.
+            parameters: the parameters of the loop. Two are used, each as odds p / (1 − p) of a share p: with
+                ``synchronous_odds``, p is the share of the reference's power that such steps have; with
+                ``step_time_odds``, p is the time from a step to the next message as a share of ``surplus_interval``.
             loop: its frequency responses, of which the responses to the reference are used.
             with_reference: whether the reference moves; without it, the steps' density is 0.
 
@@ -459,7 +460,8 @@ class DensityModel:
             The density of the steps, its derivatives, the share of each alias, and the responses to the steps.
         """
         synchronous_share = _share_from_odds(parameters.synchronous_odds)
-        # The time of a step is this share of the time between messages beyond one cycle of the controller.
+        # Time from a step to the next message, s. Steps come in cycles of the controller, of which the first after a
+        # message is the surplus interval ahead of the next message.
         step_time = _share_from_odds(parameters.step_time_odds) * self.surplus_interval
         # Amplitude of each alias (J, F): the transform of a step, times the phase by its time before the message.
         amplitudes = self._step_transform * np.exp(self._alias_s * step_time)

@@ -388,5 +388,5 @@ def _limited_step(step: Array) -> Array:
     Returns:
         The step (k,), as long as it was or shorter.
     """
-    largest = np.minimum(PRIOR_SD, MAX_PARAMETER_STEP)
-    return step / max(1.0, np.abs(step / largest).max())
+    max_change = np.minimum(PRIOR_SD, MAX_PARAMETER_STEP)
+    return step / max(1.0, np.abs(step / max_change).max())

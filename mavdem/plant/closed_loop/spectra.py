@@ -312,9 +312,9 @@ def _windowed_transform(stream: Messages, start: float) -> ComplexArray:
         (F,) transform at the frequencies from 0 in steps of 1 / ``SPECTRUM_SECONDS``, scaled so that the mean of its
         squared magnitude is the two-sided density.
     """
-    first, end = np.searchsorted(stream.time, [start, start + SPECTRUM_SECONDS])
-    time = stream.time[first:end] - start
-    values = stream.values[first:end]
+    first_sample, end_sample = np.searchsorted(stream.time, [start, start + SPECTRUM_SECONDS])
+    time = stream.time[first_sample:end_sample] - start
+    values = stream.values[first_sample:end_sample]
     trend = np.polyval(np.polyfit(time, values, 1), time)
     deviations = values - trend
 

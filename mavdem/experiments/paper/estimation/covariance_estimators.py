@@ -114,10 +114,10 @@ def _innovation_autocovariances(L: Array, K: Array, Q: Array, R: Array) -> Array
     # later ones by e, and by z, which enters the next prediction through the gain.
     P = solve_discrete_lyapunov(L, Q + K @ R @ K.T)
     autocovariances = [P + R]
-    later = L @ P - K @ R
+    autocovariance = L @ P - K @ R
     for _ in range(CORRELATION_LAGS - 1):
-        autocovariances.append(later)
-        later = L @ later
+        autocovariances.append(autocovariance)
+        autocovariance = L @ autocovariance
     return np.array(autocovariances)
 
 

@@ -122,10 +122,14 @@ def smoothness_gradient(posterior: Posterior) -> float:
     output_log_det_gradient = model.m * model.p * (model.p + 1)
     state_log_det_gradient = model.n * model.q * (model.q + 1)
     log_det_gradient = output_log_det_gradient + state_log_det_gradient
+    # ``from_posterior`` computes the sums c_g from the moments of a posterior. With moments of a model that has
+    # ∂S/∂ln s in the place of S, its field ``c`` has the derivatives of the sums. All else in the posterior stays.
     derivative_model = _derivative_by_log_smoothness(model)
-    moments = GeneralizedMoments(derivative_model, posterior.samples, posterior.moments.joint_map)
-    # The field c has the sums c_g, here with the derivative of S.
-    error_gradients = FreeEnergyOfLambda.from_posterior(posterior._replace(moments=moments)).c
+    derivative_moments = GeneralizedMoments(
+        derivative_model, posterior.samples, posterior.moments.joint_map
+    )
+    derivative_posterior = posterior._replace(moments=derivative_moments)
+    error_gradients = FreeEnergyOfLambda.from_posterior(derivative_posterior).c
     noise_precisions = np.exp(posterior.lambda_)
     return float(
         0.5 * posterior.samples.sample_count * log_det_gradient

@@ -240,10 +240,10 @@ def recorded_errors(runner: Runner) -> dict[str, list[WindowErrors]]:
     """
     windows = flight_windows(runner.recorded_flights)
     errors = runner.map_jobs(window_errors, windows)
-    groups: dict[str, list[WindowErrors]] = {WITH_WIND: [], WITHOUT_WIND: []}
+    errors_by_wind: dict[str, list[WindowErrors]] = {WITH_WIND: [], WITHOUT_WIND: []}
     for window, errors_of_window in zip(windows, errors, strict=True):
-        groups[wind_of_flight(window.flight)].append(errors_of_window)
-    return {wind: group for wind, group in groups.items() if group}
+        errors_by_wind[wind_of_flight(window.flight)].append(errors_of_window)
+    return {wind: wind_errors for wind, wind_errors in errors_by_wind.items() if wind_errors}
 
 
 def mean_errors(errors: Sequence[WindowErrors]) -> dict[str, Array]:
