@@ -4,7 +4,7 @@ from pathlib import Path
 
 from mavdem.cli.live_files import gains_line, written_file_lines
 from mavdem.facts import Fact
-from mavdem.facts.loops import GainFact, LoopFact
+from mavdem.facts.loops import GainFact, LoopAction, LoopFact
 from mavdem.facts.session import TimeUse
 
 NOTHING = dict.fromkeys(TimeUse, 0.0)
@@ -45,4 +45,13 @@ def test_without_advised_gains_the_reason_is_printed():
     assert gains_line((refused_left,), flown) == gains_line((reason,), flown)
     assert gains_line((no_loop_left,), flown) == gains_line((reason,), flown)
     assert gains_line((failed,), flown) == failed.sentence
+    decision = Fact(LoopAction.LOOPS_JUDGED, axis="pitch", reason=yaw)
+    assert gains_line((decision,), flown).startswith("No gains for pitch: ")
+    # A reason with a subject of its own holds for all axes.
+    of_motor = Fact(
+        GainFact.GAINS_LEFT,
+        subject="roll",
+        reason=Fact(GainFact.LAG_UNRESOLVED, subject="motor 3", time_step=0.01),
+    )
+    assert gains_line((of_motor,), flown).startswith("No gains: ")
     assert "f.gains.stage1.params and .param" in gains_line((reason, written), flown)
