@@ -377,10 +377,10 @@ class _AttitudeLoss(NamedTuple):
             # A vehicle that did not sink may be lost all the same: one that tips over on the ground does not sink.
             if descent.code is SensorFact.SANK:
                 facts.append(descent)
-        rest = self.sensors.rest_after(onset, end + 2 * RECOVERY_SECONDS)
+        rest_after_loss = self.sensors.rest_after(onset, end + 2 * RECOVERY_SECONDS)
         remaining_seconds = record_end - onset
-        if rest is not None:
-            facts += [rest.rest_fact, *rest.pose_facts]
+        if rest_after_loss is not None:
+            facts += [rest_after_loss.rest_fact, *rest_after_loss.pose_facts]
         elif remaining_seconds < RECOVERY_SECONDS:
             log_ended = supporting_fact(
                 SensorFact.LOG_ENDED, time=record_end, duration=remaining_seconds

@@ -217,7 +217,7 @@ def _is_close(earlier_fact: Fact, later_fact: Fact) -> bool:
 
 
 def _problems_of_texts(telemetry: Telemetry) -> Iterator[Fact]:
-    """Yields the problems that the autopilot's texts report, each as a fact.
+    """Yields the problems that the autopilot's texts report, each as a fact: a code with figures.
 
     The meaning of known texts is recognised by patterns. Other texts are quoted if their severity is a warning or
     worse. ArduPilot before 3.4 had severities on another scale, so that they do not show which of its texts warn;

@@ -270,9 +270,9 @@ def _sensor_signs_of_crash(sensors: BootSensors, interval: TimeInterval) -> Fact
         # Other facts of the height sensors say that the vehicle did not sink.
         if fact.code is SensorFact.SANK:
             signs.append(fact)
-    rest = sensors.rest_after(earliest_time, latest_time)
-    if rest is not None and rest.is_on_side:
-        signs += [rest.rest_fact, *rest.pose_facts]
+    rest_after_loss = sensors.rest_after(earliest_time, latest_time)
+    if rest_after_loss is not None and rest_after_loss.is_on_side:
+        signs += [rest_after_loss.rest_fact, *rest_after_loss.pose_facts]
     return tuple(signs)
 
 

@@ -168,7 +168,7 @@ class _Contact:
         return ContactSearch(self.sensors, self._flight_start, self.loss)
 
     def event(self) -> Fact | None:
-        """Returns the contact as a fact; None if the flight ended in an ordinary landing, or continues.
+        """Returns the contact as a fact (a code with figures); None after a usual landing, or if the flight continues.
 
         1. The search ends when the vehicle rests; otherwise with the record, if that ends soon after the loss or the
            flight; otherwise some seconds after the loss of attitude.

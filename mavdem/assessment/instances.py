@@ -294,17 +294,17 @@ def _receiver_instances(evidence: Evidence) -> Iterator[Instance]:
         if not has_fix.all():
             state = Fact(InstanceState.WITHOUT_FIX, share=1 - has_fix.mean())
         quantity = "satellites"
-        values = counts[counts != UNKNOWN_SATELLITES]
-        if not len(values):
+        listed_numbers = counts[counts != UNKNOWN_SATELLITES]
+        if not len(listed_numbers):
             quantity = "fix type"
-            values = fix_types
+            listed_numbers = fix_types
         yield Instance(
             kind="receiver",
             name=f"GPS {number}",
             quantity=quantity,
             unit="1",
-            low=values.min(),
-            high=values.max(),
+            low=listed_numbers.min(),
+            high=listed_numbers.max(),
             state=state,
         )
 

@@ -127,8 +127,8 @@ def _commands_at(motors: MotorOutputs, boot: int, motor: int, time: Array) -> Ti
         Commands (N,), as fractions of the range.
     """
     commands = motors.motor_fractions(boot, motor)
-    values = np.interp(time, commands.time, commands.values)
-    return TimeSeries(time, np.full(len(time), boot), values)
+    commands_at_time = np.interp(time, commands.time, commands.values)
+    return TimeSeries(time, np.full(len(time), boot), commands_at_time)
 
 
 def _standstill_intervals(

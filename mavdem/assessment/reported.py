@@ -592,11 +592,11 @@ def _estimator_changes(signals: Signals, recorded_span: Segment) -> Iterator[Fac
         if counting_field.field not in columns:
             continue
         is_selected = columns["boot"] == recorded_span.boot
-        values = columns[counting_field.field][is_selected]
+        counter_values = columns[counting_field.field][is_selected]
         times = columns["time"][is_selected]
-        changed_samples = 1 + np.flatnonzero(np.diff(values))
+        changed_samples = 1 + np.flatnonzero(np.diff(counter_values))
         for sample in changed_samples:
-            subject = counting_field.subject.format(int(values[sample]))
+            subject = counting_field.subject.format(int(counter_values[sample]))
             yield _reported_event(
                 signals,
                 recorded_span,

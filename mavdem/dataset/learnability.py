@@ -122,7 +122,7 @@ def _unusable_log(signals: Signals, components: Sequence[Component]) -> Fact | N
         components: All components in the log, of which another one may be a multirotor.
 
     Returns:
-        The reason, as a fact; None if segments may be usable.
+        The reason, as a fact (a code with figures); None if segments may be usable.
     """
     telemetry = signals.telemetry
     if telemetry.vehicle not in POSSIBLE_MULTIROTORS:

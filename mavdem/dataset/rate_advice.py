@@ -89,7 +89,7 @@ def _settings_advice(telemetry: Telemetry, rate: int, *, is_requested: bool) -> 
         is_requested: Whether some component requests rates from the vehicle.
 
     Returns:
-        The advice, as a fact: for a DataFlash log, a ULog or a telemetry stream.
+        The advice, as a fact (a code with figures): for a DataFlash log, a ULog or a telemetry stream.
     """
     if telemetry.translated_from == "DataFlash":
         return _dataflash_advice(telemetry)

@@ -144,12 +144,16 @@ class PlantForecasts:
         squared_errors = []
         for inputs, outputs in self.scaling.scale_segments(self.record):
             # Forecast i is of the samples after starts[i]; states[i] is the state at the first of them.
-            starts = np.arange(horizon // FILTER_SETTLING_FRACTION, len(outputs) - horizon, stride)
+            start_samples = np.arange(
+                horizon // FILTER_SETTLING_FRACTION, len(outputs) - horizon, stride
+            )
             first_state = self.process.second_state(inputs[0], outputs[0])
-            states = self.process.predicted_states(first_state, inputs[1:], outputs[1:])[starts]
-            forecasts = self.process.simulate_from(starts + 1, horizon, states, inputs)
+            states = self.process.predicted_states(first_state, inputs[1:], outputs[1:])[
+                start_samples
+            ]
+            forecasts = self.process.simulate_from(start_samples + 1, horizon, states, inputs)
             # (forecasts, horizon): index of the sample at each step of each forecast.
-            rows = starts[:, None] + 1 + np.arange(horizon)
-            squared_errors.append((outputs[rows] - forecasts) ** 2)
+            forecast_samples = start_samples[:, None] + 1 + np.arange(horizon)
+            squared_errors.append((outputs[forecast_samples] - forecasts) ** 2)
         mean_squares = np.concatenate(squared_errors).mean(axis=0) * self.scaling.output_scale**2
         return np.where(np.isfinite(mean_squares), mean_squares, np.inf)

@@ -215,11 +215,11 @@ def extremes_of_intervals(samples: FieldSamples, intervals: int) -> FieldSamples
     # The index of the first sample of each interval, and the end of the last interval.
     bounds = np.append(np.searchsorted(time, edges[:-1]), len(time)).tolist()
     kept_samples: list[int] = []
-    for first, end in pairwise(bounds):
+    for first_sample, end_sample in pairwise(bounds):
         # An interval may have no sample.
-        if end > first:
-            lowest = first + int(values[first:end].argmin())
-            highest = first + int(values[first:end].argmax())
+        if end_sample > first_sample:
+            lowest = first_sample + int(values[first_sample:end_sample].argmin())
+            highest = first_sample + int(values[first_sample:end_sample].argmax())
             kept_samples += sorted({lowest, highest})
     return FieldSamples(time=time[kept_samples], values=values[kept_samples])
 

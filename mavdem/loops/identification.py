@@ -354,11 +354,11 @@ def _saturated_power_fraction(messages: _LoopMessages, window_starts: Array) -> 
     output = messages.streams[Quantity.OUTPUT]
     power = power_at_limit = 0.0
     for start in window_starts:
-        rows = _rows_of_window(output, start)
-        squares = np.square(output.values[rows] - output.values[rows].mean())
+        rows_in_window = _rows_of_window(output, start)
+        squares = np.square(output.values[rows_in_window] - output.values[rows_in_window].mean())
         power += squares.sum()
         # The weights are 1 where an output was at a limit, otherwise 0.
-        power_at_limit += squares @ messages.at_limit.values[rows]
+        power_at_limit += squares @ messages.at_limit.values[rows_in_window]
     if power == 0:
         return 0.0
     return power_at_limit / power

@@ -210,7 +210,7 @@ def estimate_impulse_response(
     if not np.ptp(setpoint, axis=1).any():
         return None
     decay = np.exp(-INITIAL_DECAY * knots[1:-1] / taps)
-    values = decay / (hat_areas(knots) @ decay)
+    response_at_knots = decay / (hat_areas(knots) @ decay)
     estimate = None
     with one_thread():
         setpoint_convolutions = _hat_convolutions(setpoint, knots)
@@ -218,11 +218,13 @@ def estimate_impulse_response(
             instrument = None
             if angle_gain:
                 undisturbed = [
-                    _setpoint_without_wind(piece, angle_gain, values, knots, sampling_rate)
+                    _setpoint_without_wind(
+                        piece, angle_gain, response_at_knots, knots, sampling_rate
+                    )
                     for piece in pieces
                 ]
                 instrument = _overlapping_windows(undisturbed, taps, size)
-            response = np.tensordot(values, setpoint_convolutions, axes=1)
+            response = np.tensordot(response_at_knots, setpoint_convolutions, axes=1)
             residuals = signal[:, taps:] - response
             variation = np.ptp(residuals, axis=1)
             # Residuals are all equal if the signal is the response exactly, and not finite after an overflow.
@@ -239,8 +241,8 @@ def estimate_impulse_response(
                 knots,
                 sampling_rate,
             )
-            values = estimate.values
-            if not np.isfinite(values).all():
+            response_at_knots = estimate.values
+            if not np.isfinite(response_at_knots).all():
                 return None
     return estimate
 

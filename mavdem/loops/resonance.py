@@ -167,10 +167,12 @@ def _steered_rows(spectra: WelchSpectra, frequency: Array, angle_gain: float) ->
     is_steered = (spectra.coherence >= MIN_COHERENCE) & (commanded_fraction >= MIN_SETPOINT_SHARE)
     is_steered &= frequency >= MIN_RESPONSE_FREQUENCY
     is_steered &= frequency <= MAX_FREQUENCY_RATIO * frequency[-1]
-    rows = np.flatnonzero(is_steered)
-    band_starts = np.flatnonzero(np.diff(rows) > 1) + 1
-    bands = [band for band in np.split(rows, band_starts) if len(band)]
-    return max(bands, key=lambda band: frequency[band[-1]] / frequency[band[0]], default=rows)
+    steered_rows = np.flatnonzero(is_steered)
+    band_starts = np.flatnonzero(np.diff(steered_rows) > 1) + 1
+    bands = [band for band in np.split(steered_rows, band_starts) if len(band)]
+    return max(
+        bands, key=lambda band: frequency[band[-1]] / frequency[band[0]], default=steered_rows
+    )
 
 
 def _max_sensitivity_interval(
@@ -228,23 +230,27 @@ def spectral_resonance(signals: Signals, segments: Segments) -> Resonance | None
     max_frequency = min(MAX_FREQUENCY_RATIO * frequency[-1], MAX_LOOP_FREQUENCY)
     is_in_band = frequency >= MIN_PEAK_FREQUENCY
     is_in_band &= frequency <= max_frequency / BACKGROUND_RATIO
-    rows = np.flatnonzero(is_in_band)
-    if len(rows) == 0:
+    rows_in_band = np.flatnonzero(is_in_band)
+    if len(rows_in_band) == 0:
         return None
     # A sensitivity is a ratio of amplitudes, and the logarithm of an amplitude is half of the logarithm of its power.
     log_amplitude = np.log(spectra.median_output_power) / 2
-    log_amplitude_above = np.interp(frequency[rows] * BACKGROUND_RATIO, frequency, log_amplitude)
-    log_amplitude_below = np.interp(frequency[rows] / BACKGROUND_RATIO, frequency, log_amplitude)
+    log_amplitude_above = np.interp(
+        frequency[rows_in_band] * BACKGROUND_RATIO, frequency, log_amplitude
+    )
+    log_amplitude_below = np.interp(
+        frequency[rows_in_band] / BACKGROUND_RATIO, frequency, log_amplitude
+    )
     background = (log_amplitude_above + log_amplitude_below) / 2
-    peak_ratio = np.exp(log_amplitude[rows] - background)
+    peak_ratio = np.exp(log_amplitude[rows_in_band] - background)
     highest = np.argmax(peak_ratio)
-    coherence = spectra.coherence[rows[highest]]
+    coherence = spectra.coherence[rows_in_band[highest]]
     if not (peak_ratio[highest] >= MIN_PEAK_RATIO and coherence >= MIN_COHERENCE):
         return None
     return Resonance(
         axis=signals.axis,
         peak=peak_ratio[highest],
-        frequency=frequency[rows[highest]],
+        frequency=frequency[rows_in_band[highest]],
         coherence=coherence,
         max_frequency=max_frequency,
     )

@@ -153,19 +153,19 @@ def resampled_signals(
         return None
     pieces = []
     for segment in segments:
-        spans = [(segment.start, segment.end)]
+        gapless_spans = [(segment.start, segment.end)]
         rows_of_stamps = {}
         for stamps, signal in signal_of_stamps.items():
-            rows = rows_of_segment(signal, segment)
-            rows_of_stamps[stamps] = rows
-            time = signal.time[rows]
+            rows_in_segment = rows_of_segment(signal, segment)
+            rows_of_stamps[stamps] = rows_in_segment
+            time = signal.time[rows_in_segment]
             is_gap = np.diff(time) > MAX_GAP_STEPS / min_rate
-            spans = intersection(spans, split_at_gaps(time, is_gap))
+            gapless_spans = intersection(gapless_spans, split_at_gaps(time, is_gap))
         stamps_and_values = []
         for signal in signals:
-            rows = rows_of_stamps[id(signal.time)]
-            stamps_and_values.append((signal.time[rows], signal.values[rows]))
-        for start, end in spans:
+            rows_in_segment = rows_of_stamps[id(signal.time)]
+            stamps_and_values.append((signal.time[rows_in_segment], signal.values[rows_in_segment]))
+        for start, end in gapless_spans:
             grid = np.arange(start, end, 1 / rate)
             if len(grid) > rate * min_seconds:
                 pieces.append(

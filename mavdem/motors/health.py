@@ -178,7 +178,7 @@ def _unknown_reason(
         comparison: Values that every fact contains: the number of healthy flights, and whether the user chose them.
 
     Returns:
-        The reason, as a fact; None if they can be judged.
+        The reason, as a fact (a code with figures); None if they can be judged.
     """
     if flight.missing is not None:
         return flight.missing

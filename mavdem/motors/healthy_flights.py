@@ -54,7 +54,7 @@ class HealthFigures:
 
     @property
     def missing(self) -> Fact | None:
-        """Which quantity is missing to judge the motors of this flight, as a fact; None if all are there.
+        """Which quantity is missing to judge the motors, as a fact (a code with figures); None if all are there.
 
         Needed are the balance (torque of the motors' commands relative to thrust), a motor geometry in which a weak
         motor

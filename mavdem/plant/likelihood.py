@@ -475,8 +475,10 @@ def _prediction_errors(
     Returns:
         Prediction errors (b, W, N′), rad/s.
     """
-    first = round(SETTLING_SECONDS / windows.dt) + 1
-    errors = scipy.fft.irfft(residual * (1 / factor)[:, None], windows.samples)[..., first:]
+    first_settled_sample = round(SETTLING_SECONDS / windows.dt) + 1
+    errors = scipy.fft.irfft(residual * (1 / factor)[:, None], windows.samples)[
+        ..., first_settled_sample:
+    ]
     errors -= errors.mean(axis=-1, keepdims=True)
     return errors
 

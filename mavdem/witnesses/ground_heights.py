@@ -122,8 +122,8 @@ def _frozen_since(barometer: TimeSeries, rest: TimeInterval) -> float | None:
     heights = barometer.values[is_before_end]
     last_height = heights[-1]
     different_readings = np.flatnonzero(heights != last_height)
-    first_equal = different_readings[-1] + 1 if len(different_readings) else 0
-    first_equal_time = float(times[first_equal])
+    first_equal_index = different_readings[-1] + 1 if len(different_readings) else 0
+    first_equal_time = float(times[first_equal_index])
     if first_equal_time >= rest_start - LANDING_SECONDS:
         return None
     return first_equal_time

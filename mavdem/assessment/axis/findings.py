@@ -460,7 +460,7 @@ def model_warnings(learned: Learned, held_out: HeldOut | None) -> Iterator[Fact]
 
 
 def next_step_for_model(purposes: Sequence[Finding]) -> Fact:
-    """Returns the next step towards a better model, as a fact.
+    """Returns the next step towards a better model, as a fact: a code from which reports make a sentence.
 
     Parameters that the flight did not excite come first: they need movements. Then come wide intervals, which more data
     narrow, and last bad forecasts, with which only the physical parameters are of use.

@@ -67,7 +67,7 @@ class LoopDecision:
 
     @property
     def fact(self) -> Fact:
-        """The decision as a fact, which lights, pages and documents show.
+        """The decision as a fact (a code with figures), which lights, pages and documents show.
 
         Its sentence states the observation behind the diagnosis, such as low margins, and its remedy the action. Its
         level, good to bad, is the level of this observation.

@@ -258,7 +258,7 @@ def _confirmed_loop(axis: str, loops: Mapping[str, Loop | Fact]) -> Loop | Fact 
 
 
 def _loop_fact(loop: Loop, contradiction: Fact | None) -> Fact:
-    """Judges the stability margins of an identified loop, as a fact.
+    """Judges the stability margins of an identified loop, as a fact: a code with a level and figures.
 
     The level is good if 95 % of the plants that agree with the flight have the usual margins, as in
     :func:`mavdem.loops.axis_loops.margin_rating`: then the lower end of the 90 % interval has them. It is bad if at

@@ -328,18 +328,22 @@ class KalmanFilter(NamedTuple):
         Returns:
             Predicted states (…, T + 1, n), the last one after the last sample, and innovations (…, T, m).
         """
-        samples = measurements.shape[-2]
+        sample_count = measurements.shape[-2]
         # Index in ``gains`` of the gain of each sample: once the filter is steady, all later samples have the last one.
-        rows = self.gain_rows(samples)
-        states = np.empty((*measurements.shape[:-2], samples + 1, len(self.A)))
+        gain_of_sample = self.gain_rows(sample_count)
+        states = np.empty((*measurements.shape[:-2], sample_count + 1, len(self.A)))
         states[..., 0, :] = initial_state
         # With L = A − K C the filter is x̂⁺ = L x̂ + g + K y. Each gain has its own L. States are rows here, so that L is
         # transposed.
         L_transposed = (self.A - self.gains @ self.C).mT
         # Letters of einsum: sample t, output m, state n.
-        driving_terms = forcing + np.einsum("...tm,tnm->...tn", measurements, self.gains[rows])
-        for t, row in enumerate(rows):
-            states[..., t + 1, :] = states[..., t, :] @ L_transposed[row] + driving_terms[..., t, :]
+        driving_terms = forcing + np.einsum(
+            "...tm,tnm->...tn", measurements, self.gains[gain_of_sample]
+        )
+        for t, gain_index in enumerate(gain_of_sample):
+            states[..., t + 1, :] = (
+                states[..., t, :] @ L_transposed[gain_index] + driving_terms[..., t, :]
+            )
         innovations = measurements - states[..., :-1, :] @ self.C.T
         return FilteredSegments(states, innovations)
 

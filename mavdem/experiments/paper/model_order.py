@@ -250,11 +250,11 @@ def _paper_free_energies(
                 for order in ORDERS:
                     fits.append(OrderFit(system, inputs, order, flight))
     # The results come in the order of the fits, so that they can be put into an array of the four loops' axes.
-    results = runner.map_jobs(fit_order, fits)
+    fitted_orders = runner.map_jobs(fit_order, fits)
     shape = (len(SETTINGS_BY_INPUTS), len(SYSTEMS), len(flights), len(ORDERS))
-    all_free_energies = np.reshape([result.free_energy for result in results], shape)
+    all_free_energies = np.reshape([result.free_energy for result in fitted_orders], shape)
     free_energies = dict(zip(SETTINGS_BY_INPUTS, all_free_energies, strict=True))
-    return free_energies, sorted({result.failure for result in results if result.failure})
+    return free_energies, sorted({result.failure for result in fitted_orders if result.failure})
 
 
 def _values_by_system(values: Mapping[str, list[Any]]) -> JsonValues:
@@ -431,11 +431,11 @@ def _free_energy_picture(free_energies: Mapping[str, Array]) -> Picture:
         free_energies: F̄ (systems, flights, orders), nats, by whether the inputs are known.
     """
     panels = {}
-    for inputs, values in free_energies.items():
-        lines = {}
-        for system, system_values in zip(SYSTEMS, values, strict=True):
-            lines[f"system {system}"] = _nats_below_maximum(system_values)
-        panels[f"inputs {inputs}"] = lines
+    for inputs, values_by_system in free_energies.items():
+        curves = {}
+        for system, system_values in zip(SYSTEMS, values_by_system, strict=True):
+            curves[f"system {system}"] = _nats_below_maximum(system_values)
+        panels[f"inputs {inputs}"] = curves
     return Picture(
         "F̄ of the paper’s settings below its maximum by model order, nats",
         "Of the converged fit, mean of the flights; 1000 nats at least, where the maximum is.",

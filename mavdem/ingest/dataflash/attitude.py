@@ -299,5 +299,5 @@ def controller_demands(tables: Tables) -> tuple[Columns, Facts]:
         controls[:, axes] /= OLD_FULL_DEMAND
         controls[:, THRUST_CHANNEL] /= OLD_FULL_THRUST
         repairs = repair_facts(Repair.DEMANDS_SCALED, divisor=OLD_FULL_DEMAND)
-    group = np.zeros(len(controls), dtype=np.uint8)
-    return with_stamps(logged_columns, {"group_mlx": group, "controls": controls}), repairs
+    demand_group = np.zeros(len(controls), dtype=np.uint8)
+    return with_stamps(logged_columns, {"group_mlx": demand_group, "controls": controls}), repairs

@@ -87,9 +87,9 @@ def _marker_count(data: Bytes) -> int:
     """
     first_byte, second_byte = MARKER
     count = 0
-    for begin in range(0, len(data), MARKER_SEARCH_BYTES):
+    for search_start in range(0, len(data), MARKER_SEARCH_BYTES):
         # One byte more than the block, since a marker may begin at the block's last byte.
-        block = data[begin : begin + MARKER_SEARCH_BYTES + 1]
+        block = data[search_start : search_start + MARKER_SEARCH_BYTES + 1]
         is_marker = (block[:-1] == first_byte) & (block[1:] == second_byte)
         count += int(np.count_nonzero(is_marker))
     return count
@@ -331,8 +331,8 @@ class _MessageScan:
         if offset + FORMAT.length > len(self.content):
             return None
         if offset not in self._parsed_definitions:
-            values = FORMAT_BODY.unpack_from(self.content, offset + HEADER_BYTES)
-            self._parsed_definitions[offset] = parse_definition(FormatFields(*values))
+            format_fields = FORMAT_BODY.unpack_from(self.content, offset + HEADER_BYTES)
+            self._parsed_definitions[offset] = parse_definition(FormatFields(*format_fields))
         return self._parsed_definitions[offset]
 
     def _is_of_another_log(self, offset: int) -> bool:
@@ -359,8 +359,8 @@ class _MessageScan:
         """Returns the offset after the last message; 0 without any."""
         if not self.starts:
             return 0
-        last = self.starts[-1]
-        return last + self._definition_of_message(last).length
+        last_start = self.starts[-1]
+        return last_start + self._definition_of_message(last_start).length
 
     def _offset_after_damage(self, offset: int) -> int:
         """Returns the offset at which the search continues if no header is at ``offset``.

@@ -185,10 +185,10 @@ def _batch_samples(tables: Tables, batch_type: int, instance: int) -> Columns:
     """
     header_fields = ("N", "type", "instance", "mul", "smp_cnt", "smp_rate", "SampleUS")
     headers = messages_with_fields(tables, "ISBH", header_fields)
-    data = messages_with_fields(tables, "ISBD", ("N", "seqno", "x", "y", "z"))
-    if not headers or not data or any(data[axis].ndim != 2 for axis in "xyz"):
+    batch_messages = messages_with_fields(tables, "ISBD", ("N", "seqno", "x", "y", "z"))
+    if not headers or not batch_messages or any(batch_messages[axis].ndim != 2 for axis in "xyz"):
         return {}
-    batch_numbers = data["N"]
+    batch_numbers = batch_messages["N"]
     if batch_numbers.dtype.kind == "f":
         batch_numbers = batch_numbers.astype(np.int64)
     data_rows_of_batch = rows_by_value(batch_numbers)
@@ -199,7 +199,7 @@ def _batch_samples(tables: Tables, batch_type: int, instance: int) -> Columns:
     batches = []
     for row in np.flatnonzero(is_wanted & is_sound):
         data_rows = data_rows_of_batch.get(int(headers["N"][row]), no_rows)
-        axes = _samples_by_axis(data, data_rows, scale=float(headers["mul"][row]))
+        axes = _samples_by_axis(batch_messages, data_rows, scale=float(headers["mul"][row]))
         count = len(axes["x"])
         is_complete = count == headers["smp_cnt"][row]
         if is_complete:

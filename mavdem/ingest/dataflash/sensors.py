@@ -247,12 +247,12 @@ def _last_values_at(
         return {}
     time = continuous_time(source)
     order = np.argsort(time, kind="stable")
-    rows = np.searchsorted(time[order], continuous_time(target), side="right") - 1
+    last_rows = np.searchsorted(time[order], continuous_time(target), side="right") - 1
     columns = {}
     for name, field in names.items():
         if field in source:
             values = source[field][order].astype(float) * factor
-            columns[name] = np.where(rows >= 0, values[np.maximum(rows, 0)], np.nan)
+            columns[name] = np.where(last_rows >= 0, values[np.maximum(last_rows, 0)], np.nan)
     return columns
 
 

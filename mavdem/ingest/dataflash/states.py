@@ -286,16 +286,16 @@ def _flag_changes_without_event(
     changes = []
     changed_rows = 1 + np.flatnonzero(np.diff(flags.state))
     for row in changed_rows.tolist():
-        before = flags.state[row - 1]
-        after = flags.state[row]
+        state_before = flags.state[row - 1]
+        state_after = flags.state[row]
         is_reported = (
             (events.time >= flags.time[row - 1] - MAX_FLAG_LEAD)
             & (events.time <= flags.time[row])
-            & (events.before == before)
-            & (events.after == after)
+            & (events.before == state_before)
+            & (events.after == state_after)
         )
         if not np.any(is_reported):
-            changes.append(_DatedChange(boot, flags.time[row], before, after))
+            changes.append(_DatedChange(boot, flags.time[row], state_before, state_after))
     return changes
 
 
@@ -391,19 +391,19 @@ def _landed_states(changes: _StateChanges, boot_stamps: BootStamps) -> Columns:
     for boot in np.unique(changes.boot):
         is_of_boot = changes.boot == boot
         change_time = changes.time[is_of_boot]
-        before = changes.before[is_of_boot]
-        after = changes.after[is_of_boot]
+        states_before = changes.before[is_of_boot]
+        states_after = changes.after[is_of_boot]
         stamps = boot_stamps(boot)
         time = np.union1d(firsts_of_seconds(stamps), change_time)
         # Each row has the number of changes up to its time, 0 to C. The arrays of C + 1 elements that are made below
         # have one element for each of these numbers; indexing them by ``passed_changes`` gives the value of each row.
         passed_changes = np.searchsorted(change_time, time, side="right")
-        state = np.append(before[0], after)[passed_changes]
-        contradicts_next = after[:-1] != before[1:]
+        state = np.append(states_before[0], states_after)[passed_changes]
+        contradicts_next = states_after[:-1] != states_before[1:]
         # Before the first change the state is sure, and after the last one it is not.
         is_uncertain = np.concatenate([[False], contradicts_next, [True]])[passed_changes]
         next_change_time = np.append(change_time, np.inf)[passed_changes]
-        state_before_next = np.append(before, UNDEFINED_LANDED_STATE)[passed_changes]
+        state_before_next = np.append(states_before, UNDEFINED_LANDED_STATE)[passed_changes]
         is_next_soon = next_change_time <= time + CONTRADICTION_SECONDS
         uncertain_state = np.where(is_next_soon, state_before_next, UNDEFINED_LANDED_STATE)
         # At the time of a change itself the state after it is certain.

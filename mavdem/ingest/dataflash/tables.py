@@ -63,10 +63,10 @@ def field_texts(columns: Columns, field: str) -> list[str]:
         The texts, in the order of the messages.
     """
     texts = []
-    values = columns.get(field, np.zeros(0))
-    if values.ndim > 1:
-        return [""] * len(values)
-    for value in values.tolist():
+    field_values = columns.get(field, np.zeros(0))
+    if field_values.ndim > 1:
+        return [""] * len(field_values)
+    for value in field_values.tolist():
         text = ""
         if isinstance(value, bytes):
             text = value.split(b"\0", 1)[0].decode("utf-8", errors="replace")

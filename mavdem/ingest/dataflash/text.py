@@ -128,18 +128,18 @@ def _message_table(definition: FormatDefinition, lines: list[_Line]) -> MessageT
         return EMPTY_TABLE
     is_numeric = [character not in NON_NUMERIC_CHARACTERS for character in definition.characters]
     line_numbers = []
-    rows = []
+    values_of_messages = []
     for line in lines:
         row = _values_of_line(line, definition, is_numeric)
         if row is not None:
-            rows.append(row)
+            values_of_messages.append(row)
             line_numbers.append(line.number)
-    is_valid = np.ones(len(rows), dtype=np.bool_)
+    is_valid = np.ones(len(values_of_messages), dtype=np.bool_)
     columns: dict[str, NDArray[Any]] = {}
     for i, name in enumerate(definition.fields):
         # Texts are kept as objects: an array of bytes would take the memory of the longest text for each.
         column_type = np.float64 if is_numeric[i] else np.object_
-        column = np.array([row[i] for row in rows], dtype=column_type)
+        column = np.array([row[i] for row in values_of_messages], dtype=column_type)
         if definition.characters[i] in INTEGER_CHARACTERS:
             is_integer = (column == np.trunc(column)) & (abs(column) < MAX_INTEGER)
             is_valid &= is_integer

@@ -505,8 +505,10 @@ def _parameter_values(tables: Tables) -> Columns:
     logged_columns = messages_with_fields(tables, "PARM", ("Name", "Value"))
     if not logged_columns:
         return {}
-    values = logged_columns["Value"].astype(np.float32)
-    return with_stamps(logged_columns, {"param_id": logged_columns["Name"], "param_value": values})
+    parameter_values = logged_columns["Value"].astype(np.float32)
+    return with_stamps(
+        logged_columns, {"param_id": logged_columns["Name"], "param_value": parameter_values}
+    )
 
 
 def _injected_signal(tables: Tables) -> Columns:
@@ -521,9 +523,11 @@ def _injected_signal(tables: Tables) -> Columns:
     Returns:
         Columns (N,): ``axis`` and ``target``, the signal in the unit of its axis; empty without such a run.
     """
-    runs = messages_with_fields(tables, "SIDS", ("Ax",))
+    sweep_messages = messages_with_fields(tables, "SIDS", ("Ax",))
     logged_columns = messages_with_fields(tables, "SIDD", ("Targ",))
-    if not runs or not logged_columns:
+    if not sweep_messages or not logged_columns:
         return {}
-    axis = last_values(continuous_time(logged_columns), continuous_time(runs), runs["Ax"])
+    axis = last_values(
+        continuous_time(logged_columns), continuous_time(sweep_messages), sweep_messages["Ax"]
+    )
     return with_stamps(logged_columns, {"axis": axis, "target": logged_columns["Targ"]})

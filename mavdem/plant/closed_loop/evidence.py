@@ -450,10 +450,10 @@ def _stable_start(posterior: LoopPosterior, plant: InitialPlant) -> Array:
     start[NAMES.index("effect")] += np.log(plant.crossover / TYPICAL_CROSSOVER)
     start[NAMES.index("lag")] = np.log(plant.lag)
     start[NAMES.index("delay")] = np.log(plant.delay)
-    data = posterior.data
-    angle_error, rate_error, motors_error = (NOISE_FACTOR * data.prediction_errors()).tolist()
+    loop_data = posterior.data
+    angle_error, rate_error, motors_error = (NOISE_FACTOR * loop_data.prediction_errors()).tolist()
     # The torque, rad/s², that changes the rate by its one-step error within a step.
-    torque_error = rate_error / data.dt
+    torque_error = rate_error / loop_data.dt
     sizes = {
         "angle_noise": angle_error,
         "filtered_noise": rate_error,
@@ -463,7 +463,7 @@ def _stable_start(posterior: LoopPosterior, plant: InitialPlant) -> Array:
         "drift_size": torque_error,
         "eddy_size": torque_error,
         "gust_size": torque_error,
-        "setpoint_size": float(data.scale[0]),
+        "setpoint_size": float(loop_data.scale[0]),
     }
     for name, size in sizes.items():
         start[NAMES.index(name)] = np.log(size)

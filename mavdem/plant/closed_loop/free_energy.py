@@ -236,26 +236,26 @@ def loop_free_energy(posterior: LoopPosterior, maximum: QuadraticExpansion) -> L
     Returns:
         The terms, nats, whose sum is F̄, and the log density of each sample.
     """
-    data = posterior.data
+    loop_data = posterior.data
     theta = maximum.point
-    loop = sampled_loop(theta, posterior.controller, data.dt)
+    loop = sampled_loop(theta, posterior.controller, loop_data.dt)
     kalman_filter = trim_augmented_filter(
-        loop, data.trim_covariance, samples=max(map(len, data.segments))
+        loop, loop_data.trim_covariance, samples=max(map(len, loop_data.segments))
     )
-    segments = [filter_segment(kalman_filter, samples) for samples in data.segments]
+    segments = [filter_segment(kalman_filter, samples) for samples in loop_data.segments]
     driving = _ProcessCovariances(loop.process_covariance, loop.stationary_covariance)
     setpoint = _ProcessCovariances(
-        *setpoint_process_covariance(theta, posterior.controller, data.dt, loop.state_sd)
+        *setpoint_process_covariance(theta, posterior.controller, loop_data.dt, loop.state_sd)
     )
     errors = [
-        _squared_errors(segment, loop.noise_variance, driving, setpoint, data.trim_covariance)
+        _squared_errors(segment, loop.noise_variance, driving, setpoint, loop_data.trim_covariance)
         for segment in segments
     ]
     precision_log_determinant = sum(
         np.linalg.slogdet(segment.precisions)[1].sum() for segment in segments
     )
-    samples = data.sample_count
-    noise_log_determinant = samples * np.log(loop.noise_variance).sum()
+    sample_count = loop_data.sample_count
+    noise_log_determinant = sample_count * np.log(loop.noise_variance).sum()
 
     # For the hyperparameters this is the entropy of their marginal posterior, and for the parameters the entropy of
     # their posterior given the hyperparameters.
@@ -266,7 +266,8 @@ def loop_free_energy(posterior: LoopPosterior, maximum: QuadraticExpansion) -> L
     deviations = ((theta - posterior.prior.mean) / posterior.prior.sd) ** 2
     log_prior_sd = np.log(posterior.prior.sd)
     terms = {
-        Term.NOISE_ENTROPY: -0.5 * (noise_log_determinant + samples * CHANNELS * np.log(2 * np.pi)),
+        Term.NOISE_ENTROPY: -0.5
+        * (noise_log_determinant + sample_count * CHANNELS * np.log(2 * np.pi)),
         Term.STATE_AND_INPUT_ENTROPY: 0.5 * (noise_log_determinant + precision_log_determinant),
         Term.PARAMETER_ENTROPY: -0.5 * parameter_log_determinant - log_prior_sd[parameters].sum(),
         Term.HYPERPARAMETER_ENTROPY: -0.5 * hyperparameter_log_determinant

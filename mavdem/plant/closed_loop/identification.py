@@ -275,16 +275,16 @@ def _mixture_of_modes(
         _, log_determinant = np.linalg.slogdet(mode.curvature)
         log_evidences.append(mode.value - log_determinant / 2)
     weights = scipy.special.softmax(log_evidences)
-    points = np.array([mode.point for mode in modes])
-    mean = weights @ points
+    mode_points = np.array([mode.point for mode in modes])
+    mean = weights @ mode_points
     # The law of total variance adds the mean covariance within the modes and the covariance of their means.
     covariance_within = sum(
         weight * _sandwich_covariance(posterior, mode.curvature)
         for weight, mode in zip(weights, modes, strict=True)
     )
-    deviations = points - mean
+    deviations = mode_points - mean
     covariance_between = deviations.T * weights @ deviations
-    main_mode = points[np.argmax(weights)]
+    main_mode = mode_points[np.argmax(weights)]
     return IdentifiedAxis(posterior, mean, covariance_within + covariance_between, main_mode)
 
 
