@@ -86,11 +86,10 @@ def test_the_examples_of_the_documentation_answer(here, capsys):
     examples = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     for code in examples:
         exec(code, names)
-    assert len(examples) == 3
+    assert len(examples) == 2
     assert names["found"] == [("7", "fault", "Motor 1.", 2)]
-    assert names["shares"]["trim_share"].to_list() == [1.1, 0.9] * 2
     output = capsys.readouterr().out
-    assert "megabytes" in output
+    assert "status" in output
 
 
 def refusal(use):

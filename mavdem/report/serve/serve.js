@@ -100,9 +100,10 @@
         if (item !== uploadList.lastElementChild) uploadList.append(item);
       }
     }
-    const texts = [[counts.failed, "not read"], [counts.working, "in work"], [counts.done, "done"]];
+    const texts = [[counts.failed, "not read"], [counts.working, "waiting or in work"], [counts.done, "done"]];
     const text = texts.filter(([count]) => count).map(([count, words]) => `${count} ${words}`).join(", ");
-    $("uploadcount").textContent = items.length > 1 ? `${items.length} files: ${text}` : "";
+    const hidden = uploadList.querySelectorAll(".hidden").length, rest = hidden ? `; ${hidden} not shown here` : "";
+    $("uploadcount").textContent = items.length > 1 ? `${items.length} files: ${text}${rest}` : "";
   };
   const setUpload = (item, state, level, text) => {
     item.dataset.state = state;
@@ -132,7 +133,7 @@
       if (key) request.setRequestHeader("Authorization", `Bearer ${key}`);
       request.responseType = "json";
       request.upload.onprogress = event => {
-        item.bar.value = 0.3 * event.loaded / event.total;
+        item.bar.value = progressByStage.waiting * event.loaded / event.total;
         item.status.textContent = `Sending ${Math.floor(100 * event.loaded / event.total)} % of ${(event.total / 1e6).toPrecision(3)} MB`;
       };
       request.onloadend = () => {
@@ -180,7 +181,7 @@
     const seconds = flight.seconds === null || flight.seconds === undefined ? "" : `, ${flight.seconds} s so far`;
     return `${flight.step || words}${share}${seconds}${left}`;
   };
-  const progressByStage = { waiting: 0.3, reading: 0.4, judging: 0.5, learning: 0.6, drawing: 0.8, done: 1, failed: 1 };
+  const progressByStage = { waiting: 0.1, reading: 0.3, judging: 0.5, learning: 0.6, drawing: 0.8, done: 1, failed: 1 };
   const showProgress = flight => {
     const items = uploadItems.get(flight.id) ?? [], hasFailed = flight.stage === "failed", isOver = hasFailed || flight.stage === "done";
     for (const item of items) {
