@@ -70,6 +70,7 @@ UNREPORTED_REASONS = frozenset(
     {
         WatchFact.ON_GROUND_NOW,
         WatchFact.REFERENCE_SHORT,
+        WatchFact.SETTLED_FLIGHT_AWAITED,
         SessionFact.NOT_SETTLED,
         RowsFact.MOTORS_NOT_KNOWN,
         RowsFact.NOTHING_RECEIVED,

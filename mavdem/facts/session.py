@@ -121,6 +121,17 @@ class MissingMessages(StrEnum):
     MOTION = "motion"
 
 
+class RecordingState(StrEnum):
+    """How far the recording of a flight that is over is on its way to be judged."""
+
+    IN_SESSION = "in_session"
+    """The session goes on, and is read once it is over."""
+    BEING_READ = "being_read"
+    """It waits to be read, or is being read."""
+    FAILED = "failed"
+    """It could not be read."""
+
+
 class SessionFact(Code):
     """What a live session learns, and what keeps it from learning."""
 
@@ -152,6 +163,8 @@ class SessionFact(Code):
     COMPUTER_TOO_SLOW = "computer_too_slow"
     SETTLED_TOO_SHORT = "settled_too_short"
     FIT_UNFINISHED = "fit_unfinished"
+    RECORDING_NOT_JUDGED = "recording_not_judged"
+    RECORDING_JUDGED = "recording_judged"
     SECONDS_SPENT = "seconds_spent"
     WIND_KNOWN = "wind_known"
     WIND_SPEED = "wind_speed"

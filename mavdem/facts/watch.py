@@ -34,6 +34,7 @@ class WatchFact(Code):
     MARGINS_AWAITED = "margins_awaited"
     WIND_AWAITED = "wind_awaited"
     REFERENCE_SHORT = "reference_short"
+    SETTLED_FLIGHT_AWAITED = "settled_flight_awaited"
     TRACKING_AWAITED = "tracking_awaited"
     ON_GROUND_NOW = "on_ground_now"
     NO_ALARM = "no_alarm"

@@ -10,7 +10,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.log import LogLight
 from mavdem.facts.margins import MarginsLight
-from mavdem.facts.session import RowsFact, SessionFact
+from mavdem.facts.session import RowsFact
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.live.tracking_watch import MIN_SETTLED_SECONDS
 
@@ -49,7 +49,7 @@ def lights_before_model(
         why_not_judged = _reason_not_watched(quantity, watch_facts, reason)
         if why_not_judged is None:
             # A quantity that is watched will be judged in settled flight, the tracking after some seconds of it.
-            why_not_judged = Fact(SessionFact.NOT_SETTLED)
+            why_not_judged = Fact(WatchFact.SETTLED_FLIGHT_AWAITED)
             if quantity is WatchedQuantity.TRACKING:
                 why_not_judged = Fact(WatchFact.TRACKING_AWAITED, duration=MIN_SETTLED_SECONDS)
         lights[str(light)] = Fact(Unjudged.NOT_JUDGED, reason=why_not_judged)

@@ -6,7 +6,6 @@ from math import isfinite, nan
 from mavdem.containers import Numbers
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.facts import Fact, Facts
-from mavdem.facts.session import SessionFact
 from mavdem.facts.watch import WatchFact
 from mavdem.live.gradual_watch import GradualLossWatch
 from mavdem.live.recent_messages import MAX_EVENTS
@@ -92,7 +91,7 @@ class MotorAlarms:
         if self._undetectable_reason is not None:
             return self._undetectable_reason
         if self._detector is None or now - self._detector.latest_time > MAX_GAP:
-            return Fact(SessionFact.NOT_SETTLED)
+            return Fact(WatchFact.SETTLED_FLIGHT_AWAITED)
         if self._detector.reference_time is None:
             return Fact(WatchFact.REFERENCE_SHORT, duration=REFERENCE_SECONDS)
         return None

@@ -225,6 +225,10 @@ class SessionStatus(ImmutableResult):
     is_recording_judged: bool = False
     """Whether ``model_judgement`` is that of the recording, which is judged by the rules for logs after a landing."""
 
+    recording_verdict: Fact | None = None
+    """The verdict of the recording on the flight that is over, or why there is none yet; None where no recording is
+    to be judged apart from this session. An all-clear waits for it."""
+
     loss: Fact | None = None
     """How the flight was lost, until the next take-off; None if it was not."""
 
@@ -282,7 +286,7 @@ class SessionStatus(ImmutableResult):
         1. the headline of the model or, if that is no fault, of the worst lights;
         2. if nothing was checked so far, that there is no alarm of what is watched;
         3. how the flight was lost;
-        4. in flight, what cannot wait until the landing.
+        4. in flight, what cannot wait until the landing; after it the verdict of the recording, or that it is awaited.
         """
         judgement = self._judgement_with_all_lights
         is_nothing_checked = judgement.headline.code is HeadlineCode.NOTHING_CHECKED
@@ -296,13 +300,13 @@ class SessionStatus(ImmutableResult):
             lights = lights_with_event(judgement.lights, self.loss)
             judgement = _judgement_with_headline(self.loss, lights)
         if not self.is_flying:
-            return judgement
+            return self._judgement_with_recording(judgement)
         if not self.is_over:
             return self._judgement_in_flight(judgement)
         link_loss = self.link_loss
         if link_loss is not None and not judgement.headline.is_bad:
             return _judgement_with_headline(link_loss, judgement.lights)
-        return judgement
+        return self._judgement_with_recording(judgement)
 
     @property
     def verdict(self) -> FlightVerdict:
@@ -535,6 +539,24 @@ class SessionStatus(ImmutableResult):
         if is_urgent:
             return replace(judgement, next_step=Fact(NextStep.LAND_NOW, reason=headline))
         return replace(judgement, next_step=self._next_step_in_flight(judgement))
+
+    def _judgement_with_recording(self, judgement: Judgement) -> Judgement:
+        """Returns the judgement of a flight that is over, with the verdict of its recording as headline.
+
+        While that is awaited, what was found in flight stays the headline, but an all-clear does not: the recording
+        may show more.
+
+        Args:
+            judgement: judgement of the flight by this session.
+        """
+        verdict = self.recording_verdict
+        if verdict is None or self.flight_number == 0 or self.is_recording_judged:
+            return judgement
+        is_awaited = verdict.code is SessionFact.RECORDING_NOT_JUDGED
+        if is_awaited and judgement.headline.is_watch_or_bad:
+            return judgement
+        next_step = Fact(NextStep.DO_AS_ADVISED, reason=verdict)
+        return replace(judgement, headline=verdict, next_step=next_step)
 
     def _judgement_of_silent_vehicle(self, judgement: Judgement, reason: Fact) -> Judgement:
         """Returns a judgement for a vehicle in flight whose messages do not come: how it flies is not known.

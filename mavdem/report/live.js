@@ -7,7 +7,7 @@
   const LONGEST_SILENCE = 5;
 
   // Parts that scripts fill, or that a click changes.
-  const OWN_PARTS = "#now, #all, #span", KEPT_ATTRIBUTES = ["open"];
+  const OWN_PARTS = "#now, #all, #span", KEPT_ATTRIBUTES = ["open", "data-open"];
   const nameOf = node => {
     if (node.nodeType !== Node.ELEMENT_NODE) return node.nodeName;
     const title = node.tagName === "TR" ? node.textContent : node.matches("figure, details") ? node.querySelector("h3, summary")?.textContent : "";
@@ -51,12 +51,18 @@
     if (node.nodeType === Node.ELEMENT_NODE) for (const figure of [node, ...node.querySelectorAll("figure.chart")]) if (figure.matches("figure.chart")) action(figure);
   };
 
-  // A light that a touch has opened, by which it has the focus, is closed by another.
-  let touchedLight = null;
-  addEventListener("pointerdown", () => { touchedLight = document.activeElement.closest("[data-light]"); }, true);
+  // On a narrow screen a touch opens a light, and another one closes it. Its link leads to the plot of its own.
   addEventListener("click", event => {
-    const light = event.target.closest?.("[data-light]");
-    if (light && light === touchedLight && !event.target.closest("a")) light.blur();
+    const light = event.target.closest?.("[data-light]"), link = event.target.closest?.("a");
+    if (!light) return;
+    if (!link) {
+      if (!light.toggleAttribute("data-open")) light.blur();
+      return;
+    }
+    const plot = plotOf(light.querySelector("dt").textContent);
+    if (!plot) return;
+    event.preventDefault();
+    plot.scrollIntoView();
   });
 
   // A plot is not changed under a finger or a pressed button, which may be choosing what to zoom to. Where a menu opens, or
@@ -188,6 +194,20 @@
     colourIcon(main.dataset.level ?? "unknown");
   };
   announce();
+
+  // The alarm at the edge of the window, while the headline that states it is scrolled out of sight.
+  const strip = Object.assign(document.createElement("button"), { id: "alarm", type: "button", hidden: true });
+  strip.setAttribute("role", "alert");
+  strip.addEventListener("click", () => scrollTo({ top: 0 }));
+  document.body.append(strip);
+  const showAlarm = () => {
+    const text = main.dataset.alarm ?? "", headline = document.querySelector("#result .headline");
+    if (strip.textContent !== text) strip.textContent = text;
+    strip.hidden = !text || !headline || headline.getBoundingClientRect().bottom > 0;
+  };
+  addEventListener("scroll", showAlarm, { passive: true });
+  root.addEventListener("renewed", showAlarm);
+  showAlarm();
 
   // The last page of a session does not change any more: nothing follows, and nobody is asked for it.
   const isLast = () => main.dataset.level === undefined;

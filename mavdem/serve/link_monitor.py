@@ -13,11 +13,11 @@ from mavdem.dataset.intervals import TimeInterval
 from mavdem.dem import Settings
 from mavdem.dem.parallel import LearningProcess
 from mavdem.errors import Refusal, fact_from_error
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.facts.event import Event
 from mavdem.facts.events import ReportedEvent
-from mavdem.facts.serve import RefusalReason
-from mavdem.facts.session import LinkFact, RowsFact, SessionFact, VehicleFact
+from mavdem.facts.serve import RefusalReason, Stage
+from mavdem.facts.session import LinkFact, RecordingState, RowsFact, SessionFact, VehicleFact
 from mavdem.facts.watch import WatchFact
 from mavdem.fleet.names import GivenNames
 from mavdem.live import LiveStream, clock
@@ -29,6 +29,7 @@ from mavdem.live.session_status import SessionStatus
 from mavdem.live.vehicle_selection import Component
 from mavdem.report.pages.page_link import PageLink
 from mavdem.report.templates import Medium, sentences_for
+from mavdem.serve.index import LibraryEntry
 from mavdem.serve.library import Library
 from mavdem.serve.live_pages import (
     NEWS_SECONDS,
@@ -66,6 +67,9 @@ NO_VEHICLE_CODES = frozenset(
 )
 """Obstacles of a session on whose link no vehicle has come yet."""
 
+AWAITED_IN_SESSION = Fact(SessionFact.RECORDING_NOT_JUDGED, kind=RecordingState.IN_SESSION)
+"""The verdict of a recording whose session goes on."""
+
 MODEL_AXIS = "roll"
 """Axis whose model a session learns."""
 
@@ -85,6 +89,22 @@ class _IncomingRecording(NamedTuple):
 
     first_pieces: Sequence[ReceivedPiece] = ()
     """Messages that it has already: those of its vehicle that came during the session before."""
+
+
+class _FinishedFlight(NamedTuple):
+    """A flight whose session is over, and which is shown until another vehicle comes."""
+
+    session: LiveSession
+    """Its session."""
+
+    entry_id: str
+    """Id of its recording in the library."""
+
+    saved_flight: PageLink
+    """Link to its page in the library."""
+
+    verdict: Fact | None = None
+    """The verdict of the recording that its page shows; None before the page is made."""
 
 
 class LinkMonitor:
@@ -132,6 +152,8 @@ class LinkMonitor:
         self._update_time = -inf
         # The page of the session before, which is shown until another vehicle is received; empty for none.
         self._finished_page = ""
+        # That session, with which the page is made again when the library has read its recording; None for none.
+        self._finished_flight: _FinishedFlight | None = None
         # The recording of the session before, in the library.
         self._latest_flight: PageLink | None = None
         self._link = Link(link)
@@ -327,7 +349,26 @@ class LinkMonitor:
         self._report_saved_flight(address)
         if session.stream.followed_vehicle is not None and not self._is_stopping.is_set():
             saved_flight = PageLink(entry.name, address)
-            self._finished_page = _finished_page(session, self._library.names, saved_flight)
+            self._finished_flight = _FinishedFlight(session, entry.id, saved_flight)
+            self._renew_finished_page(self._finished_flight)
+
+    def _renew_finished_page(self, flight: _FinishedFlight) -> None:
+        """Makes the page of the session before again if the library knows more of its recording by now.
+
+        Args:
+            flight: the flight of that session.
+        """
+        try:
+            verdict = _verdict_on_recording(self._library.entry(flight.entry_id))
+        except Refusal:
+            # Somebody has deleted the recording; the page stays as it is.
+            return
+        if verdict == flight.verdict:
+            return
+        self._finished_flight = flight._replace(verdict=verdict)
+        self._finished_page = _finished_page(
+            flight.session, self._library.names, flight.saved_flight, verdict
+        )
 
     def _new_recording(self) -> _IncomingRecording:
         """Creates the recording of a session, among the incoming files of the library."""
@@ -471,10 +512,14 @@ class LinkMonitor:
         status = session.status
         if self._finished_page and not _awaits_vehicle(status):
             self._finished_page = ""
+            self._finished_flight = None
+        if self._finished_flight is not None:
+            self._renew_finished_page(self._finished_flight)
         if self._finished_page:
             html = self._finished_page
         else:
             links = [] if self._latest_flight is None else [self._latest_flight]
+            status = replace(status, recording_verdict=AWAITED_IN_SESSION)
             html = session_page(
                 session, status, self._library.names, back=LIBRARY_LINK, links=links
             )
@@ -496,7 +541,23 @@ def _awaits_vehicle(status: SessionStatus) -> bool:
     return status.vehicle is None and (reason is None or reason.code in NO_VEHICLE_CODES)
 
 
-def _finished_page(session: LiveSession, names: GivenNames, saved_flight: PageLink) -> str:
+def _verdict_on_recording(entry: LibraryEntry) -> Fact:
+    """Returns the verdict of the library on a recording, or that it is not judged yet.
+
+    Args:
+        entry: the recording in the library, which has a level once it is judged.
+    """
+    if entry.level:
+        return Fact(SessionFact.RECORDING_JUDGED, Level(entry.level), headline=entry.headline)
+    state = RecordingState.BEING_READ
+    if entry.stage == Stage.FAILED:
+        state = RecordingState.FAILED
+    return Fact(SessionFact.RECORDING_NOT_JUDGED, kind=state)
+
+
+def _finished_page(
+    session: LiveSession, names: GivenNames, saved_flight: PageLink, verdict: Fact
+) -> str:
     """Returns the HTML page of a live session that has ended, which links to the stored flight in the library.
 
     Most sessions end after the vehicle was switched off. The status of the session says by then only that no messages
@@ -506,6 +567,7 @@ def _finished_page(session: LiveSession, names: GivenNames, saved_flight: PageLi
         session: the ended session.
         names: names that were given to vehicles in the library.
         saved_flight: link to the page of its flight in the library.
+        verdict: what the recording of the flight shows, or that it is not judged yet.
     """
     status_at_last_message = session.stream.status()
     status = session.status
@@ -520,6 +582,7 @@ def _finished_page(session: LiveSession, names: GivenNames, saved_flight: PageLi
         no_model_reason=reason,
         rates=status_at_last_message.rates,
         watch_facts=status_at_last_message.watch_facts,
+        recording_verdict=verdict,
     )
     return session_page(session, status, names, back=LIBRARY_LINK, saved_flight=saved_flight)
 

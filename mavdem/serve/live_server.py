@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Mapping
+from dataclasses import replace
 from http import HTTPStatus
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,9 @@ from starlette.responses import HTMLResponse, RedirectResponse, Response
 
 from mavdem.containers import JsonValues
 from mavdem.errors import Refusal
+from mavdem.facts import Fact
 from mavdem.facts.serve import Permission, RefusalReason
+from mavdem.facts.session import RecordingState, SessionFact
 from mavdem.fleet.names import NO_NAMES
 from mavdem.live import clock
 from mavdem.live.session import LiveSession
@@ -97,6 +100,10 @@ class LiveServer:
             session: the session, with the history of its flight.
             status: its state now.
         """
+        adviser = session.gain_adviser
+        if adviser is not None and adviser.is_awaited:
+            awaited = Fact(SessionFact.RECORDING_NOT_JUDGED, kind=RecordingState.BEING_READ)
+            status = replace(status, recording_verdict=awaited)
         self._status = status
         if not (self.page.is_outdated(session) or status.is_over):
             return

@@ -15,7 +15,13 @@ from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.loops import LoopAction
 from mavdem.facts.motors import MotorsLight, MotorWatchFact
 from mavdem.facts.power import PowerLight
-from mavdem.facts.session import LinkFact, MissingMessages, RowsFact, SessionFact
+from mavdem.facts.session import (
+    LinkFact,
+    MissingMessages,
+    RecordingState,
+    RowsFact,
+    SessionFact,
+)
 from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.live.session_status import SessionStatus
@@ -137,6 +143,23 @@ def test_alarms_that_come_late_are_the_headline_and_leave_no_light_good(slow):
     weak = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 1", share=0.9)
     alarmed = replace(late, active_alarms=(weak,), worst_lights={Light.MOTORS: weak})
     assert alarmed.overall_judgement.headline == weak
+
+
+def test_an_all_clear_after_a_landing_waits_for_the_recording(slow):
+    battery = {Light.POWER: Fact(PowerLight.BATTERY_HELD, Level.GOOD)}
+    awaited = Fact(SessionFact.RECORDING_NOT_JUDGED, kind=RecordingState.BEING_READ)
+    flown = replace(slow, no_model_reason=None, rates={}, flight_number=1, worst_lights=battery)
+    landed = replace(flown, is_flying=False, recording_verdict=awaited)
+    judgement = landed.overall_judgement
+    assert judgement.headline == awaited and judgement.headline.level is Level.UNKNOWN
+    assert str(judgement.next_step) == "Wait for the result before the next flight."
+    # What was found in flight stays the headline, until the recording is judged.
+    weak = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 1", share=0.9)
+    warned = replace(landed, worst_lights={Light.MOTORS: weak})
+    assert warned.overall_judgement.headline == weak
+    judged = Fact(SessionFact.RECORDING_JUDGED, Level.WATCH, headline="Too little margin.")
+    assert replace(warned, recording_verdict=judged).overall_judgement.headline == judged
+    assert replace(flown, recording_verdict=awaited).overall_judgement.headline != awaited
 
 
 def test_nobody_is_told_in_flight_to_start_mavdem_with_another_option(slow):

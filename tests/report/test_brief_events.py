@@ -127,6 +127,25 @@ def test_a_live_page_lists_states_of_the_session_apart_from_the_vehicle_and_resu
     assert states == [(None, SessionFact.BEING_LEARNED)] * 2
 
 
+def test_the_closing_list_of_a_live_flight_has_the_event_of_its_headline():
+    """Several alarms of other kinds, and a late computer, do not fold it away."""
+    history = _history_of(
+        Event(0.0, Fact(SessionFact.COMPUTER_BEHIND, delay=1.0), reception=0.0),
+        *[
+            Event(fact.time, Fact(SessionFact.ALARM, time=fact.time, reason=fact), reception=0.0)
+            for fact in (*[clip.replace(Level.BAD) for clip in CLIPS], LEFT, HIT)
+        ],
+        Event(40.0, Fact(ReportedEvent.MOTORS_DISARMED, time=40.0), reception=0.0),
+    )
+    events = _numbered_live_events(history, unjudged(HIT), ())
+    listed = [(one.cause.code, one.total) for one in Head(Level.BAD, {}, events).brief_events]
+    assert listed == [
+        (MotionEvent.CLIPPED, 4),
+        (MotionEvent.ATTITUDE_LOST, 1),
+        (MotionEvent.HIT, 1),
+    ]
+
+
 def test_events_of_an_earlier_flight_are_listed_without_a_place_in_the_plots():
     disarmed = Fact(ReportedEvent.MOTORS_DISARMED, time=2.0)
     history = _history_of(Event(2.0, disarmed, reception=0.0))

@@ -34,6 +34,7 @@ from mavdem.live.vehicle_selection import Component
 from mavdem.report.live import moment_text
 from mavdem.report.pages.page import PageLink
 from mavdem.serve import link_monitor, live_pages
+from mavdem.serve.index import LibraryEntry
 from mavdem.serve.library import Library
 from mavdem.serve.link_monitor import LinkMonitor
 from mavdem.serve.listening import end_by_all_signals
@@ -106,7 +107,7 @@ def test_a_session_has_a_page_and_leaves_its_log(tmp_path, heard):
 def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_a_minute(idle, monkeypatch):
     live, _ = idle
     monkeypatch.setattr(live_pages, "live_page", Mock(return_value=""))
-    session = Mock()
+    session = Mock(status=SessionStatus("1:1"))
     session.history.events = []
     session.stream.followed_vehicle.frame_count = 0
     seconds = -20 * link_monitor.PAGE_SECONDS
@@ -146,7 +147,8 @@ def test_the_page_of_a_flight_whose_end_nobody_saw_says_when_the_link_was_lost(i
     session.stream.status.return_value = SessionStatus("1:1", is_flying=True)
     silence = Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=3.0)
     session.status = SessionStatus("1:1", silence, is_flying=True, last_reception=1e9)
-    page = link_monitor._finished_page(session, NO_NAMES, PageLink("a.tlog", "/f/abc"))
+    verdict = link_monitor.AWAITED_IN_SESSION
+    page = link_monitor._finished_page(session, NO_NAMES, PageLink("a.tlog", "/f/abc"), verdict)
     assert page.startswith("Link lost at ") and page.endswith(", in flight.")
 
 
@@ -212,9 +214,33 @@ def test_the_page_of_a_finished_flight_leads_to_the_library_and_keeps_what_it_kn
     session.stream.status.return_value = known
     silence = Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=2.0)
     session.status = replace(known, no_model_reason=silence)
-    page = link_monitor._finished_page(session, NO_NAMES, PageLink("a.tlog", "/f/abc"))
+    awaited = link_monitor._verdict_on_recording(LibraryEntry("abc", "a.tlog"))
+    page = link_monitor._finished_page(session, NO_NAMES, PageLink("a.tlog", "/f/abc"), awaited)
     assert "This flight is over." in page and '<a href="/f/abc">a.tlog</a>' in page
     assert "Nothing was received" not in page and "The flight is over; nothing more" in page
+
+
+def test_the_page_of_a_finished_flight_has_the_verdict_of_the_library_once_it_is_read(
+    idle, monkeypatch
+):
+    """Until then it says that the log is being read."""
+    live, _ = idle
+    library = live._library
+    monkeypatch.setattr(
+        live_pages, "live_page", lambda *args, **_: str(args[3].overall_judgement.headline)
+    )
+    session = Mock()
+    flown = SessionStatus("1:1", flight_number=1)
+    session.stream.status.return_value = session.status = flown
+    incoming_path = library.new_incoming_path("a.tlog")
+    incoming_path.write_bytes(b"a")
+    entry = library.add(incoming_path, "a.tlog")
+    flight = link_monitor._FinishedFlight(session, entry.id, PageLink("a.tlog", "/f/abc"))
+    live._renew_finished_page(flight)
+    assert live._finished_page == "Not judged yet: the log is being read."
+    library.change(entry.id, headline="Too little margin.", level="watch")
+    live._renew_finished_page(live._finished_flight)
+    assert live._finished_page == "Too little margin."
 
 
 def test_the_terminal_has_alarms_the_link_and_where_the_flight_is_saved(idle):
@@ -244,7 +270,7 @@ def test_the_page_of_a_server_advises_an_option_that_the_server_has(idle, monkey
     slow = Fact(code, can_ask=True, reason=Fact(RowsFact.NO_LIVE_MOTORS))
     assert slow.remedy == "Ask for more with `--request-rate 100`."
     monkeypatch.setattr(live_pages, "live_page", lambda *_, **__: slow.remedy)
-    session = Mock()
+    session = Mock(status=SessionStatus())
     session.history.events = []
     session.stream.followed_vehicle = None
     session.intake.recording.frame_count = 0

@@ -301,6 +301,21 @@ def test_an_alarm_is_first_in_the_tab_colours_its_sign_and_sounds_where_that_is_
     tab.until(f"document.title === 'No vehicle yet on udp' && !{ICON}.includes({COLOUR % 'bad'})")
 
 
+def test_an_alarm_stays_at_the_edge_of_the_window_while_its_headline_is_out_of_sight(session, tab):
+    """A telephone's page that is scrolled down; a touch of the alarm leads back to the headline."""
+    tab.size(390)
+    session.weaken(3)
+    tab.until("document.title.startsWith('⚠')")
+    is_shown = "document.querySelector('#alarm').checkVisibility()"
+    assert not tab.run(is_shown)
+    tab.run("scrollTo(0, document.body.scrollHeight)")
+    tab.until(is_shown)
+    assert "Motor 3" in tab.run("document.querySelector('#alarm').textContent")
+    tab.run("document.querySelector('#alarm').click()")
+    tab.until(f"!({is_shown})")
+    assert tab.run("scrollY") == 0
+
+
 def test_the_sound_that_was_chosen_is_remembered(session, tab):
     tab.run("document.getElementById('sound').click()")
     tab.run("window.isSamePage = true, location.reload()")

@@ -40,6 +40,9 @@ MIN_HEIGHT_RANGE = 1.0
 """Smallest range of heights, m, that the colours are spread over: a hover does not show the noise of its height."""
 
 
+MAX_RING_RADIUS = 2 * RADIUS
+"""Largest ring of distance, in units of the drawing: a take-off at one side of the path reaches its other side."""
+
 WHOLE_METRES = 4.0
 """Least range of heights of one colour, m, whose ends are shown without decimals."""
 
@@ -206,6 +209,7 @@ def flown_path(timeline: Timeline | None, wind: MapWind | None = None) -> Plan |
     height_classes = _height_classes(height, lowest_height, height_range)
     mode_names = list(dict.fromkeys(mode.name for mode in timeline.modes))
     mode_numbers = _mode_numbers(time, timeline.modes, mode_names)
+    height_keys = _height_keys(lowest_height, height_range)
     # The bar is about a third of the drawing, rounded to one digit.
     bar_length = float(f"{size / 3:.0e}")
     svg = figure_as_svg(
@@ -215,7 +219,8 @@ def flown_path(timeline: Timeline | None, wind: MapWind | None = None) -> Plan |
         end=_Place("end" if timeline.heading is None else "vehicle", x[-1], y[-1]),
         heading=timeline.heading,
         scale=(scale * bar_length, f"{bar_length:g} m"),
-        heights=_height_keys(lowest_height, height_range),
+        ring_radii=_ring_radii(scale * bar_length) if is_received else [],
+        heights=[height_keys[number] for number in sorted(set(height_classes.tolist()))],
         modes=[_Key(name, _mode_colour(number)) for number, name in enumerate(mode_names)],
         wind=wind,
     )
@@ -229,6 +234,16 @@ def flown_path(timeline: Timeline | None, wind: MapWind | None = None) -> Plan |
         name: packed(values, is_logarithmic=False) for name, values in track.items()
     }
     return Plan("Flown path", description, svg, packed_track)
+
+
+def _ring_radii(spacing: float) -> list[float]:
+    """Returns the radii of the rings of distance around the take-off, as far as the drawing reaches.
+
+    Args:
+        spacing: distance between two rings, the length of the bar of scale, in units of the drawing.
+    """
+    count = int(MAX_RING_RADIUS / spacing)
+    return [spacing * number for number in range(1, count + 1)]
 
 
 def _height_classes(height: Array, lowest_height: float, height_range: float) -> Array:

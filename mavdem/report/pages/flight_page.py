@@ -816,7 +816,7 @@ def live_page(
         heading = headline_sentence(statement_of_headline(heading.lead, judgement.headline))
     return render_document(
         live_title(status, link, names),
-        _live_subtitle(status, link, axis),
+        _live_subtitle(status, link),
         [heading, sentences.next_step],
         chapters,
         back,
@@ -826,7 +826,7 @@ def live_page(
     )
 
 
-def _live_subtitle(status: SessionStatus, link: str, axis: str) -> str:
+def _live_subtitle(status: SessionStatus, link: str) -> str:
     """Returns the text below the title of a live page: the present state of the vehicle and of its link.
 
     After the session it says instead what the page is about.
@@ -834,14 +834,13 @@ def _live_subtitle(status: SessionStatus, link: str, axis: str) -> str:
     Args:
         status: state of the session now, or at its end.
         link: address of the vehicle's link.
-        axis: axis whose model was learned.
     """
     # Imported here: a page of a log needs nothing of live sessions.
     from mavdem.live import clock
     from mavdem.report.live import vehicle_text
 
     if status.is_over:
-        return f"What {axis} did, learned and predicted while it flew, over {link}."
+        return f"What was seen live of this flight over {link}."
     # The title has the name of the vehicle already.
     vehicle_state = vehicle_text(status).removeprefix(f"{status.vehicle}, ")
     present_time = time_of_day(clock.unix_time())

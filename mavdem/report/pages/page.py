@@ -149,13 +149,19 @@ class PageEvent(NamedTuple):
     """When it was reported in a live session; empty in a log, where its time is that of the charts."""
 
     @property
+    def cause(self) -> Fact:
+        """What happened: of an alarm of a live session, what it is about."""
+        fact = self.event.fact
+        if fact.code is SessionFact.ALARM:
+            cause: Fact = fact.figures["reason"]
+            return cause
+        return fact
+
+    @property
     def brief(self) -> str:
         """What happened, for a short list; of the headline's event only the first clause, before its cause."""
-        fact = self.event.fact
-        if self.is_headline and fact.code is SessionFact.ALARM:
-            # The clause of an alarm is that of its cause, which follows the word "Alarm".
-            fact = fact.figures["reason"]
-        sentence = str(fact)
+        # The clause of an alarm is that of its cause, which follows the word "Alarm".
+        sentence = str(self.cause if self.is_headline else self.event.fact)
         if self.is_headline:
             first_clause, _, _ = sentence.partition(": ")
             sentence = f"{without_full_stop(first_clause)}."
@@ -312,21 +318,28 @@ class Head(NamedTuple):
     def brief_events(self) -> Sequence[PageEvent]:
         """The short list of events, which a page shows until its reader unfolds the list of all.
 
-        For a log it has at most ``MAX_BRIEF_EVENTS``: the worst ones in the order of time, where events of the same
-        kind are shown once, with their number as ``total``. For a live session that goes on, it has all events but
-        those on the session's own state, the newest first.
+        For a flight that is over it has at most ``MAX_BRIEF_EVENTS``: the worst ones in the order of time, where events
+        of the same kind are shown once, with their number as ``total``. The event that the headline states is always
+        among them. For a live session that goes on, it has all events, the newest first. Events on the session's own
+        state are left out.
         """
-        if self.is_newest_first:
-            return [shown for shown in self.events if not shown.event.is_session_state]
-        if len(self.events) <= MAX_BRIEF_EVENTS:
-            return self.events
-        facts = [page_event.event.fact for page_event in self.events]
+        events_of_flight = [shown for shown in self.events if not shown.event.is_session_state]
+        if self.is_newest_first or len(events_of_flight) <= MAX_BRIEF_EVENTS:
+            return events_of_flight
+        causes = [page_event.cause for page_event in events_of_flight]
+        # The number of events of each kind, by the index of its longest one, the worst kind first.
+        counts = {kind.number: kind.total for kind in worst_events(causes)}
+        important_indices = list(counts)
+        for index, page_event in enumerate(events_of_flight):
+            if page_event.is_headline:
+                if index in important_indices:
+                    important_indices.remove(index)
+                important_indices.insert(0, index)
+                break
         brief_events = []
-        # Each has the index of the longest event of a kind, and the number of those events, the worst kind first.
-        worst_kinds = worst_events(facts)[:MAX_BRIEF_EVENTS]
         # Sorted by their indices, they are in the order of time.
-        for index, count in sorted(worst_kinds):
-            brief_events.append(self.events[index]._replace(total=count))
+        for index in sorted(important_indices[:MAX_BRIEF_EVENTS]):
+            brief_events.append(events_of_flight[index]._replace(total=counts.get(index, 1)))
         return brief_events
 
     @property

@@ -574,7 +574,7 @@ def test_the_light_of_a_live_pages_headline_does_not_say_it_again():
     )
     with_figure = head._replace(light_figures={Light.POWER: "11.7 V (73 %)"})
     page = render_document("Live", "", [headline_sentence(fact)], head=with_figure)
-    assert "11.7 V (73 %)</dd>" in page and "See the headline." not in page
+    assert "11.7 V (73 %): see the headline.</dd>" in page
 
 
 def test_lights_of_a_log_refer_to_the_headline_instead_of_saying_it_again():
