@@ -167,7 +167,7 @@ class PageEvent(NamedTuple):
             sentence = f"{without_full_stop(first_clause)}."
         if self.total == 1:
             return sentence
-        return f"{without_full_stop(sentence)}{place_among_equals(fact, self.total)}."
+        return f"{without_full_stop(sentence)}{place_among_equals(self.cause, self.total)}."
 
     @property
     def sentence(self) -> str:
