@@ -53,24 +53,29 @@ def identity_remarks(reviewed: ReviewedDifference) -> list[Sentence]:
 
 
 def shown_vehicles(reviewed: ReviewedDifference, side: str) -> list[str]:
-    """Returns the vehicles of a side as they are shown to the reader.
+    """Returns the vehicles of one of the two compared states, as they are shown to the reader.
+
+    A log identifies its vehicle by a serial number, by a name, or only by its MAVLink system id, a number that many
+    vehicles share. Names that owners gave to vehicles are not used here.
 
     Args:
         reviewed: comparison of two states, with the names of the vehicles in their logs, and the reviews of these.
-        side: "A" or "B".
+        side: name of the state, "A" or "B".
 
     Returns:
-        For a system id what the vehicle is, such as "unnamed PX4 quadrotor"; for a serial number the type of the frame
-        with the first and last characters; any other name as it is.
+        A text for each vehicle of the state. A vehicle with only a system id is described by its type, such as "unnamed
+        PX4 quadrotor". A serial number is shortened and follows the type of the frame, as in "Quadrotor 3A0041…2B37".
+        Any other name is returned as it is.
     """
     difference = reviewed.difference
     frame = value_at(reviewed.reviews.get(side, {}), "identity.frame") or ""
-    names = dict(zip(STATE_NAMES, difference.vehicles, strict=True))[side]
-    vehicles = []
-    for name in names:
+    names_by_side = dict(zip(STATE_NAMES, difference.vehicles, strict=True))
+    shown_names = []
+    for name in names_by_side[side]:
         if name == UNKNOWN:
-            vehicles.append(unnamed_vehicle("", frame))
+            # The log does not identify its vehicle at all. A name made of a system id would contain the autopilot.
+            shown_names.append(unnamed_vehicle(autopilot="", frame=frame))
         else:
-            is_shared = name in difference.shared
-            vehicles.append(vehicle_label(name, frame, NO_NAMES, is_shared=is_shared))
-    return vehicles
+            is_system_id = name in difference.shared
+            shown_names.append(vehicle_label(name, frame, NO_NAMES, is_shared=is_system_id))
+    return shown_names
