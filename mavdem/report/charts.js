@@ -11,15 +11,19 @@
     const text = size && (size < 1e-3 || size >= 1e6) ? value.toExponential(size < 1e-3 ? 0 : 2).replace("e+", "e") : Number(value.toPrecision(most)).toString();
     return text.replaceAll("-", "−");
   };
-  // Ticks of a logarithmic axis that get a label: 1, 2 and 5 times each power of ten, or the powers alone if many.
-  const labelledSplits = (_, splits) => {
-    const positive = splits.filter(value => value > 0), crowded = root.classList.contains("printing") ? 2 : 1;
-    const decades = crowded * Math.log10(positive.at(-1) / positive[0]);
-    const labelledDigits = decades > 6 ? [0] : decades > 2 ? [1] : [1, 2, 5];
+  // Ticks of a logarithmic axis that get a label: as many of each power of ten as there is room for on the axis of that
+  // number, 0 for the horizontal one, or only every second power.
+  const labelledSplits = (chart, splits, axisNumber) => {
+    const key = axisNumber ? chart.axes[axisNumber].scale : "x", { min, max } = chart.scales[key];
+    const pixelsPerDecade = Math.abs(chart.valToPos(max, key) - chart.valToPos(min, key)) / Math.log10(max / min);
+    const isForPaper = root.classList.contains("printing"), room = axisNumber ? (isForPaper ? 11 : 16) : (isForPaper ? 20 : 34);
+    // The least distance of two labels, in decades, by the digits of the labels in each decade.
+    const choices = [[Math.log10(2), [1, 2, 5]], [Math.log10(3), [1, 3]], [1, [1]]];
+    const [, labelledDigits] = choices.find(([distance]) => distance * pixelsPerDecade >= room) ?? [2, []];
     return splits.map(value => {
       const power = Math.floor(Math.log10(value) + 1e-9), size = value / 10 ** power, digit = Math.round(size);
       if (Math.abs(size - digit) > 0.01) return null;
-      return (decades > 6 ? digit === 1 && power % 2 === 0 : labelledDigits.includes(digit)) ? value : null;
+      return (labelledDigits.length ? labelledDigits.includes(digit) : digit === 1 && power % 2 === 0) ? value : null;
     });
   };
   // Ticks of a logarithmic axis at round values: uPlot's own begin at the least value.
@@ -137,7 +141,8 @@
   const isDots = line => line.kind === "dots" || line.kind === "joined";
   // The numbers of events stand above the plot, where they cover no line. Those that would overlap are one text, such as
   // "3–5, 9", which has the colour of alarms if one of them is an alarm.
-  const hasNumbers = data => data.group === "flight" && data.marks.some(([, name]) => name);
+  const isOverFlight = data => data.group === "flight" || data.group === "whole flight";
+  const hasNumbers = data => isOverFlight(data) && data.marks.some(([, name]) => name);
   const drawEventNumbers = (data, chart) => {
     const { ctx, bbox } = chart, ratio = devicePixelRatio, right = bbox.left + bbox.width;
     ctx.save();
@@ -216,7 +221,7 @@
     // Marks of things that are counted stand above the plot, beside the values.
     if (dotDistance) { ctx.restore(); ctx.save(); ctx.font = `${10 * ratio}px system-ui, sans-serif`; ctx.textBaseline = "top"; ctx.strokeStyle = colour("--card"); ctx.lineWidth = 3 * ratio; }
     if (dotDistance) ctx.textAlign = "center";
-    if (data.group === "flight") {
+    if (isOverFlight(data)) {
       ctx.restore();
       drawEventNumbers(data, chart);
       return;
@@ -239,7 +244,10 @@
     return drawn;
   };
 
-  const scale = (axis, padding) => ({
+  // The least span of a vertical axis over the flight, by its unit: what changes by less, such as the last digit of a
+  // logged value, does not fill a plot. A choice, by what pilots look for in motors, loads, voltages, angles and heights.
+  const LEAST_SPANS = { "%": 10, V: 0.2, "°": 1, m: 0.5 };
+  const scale = (axis, padding, leastSpan = 0) => ({
     time: false, distr: axis.log ? 3 : 1,
     range: (_, min, max) => {
       const [low, high] = axis.ends || [null, null];
@@ -248,6 +256,12 @@
       // Of a logarithmic axis there is more than one number to read.
       const wide = axis.log ? Math.max(1, 2 / Math.sqrt(max / min)) : 1;
       if (axis.log) return [low ?? min / wide, high ?? max * 1.3 * wide];
+      // The span grows in both directions, but not below 0 where nothing is negative.
+      const lack = leastSpan - (max - min), isPositive = min >= 0;
+      if (lack > 0) {
+        const start = isPositive ? Math.max(0, min - lack / 2) : min - lack / 2;
+        [min, max] = [start, start + leastSpan];
+      }
       // What stays the same has an axis of a twentieth around it, on which its next change is seen.
       if (min === max && min) [min, max] = [min - Math.abs(min) / 20, max + Math.abs(max) / 20];
       const [from, to] = uPlot.rangeNum(min, max, 0.06, false);
@@ -261,7 +275,7 @@
   const PEAK_RATIO = 5, PEAK_SHARE = 0.02, BEYOND_LINE = 0.25;
   const rangeWithoutPeaks = chart => {
     // A chart that is drawn for paper has no scale yet, but its group has a span.
-    const [min, max] = groups.flight.span ?? groups.flight.whole, data = chart.data_;
+    const data = chart.data_, [min, max] = groups[data.group].span ?? groups[data.group].whole;
     const isShown = data.columns.map(x => x >= min && x <= max);
     const values = data.lines.flatMap(line => line.right ? [] : [...line.y].filter((value, i) => value != null && isShown[i])).sort((one, other) => one - other);
     if (!values.length || data.y.log || data.y.ends) return null;
@@ -270,12 +284,12 @@
     return { range: [low - BEYOND_LINE * size, high + BEYOND_LINE * size], ends: [values[0], values.at(-1)] };
   };
   const cutPeaks = (figure, chart) => {
-    if (chart.data_.group !== "flight" || !chart.data_.lines.length || chart.data_.picture) return;
+    if (!isOverFlight(chart.data_) || !chart.data_.lines.length || chart.data_.picture) return;
     const isForPaper = root.classList.contains("printing"), cut = isForPaper ? rangeWithoutPeaks(chart) : null;
     figure.querySelector("header > .cut")?.remove();
     if (cut) figure.querySelector("header > h3").after(Object.assign(element("span", "cut"), { textContent: `cut, peaks from ${digits(Math.round(cut.ends[0]))} to ${digits(Math.round(cut.ends[1]))}` }));
     if (cut || chart.data_.cut) {
-      const [min, max] = groups.flight.span ?? groups.flight.whole;
+      const group = groups[chart.data_.group], [min, max] = group.span ?? group.whole;
       chart.data_.cut = cut?.range;
       chart.setScale("x", { min, max });
     }
@@ -293,7 +307,7 @@
     const isFlat = figure.dataset.flat != null, isBare = figure.dataset.bare != null, isForPaper = root.classList.contains("printing");
     // Many lines in one plot, such as those of all motors, are told apart only where it is high.
     const isCrowded = data.lines.length > 3, isWide = figure.clientWidth > 500;
-    const plotHeight = isForPaper ? (isCrowded ? 100 : isFlat || isWide ? 60 : 81) : (isCrowded || !isFlat ? 154 : 118);
+    const plotHeight = isForPaper ? (isCrowded ? 100 : isFlat || isWide ? 60 : 96) : (isCrowded || !isFlat ? 154 : 118);
     const axisHeight = isBare ? (hasTimes(figure) ? 14 : 0) : isForPaper ? 26 : 34;
     return above(data) + plotHeight + axisHeight;
   };
@@ -328,6 +342,12 @@
     const { data, columns, drawn, bands } = contentOf(figure), group = data.group && (groups[data.group] ??= { charts: [] });
     const strip = !data.lines.length, bare = figure.dataset.bare != null || strip;
     const grid = { stroke: () => colour("--line"), width: 1 }, noLabels = (_, splits) => splits.map(() => "");
+    // Room of a label below a plot: a narrow plot has six all the same, where they are short enough, so that three or more
+    // ticks are round numbers.
+    const spaceBelow = (_, axisNumber, min, max, pixels) => {
+      const isForPaper = root.classList.contains("printing"), letters = digits(max, max - min).length + (max - min < 6 ? 2 : 0);
+      return Math.max(isForPaper ? 5.5 * letters + 6 : 7 * letters + 10, Math.min(50, pixels / 6));
+    };
     const space = () => root.classList.contains("printing") ? 10 : figure.dataset.flat != null ? 16 : 30;
     const width = (_, texts) => Math.max(50, ...(texts ?? []).filter(text => text?.length > 5).map(text => 14 + 7.2 * text.length));
     const base = { stroke: () => colour("--ink"), font: font(), grid, ticks: grid, labelFont: font(), labelSize: 16, labelGap: 0 };
@@ -339,9 +359,9 @@
     const options = {
       width: figure.clientWidth, height: height(figure, data), series: drawn, bands,
       padding: [strip ? 2 : above(data), rightPadding, bare ? (strip ? 0 : 6) : 0, 0],
-      scales: { x: scale(data.x, false), y: withCut(data, scale(data.y, true)), ...(data.beside ? { beside: scale(data.beside, true) } : {}) },
+      scales: { x: scale(data.x, false), y: withCut(data, scale(data.y, true, isOverFlight(data) ? LEAST_SPANS[unitOf(data.y)] : 0)), ...(data.beside ? { beside: scale(data.beside, true) } : {}) },
       axes: [
-        { ...base, ...shown(data.x), size: () => bare ? (!strip && hasTimes(figure) ? 16 : 0) : root.classList.contains("printing") ? 32 : 40, show: !strip, label: bare ? undefined : data.x.label, ...(bare ? { values: (...splits) => (hasTimes(figure) ? shown(data.x).values : noLabels)(...splits) } : {}) },
+        { ...base, ...shown(data.x), ...(data.x.log ? {} : { space: spaceBelow }), size: () => bare ? (!strip && hasTimes(figure) ? 16 : 0) : root.classList.contains("printing") ? 32 : 40, show: !strip, label: bare ? undefined : data.x.label, ...(bare ? { values: (...splits) => (hasTimes(figure) ? shown(data.x).values : noLabels)(...splits) } : {}) },
         { ...base, ...(strip ? { values: noLabels, grid: { show: false }, ticks: { show: false } } : shown(data.y)), size: width, space },
         ...(data.beside ? [{ ...base, ...shown(data.beside), scale: "beside", side: 1, size: 52, space, grid: { show: false }, label: data.beside.label }] : []),
       ],
@@ -440,8 +460,10 @@
   };
   const element = (tag, name = "") => Object.assign(document.createElement(tag), { className: name });
 
-  // The number with the unit that its axis has in brackets: "12.3 s" of "time since boot (s)".
-  const onAxis = (value, axis) => axis.names.length ? axis.names[Math.round(value)] ?? "" : `${digits(Number(value.toPrecision(4)))} ${/\(([^()]*)\)$/.exec(axis.label)?.[1] ?? ""}`.trim();
+  // The unit of an axis, which its label has in brackets or after a comma: "s" of "time since boot (s)", "%" of "Motors, %".
+  const unitOf = axis => /\(([^()]*)\)$/.exec(axis.label)?.[1] ?? /, ([^,]*)$/.exec(axis.label)?.[1] ?? "";
+  // The number with that unit: "12.3 s".
+  const onAxis = (value, axis) => axis.names.length ? axis.names[Math.round(value)] ?? "" : `${digits(Number(value.toPrecision(4)))} ${unitOf(axis)}`.trim();
   // A value under the cursor as text, to about the five-hundredth part of the axis that is shown: a pixel shows no more.
   const valueText = (value, scale) => {
     if (value == null) return "";

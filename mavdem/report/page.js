@@ -41,12 +41,14 @@
     }
     if (track) {
       const dot = map.querySelector(".here"), arrow = map.querySelector(".arrow-now"), number = time == null ? 0 : sampleAt(time);
-      dot.style.visibility = time == null ? "hidden" : "visible";
+      // A path that ends at a loss says nothing of the place after it.
+      const isOnPath = time != null && Math.abs(track.time[number] - time) <= 3 * (track.time.at(-1) - track.time[0]) / track.time.length;
+      dot.style.visibility = isOnPath ? "visible" : "hidden";
       dot.setAttribute("transform", `translate(${track.x[number]} ${track.y[number]})`);
-      if (time != null && track.height[number] != null) words.push(`${digits(Number(track.height[number].toFixed(1)))} m high`);
+      if (isOnPath && track.height[number] != null) words.push(`${digits(Number(track.height[number].toFixed(1)))} m high`);
       if (arrow && track.direction?.[number] != null) {
         arrow.setAttribute("transform", `rotate(${track.direction[number]})`);
-        if (time != null && track.speed?.[number] != null) words.push(`wind ${digits(Number(track.speed[number].toFixed(1)))} m/s`);
+        if (isOnPath && track.speed?.[number] != null) words.push(`wind ${digits(Number(track.speed[number].toFixed(1)))} m/s`);
       }
     }
     if (time != null && flight()) {

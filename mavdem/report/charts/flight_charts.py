@@ -74,6 +74,9 @@ CLOSED_LOOP_GAIN = Axis("gain |T|", is_logarithmic=True)
 LOOP_COLOURS = PREDICTED, PHYSICAL
 """Colours of the loop now and of the loop with advised gains."""
 
+UNNAMED_LINE = "?"
+"""Name at the mark of a spectral line whose cause is not known."""
+
 SENSITIVITY_LEVELS = 1.0, MARGIN_TARGETS["default"].ms
 """Horizontal lines of a sensitivity |S|: 1, as without a loop, and the largest one that is allowed."""
 
@@ -307,7 +310,7 @@ def spectrum_chart(
     marks = []
     for spectral_line in spectral_lines:
         is_unnamed = spectral_line.cause is LineCause.UNNAMED
-        label = "?" if is_unnamed else str(spectral_line.cause)
+        label = UNNAMED_LINE if is_unnamed else str(spectral_line.cause)
         marks.append(Mark(spectral_line.frequency, label))
     max_frequency = max(line.x[-1] for line in lines)
     right_axis = None

@@ -85,6 +85,9 @@ MAX_ESTIMATE_SPANS = 5.0
 A choice: beyond it the measured heights take less than a fifth of the plot.
 """
 
+WHOLE_FLIGHT_GROUP = "whole flight"
+"""Group of the charts that show the whole flight on paper while those of the group "flight" show a part of it."""
+
 ANGLE_UNIT = display_unit("rad")
 """Unit in which angles and rates are shown: degrees."""
 
@@ -144,7 +147,7 @@ class Timeline(NamedTuple):
         ``MAX_COLUMNS`` columns, so that the page is shorter. Roll and pitch are left out if their setpoints were not
         recorded: an angle alone does not show how well the vehicle follows.
         """
-        charts = (*self._tilt_charts_with_setpoint(), *self.flight_charts, *self.wind_charts)
+        charts = self._charts_by_importance()
         full_width_count = FULL_WIDTH_CHARTS
         if len(charts) == FULL_WIDTH_CHARTS + 1:
             # One chart in a column beside empty ones would not make the page shorter.
@@ -160,20 +163,32 @@ class Timeline(NamedTuple):
             columns.append(other_charts[first : first + charts_per_column])
         return full_width_group, Group(tuple(columns), is_flat=True)
 
-    def whole_flight_chart(self, marked_span: TimeInterval) -> Chart | None:
-        """Returns a chart of the whole flight that is not zoomed with the others; None where nothing is drawn.
+    def whole_flight_group(self, marked_span: TimeInterval) -> Group | None:
+        """Returns the charts of the full width once more, over the whole flight; None where nothing is drawn.
+
+        They are not zoomed with the others, and stand in two columns.
 
         Args:
-            marked_span: first and last time, s, of the part that is grey in it.
+            marked_span: first and last time, s, of the part that is grey in them.
         """
-        if not self.flight_charts:
+        charts = []
+        for chart in self._charts_by_importance()[:FULL_WIDTH_CHARTS]:
+            charts.append(
+                self.marked(chart)._replace(spans=(Span(*marked_span),), group=WHOLE_FLIGHT_GROUP)
+            )
+        if not charts:
             return None
-        chart = self.marked(self.flight_charts[0])
-        return chart._replace(
-            title=f"{chart.y.label} over the whole flight (grey: as above)",
-            spans=(Span(*marked_span),),
-            group="",
+        charts_per_column = ceil(len(charts) / 2)
+        columns = [charts[:charts_per_column], charts[charts_per_column:]]
+        return Group(
+            tuple(tuple(column) for column in columns if column),
+            caption="The whole flight. Grey: the time of the plots above.",
+            is_flat=True,
         )
+
+    def _charts_by_importance(self) -> Charts:
+        """Returns the charts over time in the order of a page: roll and pitch, height, motors, battery and wind."""
+        return (*self._tilt_charts_with_setpoint(), *self.flight_charts, *self.wind_charts)
 
     def _tilt_charts_with_setpoint(self) -> list[Chart]:
         """Returns the charts of the angles of roll and pitch, without an axis whose setpoint was not recorded."""

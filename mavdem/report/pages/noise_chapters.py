@@ -9,7 +9,11 @@ from mavdem.facts.lights import Light
 from mavdem.loops.axis_loops import Loop
 from mavdem.report.blocks import Blocks, Sentence
 from mavdem.report.charts.chart import Group
-from mavdem.report.charts.flight_charts import axis_spectrum_charts, spectrogram_charts
+from mavdem.report.charts.flight_charts import (
+    UNNAMED_LINE,
+    axis_spectrum_charts,
+    spectrogram_charts,
+)
 from mavdem.report.charts.hardware_charts import vibration_charts
 from mavdem.report.charts.timeline import Timeline
 from mavdem.report.loops import filter_sentences
@@ -28,6 +32,10 @@ VIBRATION_CAPTION = """\
 The light judges the mean of settled flight, not single peaks. Clips add up from the left edge on; those of an impact\
  are drawn, but not judged."""
 """What stands below the charts of vibration and clips."""
+
+UNNAMED_LINE_CAPTION = f"""\
+“{UNNAMED_LINE}” marks a line whose cause is not known. Notch filters act on the gyro, whatever the accelerometer shows."""
+"""What stands below spectra with such a line."""
 
 
 def vibration_chapter(
@@ -125,7 +133,9 @@ def _spectrum_groups(
     if spectrum is None:
         return
     charts = axis_spectrum_charts(noise, loop, sensor, AXES_OF_SENSORS.get(sensor, AXES))
-    yield Group.of_axes({axis: [chart] for axis, chart in charts.items()})
+    mark_names = {mark.name for chart in charts.values() for mark in chart.marks}
+    caption = UNNAMED_LINE_CAPTION if UNNAMED_LINE in mark_names else ""
+    yield Group.of_axes({axis: [chart] for axis, chart in charts.items()}, caption=caption)
     if has_spectrograms:
         spectrograms = [*spectrogram_charts(spectrum)]
         # The first spectrogram is over time; a second one, over throttle, has no place for events.

@@ -296,18 +296,15 @@ class Head(NamedTuple):
 
     @property
     def whole_flight(self) -> Group | None:
-        """A small plot of the whole flight for the paper of a lost flight, whose other plots show only the loss.
+        """Small plots of the whole flight for the paper of a lost flight, whose other plots show only the loss.
 
-        It shows the height, or the motors if no height was recorded. The time of the other plots is grey in it. None if
-        the other plots show the whole flight, or nothing can be plotted.
+        They are the first plots over the flight, mostly roll, pitch, height and motors. The time of the other plots is
+        grey in them. None if the other plots show the whole flight, or nothing can be plotted.
         """
         opening_span = self.opening_span
         if self.timeline is None or opening_span in (None, self.timeline.span):
             return None
-        chart = self.timeline.whole_flight_chart(opening_span)
-        if chart is None:
-            return None
-        return Group.side_by_side([chart])
+        return self.timeline.whole_flight_group(opening_span)
 
     @property
     def earlier_lights(self) -> dict[str, str]:

@@ -2,7 +2,6 @@
 
 import re
 from functools import cache
-from math import ceil
 
 from mavdem.facts import Level
 from mavdem.files import load_adjacent_toml
@@ -19,8 +18,8 @@ AXIS_IN_PARAMETER = re.compile(r"RLL|ROLL|PITCH|PIT|YAW")
 GEOMETRY_PREFIX = "CA_"
 """Beginning of PX4's parameters of the motors' positions, which the drawing of the motors shows already."""
 
-AXIS_COLUMNS = {"R": "roll", "P": "pitch", "Y": "yaw", "all": "all"}
-"""Columns of the table of parameters, by the first letter of the axis in a parameter's name."""
+AXIS_COLUMNS = {"R": "roll", "P": "pitch", "Y": "yaw"}
+"""Columns of the table of parameters of axes, by the first letter of the axis in a parameter's name."""
 
 PARAMETER_REFERENCES = {
     "PX4": "https://docs.px4.io/main/en/advanced_config/parameter_reference",
@@ -84,12 +83,7 @@ def parameters_chapter(telemetry: Telemetry, *, is_full: bool) -> Chapter:
             )
     if changes:
         blocks.append(Table(["changed in flight", "from", "to"], changes))
-    control_rows = _control_parameter_rows(telemetry)
-    # Two tables side by side take half of the height.
-    half = ceil(len(control_rows) / 2)
-    for rows in (control_rows[:half], control_rows[half:]):
-        if rows:
-            blocks.append(Table(["parameter", *AXIS_COLUMNS.values()], rows))
+    blocks += _control_parameter_tables(telemetry)
     if not is_full:
         return Chapter("Parameters", blocks)
     blocks += _changed_defaults(telemetry)
@@ -121,7 +115,7 @@ def _changed_defaults(telemetry: Telemetry) -> Blocks:
     rows = _changed_default_rows(telemetry)
     if rows:
         header = ["not the default", "value", "default", "about"]
-        blocks.append(Table(header, rows, words=True, is_printed=False))
+        blocks.append(Table(header, rows, words=True))
     return blocks
 
 
@@ -139,7 +133,7 @@ def _changed_default_rows(telemetry: Telemetry) -> list[list[str]]:
     rows: list[list[str]] = []
     for name, default in sorted(telemetry.changed_defaults.items()):
         if not AUTOPILOT_SET_PARAMETERS.search(name):
-            linked_name = Linked(name, reference_address(telemetry.autopilot, name))
+            linked_name = _linked_name(telemetry, name)
             value = parameter_value_text(telemetry.parameters[name])
             rows.append([linked_name, value, parameter_value_text(default), meaning_of(name)])
     return rows
@@ -174,33 +168,47 @@ def _all_parameters(telemetry: Telemetry) -> Table:
     return Table(["parameter", "value", "remark", "about"], rows, words=True)
 
 
-def _control_parameter_rows(telemetry: Telemetry) -> list[list[str]]:
-    """Returns the rows of the table of the autopilot's control parameters, such as its gains.
+def _control_parameter_tables(telemetry: Telemetry) -> Blocks:
+    """Returns tables of the autopilot's control parameters, such as its gains: those of axes, and those of no axis.
 
-    Parameters that differ only in their axis share a row, whose name has "…" in the place of the axis: "ATC_RAT_…_P".
-    Its cells are the values of roll, pitch and yaw, and then of a parameter that is of no single axis. Parameters that
-    are 0 are left out: 0 mostly switches off what a parameter sets. The name links to the description of the first.
+    Parameters that differ only in their axis share a row, with the values of roll, pitch and yaw and the whole name of
+    the first of them, which can be searched for. Parameters that are 0 are left out: 0 mostly switches off what a
+    parameter sets. Names link to their description.
 
     Args:
         telemetry: messages of the vehicle as columns, and its parameters.
     """
-    values_by_name = dict[str, dict[str, str]]()
-    first_names = dict[str, str]()
+    names_of_axes = dict[str, dict[str, str]]()
+    rows_of_no_axis: list[list[str]] = []
     for name, value in sorted(telemetry.parameters.items()):
         is_control = CONTROL_PARAMETERS.match(name) and not name.startswith(GEOMETRY_PREFIX)
         if not value or not is_control:
             continue
         axis = AXIS_IN_PARAMETER.search(name)
-        # The first letter of the axis is the key of its column.
-        column = "all" if axis is None else axis[0][0]
-        name_of_axes = AXIS_IN_PARAMETER.sub("…", name, count=1)
-        first_names.setdefault(name_of_axes, name)
-        values_by_name.setdefault(name_of_axes, {})[column] = parameter_value_text(value)
-    rows: list[list[str]] = []
-    for name, values in values_by_name.items():
-        linked_name = Linked(name, reference_address(telemetry.autopilot, first_names[name]))
-        row: list[str] = [linked_name]
+        if axis is None:
+            rows_of_no_axis.append([_linked_name(telemetry, name), parameter_value_text(value)])
+        else:
+            name_without_axis = AXIS_IN_PARAMETER.sub("…", name, count=1)
+            # The first letter of the axis is the key of its column.
+            names_of_axes.setdefault(name_without_axis, {})[axis[0][0]] = name
+    rows_of_axes: list[list[str]] = []
+    for names in names_of_axes.values():
+        first_name = next(names[column] for column in AXIS_COLUMNS if column in names)
+        row: list[str] = [_linked_name(telemetry, first_name)]
         for column in AXIS_COLUMNS:
-            row.append(values.get(column, ""))
-        rows.append(row)
-    return rows
+            if column in names:
+                row.append(parameter_value_text(telemetry.parameters[names[column]]))
+            else:
+                row.append("")
+        rows_of_axes.append(row)
+    blocks: Blocks = []
+    if rows_of_axes:
+        blocks.append(Table(["parameter (of its first axis)", *AXIS_COLUMNS.values()], rows_of_axes))
+    if rows_of_no_axis:
+        blocks.append(Table(["parameter", "value"], rows_of_no_axis))
+    return blocks
+
+
+def _linked_name(telemetry: Telemetry, name: str) -> Linked:
+    """Returns the name of a parameter with a link to its description by the makers of the autopilot."""
+    return Linked(name, reference_address(telemetry.autopilot, name))

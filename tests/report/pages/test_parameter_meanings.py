@@ -57,6 +57,7 @@ def test_what_differs_from_the_default_is_listed_with_its_meaning():
         ["XYZZY", "3", "1", ""],
     ]
     # The table of control parameters, which logs without defaults have too, links as well.
+    assert chapter.blocks[0].rows == [["ATC_RAT_RLL_P", "0.2", "", ""]]
     assert chapter.blocks[0].rows[0][0].address.endswith("#atc-rat-rll-p")
     addresses = [row[0].address for row in table.rows]
     reference = "https://ardupilot.org/copter/docs/parameters.html"
