@@ -34,7 +34,8 @@ The light judges the mean of settled flight, not single peaks. Clips add up from
 """What stands below the charts of vibration and clips."""
 
 UNNAMED_LINE_CAPTION = f"""\
-“{UNNAMED_LINE}” marks a line whose cause is not known. Notch filters act on the gyro, whatever the accelerometer shows."""
+“{UNNAMED_LINE}” marks a line whose cause is not known. Notch filters act on the gyro, whatever the accelerometer\
+ shows."""
 """What stands below spectra with such a line."""
 
 

@@ -203,7 +203,9 @@ def _control_parameter_tables(telemetry: Telemetry) -> Blocks:
         rows_of_axes.append(row)
     blocks: Blocks = []
     if rows_of_axes:
-        blocks.append(Table(["parameter (of its first axis)", *AXIS_COLUMNS.values()], rows_of_axes))
+        blocks.append(
+            Table(["parameter (of its first axis)", *AXIS_COLUMNS.values()], rows_of_axes)
+        )
     if rows_of_no_axis:
         blocks.append(Table(["parameter", "value"], rows_of_no_axis))
     return blocks
