@@ -8,7 +8,7 @@ about a path that does not.
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+import scipy
 
 from mavdem.arrays import Array
 from mavdem.dataset.axes import YAW
@@ -68,7 +68,9 @@ def path_leans(signals: Signals, boot: int, tracking: AttitudeTracking) -> Array
     accelerations = []
     for column in range(2):
         path = np.interp(grid, setpoints.time, setpoints.values[:, column])
-        second_difference = gaussian_filter1d(path, SMOOTHING_SECONDS / GRID_STEP, order=2)
+        second_difference = scipy.ndimage.gaussian_filter1d(
+            path, SMOOTHING_SECONDS / GRID_STEP, order=2
+        )
         acceleration = second_difference / GRID_STEP**2
         accelerations.append(np.interp(tracking.time, grid, acceleration, left=0.0, right=0.0))
     north, east = accelerations
