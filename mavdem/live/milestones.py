@@ -53,7 +53,7 @@ class Milestones:
         # Whether the vehicle flew at the latest update.
         self._was_flying = False
         # When the flight ended that is not reported yet, s of the boot clock; None without one.
-        self._unreported_end: float | None = None
+        self._landing_to_report: float | None = None
         # How many rows had been learned from at the last report of a flight.
         self._reported_rows = 0
         # The verdicts on the flights before the latest one, and on that one; None before any.
@@ -111,7 +111,8 @@ class Milestones:
         """
         if boot != self._boot:
             self._note_restart(boot)
-        self._judge_flight(status)
+        # The verdict comes first: a new flight forgets what was reported of the flight before.
+        self._update_verdict(status)
         physical = _latest_physical(learning)
         are_parameters_known = physical is not None and physical.identifiable
         if are_parameters_known and not self._has_parameters:
@@ -119,12 +120,12 @@ class Milestones:
             self._has_parameters = True
             parameter_figures = _parameter_figures(learning, physical)
             self._log(Fact(SessionFact.PARAMETERS_KNOWN, axis=self._axis, **parameter_figures))
-        self._note_flight(status, now)
+        self._note_landing(status, now)
         # A vehicle whose motors were stopped in the air is still falling: it has neither landed nor is it lost yet.
         is_end_known = status.has_landed or status.loss is not None
-        if self._unreported_end is not None and is_end_known:
-            self._report_flight(learning, status, self._unreported_end, physical)
-            self._unreported_end = None
+        if self._landing_to_report is not None and is_end_known:
+            self._report_flight(learning, status, self._landing_to_report, physical)
+            self._landing_to_report = None
 
     def _note_restart(self, boot: int) -> None:
         """Notes that the autopilot has restarted: where it did so in flight, the end of that flight is not known.
@@ -138,7 +139,7 @@ class Milestones:
         # Just after a restart it is not known whether the vehicle flies; that is no landing.
         self._was_flying = False
 
-    def _judge_flight(self, status: SessionStatus) -> None:
+    def _update_verdict(self, status: SessionStatus) -> None:
         """Keeps the verdict on the latest flight up to date, and reports it when another flight has begun.
 
         From then on lights and headline of the session are of the new flight, so that this line alone has the old one,
@@ -171,8 +172,8 @@ class Milestones:
         self._has_parameters = False
         self._reported_rows = 0
 
-    def _note_flight(self, status: SessionStatus, now: float) -> None:
-        """Stores when a flight has ended, so that its results are reported, and in flight the wind so far.
+    def _note_landing(self, status: SessionStatus, now: float) -> None:
+        """Stores the time of a landing, so that the results of the flight are reported, and in flight the wind so far.
 
         Args:
             status: status of the session, with the estimated wind and whether the vehicle flies.
@@ -181,13 +182,13 @@ class Milestones:
         has_just_landed = self._was_flying and not status.is_flying
         self._was_flying = status.is_flying
         if status.is_flying:
-            self._unreported_end = None
+            self._landing_to_report = None
             self._has_flown = True
             # The wind is kept here, since a restart of the autopilot after the landing resets that of the status.
             self._no_wind_reason = status.no_wind_reason
             self._mean_wind = status.mean_wind
         elif has_just_landed:
-            self._unreported_end = now
+            self._landing_to_report = now
 
     def report_end(
         self, learning: FlightLearning, status: SessionStatus, now: float, model: Learned | None

@@ -67,15 +67,15 @@ class TimeAccount:
         self.entry_time = clock.monotonic()
         self._seconds = dict.fromkeys(TimeUse, 0.0)
         self._learned_rows = 0
-        # Time of learned samples that is not counted yet, s.
-        self._uncounted_learned = 0.0
+        # Learned samples span this much time, s, that no entry has counted yet.
+        self._carried_over_seconds = 0.0
 
     def is_due(self, now: float) -> bool:
         """Returns whether an entry is due at ``now``, s."""
         return now - self.entry_time >= ENTRY_SECONDS
 
     def update(self, now: float, state: AccountedState) -> dict[TimeUse, float]:
-        """Makes an entry: divides the time since the last one between learning and what was waited for.
+        """Makes an entry: divides the time since the last one between learning and waiting.
 
         The time of learning is that of the new samples: their number times their time step. The rest of the entry is
         spent on what the present state lacks, such as settled flight (``AccountedState.use_at``). Samples may be
@@ -98,10 +98,10 @@ class TimeAccount:
         if not has_flight_begun:
             new_rows -= self._learned_rows
         self._learned_rows = state.learned_rows
-        self._uncounted_learned += new_rows * state.dt
-        learned_seconds = min(self._uncounted_learned, elapsed_seconds)
-        excess_seconds = self._uncounted_learned - learned_seconds
-        self._uncounted_learned = min(excess_seconds, ENTRY_SECONDS)
+        sample_seconds = self._carried_over_seconds + new_rows * state.dt
+        learned_seconds = min(sample_seconds, elapsed_seconds)
+        excess_seconds = sample_seconds - learned_seconds
+        self._carried_over_seconds = min(excess_seconds, ENTRY_SECONDS)
         self._seconds[TimeUse.LEARNED] += learned_seconds
         self._seconds[state.use_at(now)] += elapsed_seconds - learned_seconds
         self.entry_time = now

@@ -462,11 +462,11 @@ class Watchdog:
                 Light.ESTIMATOR, height_disagreement.code, height_disagreement
             )
         if landed_state == IN_AIR and self._goes_on_since_former_boot(now, takeoff_time):
-            self._begin_flight(now, goes_on=True)
+            self._begin_flight(now, goes_on_since_former_boot=True)
             self._landed_states.begin_in_air(now)
             return
         if landed_state == IN_AIR:
-            self._begin_flight(now, goes_on=False)
+            self._begin_flight(now, goes_on_since_former_boot=False)
         self._landed_states.begin_phase(landed_state, now, self._review_time)
 
     def _goes_on_since_former_boot(self, now: float, takeoff_time: float) -> bool:
@@ -485,7 +485,7 @@ class Watchdog:
         is_takeoff_unseen = takeoff_time == -inf
         return self._was_flying and is_first_flight and is_found_early and is_takeoff_unseen
 
-    def _begin_flight(self, now: float, *, goes_on: bool) -> None:
+    def _begin_flight(self, now: float, *, goes_on_since_former_boot: bool) -> None:
         """Begins to watch a flight at its take-off, without the findings of the flight before.
 
         But a vehicle that leaves the ground again within ``RECOVERY_SECONDS`` has bounced, or its landed state was
@@ -496,7 +496,8 @@ class Watchdog:
 
         Args:
             now: present time on the boot clock, s.
-            goes_on: whether the flight in which the former boot ended goes on, after a restart in the air.
+            goes_on_since_former_boot: whether the autopilot restarted in the air, and the flight goes on in which its
+                former boot ended.
         """
         self._ongoing_fall = None
         self._height.begin_flight()
@@ -505,6 +506,7 @@ class Watchdog:
         self._landing_report = None
         self.alarms.begin_flight()
         states = self._landed_states
+        # A phase is a time on the ground, or one in the air.
         is_new_flight = states.is_first_phase
         if not states.is_first_phase:
             seconds_on_ground = now - states.phase_start
@@ -513,7 +515,7 @@ class Watchdog:
             self.loss = None
             self.ground_contact = None
             self.alarms.discard(WatchedQuantity.CONTROL)
-        if is_new_flight and not goes_on:
+        if is_new_flight and not goes_on_since_former_boot:
             self.status_lights.begin_flight()
 
     def _end_drift(self, now: float) -> None:

@@ -92,14 +92,16 @@ class LiveServer:
         self._thread.start()
 
     def report(self, session: LiveSession, status: SessionStatus) -> None:
-        """Renders the HTML page of the session again if that is due; the session calls this about once a second.
+        """Takes the state of the session, and makes its HTML page anew if that is outdated or the session is over.
 
-        It is due if the page is outdated, or if the session is over.
+        The session calls this about once a second. While the recording of a landed flight is still being judged, the
+        page says so in place of an all-clear.
 
         Args:
             session: the session, with the history of its flight.
             status: its state now.
         """
+        # The adviser judges the recording after a landing, and finds the gains to advise.
         adviser = session.gain_adviser
         if adviser is not None and adviser.is_awaited:
             awaited = Fact(SessionFact.RECORDING_NOT_JUDGED, kind=RecordingState.BEING_READ)

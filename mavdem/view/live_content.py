@@ -197,15 +197,15 @@ def figure_texts(
             before the first model.
 
     Returns:
-        Markdown by the template "live_cards": headline, next step and state, with the level of each light, which judges
-        one part of the vehicle such as its motors; then prediction, wind, wind torque, physical parameters and free
-        energy; and what is watched.
+        Markdown, one text a card, by the template "live_cards": headline, next step and state, with the level of each
+        light, which judges one part of the vehicle such as its motors; then prediction, wind, wind torque, physical
+        parameters and free energy; and what is watched.
     """
     model_judgement = status.model_judgement
     judgement = status.overall_judgement
     estimate = row.estimate
     physical = None if estimate is None else estimate.physical
-    # A wind torque that is smaller than its error is not shown.
+    # A wind torque that is smaller than its error is left out.
     is_resolved = False
     if estimate is not None and physical is not None:
         is_resolved = is_torque_resolved(physical, estimate.wind_torque_band)
