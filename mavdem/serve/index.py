@@ -179,7 +179,16 @@ INCOMPLETE_SQL = (
     "(entries.digest = '' and entries.gains in ('', '{}') and entries.modes = ''"
     f" and entries.flight_time is null and entries.stage = '{Stage.DONE}')"
 )
-"""SQL condition of flights without flight time, modes and gains, as earlier versions of `mavdem track` stored them."""
+"""SQL condition of flights without flight time, modes and gains, as earlier versions of `mavdem track` stored them.
+
+A log that has none of these, which the present version has read, meets it too: see ``COMPLETE_ROW_SQL``.
+"""
+
+COMPLETE_ROW_SQL = (
+    "(flights.file is not null and json_valid(flights.row)"
+    " and json_extract(flights.row, '$.control_parameters') is not null)"
+)
+"""SQL condition of rows of a fleet that a version of `mavdem track` wrote which stores flight time, modes and gains."""
 
 SQL_ORDERS = {
     ListingOrder.UPLOAD: "received desc, rowid desc",

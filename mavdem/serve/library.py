@@ -49,6 +49,7 @@ from mavdem.fleet.workers import JobLimits, JobOutcome
 from mavdem.results import PAGE_FILE
 from mavdem.serve.index import (
     COLUMNS,
+    COMPLETE_ROW_SQL,
     DIGEST_GLOB,
     INCOMPLETE_SQL,
     SQL_ORDERS,
@@ -365,8 +366,7 @@ class Library:
             for file, rows_of_file in group_by(new_rows, lambda row: row.file).items():
                 insert_entry(db, entry_of_fleet_log(file, rows_of_file))
             incomplete_rows_query = f"""select row, file from flights join entries on file = path
-            where {INCOMPLETE_SQL} and json_valid(row) and json_extract(row, '$.control_parameters') is not null
-            order by flights.rowid"""
+            where {INCOMPLETE_SQL} and {COMPLETE_ROW_SQL} order by flights.rowid"""
             incomplete_rows = self.store.sound_rows(incomplete_rows_query)
             for file, rows_of_file in group_by(incomplete_rows, lambda row: row.file).items():
                 columns = columns_of_flight(rows_of_file)
@@ -431,7 +431,8 @@ class Library:
 
         An earlier version of ``mavdem track``, which did not store these, has read their logs.
         """
-        query = f"select count(*) from entries where {INCOMPLETE_SQL}"
+        query = f"""select count(*) from entries where {INCOMPLETE_SQL}
+        and path not in (select file from flights where {COMPLETE_ROW_SQL})"""
         (count,) = self.db.execute(query).fetchone()
         return int(count)
 

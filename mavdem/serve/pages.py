@@ -1,7 +1,6 @@
 """Endpoints of the server for browsers: HTML pages, and the files of flights."""
 
 import asyncio
-import json
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
@@ -49,7 +48,7 @@ from mavdem.serve.index import LibraryEntry
 from mavdem.serve.recordings import RecordingRequests, reason_without_file
 from mavdem.serve.rerun_viewer import viewer_policy
 from mavdem.serve.search import needs_complete_entries, search_problems, unknown_terms
-from mavdem.serve.stored_parameters import read_parameters
+from mavdem.serve.stored_parameters import parse_parameters, read_parameters
 from mavdem.serve.stored_series import read_series
 from mavdem.serve.uploads import MAX_FILES
 from mavdem.serve.visible_library import VisibleLibrary, refuse_missing_file
@@ -517,9 +516,9 @@ class Pages:
             else:
                 tracked_sides.append(side)
         if parameters_before is None or parameters_after is None:
-            # Of these flights the index has the parameters of control at most.
-            parameters_before = json.loads(entry_before.gains)
-            parameters_after = json.loads(entry_after.gains)
+            # Of these flights the index has the parameters of control at most. Damaged ones are not known.
+            parameters_before = parse_parameters(entry_before.gains) or {}
+            parameters_after = parse_parameters(entry_after.gains) or {}
         reviewed = compared_states(
             self._compared_state(entry_before, parameters_before),
             self._compared_state(entry_after, parameters_after),

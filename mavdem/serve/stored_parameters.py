@@ -29,9 +29,25 @@ def read_parameters(folder: Path) -> Parameters | None:
         the file is damaged.
     """
     try:
+        text = Path(folder, PARAMETERS_FILE).read_text("utf-8")
+    except (OSError, ValueError):
+        return None
+    return parse_parameters(text)
+
+
+def parse_parameters(text: str) -> Parameters | None:
+    """Parses stored parameters.
+
+    Args:
+        text: JSON object with the value of each parameter by the autopilot's name.
+
+    Returns:
+        Values by the autopilot's name; None if the text is damaged.
+    """
+    try:
         # An integer of any length is a float, which may be infinite.
-        values = json.loads(Path(folder, PARAMETERS_FILE).read_text("utf-8"), parse_int=float)
-    except (OSError, ValueError, RecursionError):
+        values = json.loads(text, parse_int=float)
+    except (ValueError, RecursionError):
         return None
     is_valid = isinstance(values, dict) and all(
         isinstance(value, float) and isfinite(value) for value in values.values()

@@ -399,6 +399,9 @@ def test_damaged_results_are_said_to_be_and_odd_values_are_as_if_not_there(serve
         rmtree(served.library.folder / folder)
     served.library.change(a, sharing=None, tags=None, gains="no", motor="")
     assert total(served, "MC_ROLL_P>1") == 1
+    for damaged_gains in ("no", "[1]", '{"MC_ROLL_P": "high"}'):
+        served.library.change(a, gains=damaged_gains)
+        assert served.get(f"/compare?a={a}&b={b}").status == 200
     served.add("c.ulg")
     assert len(served.get("/api/flights").json["flights"]) == 3
 

@@ -313,6 +313,18 @@ def test_a_log_that_comes_again_while_it_is_deleted_stays(library, monkeypatch):
     assert (library.results_folder(entry) / PAGE_FILE).is_file()
 
 
+def test_only_flights_of_an_earlier_track_are_counted_as_incomplete(tmp_path):
+    """A flight that has neither modes nor gains is complete once the present version has read it."""
+    flight = FlightRow(file="/logs/a.bin", vehicle="quad 7", axis="roll", status="ok")
+    fleet_of(tmp_path, [replace(flight, control_parameters=None)])
+    library = Library(tmp_path)
+    library.add_fleet_logs()
+    assert library.incomplete_count() == 1
+    fleet_of(tmp_path, [replace(flight, control_parameters="{}")])
+    library.add_fleet_logs()
+    assert library.incomplete_count() == 0
+
+
 @mark.slow
 def test_a_fleet_is_shown_as_it_is(tmp_path):
     """A library opens the folder of a fleet, adds its logs, and follows its changes."""
