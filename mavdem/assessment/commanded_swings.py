@@ -12,9 +12,10 @@ import scipy
 
 from mavdem.arrays import Array
 from mavdem.dataset.axes import YAW
+from mavdem.dataset.intervals import split_at_gaps
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import AttitudeTracking
-from mavdem.dataset.time_series import recorded_series, series_of_boot
+from mavdem.dataset.time_series import TimeSeries, recorded_series, series_of_boot
 from mavdem.physical_constants import GRAVITY
 
 POSITION_TARGET_MESSAGE = "POSITION_TARGET_LOCAL_NED"
@@ -27,6 +28,13 @@ SMOOTHING_SECONDS = 0.25
 """Standard deviation, s, of the Gaussian that smooths the path before it is differentiated twice.
 
 Logs have the position setpoint at 5 to 10 Hz. A swing with a period of 2.5 s keeps 0.8 of its amplitude.
+"""
+
+SMOOTHING_RADIUS = round(4 * SMOOTHING_SECONDS / GRID_STEP)
+"""Samples of the path to each side that the Gaussian covers: four standard deviations, SciPy's default."""
+
+MAX_SETPOINT_GAP = 2.5
+"""Longest time, s, between two setpoints of one path: the longest half swing that is judged may hide in a longer one.
 """
 
 MAX_PATH_LEAN = np.radians(45.0)
@@ -48,7 +56,8 @@ MIN_COMMANDED_SHARE = 0.5
 def path_leans(signals: Signals, boot: int, tracking: AttitudeTracking) -> Array | None:
     """Returns the roll and pitch that a vehicle needs to follow the path of its position setpoint, without wind.
 
-    They follow from the horizontal acceleration of the setpoint along the body axes, a = g tan(lean).
+    They follow from the horizontal acceleration of the setpoint along the body axes, a = g tan(lean). Where that is not
+    known, as in a gap of the setpoints and for a second before and after one, they are 0.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -62,18 +71,12 @@ def path_leans(signals: Signals, boot: int, tracking: AttitudeTracking) -> Array
     setpoints = series_of_boot(recorded_setpoints, boot)
     if setpoints is None or len(setpoints.time) < 2:
         return None
-    grid = np.arange(setpoints.time[0], setpoints.time[-1], GRID_STEP)
-    if len(grid) == 0:
-        return None
-    accelerations = []
-    for column in range(2):
-        path = np.interp(grid, setpoints.time, setpoints.values[:, column])
-        second_difference = scipy.ndimage.gaussian_filter1d(
-            path, SMOOTHING_SECONDS / GRID_STEP, order=2
-        )
-        acceleration = second_difference / GRID_STEP**2
-        accelerations.append(np.interp(tracking.time, grid, acceleration, left=0.0, right=0.0))
-    north, east = accelerations
+    accelerations = np.zeros((len(tracking.time), 2))
+    is_gap = np.diff(setpoints.time) > MAX_SETPOINT_GAP
+    for start, end in split_at_gaps(setpoints.time, is_gap):
+        rows = slice(*np.searchsorted(tracking.time, [start, end]))
+        accelerations[rows] = _path_accelerations(tracking.time[rows], setpoints, start, end)
+    north, east = accelerations.T
     heading = tracking.angles[:, YAW]
     forward = np.cos(heading) * north + np.sin(heading) * east
     right = np.cos(heading) * east - np.sin(heading) * north
@@ -111,3 +114,35 @@ def commanded_lean(
         shares.append(min(lean / abs(float(angle[peak])), 1.0))
         largest_lean = max(largest_lean, lean)
     return largest_lean if np.mean(shares) >= MIN_COMMANDED_SHARE else None
+
+
+def _path_accelerations(time: Array, setpoints: TimeSeries, start: float, end: float) -> Array:
+    """Returns the acceleration of the position setpoint in an interval without gaps.
+
+    Args:
+        time: (K,) times at which it is needed, s, ascending.
+        setpoints: north and east (N, 2) of the setpoint, m.
+        start: time of the first setpoint of the interval, s.
+        end: time of the last one, s.
+
+    Returns:
+        Acceleration to the north and east (K, 2), m/s². It is 0 near both ends, where the filter would need the path
+        before or after them.
+    """
+    grid = np.arange(start, end, GRID_STEP)
+    accelerations = np.zeros((len(time), 2))
+    # Both the filter and the second difference need the path on each side.
+    inside = slice(SMOOTHING_RADIUS + 1, -SMOOTHING_RADIUS - 1)
+    if not len(grid[inside]):
+        return accelerations
+    for column in range(2):
+        path = np.interp(grid, setpoints.time, setpoints.values[:, column])
+        # A filter that also differentiates would take the distance from home for an acceleration, since its cut-off
+        # weights do not add up to 0.
+        smoothed_path = scipy.ndimage.gaussian_filter1d(
+            path, SMOOTHING_SECONDS / GRID_STEP, radius=SMOOTHING_RADIUS
+        )
+        second_difference = np.diff(smoothed_path, n=2, prepend=0.0, append=0.0)
+        acceleration = second_difference[inside] / GRID_STEP**2
+        accelerations[:, column] = np.interp(time, grid[inside], acceleration, left=0.0, right=0.0)
+    return accelerations

@@ -252,7 +252,7 @@ class StatusLines:
         Args:
             session: The live session: its link, the vehicle and the model that it learns.
         """
-        status = session.status
+        status = session.shown_status
         if status.loss is None:
             self._print_watch_changes(status.watch_facts, status.boot_clock)
         if self.terminal_text is None:

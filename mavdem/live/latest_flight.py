@@ -40,12 +40,12 @@ def _last_flown_boot(telemetry: Telemetry) -> Telemetry:
     """Returns the messages of the last boot in which one vehicle left the ground, with 0 as the number of the boot.
 
     Args:
-        telemetry: messages of the vehicle in all boots. With a single boot they are returned unchanged. If the vehicle
-            never left the ground, the messages of its last boot are returned.
+        telemetry: messages of the vehicle in all boots. With a single boot they are returned unchanged, and so are
+            texts alone. If the vehicle never left the ground, the messages of its last boot are returned.
     """
     signals = Signals(telemetry)
     boots = [span.boot for span in recorded_spans(signals)]
-    if boots == [0]:
+    if not boots or boots == [0]:
         return telemetry
     last_boot = boots[-1]
     for boot in reversed(boots):

@@ -23,6 +23,7 @@ from mavdem.facts.margins import MarginsLight
 from mavdem.facts.session import (
     DelayedWork,
     MissingMessages,
+    RecordingState,
     RowsFact,
     SessionFact,
     TimeUse,
@@ -209,7 +210,7 @@ class LiveSession:
         has_vehicle = any(event.fact.code is VehicleFact.FOLLOWING_VEHICLE for event in events)
         if has_alarm or has_vehicle:
             # Neither must stand beside a status of up to a second before, which calls the vehicle sound or not found.
-            self._report_status_unless_late(self.status)
+            self._report_status_unless_late()
         for event in events:
             # A vehicle that is to be followed after a silent one has been reported as its successor.
             is_other_vehicle = event.fact.code is VehicleFact.OTHER_VEHICLE
@@ -219,13 +220,13 @@ class LiveSession:
         for fact in self.link.drain_events():
             self._presentation.log(fact)
 
-    def _report_status_unless_late(self, status: SessionStatus) -> None:
-        """Reports a status, which is displayed, unless this computer is too slow to analyse the messages in time.
+    def _report_status_unless_late(self) -> None:
+        """Reports the present status, which is displayed, unless this computer is too slow to analyse messages in time.
 
         Then estimates are postponed, and so is the drawing of the status: the time is needed for the analysis.
         """
         if not self.backlog.postpones(DelayedWork.ESTIMATES):
-            self._report_status(status)
+            self._report_status(self.shown_status)
 
     def _request_rates(self) -> None:
         """Requests message rates from the vehicle, by the rates of the messages that are analysed so far.
@@ -269,7 +270,7 @@ class LiveSession:
         self._presentation.report_left_out()
         status = self.status
         self._keep_flight_data(status)
-        self._report_status_unless_late(status)
+        self._report_status_unless_late()
         self._report_no_model_reason(status)
         if not self.backlog:
             # While messages wait, ``_analyse`` adds the time until their arrival to the time account.
@@ -619,6 +620,16 @@ class LiveSession:
             shortfall=self._reason_without_parameters(),
             verdicts=self._milestone_reporter.verdicts,
         )
+
+    @property
+    def shown_status(self) -> SessionStatus:
+        """The status as of now, for users: an all-clear waits for the judgement of a recording that is being read."""
+        status = self.status
+        # The adviser judges the recording after a landing, and finds the gains to advise.
+        if self.gain_adviser is None or not self.gain_adviser.is_awaited:
+            return status
+        awaited = Fact(SessionFact.RECORDING_NOT_JUDGED, kind=RecordingState.BEING_READ)
+        return replace(status, recording_verdict=awaited)
 
     def time_account(self) -> dict[TimeUse, float]:
         """Returns how many seconds of the session each use of time took, such as learning; their sum is its age."""

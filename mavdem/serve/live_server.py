@@ -2,7 +2,6 @@
 
 import threading
 from collections.abc import Mapping
-from dataclasses import replace
 from http import HTTPStatus
 from typing import TYPE_CHECKING, Any
 
@@ -13,9 +12,7 @@ from starlette.responses import HTMLResponse, RedirectResponse, Response
 
 from mavdem.containers import JsonValues
 from mavdem.errors import Refusal
-from mavdem.facts import Fact
 from mavdem.facts.serve import Permission, RefusalReason
-from mavdem.facts.session import RecordingState, SessionFact
 from mavdem.fleet.names import NO_NAMES
 from mavdem.live import clock
 from mavdem.live.session import LiveSession
@@ -101,11 +98,6 @@ class LiveServer:
             session: the session, with the history of its flight.
             status: its state now.
         """
-        # The adviser judges the recording after a landing, and finds the gains to advise.
-        adviser = session.gain_adviser
-        if adviser is not None and adviser.is_awaited:
-            awaited = Fact(SessionFact.RECORDING_NOT_JUDGED, kind=RecordingState.BEING_READ)
-            status = replace(status, recording_verdict=awaited)
         self._status = status
         if not (self.page.is_outdated(session) or status.is_over):
             return

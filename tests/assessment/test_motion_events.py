@@ -22,12 +22,14 @@ from instrumented import (
 )
 from pytest import approx, mark
 
+from mavdem.assessment.commanded_swings import path_leans
 from mavdem.assessment.contact_time import ContactSearch
 from mavdem.assessment.ending import find_ending, lower_unconfirmed_crash_reports
 from mavdem.assessment.motion import motion_events
 from mavdem.assessment.reported import reported_events
 from mavdem.dataset.attitude_error import AttitudeError, largest_error
 from mavdem.dataset.signals import Signals
+from mavdem.dataset.steady_flight import attitude_tracking
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import ReportedEvent
@@ -541,6 +543,18 @@ def test_a_swing_is_good_if_a_path_ahead_of_it_commands_most_of_it(path_share, l
     assert ("commanded by a path" in swung.sentence) is (level is Level.GOOD)
     if level is Level.GOOD:
         assert np.degrees(swung.figures["commanded_angle"]) == approx(24.0 * 0.8, abs=2.0)
+
+
+def test_a_path_at_constant_speed_needs_no_lean_wherever_it_is_or_begins():
+    """A stamp of a month later must not need memory for each moment until then."""
+    telemetry = instrumented("Auto")
+    time = np.append(np.arange(20.0, 40.0, 0.1), 2.6e6)
+    path = columns(time, x=2.0 * time, y=5e3, z=-10.0, vx=2.0, vy=0.0, vz=0.0)
+    telemetry = replace(
+        telemetry, messages={**telemetry.messages, "POSITION_TARGET_LOCAL_NED": path}
+    )
+    signals = Signals(telemetry)
+    assert abs(path_leans(signals, 0, attitude_tracking(signals, 0))).max() < 1e-6
 
 
 def test_a_swing_far_from_the_setpoint_is_no_matter_of_the_position_controller():

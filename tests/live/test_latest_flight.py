@@ -124,6 +124,8 @@ def test_only_the_last_boot_that_flew_is_judged():
         assert not table["boot"].any()
     single = log_of_vehicles((flown,), 0, 0)
     assert log_of_latest_flight(single).vehicles[0] is flown
+    silent = replace(flown, messages={})
+    assert log_of_latest_flight(log_of_vehicles((silent,), 0, 0)).vehicles[0] is silent
 
 
 def test_the_last_boot_of_another_autopilot_has_its_parameters():

@@ -34,6 +34,7 @@ from mavdem.facts.session import (
     LinkFact,
     MissingMessages,
     RateFact,
+    RecordingState,
     RowsFact,
     SessionFact,
     VehicleFact,
@@ -384,6 +385,15 @@ def test_the_judgement_of_a_recording_waits_for_the_ground_and_for_the_end():
     )
     session.report_gain_advice(is_at_end=True)
     assert session.flight.judging.judgement is by_recording
+
+
+def test_the_status_that_is_shown_says_that_the_recording_is_being_judged():
+    adviser = Mock(is_awaited=True)
+    session, _, _ = session_of([], gain_adviser=adviser)
+    awaited = Fact(SessionFact.RECORDING_NOT_JUDGED, kind=RecordingState.BEING_READ)
+    assert session.shown_status.recording_verdict == awaited
+    adviser.is_awaited = False
+    assert session.shown_status.recording_verdict is None
 
 
 @mark.slow

@@ -594,7 +594,7 @@ def test_rates_that_vary_are_no_news(capsys):
         obstacle = Fact(RowsFact.LIVE_RATES_TOO_LOW, can_ask=True, reason=slow)
         watch = Fact(WatchFact.NOT_WATCHED, subject=WatchedQuantity.OSCILLATION, reason=slow)
         status = SessionStatus(vehicle="1:1", no_model_reason=obstacle, watch_facts=(watch,))
-        lines.show(Mock(status=status))
+        lines.show(Mock(shown_status=status))
         counts.append(len(capsys.readouterr().out.splitlines()))
     assert counts == [2, 0, 0, 0]
 
@@ -606,12 +606,12 @@ def test_a_lasting_state_is_repeated_in_a_short_line_and_its_next_step_once(caps
     )
     for _ in range(3):
         # The second and the third line repeat an unchanged state.
-        lines.show(Mock(status=status))
+        lines.show(Mock(shown_status=status))
         lines._print_time = -np.inf
     # A vehicle that is silent on the ground is no news.
     silent = replace(status, message_age=40.0)
     for _ in range(3):
-        lines.show(Mock(status=silent))
+        lines.show(Mock(shown_status=silent))
         lines._print_time = -np.inf
     printed = capsys.readouterr().out
     assert printed.count(status.no_model_reason.remedy) == 1
@@ -671,12 +671,12 @@ def test_the_status_stands_in_its_place_on_a_terminal():
     }
     with Live(console=console, auto_refresh=False, transient=True) as terminal_text:
         lines = StatusLines(terminal_text)
-        lines.show(Mock(status=SessionStatus(vehicle="1:1")))
+        lines.show(Mock(shown_status=SessionStatus(vehicle="1:1")))
         assert "Learning; 0 samples" in terminal_output.getvalue()
         status = SessionStatus(
             vehicle="1:1", learned_rows=123_456, active_alarms=(weak, other), **status_fields
         )
-        lines.show(Mock(status=status))
+        lines.show(Mock(shown_status=status))
     last = terminal_output.getvalue().split("1:1, nothing received yet.")[-1]
     # The alarm is red and a word, and each light has its level as a word.
     assert "\x1b[1;31m" in last and "Learning; 123,456 samples" in last and "unknown" in last
@@ -693,7 +693,7 @@ def shown_status(status, monkeypatch, width=80):
     console = Console(file=terminal_output, width=width, highlight=False)
     monkeypatch.setattr("mavdem.cli.live_status.STDERR", console)
     terminal_text = Mock()
-    StatusLines(terminal_text).show(Mock(status=status))
+    StatusLines(terminal_text).show(Mock(shown_status=status))
     console.print(terminal_text.update.call_args.args[0])
     return terminal_output.getvalue()
 
@@ -868,7 +868,7 @@ def test_a_line_of_a_log_says_what_is_new(capsys):
         ({"watch_facts": (watched,), "active_alarms": (bad,)}, 1),
     )
     for status_fields, count in news:
-        lines.show(Mock(status=SessionStatus(vehicle="1:1", **status_fields)))
+        lines.show(Mock(shown_status=SessionStatus(vehicle="1:1", **status_fields)))
         assert len(capsys.readouterr().out.splitlines()) == count
 
 
@@ -1083,7 +1083,7 @@ def test_lines_below_each_other_say_that_attitude_is_back_during_an_alarm(capsys
     rates = {"ATTITUDE": 50.0, "SERVO_OUTPUT_RAW": 50.0}
     unsettled = Fact(SessionFact.NOT_SETTLED)
     for status in (alarmed, replace(alarmed, no_model_reason=unsettled, rates=rates)):
-        lines.show(Mock(status=status))
+        lines.show(Mock(shown_status=status))
     without, back = capsys.readouterr().out.splitlines()
     assert "; no attitude; unknown: motors" in without
     assert "; 50 Hz; good: log; unknown: motors" in back
@@ -1175,15 +1175,15 @@ def test_a_missing_vehicle_is_reported_only_where_messages_come_and_none_is_foun
     for reason in (silent, search):
         lines = StatusLines(None)
         lines.print_event(Event(9.0, search, reception=0.0))
-        lines.show(Mock(status=SessionStatus(no_model_reason=reason)))
+        lines.show(Mock(shown_status=SessionStatus(no_model_reason=reason)))
         assert "No vehicle found yet." not in capsys.readouterr().out
         now[0] += 6.0
-        lines.show(Mock(status=SessionStatus(no_model_reason=reason)))
+        lines.show(Mock(shown_status=SessionStatus(no_model_reason=reason)))
         counts.append(capsys.readouterr().out.count("No vehicle found yet."))
     assert counts == [0, 1]
 
 
 def test_a_terminal_that_was_closed_does_not_end_the_session():
     terminal_text = Mock(**{"update.side_effect": OSError("Input/output error")})
-    StatusLines(terminal_text).show(Mock(status=SessionStatus("1:1")))
+    StatusLines(terminal_text).show(Mock(shown_status=SessionStatus("1:1")))
     assert terminal_text.update.called
