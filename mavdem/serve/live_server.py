@@ -91,12 +91,11 @@ class LiveServer:
     def report(self, session: LiveSession, status: SessionStatus) -> None:
         """Takes the state of the session, and makes its HTML page anew if that is outdated or the session is over.
 
-        The session calls this about once a second. While the recording of a landed flight is still being judged, the
-        page says so in place of an all-clear.
+        The session calls this about once a second.
 
         Args:
             session: the session, with the history of its flight.
-            status: its state now.
+            status: its state now, as it is shown to users.
         """
         self._status = status
         if not (self.page.is_outdated(session) or status.is_over):
