@@ -34,12 +34,13 @@ from mavdem.report.pages.wind_page import wind_page
 from mavdem.report.screen import warnings_of_lights
 from mavdem.report.templates import render_section
 from mavdem.wind_velocity.from_log import drag_settings, wind_of_signals
+from mavdem.wind_velocity.vehicle_drag import DRAG_MODEL_SETTINGS
 
 DRAG_FILES = ("drag.params", "drag.param")
 """Names of the files with the drag parameters to set; for QGroundControl and for Mission Planner."""
 
 DRAG_HEADING = "Drag of the vehicle, for the wind estimate of the autopilot's own state estimator"
-"""First line of these files."""
+"""First line of these files, before the setting with which the autopilot uses them."""
 
 PAGE_FILE = "wind.html"
 """Name of the page with the wind over time, on the map, by height, and the drag."""
@@ -112,7 +113,9 @@ def wind_command(
         }
         if parameters_to_set:
             values = {name: setting.value for name, setting in parameters_to_set.items()}
-            for ending, text in parameter_files(values, signals.telemetry, DRAG_HEADING).items():
+            switch, switch_value = DRAG_MODEL_SETTINGS[signals.telemetry.autopilot]
+            heading = f"{DRAG_HEADING}, which {switch} {switch_value} switches on"
+            for ending, text in parameter_files(values, signals.telemetry, heading).items():
                 texts[f"drag{ending}"] = text
         with replaced_files(out, list(texts), stale_names=DRAG_FILES) as paths:
             for path, text in zip(paths, texts.values(), strict=True):
