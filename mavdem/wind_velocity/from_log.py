@@ -520,7 +520,7 @@ def drag_settings(drag: Drag, telemetry: Telemetry) -> dict[str, ParameterValue]
 
     A parameter is left out if its interval is so wide that the autopilot's own value may be as good, and if a DataFlash
     log, which has all parameters of the firmware, does not contain it. No parameter is returned if the drag was not
-    estimated for this vehicle, but is that of the population of vehicles.
+    estimated from a flight of this vehicle, but is that of its own parameters or of the population of vehicles.
 
     Args:
         drag: linear and quadratic drag of the vehicle, with their uncertainty.
@@ -529,7 +529,7 @@ def drag_settings(drag: Drag, telemetry: Telemetry) -> dict[str, ParameterValue]
     Returns:
         Value with its 90 % interval by name of the parameter; empty if none should be set.
     """
-    if drag.source is DragSource.POPULATION:
+    if drag.source in (DragSource.POPULATION, DragSource.PARAMETERS):
         return {}
     has_all_parameters = telemetry.translated_from == "DataFlash"
     settings = {}
