@@ -145,6 +145,7 @@ def test_a_process_is_renewed_after_so_many_logs_or_where_memory_does_not_last(
 
 
 RUN = """
+import signal
 import sys
 from standin_logs import rows_of_log
 from mavdem.cli import track
@@ -152,6 +153,8 @@ from mavdem.cli.commands import main
 from mavdem.cli.termination import raise_on_termination_signals
 if __name__ == "__main__":
     track.ROWS_OF_LOG = rows_of_log
+    # Shells let what they start in the background ignore Ctrl-C.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     raise_on_termination_signals()
     sys.exit(main(["track", sys.argv[1], "--out", sys.argv[2], "--jobs", "2"]))
 """
