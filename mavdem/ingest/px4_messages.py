@@ -132,7 +132,7 @@ def interpolated_rotations(
     rotation_before = unit_quaternions[next_rows - 1]
     rotation_after = unit_quaternions[next_rows]
     cosine = np.sum(rotation_before * rotation_after, axis=1)
-    # The quaternions q and −q are the same rotation; the one nearer to ``before`` gives the shorter way.
+    # The quaternions q and −q are the same rotation; the one nearer to ``rotation_before`` gives the shorter way.
     rotation_after = rotation_after * np.where(cosine < 0, -1.0, 1.0)[:, np.newaxis]
     angle = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
     time_before = time[next_rows - 1]

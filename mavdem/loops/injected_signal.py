@@ -35,8 +35,8 @@ def injected_loop(signals: Signals, segments: Segments) -> OpenLoop | None:
         segments: segments of the flight to use.
 
     Returns:
-        One loop (N = 1) at the frequencies at which the rate is coherent with the injected signal. ``None`` if
-        no signal was injected, if the autopilot's gains are not known, or if the gain does not cross 1 at these
+        One loop (N = 1) at the frequencies at which the rate is coherent with the injected signal. ``None`` if no
+        signal was injected, if the autopilot's gains are not known, or if the gain does not cross 1 at these
         frequencies.
     """
     injection_index, rate_index, demand_index = 0, 1, 2

@@ -57,8 +57,7 @@ class HealthFigures:
         """Which quantity is missing to judge the motors, as a fact (a code with figures); None if all are there.
 
         Needed are the balance (torque of the motors' commands relative to thrust), a motor geometry in which a weak
-        motor
-        can be identified, and the mean lean in flight, since wind changes the balance too.
+        motor can be identified, and the mean lean in flight, since wind changes the balance too.
         """
         if self.signatures is None or self.balance is None:
             return Fact(HealthUnknown.BALANCE_UNKNOWN)

@@ -4,7 +4,7 @@
 The form of the model is chosen on each axis of each log, as in ``mavdem.plant.physical``, once with each search. The
 logs are split into two halves by a hash of their names. What is chosen is chosen on half A; half B only tests.
 
-Usage: tools/validation/gray_box_search.py FOLDER...   # of the telemetry logs in them
+Usage: tools/validation/gray_box_search.py FOLDER of telemetry logs ...
 """
 
 import hashlib

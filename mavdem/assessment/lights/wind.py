@@ -40,11 +40,11 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
         A fact whose level is the colour of the light: good, watch, bad or unknown. Where the speed is identified, it
         has these figures: ``speed``, the mean of the speeds, and its interval ``low`` to ``high`` (m/s), which in calm
         air is that of the vector mean; ``gust``, m/s; ``direction``, None if that is not identified; ``share`` of the
-        largest lean, 0 if that is not known; ``is_rough``, whether the speed is known only
-        roughly; ``by_usual_drag``, whether the drag is the one of typical multirotors; and ``reason``, the bad
-        estimator or why the speed is known only roughly. If the wind turned so far that its mean misleads, it also has
-        ``turned_from`` and ``turned_to``, degrees, and ``turned_past``, the direction between them that lies farthest
-        from the first, None if the last does.
+        largest lean, 0 if that is not known; ``is_rough``, whether the speed is known only roughly; ``by_usual_drag``,
+        whether the drag is the one of typical multirotors; and ``reason``, the bad estimator or why the speed is known
+        only roughly. If the wind turned so far that its mean misleads, it also has ``turned_from`` and ``turned_to``,
+        degrees, and ``turned_past``, the direction between them that lies farthest from the first, None if the last
+        does.
     """
     if evidence.other_vehicle is not None:
         return evidence.other_vehicle
@@ -58,6 +58,7 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
         return Fact(WindLight.WIND_NOT_KNOWN, reason=wind.reasons["speed"])
     # The velocity of calm air may be 0, and its speed may not.
     interval = wind.speed_interval if wind.calm else wind.mean_speed_interval
+    lowest_speed, highest_speed = interval
     lean_fraction = _lean_fraction(evidence.condition, evidence.signals.telemetry)
     is_rough = not is_speed_known(interval)
     level = _level_of_wind(wind, lean_fraction, estimator, is_rough=is_rough)
@@ -71,8 +72,8 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
         level,
         calm=wind.calm,
         speed=wind.mean_speed,
-        low=interval[0],
-        high=interval[1],
+        low=lowest_speed,
+        high=highest_speed,
         gust=wind.gust,
         direction=wind.direction if wind.direction_identifiable else None,
         share=lean_fraction,

@@ -1,6 +1,6 @@
-"""Tables of forecast errors (MSPE) by experiment of the paper, with medians and ranges over random priors."""
+"""Tables of errors: of forecasts (MSPE) by experiment of the paper, and of estimators by set of data."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -39,3 +39,24 @@ def errors_by_experiment(heading: str, errors: Mapping[str, Array], numbers: lis
         rows.append([name, *cells, rounded(medians.sum(), 3)])
     experiment_headings = [f"expt {number}" for number in numbers]
     return Table([heading, *experiment_headings, "total"], rows)
+
+
+def table_by_estimator(
+    errors: Mapping[str, Mapping[str, float]], estimators: Sequence[str]
+) -> Table:
+    """Returns a table with a row for each estimator and a column for each set of data, such as a window or a noise.
+
+    Args:
+        errors: one error by name of the data and of the estimator.
+        estimators: names of the estimators, in the order of the rows.
+
+    Returns:
+        The table, with errors of three significant digits.
+    """
+    rows = []
+    for estimator in estimators:
+        row = [estimator]
+        for errors_of_data in errors.values():
+            row.append(rounded(errors_of_data[estimator], 3))
+        rows.append(row)
+    return Table(["estimator", *errors], rows)

@@ -250,7 +250,8 @@ def attitudes_contradict(first_reading: AttitudeReading, second_reading: Attitud
     """Returns whether two attitudes differ by more than one vehicle can turn in the time between them.
 
     Args:
-        first, second: the attitudes, at most some tenths of a second apart.
+        first_reading: the earlier or the later attitude.
+        second_reading: the other one, at most some tenths of a second apart.
     """
     seconds = second_reading.clock - first_reading.clock
     acceleration_angle = MAX_ANGULAR_ACCELERATION * seconds**2 / 2
@@ -272,7 +273,8 @@ def _rotation_vector(
     """Returns the rotation from one attitude to another about the three body axes, rad.
 
     Args:
-        first, second: unit quaternions (w, x, y, z) of the rotations from body to earth.
+        first_attitude: unit quaternion (w, x, y, z) of the rotation from body to earth.
+        second_attitude: the same of the attitude after the rotation.
 
     Returns:
         The rotation vector, whose length is the angle of the rotation, 0 to π.

@@ -226,18 +226,17 @@ class VehicleTracks:
         if not isnan(reading.heading):
             self._reading_counts[Contradiction.HEADING] += 1
             self._latest_heading = reading
+        contradiction_to_first_track = None
         for track_index, track in enumerate(self._tracks):
-            if track.contradiction(reading) is not None:
+            contradiction = track.contradiction(reading)
+            if contradiction is not None:
+                if track_index == 0:
+                    contradiction_to_first_track = contradiction
                 continue
             track.add(reading)
-            if track_index > 0:
-                most_recent_track = self._tracks[0]
-                contradiction = most_recent_track.contradiction(reading)
-                have_advancing_clocks = (
-                    track.has_advancing_clock and most_recent_track.has_advancing_clock
-                )
-                if contradiction is not None and have_advancing_clocks:
-                    self._record_switch(contradiction)
+            if contradiction_to_first_track is not None:
+                if track.has_advancing_clock and self._tracks[0].has_advancing_clock:
+                    self._record_switch(contradiction_to_first_track)
                 self._tracks.insert(0, self._tracks.pop(track_index))
             return
         new_track = _VehicleTrack(reading)

@@ -200,6 +200,28 @@ SENDER_MASK = 0xFFFF
 """Those bits."""
 
 
+def _streams_by_sender(
+    stream: FrameStream,
+) -> tuple[dict[int, SenderStream], NDArray[np.bool_]]:
+    """Groups the frames of a recording by sender, and finds losses and copies among the frames of each.
+
+    Args:
+        stream: The frames (N,) of a recording.
+
+    Returns:
+        The stream of each sender, by system id << 8 | component id; and flags (N,) of the frames that are no copies,
+        such as those that were received over a second link.
+    """
+    sender_streams = {}
+    is_first = np.ones(len(stream.frames), dtype=np.bool_)
+    for sender_id, rows in rows_by_value(_sender_ids(stream.frames)).items():
+        sender_stream = sender_stream_of(stream.data, stream.frames, rows)
+        sender_streams[sender_id] = sender_stream
+        if sender_stream.copies:
+            is_first[rows] = sender_stream.is_first
+    return sender_streams, is_first
+
+
 def _sender_ids(frames: Frames) -> NDArray[np.uint16]:
     """Packs system and component id of each frame (N,) into ``system << 8 | component``."""
     return (frames.system.astype(np.uint16) << COMPONENT_BITS | frames.component).astype(np.uint16)
@@ -278,28 +300,6 @@ def _unread_frames(
             total=frame_count,
             cause=Flaw.ANOTHER_DIALECT if is_foreign else Flaw.DAMAGE,
         )
-
-
-def _streams_by_sender(
-    stream: FrameStream,
-) -> tuple[dict[int, SenderStream], NDArray[np.bool_]]:
-    """Groups the frames of a recording by sender, and finds losses and copies among the frames of each.
-
-    Args:
-        stream: The frames (N,) of a recording.
-
-    Returns:
-        The stream of each sender, by system id << 8 | component id; and flags (N,) of the frames that are no copies,
-        such as those that were received over a second link.
-    """
-    sender_streams = {}
-    is_first = np.ones(len(stream.frames), dtype=np.bool_)
-    for sender_id, rows in rows_by_value(_sender_ids(stream.frames)).items():
-        sender_stream = sender_stream_of(stream.data, stream.frames, rows)
-        sender_streams[sender_id] = sender_stream
-        if sender_stream.copies:
-            is_first[rows] = sender_stream.is_first
-    return sender_streams, is_first
 
 
 def _component_record(

@@ -11,6 +11,7 @@ from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.quantities import LOOP_KINDS, SHARE
 from mavdem.fleet.report_columns import value_at
+from mavdem.loops.axis_loops import LOOP_NAMES
 from mavdem.report.blocks import Blocks, Rated, Sentence, Table, headline_sentence
 from mavdem.report.charts.change_plan import (
     change_plan,
@@ -278,7 +279,7 @@ def _missing_step_sentences(reviews_by_side: Reviews) -> list[Sentence]:
     """
     reasons_by_side = dict[str, list[str]]()
     for axis in AXES:
-        for loop_name in ("rate", "attitude"):
+        for loop_name in LOOP_NAMES:
             path = f"axes.{axis}.{loop_name}"
             loops_by_side = {
                 side: value_at(review, path) or {} for side, review in reviews_by_side.items()
@@ -577,7 +578,7 @@ def _step_charts(reviews_by_side: Reviews, legend: Mapping[str, str], axis: str)
         legend: name of each side in legends.
         axis: "roll", "pitch" or "yaw".
     """
-    for loop_name in ("rate", "attitude"):
+    for loop_name in LOOP_NAMES:
         lines = []
         for side, review in reviews_by_side.items():
             # Times, s, the response to a step of 1, and the half width of its band.

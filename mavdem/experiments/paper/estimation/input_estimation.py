@@ -16,6 +16,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.experiments.paper.checks import Check, ExperimentResult
+from mavdem.experiments.paper.error_tables import table_by_estimator
 from mavdem.experiments.paper.estimation.dem_observer import KNOWN_INPUT_PRECISION, DemObserver
 from mavdem.experiments.paper.estimation.observers import DiscreteModel, kalman_states
 from mavdem.experiments.paper.estimation.roll_windows import (
@@ -388,13 +389,7 @@ def error_table(errors: Mapping[str, Mapping[str, float]]) -> Table:
     total_errors = {}
     for name in ESTIMATORS:
         total_errors[name] = sum(window_errors[name] for window_errors in errors.values())
-    rows = []
-    for name in sorted(total_errors, key=total_errors.__getitem__):
-        row = [name]
-        for window_errors in errors.values():
-            row.append(rounded(window_errors[name], 3))
-        rows.append(row)
-    return Table(["estimator", *errors], rows)
+    return table_by_estimator(errors, sorted(total_errors, key=total_errors.__getitem__))
 
 
 def recorded_table(errors_by_flight: Mapping[str, Mapping[str, float]]) -> tuple[Block, ...]:

@@ -18,6 +18,7 @@ from numpy.linalg import LinAlgError
 
 from mavdem.arrays import Array
 from mavdem.experiments.paper.checks import Check, ExperimentResult
+from mavdem.experiments.paper.error_tables import table_by_estimator
 from mavdem.experiments.paper.estimation.covariance_estimators import (
     RecursiveEstimates,
     covariance_matching,
@@ -426,15 +427,10 @@ def _table_by_noise(errors: Mapping[str, Mapping[str, float]]) -> Table:
     Returns:
         The table, with errors of three significant digits.
     """
-    noises = list(errors)
-    errors_in_first_noise = errors[noises[0]]
-    rows = []
-    for estimator in sorted(errors_in_first_noise, key=errors_in_first_noise.__getitem__):
-        row = [estimator]
-        for noise in noises:
-            row.append(rounded(errors[noise][estimator], 3))
-        rows.append(row)
-    return Table(["estimator", *noises], rows)
+    errors_in_first_noise = next(iter(errors.values()))
+    return table_by_estimator(
+        errors, sorted(errors_in_first_noise, key=errors_in_first_noise.__getitem__)
+    )
 
 
 def online_table(factors: Mapping[str, float]) -> list[Block]:
