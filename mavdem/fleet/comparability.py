@@ -56,10 +56,7 @@ def incomparability_reason(states: Sequence[Flights]) -> Fact | None:
     for code, property_of in properties.items():
         values_before = _known_properties(state_before, property_of)
         values_after = _known_properties(state_after, property_of)
-        are_both_known = bool(values_before) and bool(values_after)
-        # Flights of one state may differ among themselves, so one value in common is enough.
-        has_common_value = bool(values_before & values_after)
-        if are_both_known and not has_common_value:
+        if _are_different(values_before, values_after):
             return Fact(
                 code, before=_sorted_texts(values_before), after=_sorted_texts(values_after)
             )
@@ -78,9 +75,22 @@ def has_other_frame(states: Sequence[Flights]) -> bool:
     for property_of in (_frame, _autopilot):
         values_before = _known_properties(state_before, property_of)
         values_after = _known_properties(state_after, property_of)
-        if values_before and values_after and not values_before & values_after:
+        if _are_different(values_before, values_after):
             return True
     return False
+
+
+def _are_different(values_before: set[str], values_after: set[str]) -> bool:
+    """Returns whether two states are known to differ in a property, such as the autopilot.
+
+    Flights of one state may differ among themselves, so that one value in common is enough to be comparable.
+
+    Args:
+        values_before: the known values of the property in the first state.
+        values_after: those in the second state.
+    """
+    are_both_known = bool(values_before) and bool(values_after)
+    return are_both_known and values_before.isdisjoint(values_after)
 
 
 def _known_properties(flights: Flights, property_of: Callable[[FlightRow], str | None]) -> set[str]:

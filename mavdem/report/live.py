@@ -5,6 +5,7 @@ from math import isfinite, sqrt
 from typing import NamedTuple
 
 from mavdem.assessment.judgement import Judgement
+from mavdem.assessment.limits import LEVELS_BY_SEVERITY
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.event import Event
@@ -20,6 +21,7 @@ from mavdem.report.numbers import display_unit, name_with_unit
 from mavdem.report.templates import (
     as_clause,
     capitalize_first,
+    first_clause,
     headline,
     render_section,
     time_of_day,
@@ -77,7 +79,7 @@ def status_line_text(status: SessionStatus) -> str:
     """
     judged_lights = status.overall_judgement.lights
     lights_of_levels = []
-    for level in (Level.BAD, Level.WATCH, Level.GOOD, Level.UNKNOWN):
+    for level in reversed(LEVELS_BY_SEVERITY):
         names = [name for name, light in judged_lights.items() if light.level is level]
         if names:
             lights_of_levels.append(f"{level}: {', '.join(names)}")
@@ -176,8 +178,7 @@ def statement_of_headline(headline_text: str, headline_fact: Fact) -> str:
     if headline_fact.code is not Headline.NOTHING_WRONG:
         return headline_text
     # The list of what was checked, and what was not, follows a colon.
-    statement, _, _ = headline_text.partition(": ")
-    return f"{statement.removesuffix('.')}."
+    return first_clause(headline_text)
 
 
 def headline_and_next_step(judgement: Judgement) -> list[str]:

@@ -22,6 +22,9 @@ PLAIN_SIZES = (1e-4, 1e6)
 NO_ESTIMATE = "-"
 """What stands in the place of an estimate that is not finite, or whose interval is not."""
 
+UNKNOWN_FIGURE = "-"
+"""What a table shows in the place of a figure that is not known."""
+
 
 class DisplayUnit(NamedTuple):
     """A unit in which values are shown."""
@@ -125,7 +128,7 @@ def plus_minus_or_below(value: float, half_width: float) -> str:
     """
     if value > half_width:
         return plus_minus(value, half_width)
-    return f"below {value + half_width:.2g}"
+    return f"below {rounded(value + half_width)}"
 
 
 def plus_minus(value: float, half_width: float) -> str:

@@ -30,7 +30,7 @@ from mavdem.report.brief_events import (
 from mavdem.report.gain_changes import gain_changes
 from mavdem.report.lights import earlier_lights, lights_with_reason_once
 from mavdem.report.numbers import counted
-from mavdem.report.templates import headline, render_section, without_full_stop
+from mavdem.report.templates import first_clause, headline, render_section
 from mavdem.report.why import cause_sentences
 
 SCREEN_COLUMNS = 80
@@ -407,8 +407,7 @@ def _line_of_headline(name: str, light: Fact, columns: int) -> str:
         columns: number of characters in a line.
     """
     label_and_level = _label_and_level(name, light)
-    first_clause, _, _ = headline(light).partition(": ")
-    text = f"{without_full_stop(first_clause)}."
+    text = first_clause(headline(light))
     return label_and_level + shortened(text, columns - len(label_and_level))
 
 

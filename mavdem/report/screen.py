@@ -48,6 +48,7 @@ from mavdem.report.labels import Labels
 from mavdem.report.numbers import (
     NO_ESTIMATE,
     TORQUE_UNIT,
+    UNKNOWN_FIGURE,
     counted,
     display_unit,
     listed,
@@ -65,9 +66,6 @@ FORECAST_NAMES = {
     PREDICTION: f"{ModelName.JOINT_VAR}, motors unknown",
 }
 """Names of forecasts in the table of errors, with {} for the model of forecasts; baselines have their own names."""
-
-UNKNOWN_FIGURE = "-"
-"""What a table shows in the place of a figure that is not known."""
 
 
 def model_screen(learned: Learned) -> Blocks:

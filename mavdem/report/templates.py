@@ -519,6 +519,19 @@ def without_full_stop(fact: Fact | str) -> str:
     return str(fact).removesuffix(".")
 
 
+def first_clause(text: str) -> str:
+    """Returns the clause of a sentence that stands before its first colon, as a sentence of its own.
+
+    >>> first_clause("Too little margin: roll has a phase margin of 20°.")
+    'Too little margin.'
+
+    Args:
+        text: the sentence; one without a colon is returned whole.
+    """
+    clause, _, _ = text.partition(": ")
+    return f"{without_full_stop(clause)}."
+
+
 def capitalize_first(text: object) -> str:
     """Returns ``text`` with a capital first letter, to begin a sentence; an identifier such as "gyroRate" stays."""
     sentence_text = str(text)

@@ -227,10 +227,16 @@ class Pages:
         if values["may_read"] and not vehicle:
             row = self._visible_library.rows_with_motor_anomaly([entry]).get(entry.id)
             anomaly = motor_anomaly(row)
+            previous_entry = self._visible_library.previous_flight(entry)
+            best_entry = previous_entry
             if anomaly is not None:
-                anomaly = anomaly._replace(comparison=self._comparison_link(entry))
-            values["previous"] = self._visible_library.previous_flight(entry)
-            values["comparable"] = self._visible_library.comparable_flights(entry)
+                healthy_entry = self._visible_library.flights_to_compare([entry]).get(entry.id)
+                if healthy_entry is not None:
+                    best_entry = healthy_entry
+                    link = self._comparison_link(entry, healthy_entry)
+                    anomaly = anomaly._replace(comparison=link)
+            values["previous"] = previous_entry
+            values["comparable"] = self._visible_library.comparable_flights(entry, best_entry)
         has_recording = RECORDING_FILE in entry.file_names
         can_open = self._has_viewer and has_recording and values["may_read"]
         files = entry.file_names if is_stored else []
@@ -247,18 +253,13 @@ class Pages:
             )
         )
 
-    def _comparison_link(self, entry: LibraryEntry) -> PageLink | None:
+    def _comparison_link(self, entry: LibraryEntry, earlier_entry: LibraryEntry) -> PageLink:
         """Returns the link from a flight with a motor anomaly to its comparison with an earlier healthy flight.
 
         Args:
             entry: index entry of the flight with the anomaly.
-
-        Returns:
-            The link; None if the vehicle has no earlier flight to compare with.
+            earlier_entry: index entry of the earlier flight.
         """
-        earlier_entry = self._visible_library.flights_to_compare([entry]).get(entry.id)
-        if earlier_entry is None:
-            return None
         given_names = self._library.names.flights
         name = given_names.get(earlier_entry.content_hash, earlier_entry.name)
         return PageLink(f"Compare with {name}", f"/compare?a={earlier_entry.id}&b={entry.id}")

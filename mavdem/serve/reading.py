@@ -18,9 +18,7 @@ import numpy as np
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import assess_signals
-from mavdem.assessment.flown_flights import (
-    flown_flights,
-)
+from mavdem.assessment.flown_flights import flown_flights
 from mavdem.assessment.limits import LEVELS_BY_SEVERITY
 from mavdem.assessment.reported import reported_events
 from mavdem.assessment.time_history import time_history

@@ -79,6 +79,9 @@ KNOWN_TERMS = tuple(
 )
 """Names of the properties that a search compares, besides those of parameters."""
 
+TERMS_OF_COMPLETE_ENTRIES = {"time", "distance", "height", "mode"}
+"""Names of the properties, besides those of parameters, that ``mavdem track`` of earlier versions did not store."""
+
 VEHICLE_NAME_SQL = (
     "coalesce((select vehicle_names.name from vehicle_names"
     " where vehicle_names.vehicle = entries.vehicle), '')"
@@ -202,9 +205,8 @@ def needs_complete_entries(text: str) -> bool:
     Args:
         text: words of the search.
     """
-    names = {name for name, _, _ in _terms(text)}
-    has_gain = any(name.isupper() and name.lower() not in KNOWN_TERMS for name in names)
-    return has_gain or bool({"time", "distance", "height", "mode"} & {n.lower() for n in names})
+    names = [name for name, _, _ in _terms(text)]
+    return any(_is_parameter(name) or name.lower() in TERMS_OF_COMPLETE_ENTRIES for name in names)
 
 
 def _terms(text: str) -> Iterator[tuple[str, str, str]]:
@@ -218,9 +220,12 @@ def _terms(text: str) -> Iterator[tuple[str, str, str]]:
 
 def _is_compared_as_number(name: str) -> bool:
     """Returns whether a search compares this property as a number: also those in capitals, which are parameters."""
-    return name.lower() in {*NUMBER_COLUMNS, *LEVEL_COLUMNS} or (
-        name.isupper() and name.lower() not in KNOWN_TERMS
-    )
+    return name.lower() in {*NUMBER_COLUMNS, *LEVEL_COLUMNS} or _is_parameter(name)
+
+
+def _is_parameter(name: str) -> bool:
+    """Returns whether a property is a parameter of the autopilot, such as a gain: its name is in capitals."""
+    return name.isupper() and name.lower() not in KNOWN_TERMS
 
 
 def _is_number(text: str) -> bool:

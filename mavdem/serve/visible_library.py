@@ -152,17 +152,19 @@ class VisibleLibrary:
         values = [entry.vehicle, Stage.DONE, entry.date]
         return self.library.find(condition, values, limit, order=ListingOrder.FLIGHT).entries
 
-    def comparable_flights(self, entry: LibraryEntry) -> list[LibraryEntry]:
+    def comparable_flights(
+        self, entry: LibraryEntry, best_entry: LibraryEntry | None
+    ) -> list[LibraryEntry]:
         """Returns the flights that one can be compared with: other ones of the same vehicle, the best first.
-
-        The first is the one before it; if the motors of the flight have an anomaly, the last one before it without. The
-        others follow by date, the latest first.
 
         Args:
             entry: index entry of the flight.
+            best_entry: the flight that it is best compared with: the one before it or, if its motors have an anomaly,
+                the last one before it without. None if there is no such flight.
 
         Returns:
-            At most ``MAX_COMPARABLE_FLIGHTS`` entries; none of a log that does not identify its vehicle.
+            The best one, then the others by date, the latest first, of which there are at most
+            ``MAX_COMPARABLE_FLIGHTS``; none of a log that does not identify its vehicle.
         """
         if entry.is_vehicle_unnamed:
             return []
@@ -171,9 +173,6 @@ class VisibleLibrary:
         others = self.library.find(
             condition, values, MAX_COMPARABLE_FLIGHTS, order=ListingOrder.FLIGHT
         ).entries
-        best_entry = self.previous_flight(entry)
-        if self.rows_with_motor_anomaly([entry]):
-            best_entry = self.flights_to_compare([entry]).get(entry.id, best_entry)
         if best_entry is None:
             return others
         return [best_entry, *(other for other in others if other.id != best_entry.id)]

@@ -15,7 +15,7 @@ from mavdem.fleet.report_columns import NOT_IDENTIFIABLE, value_at
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.difference.lights import Review, vibrations_of_same_imu
 from mavdem.report.difference.reviewed import ReviewedDifference
-from mavdem.report.numbers import figure_with_interval, rounded
+from mavdem.report.numbers import UNKNOWN_FIGURE, figure_with_interval, rounded
 from mavdem.report.templates import rounded_up
 
 BATTERY = "battery"
@@ -23,9 +23,6 @@ MOTOR_OUTPUT = "mean motor output"
 WIND = "wind"
 BRIEF_CONDITIONS = (BATTERY, MOTOR_OUTPUT, WIND)
 """Names of the conditions that a terminal has room for: those that change the figures of a vehicle most."""
-
-UNKNOWN_CELL = "-"
-"""What a table shows in the place of a condition that is not known."""
 
 
 class ConditionRow(NamedTuple):
@@ -38,12 +35,12 @@ class ConditionRow(NamedTuple):
     """Its unit, such as "V"."""
 
     cells: tuple[str, str]
-    """Its value in A and in B; ``UNKNOWN_CELL`` where it is not known."""
+    """Its value in A and in B; ``UNKNOWN_FIGURE`` where it is not known."""
 
     @property
     def is_known(self) -> bool:
         """Whether it is known in A or in B."""
-        return any(cell != UNKNOWN_CELL for cell in self.cells)
+        return any(cell != UNKNOWN_FIGURE for cell in self.cells)
 
     @property
     def text(self) -> str:
@@ -51,11 +48,11 @@ class ConditionRow(NamedTuple):
         before, after = self.cells
         if before == after:
             return f"{self.name} {before} {self.unit}"
-        if UNKNOWN_CELL not in self.cells:
+        if UNKNOWN_FIGURE not in self.cells:
             return f"{self.name} {before} → {after} {self.unit}"
         values = []
         for side, cell in zip(STATE_NAMES, self.cells, strict=True):
-            value = "not known" if cell == UNKNOWN_CELL else f"{cell} {self.unit}"
+            value = "not known" if cell == UNKNOWN_FIGURE else f"{cell} {self.unit}"
             values.append(f"{value} in {side}")
         return f"{self.name} {', '.join(values)}"
 
@@ -150,20 +147,20 @@ def vibration_row(reviewed: ReviewedDifference) -> ConditionRow:
 
 
 def _cell(value: float | None, decimals: int) -> str:
-    """Returns a value with so many decimals; ``UNKNOWN_CELL`` for one that is not known."""
+    """Returns a value with so many decimals; ``UNKNOWN_FIGURE`` for one that is not known."""
     if value is None or not isfinite(value):
-        return UNKNOWN_CELL
+        return UNKNOWN_FIGURE
     return f"{value:.{decimals}f}"
 
 
 def _rounded_cell(value: float | None) -> str:
-    """Returns a value with two significant digits; ``UNKNOWN_CELL`` for one that is not known."""
-    return UNKNOWN_CELL if value is None else rounded(value)
+    """Returns a value with two significant digits; ``UNKNOWN_FIGURE`` for one that is not known."""
+    return UNKNOWN_FIGURE if value is None else rounded(value)
 
 
 def _percent(fraction: float | None) -> str:
-    """Returns a fraction in whole percent; ``UNKNOWN_CELL`` for one that is not known."""
-    return UNKNOWN_CELL if fraction is None else _cell(100 * fraction, 0)
+    """Returns a fraction in whole percent; ``UNKNOWN_FIGURE`` for one that is not known."""
+    return UNKNOWN_FIGURE if fraction is None else _cell(100 * fraction, 0)
 
 
 def _lean(conditions: Conditions) -> str:
@@ -176,7 +173,7 @@ def _lean(conditions: Conditions) -> str:
         Both angles with their signs; a dash if they are not known.
     """
     if conditions.lean_roll is None or conditions.lean_pitch is None:
-        return UNKNOWN_CELL
+        return UNKNOWN_FIGURE
     roll, pitch = degrees(conditions.lean_roll), degrees(conditions.lean_pitch)
     # Adding 0 makes 0 of a rounded −0.
     angles = [f"{round(angle) + 0:+d}" for angle in (roll, pitch)]
@@ -198,12 +195,12 @@ def _wind_speed_cell(wind: Review) -> str:
     """
     status = wind.get("status", {})
     if status.get("speed") == NOT_IDENTIFIABLE:
-        return UNKNOWN_CELL
+        return UNKNOWN_FIGURE
     if wind.get("calm"):
         _, upper_end = wind["speed_interval"]
         return f"below {rounded_up(upper_end, 1)}"
     key = "mean_speed" if "mean_speed" in wind else "speed"
-    return figure_with_interval(wind.get(key), wind.get(f"{key}_interval")) or UNKNOWN_CELL
+    return figure_with_interval(wind.get(key), wind.get(f"{key}_interval")) or UNKNOWN_FIGURE
 
 
 def _wind_direction_cell(wind: Review) -> str:
@@ -218,5 +215,5 @@ def _wind_direction_cell(wind: Review) -> str:
     """
     status = wind.get("status", {})
     if not wind or wind["calm"] or status.get("direction") == NOT_IDENTIFIABLE:
-        return UNKNOWN_CELL
+        return UNKNOWN_FIGURE
     return f"{wind['direction']:.0f} ± {wind['direction_interval']:.0f}"

@@ -48,7 +48,12 @@ from mavdem.report.difference.parameters import parameter_sentences
 from mavdem.report.difference.reviewed import ReviewedDifference
 from mavdem.report.difference.sides import side_descriptions
 from mavdem.report.loops import LOOP_FIGURES, TUNED_FIGURES
-from mavdem.report.numbers import counted, figure_with_interval, parameter_value_text
+from mavdem.report.numbers import (
+    UNKNOWN_FIGURE,
+    counted,
+    figure_with_interval,
+    parameter_value_text,
+)
 from mavdem.report.pages.page import Chapter, KeyEntry, render_document
 from mavdem.report.pages.page_link import PageLink
 from mavdem.report.palette import PREDICTED, TRUTH
@@ -93,9 +98,6 @@ MAX_OPEN_PARAMETERS = 20
 
 MAX_LISTED_PARAMETERS = 2000
 """Changed parameters that the page lists: more than an autopilot has, about 1500; a damaged log may have any number."""
-
-UNKNOWN_FIGURE = "-"
-"""What a table shows in the place of a figure that is not known."""
 
 
 def comparison_page(

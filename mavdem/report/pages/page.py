@@ -32,7 +32,7 @@ from mavdem.report.numbers import display_unit, name_with_unit, rounded
 from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.pages.page_link import PageLink
 from mavdem.report.screen import flight_title, model_screen
-from mavdem.report.templates import without_full_stop
+from mavdem.report.templates import first_clause, without_full_stop
 from mavdem.report.why import evidence_text, new_evidence_text
 
 MAX_BRIEF_EVENTS = 4
@@ -163,8 +163,7 @@ class PageEvent(NamedTuple):
         # The clause of an alarm is that of its cause, which follows the word "Alarm".
         sentence = str(self.cause if self.is_headline else self.event.fact)
         if self.is_headline:
-            first_clause, _, _ = sentence.partition(": ")
-            sentence = f"{without_full_stop(first_clause)}."
+            sentence = first_clause(sentence)
         if self.total == 1:
             return sentence
         return f"{without_full_stop(sentence)}{place_among_equals(self.cause, self.total)}."

@@ -459,8 +459,8 @@
     };
     const noteOn = (message, field) => [unitOf({ message: message.shown, field }), message.rate && `${Number(message.rate.toPrecision(2))} Hz`].filter(Boolean).join(", ");
     for (const message of listedMessages) {
-      for (const instance of message.instances.length > 1 ? message.instances : [null]) for (const [label, fields] of [...elementsOf(message.fields).map(([array, elements]) => [`${array}[all ${elements.length}]`, elements]), ...message.fields.map(field => [field, [field]])]) {
-        const field = label, wanted = fields.map(one => ({ message: message.shown, field: one, instance }));
+      for (const instance of message.instances.length > 1 ? message.instances : [null]) for (const [field, fields] of [...elementsOf(message.fields).map(([array, elements]) => [`${array}[all ${elements.length}]`, elements]), ...message.fields.map(field => [field, [field]])]) {
+        const wanted = fields.map(one => ({ message: message.shown, field: one, instance }));
         const name = fieldName({ message: message.shown, field, instance }), searched = `${name} ${message.message}.${field}`.toLowerCase();
         if (!words.every(word => searched.includes(word)) && !(words.length === 1 && `${message.shown}.${field}`.toLowerCase().startsWith(words[0]))) continue;
         found.push({ name, wanted, note: noteOn(message, fields[0]), rank: rankOf(field) });
