@@ -10,7 +10,7 @@ from mavdem.cli.exit_codes import EXIT_UNSUPPORTED
 from mavdem.cli.links import refuse_link
 from mavdem.cli.options import Command, file_option, json_option, verbose_option
 from mavdem.cli.output import json_text, print_json, print_screen, progress
-from mavdem.cli.output_files import check_output_folder, replaced_files
+from mavdem.cli.output_files import check_output_folder, write_texts
 from mavdem.cli.result_folders import available_folder
 from mavdem.dataset.signals import Signals
 from mavdem.documents.fleet import Diff
@@ -187,10 +187,7 @@ def diff_command(
     page = comparison_page(
         names, reviewed, flights=(_flight_series(state_a), _flight_series(state_b))
     )
-    with replaced_files(folder, [PAGE_FILE, DOCUMENT_FILE]) as (page_path, document_path):
-        document_path.write_text(json_text(document), "utf-8")
-        # The page may contain the name of a file, which need not be valid Unicode.
-        page_path.write_text(page, "utf-8", "replace")
+    write_texts(folder, {PAGE_FILE: page, DOCUMENT_FILE: json_text(document)})
     if as_json:
         print_json(document)
     else:

@@ -8,7 +8,7 @@ from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import GainFact
 from mavdem.facts.session import TimeUse
 from mavdem.live.gain_advice import decisive_reason
-from mavdem.report.templates import as_clause
+from mavdem.report.templates import as_clause, first_sentence
 
 
 def written_file_lines(
@@ -66,7 +66,7 @@ def gains_line(advice: Facts | None, seconds_by_use: Mapping[TimeUse, float]) ->
         axis = "" if reason.subject else finding.subject or finding.figures.get("axis")
         axis_text = f" for {axis}" if axis else ""
         # The first sentence is the reason; those that follow explain it, and the page has them.
-        sentence, _, _ = reason.sentence.partition(". ")
+        sentence = first_sentence(reason.sentence)
         return f"No gains{axis_text}: {as_clause(sentence.removeprefix('No margins: '))}."
     has_flown = seconds_by_use[TimeUse.LEARNED] > 0 or seconds_by_use[TimeUse.UNSETTLED] > 0
     if has_flown:

@@ -1,7 +1,7 @@
 """Output files of a command: checking before the work that they can be written, and replacing them atomically."""
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -105,3 +105,20 @@ def replaced_files(
         names_to_remove = set(stale_names) - set(names)
         for name in names_to_remove:
             (folder / name).unlink(missing_ok=True)
+
+
+def write_texts(folder: Path, texts: Mapping[str, str], stale_names: Names = ()) -> None:
+    """Creates or replaces text files of a folder together.
+
+    Args:
+        folder: Folder of the files, which is created if it does not exist.
+        texts: Text of each file by its name.
+        stale_names: Names of files that an earlier run may have left in the folder; those without a text are removed.
+
+    Raises:
+        Unreadable: A file cannot be written; then none is replaced.
+    """
+    with replaced_files(folder, list(texts), stale_names) as paths:
+        for path, text in zip(paths, texts.values(), strict=True):
+            # A text may contain the name of a file, which need not be valid Unicode.
+            path.write_text(text, "utf-8", "replace")

@@ -17,7 +17,7 @@ from mavdem.cli.options import (
     verbose_option,
 )
 from mavdem.cli.output import print_json, print_screen, progress
-from mavdem.cli.output_files import check_output_folder, replaced_files
+from mavdem.cli.output_files import check_output_folder, write_texts
 from mavdem.cli.sources import assess_without_model
 from mavdem.cli.streams import print_to_stderr
 from mavdem.dataset.axes import AXES
@@ -140,10 +140,7 @@ def _write_tuning(
         files |= present_parameter_files(tuning.parameters, vehicle)
     for ending, text in files.items():
         texts[f"gains{ending}"] = text
-    with replaced_files(folder, list(texts), stale_names=GAIN_FILES) as paths:
-        for path, text in zip(paths, texts.values(), strict=True):
-            # A text may contain the name of a file, which need not be valid Unicode.
-            path.write_text(text, "utf-8", "replace")
+    write_texts(folder, texts, GAIN_FILES)
     print_to_stderr(f"Written: {', '.join(texts)}. Nothing was sent to the vehicle.")
 
 

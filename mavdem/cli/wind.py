@@ -1,5 +1,6 @@
 """``mavdem wind``: wind speed and direction, gusts, the vehicle's drag, and the parameters to set."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import click
@@ -14,7 +15,7 @@ from mavdem.cli.options import (
     verbose_option,
 )
 from mavdem.cli.output import json_text, print_json, print_screen
-from mavdem.cli.output_files import check_output_folder, replaced_files
+from mavdem.cli.output_files import check_output_folder, write_texts
 from mavdem.cli.sources import assess_without_model
 from mavdem.cli.streams import print_to_stderr
 from mavdem.documents.wind import Wind
@@ -22,6 +23,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts.vehicle import Basis
 from mavdem.fleet.priors import WIND_DOCUMENT, earlier_drag
 from mavdem.ingest.parameter_file import parameter_files
+from mavdem.ingest.telemetry import Telemetry
 from mavdem.report.blocks import Blocks, Sentence, caution
 from mavdem.report.condition import (
     WIND_LIGHTS,
@@ -34,7 +36,7 @@ from mavdem.report.pages.wind_page import wind_page
 from mavdem.report.screen import warnings_of_lights
 from mavdem.report.templates import render_section
 from mavdem.wind_velocity.from_log import drag_settings, wind_of_signals
-from mavdem.wind_velocity.vehicle_drag import DRAG_MODEL_SETTINGS
+from mavdem.wind_velocity.vehicle_drag import DRAG_MODEL_SETTINGS, ParameterValue
 
 DRAG_FILES = ("drag.params", "drag.param")
 """Names of the files with the drag parameters to set; for QGroundControl and for Mission Planner."""
@@ -110,17 +112,9 @@ def wind_command(
                 Path(source).name, wind_evidence, assessment, parameters_to_set, cautions
             ),
             WIND_DOCUMENT: json_text(document),
+            **_drag_files(parameters_to_set, signals.telemetry),
         }
-        if parameters_to_set:
-            values = {name: setting.value for name, setting in parameters_to_set.items()}
-            switch, switch_value = DRAG_MODEL_SETTINGS[signals.telemetry.autopilot]
-            heading = f"{DRAG_HEADING}, which {switch} {switch_value} switches on"
-            for ending, text in parameter_files(values, signals.telemetry, heading).items():
-                texts[f"drag{ending}"] = text
-        with replaced_files(out, list(texts), stale_names=DRAG_FILES) as paths:
-            for path, text in zip(paths, texts.values(), strict=True):
-                # The page may contain the name of a file, which need not be valid Unicode.
-                path.write_text(text, "utf-8", "replace")
+        write_texts(out, texts, DRAG_FILES)
         print_to_stderr(f"Written: {', '.join(texts)}. Nothing was sent to the vehicle.")
     if as_json:
         print_json(document)
@@ -141,3 +135,26 @@ def wind_command(
         ],
         verbose=verbose,
     )
+
+
+def _drag_files(
+    parameters_to_set: Mapping[str, ParameterValue], vehicle: Telemetry
+) -> dict[str, str]:
+    """Writes the drag parameters as ground stations read them.
+
+    Args:
+        parameters_to_set: Value with its interval by name of the parameter.
+        vehicle: The vehicle they are for.
+
+    Returns:
+        The text of each file by its name, one of ``DRAG_FILES``; none without parameters.
+    """
+    if not parameters_to_set:
+        return {}
+    values = {name: setting.value for name, setting in parameters_to_set.items()}
+    switch, switch_value = DRAG_MODEL_SETTINGS[vehicle.autopilot]
+    heading = f"{DRAG_HEADING}, which {switch} {switch_value} switches on"
+    texts = {}
+    for ending, text in parameter_files(values, vehicle, heading).items():
+        texts[f"drag{ending}"] = text
+    return texts

@@ -8,8 +8,8 @@ from mavdem.assessment.autopilot_messages import SEVERITIES
 from mavdem.assessment.flights import flights_in_boot
 from mavdem.dataset.segments import recorded_spans
 from mavdem.dataset.signals import Signals
-from mavdem.ingest.mavlink.dialect import enum_name
 from mavdem.ingest.mavlink.payloads import latest_parameters
+from mavdem.ingest.mavlink.vehicles import vehicle_identity
 from mavdem.ingest.telemetry import Log, Parameters, Telemetry, selected_rows
 
 LASTING_MESSAGES = frozenset({"AUTOPILOT_VERSION", "AVAILABLE_MODES", "PARAM_VALUE"})
@@ -71,11 +71,9 @@ def _with_autopilot_of_messages(telemetry: Telemetry) -> Telemetry:
     Args:
         telemetry: messages of one boot, with the autopilot and the parameters of the whole recording.
     """
-    heartbeats = telemetry.messages.get("HEARTBEAT", {})
-    if "autopilot" not in heartbeats:
+    if "HEARTBEAT" not in telemetry.messages:
         return telemetry
-    numbers, counts = np.unique(heartbeats["autopilot"], return_counts=True)
-    autopilot = enum_name("MAV_AUTOPILOT", int(numbers[counts.argmax()]))
+    autopilot = vehicle_identity(telemetry.messages["HEARTBEAT"]).autopilot
     if autopilot == telemetry.autopilot:
         return telemetry
     parameters: Parameters = {}

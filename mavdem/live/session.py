@@ -210,7 +210,7 @@ class LiveSession:
         has_vehicle = any(event.fact.code is VehicleFact.FOLLOWING_VEHICLE for event in events)
         if has_alarm or has_vehicle:
             # Neither must stand beside a status of up to a second before, which calls the vehicle sound or not found.
-            self._report_status_unless_late()
+            self._report_status_unless_late(self.status)
         for event in events:
             # A vehicle that is to be followed after a silent one has been reported as its successor.
             is_other_vehicle = event.fact.code is VehicleFact.OTHER_VEHICLE
@@ -220,13 +220,16 @@ class LiveSession:
         for fact in self.link.drain_events():
             self._presentation.log(fact)
 
-    def _report_status_unless_late(self) -> None:
+    def _report_status_unless_late(self, status: SessionStatus) -> None:
         """Reports the present status, which is displayed, unless this computer is too slow to analyse messages in time.
 
         Then estimates are postponed, and so is the drawing of the status: the time is needed for the analysis.
+
+        Args:
+            status: the present status.
         """
         if not self.backlog.postpones(DelayedWork.ESTIMATES):
-            self._report_status(self.shown_status)
+            self._report_status(self._with_awaited_recording(status))
 
     def _request_rates(self) -> None:
         """Requests message rates from the vehicle, by the rates of the messages that are analysed so far.
@@ -270,7 +273,7 @@ class LiveSession:
         self._presentation.report_left_out()
         status = self.status
         self._keep_flight_data(status)
-        self._report_status_unless_late()
+        self._report_status_unless_late(status)
         self._report_no_model_reason(status)
         if not self.backlog:
             # While messages wait, ``_analyse`` adds the time until their arrival to the time account.
@@ -624,7 +627,14 @@ class LiveSession:
     @property
     def shown_status(self) -> SessionStatus:
         """The status as of now, for users: an all-clear waits for the judgement of a recording that is being read."""
-        status = self.status
+        return self._with_awaited_recording(self.status)
+
+    def _with_awaited_recording(self, status: SessionStatus) -> SessionStatus:
+        """Returns a status in which an all-clear waits for the judgement of the recording, while that is being read.
+
+        Args:
+            status: the present status.
+        """
         # The adviser judges the recording after a landing, and finds the gains to advise.
         if self.gain_adviser is None or not self.gain_adviser.is_awaited:
             return status

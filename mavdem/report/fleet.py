@@ -19,7 +19,7 @@ from mavdem.fleet.flights import (
 from mavdem.fleet.names import GivenNames
 from mavdem.fleet.row import UNKNOWN, FlightRow
 from mavdem.report.blocks import Rated, Sentence
-from mavdem.report.templates import render_section
+from mavdem.report.templates import first_sentence, render_section
 
 ANOMALOUS_HEALTHS = MotorHealth.FAULT, MotorHealth.DRIFT
 """Healths of the motors with which a vehicle needs a look."""
@@ -387,12 +387,6 @@ def _reason_for_latest_health(flights: Flights) -> str:
             if reason:
                 return reason
     return ""
-
-
-def first_sentence(text: str) -> str:
-    """Returns the first sentence of a text; all of it where it has only one."""
-    first, separator, _ = text.partition(". ")
-    return f"{first}." if separator else text
 
 
 def truncated(text: str, max_length: int) -> str:

@@ -532,6 +532,12 @@ def first_clause(text: str) -> str:
     return f"{without_full_stop(clause)}."
 
 
+def first_sentence(text: str) -> str:
+    """Returns the first sentence of a text; all of it where it has only one."""
+    first, separator, _ = text.partition(". ")
+    return f"{first}." if separator else text
+
+
 def capitalize_first(text: object) -> str:
     """Returns ``text`` with a capital first letter, to begin a sentence; an identifier such as "gyroRate" stays."""
     sentence_text = str(text)

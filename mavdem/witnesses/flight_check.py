@@ -89,11 +89,9 @@ def flight_check(signals: Signals, boot: int) -> FlightCheck:
         # Without a usable barometer, the height is the estimator's, which may drift.
         height_source = "estimate"
         height = series_of_boot(signals.height, boot)
-    rise = (
-        None
-        if height is None
-        else _largest_rise(height, _flown_spans(signals, boot, powered_spans))
-    )
+    rise = None
+    if height is not None:
+        rise = _largest_rise(height, _flown_spans(signals, boot, powered_spans))
     sensor_facts = (*_rise_facts(rise, height_source), *_rotation_facts(signals, boot))
     support = supporting_facts(sensor_facts)
     contradictions = contradicting_facts(sensor_facts)
