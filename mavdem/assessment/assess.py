@@ -19,7 +19,7 @@ from mavdem.assessment.ending import find_ending, lower_unconfirmed_crash_report
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.judgement import judge, lights_without_loops, no_purposes, unjudged
-from mavdem.assessment.lights.power import with_batteries_on_ground
+from mavdem.assessment.lights.power import mark_battery_reports_on_ground
 from mavdem.assessment.motion import motion_events
 from mavdem.assessment.motor_failure import with_evidence_of_cause
 from mavdem.assessment.motor_witnesses import with_sensor_evidence
@@ -313,7 +313,7 @@ def _evidence_without_loops(
         ending=ending,
     )
     # 5. What is changed because of the flights, which follow from the ending.
-    evidence = replace(evidence, events=with_batteries_on_ground(evidence))
+    evidence = replace(evidence, events=mark_battery_reports_on_ground(evidence))
     if evidence.reasons_not_to_fly:
         evidence = replace(evidence, wind=without_flight_advice(wind))
     return evidence

@@ -17,7 +17,11 @@ from mavdem.assessment.innovations import (
     instance_name,
     longest_rejection,
 )
-from mavdem.assessment.lights.power import POWER_REPORTS, batteries_in_flight, battery_voltage
+from mavdem.assessment.lights.power import (
+    POWER_REPORTS,
+    batteries_in_flight,
+    judge_battery_voltage,
+)
 from mavdem.assessment.limits import worst_fact
 from mavdem.dataset.batteries import battery_name
 from mavdem.dataset.flight_states import min_running_command
@@ -181,7 +185,7 @@ def _battery_instances(evidence: Evidence) -> Iterator[Instance]:
         volts = _values_in_flight(evidence, battery.voltage)
         facts = [fact for fact in warnings if fact.subject == name]
         if battery in measured_batteries:
-            facts.append(battery_voltage(evidence, battery))
+            facts.append(judge_battery_voltage(evidence, battery))
         state = worst_fact(facts) if facts else _measured_state(volts)
         yield Instance(
             kind="battery",

@@ -69,13 +69,12 @@ def _parsed_days(
     """
     if text is None:
         return None
+    # A single day is its own last day.
     first_text, separator, last_text = text.partition("..")
+    is_single_day = not separator
     try:
         first_day = date.fromisoformat(first_text)
-        last_day = first_day
-        is_interval = bool(separator)
-        if is_interval:
-            last_day = date.fromisoformat(last_text)
+        last_day = first_day if is_single_day else date.fromisoformat(last_text)
     except ValueError:
         message = f"{text} is not like 2026-01-05..2026-01-11."
         raise click.BadParameter(message, context, parameter) from None
@@ -210,20 +209,18 @@ def _print_comparison(
 
     Args:
         names: Names of A and B.
-        reviewed: Comparison of both, beside the reviews of their logs.
+        reviewed: Comparison of both, and the reviews of their logs.
         headlines: Headline of the review of each log, by side, "A" and "B".
-        page: The page that was written.
-        verbose: Whether to print all figures, also those that did not change, and how sure they are.
+        page: Path of the page that was written.
+        verbose: Whether to print all quantities with their intervals, also those that did not change.
     """
-    headline = headline_of_comparison(reviewed)
-    last_sentences = [*next_blocks(reviewed), Sentence(str(page), "Page:")]
     title = []
     for side, description in side_descriptions(names, reviewed).items():
         title.append(Sentence(f"{description}.", f"{side}:"))
-    # The title says what A and B are, and so also whether they are of two vehicles. Where the headline says that too,
-    # it is left out of the footer.
+    # The cautions say that A and B may be two vehicles.
     cautions = identity_cautions(reviewed)
     title += [*cautions, *condition_sentence(reviewed)]
+    headline = headline_of_comparison(reviewed)
     summary: list[Block] = [
         *motor_table(reviewed.reviews, reviewed.difference),
         *change_sentences(reviewed, headline),
@@ -235,12 +232,14 @@ def _print_comparison(
         *detail_sentences(reviewed),
         *headline_blocks(headlines, headline),
     ]
+    # A caution may also be in the headline. It is printed once, in the title.
     footer = [sentence for sentence in headline if sentence not in cautions]
-    print_screen(title, summary, details, [*footer, *last_sentences], verbose=verbose)
+    footer += [*next_blocks(reviewed), Sentence(str(page), "Page:")]
+    print_screen(title, summary, details, footer, verbose=verbose)
 
 
 def _shown_name(source: str, days: Days | None) -> str:
-    """Returns the name that the page gives to a log or a fleet: its own, with the days that are compared."""
+    """Returns the name that the page gives to a log or a fleet: that of its file, with the days that are compared."""
     name = Path(source).name
     return name if days is None else f"{name}, {days.first} to {days.last}"
 
@@ -250,19 +249,19 @@ def _flight_series(state: VehicleState) -> FlightSeries:
     return {} if state.telemetry is None else flight_series(Signals(state.telemetry))
 
 
-def _read_state(name: str, source: str, vehicle: str | None, days: Days | None) -> VehicleState:
-    """Returns one of the two compared states: the flights of a vehicle in a log or a fleet.
+def _read_state(side: str, source: str, vehicle: str | None, days: Days | None) -> VehicleState:
+    """Reads one side of the comparison: the flights of a vehicle in a log or a fleet.
 
     Args:
-        name: Name of the state in messages, "A" or "B".
+        side: Name of the side in error messages, "A" or "B".
         source: Path of the log, or of the fleet's folder.
         vehicle: Name of the vehicle; None for the flights of all vehicles.
         days: Days whose flights count; None for all.
 
     Raises:
-        Unreadable: It cannot be read.
+        Unreadable: The log or fleet cannot be read, or ``source`` is the address of a live link.
         NotLearnable: It has no flights of the vehicle.
     """
     refuse_link(source)
     with progress(f"Reading {source}", measured=False):
-        return state_of(name, Path(source), vehicle, days)
+        return state_of(side, Path(source), vehicle, days)

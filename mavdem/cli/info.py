@@ -97,26 +97,29 @@ def _print_analyses(
 ) -> None:
     """Prints a screen for each vehicle of a log: what was received, and whether a model can be learned.
 
+    At the end stands how the vehicle was lost, if it was, and the command that says more.
+
     Args:
-        document: JSON document of the command, with the contents of the log in its ``vehicles`` and ``speakers``.
+        document: JSON document of the command. Its key "vehicles" has what was received of each vehicle, and its key
+            "speakers" all senders of messages.
         log: the log of a flight, with the messages of each vehicle.
         all_signals: signals of each vehicle, in the document's order.
         analyses: analysis of each vehicle, in the same order.
     """
-    senders = stream_contents(document)
     next_step = Sentence(
         f"`mavdem {quote(log.source)}` says what happened and what is wrong.", "Next:"
     )
-    for values, signals, analysis in zip(document["vehicles"], all_signals, analyses, strict=True):
+    vehicles = zip(document["vehicles"], all_signals, analyses, strict=True)
+    for received_values, signals, analysis in vehicles:
         footer = [next_step]
         loss = loss_of_flight(signals)
         if loss is not None:
-            # A vehicle that was lost matters more than what the log holds.
-            footer.insert(0, headline_sentence(loss))
+            footer = [headline_sentence(loss), next_step]
         print_screen(
-            [vehicle_title(log, signals, analysis)],
-            summary=vehicle_contents(values),
-            details=senders,
+            title=[vehicle_title(log, signals, analysis)],
+            summary=vehicle_contents(received_values),
+            # Only a verbose screen has details.
+            details=[],
             footer=footer,
             verbose=False,
         )
@@ -126,16 +129,17 @@ def _print_assessments(document: JsonValues, assessments: Sequence[Assessment]) 
     """Prints all that a log holds of each vehicle: contents, lights, sensors, batteries, headline and next step.
 
     Args:
-        document: JSON document of the command, with the contents of the log in its ``vehicles`` and ``speakers``.
+        document: JSON document of the command. Its key "vehicles" has what was received of each vehicle, and its key
+            "speakers" all senders of messages.
         assessments: assessments of the vehicles, in the document's order.
     """
-    senders = stream_contents(document)
-    for values, assessment in zip(document["vehicles"], assessments, strict=True):
+    sender_blocks = stream_contents(document)
+    for received_values, assessment in zip(document["vehicles"], assessments, strict=True):
         sentences = judgement_sentences(assessment.judgement)
         print_screen(
-            [review_title(assessment)],
-            summary=vehicle_contents(values),
-            details=[*sentences.lights, *instance_blocks(assessment), *senders],
+            title=[review_title(assessment)],
+            summary=vehicle_contents(received_values),
+            details=[*sentences.lights, *instance_blocks(assessment), *sender_blocks],
             footer=[sentences.headline, sentences.next_step],
             verbose=True,
         )

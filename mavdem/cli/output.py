@@ -107,8 +107,8 @@ def _fitting_lines(blocks: Iterable[Block], max_short_lines: int, max_lines: int
 
     Args:
         blocks: Blocks in the order of their importance.
-        max_short_lines: The selected blocks have fewer lines than this with shortened texts.
-        max_lines: They have fewer lines than this with longer texts.
+        max_short_lines: With shortened texts all selected blocks together have fewer lines than this.
+        max_lines: With longer texts they have fewer lines than this.
     """
     line_count = 0
     selected_blocks: list[tuple[Block, list[str]]] = []
@@ -120,12 +120,13 @@ def _fitting_lines(blocks: Iterable[Block], max_short_lines: int, max_lines: int
     lines: list[str] = []
     for block, short_lines in selected_blocks:
         shown_lines = short_lines
+        # The first, longest form that fits is used.
         for lines_per_row in LINES_PER_ROW:
             longer_lines = _block_lines(block, lines_per_row)
-            further_count = len(longer_lines) - len(short_lines)
-            if line_count + further_count < max_lines:
+            additional_lines = len(longer_lines) - len(short_lines)
+            if line_count + additional_lines < max_lines:
                 shown_lines = longer_lines
-                line_count += further_count
+                line_count += additional_lines
                 break
         lines += shown_lines
     return lines

@@ -34,9 +34,9 @@ def check_output_folder(folder: Path, names: Names = (), *inputs: PathName | Non
     Raises:
         Unreadable: The folder or a file cannot be written, or a file to write is one of ``inputs``.
     """
-    # The nearest existing folder: the folder itself or one of its parents, of which the root always exists.
-    candidates = (folder, *folder.absolute().parents)
-    existing_path = next(path for path in candidates if os.path.lexists(path))
+    # The folder itself or the nearest of its parents that exists; the last one, the root, always does.
+    folder_and_parents = (folder, *folder.absolute().parents)
+    existing_path = next(path for path in folder_and_parents if os.path.lexists(path))
     if not existing_path.is_dir():
         raise Unreadable(Unwritable.OUT_IS_A_FILE, path=folder, existing=existing_path)
     if not is_writable(existing_path):

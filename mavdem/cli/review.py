@@ -52,7 +52,7 @@ LEVEL_COLOURS = {"good": "green", "watch": "yellow", "BAD": "bright_red"}
 
 
 class ReviewScreen:
-    """The screen of a review, on a terminal in two parts where the control loops take long: what needs none first."""
+    """The screen of a review. A terminal gets it in two parts, since the second waits for the control loops."""
 
     def __init__(self, *, is_in_parts: bool) -> None:
         """Takes whether the screen may be printed in two parts; for a program that reads it, it is printed at once."""
@@ -97,11 +97,18 @@ def print_review_lines(text: str, emphasised_lines: Collection[str] = ()) -> Non
 
 
 def with_coloured_level(line: str) -> str:
-    """Returns a line of a review with its level in the level's colour; any line without a level unchanged."""
+    """Returns a line of a review with its level in the level's colour; any line without a level unchanged.
+
+    Args:
+        line: columns of constant width with a label and a level, then a sentence, such as
+            "Power      good   The battery held 15.2 V.".
+    """
     level_end = LABEL_COLUMNS + LEVEL_COLUMNS
-    label, level, sentence = line[:LABEL_COLUMNS], line[LABEL_COLUMNS:level_end], line[level_end:]
+    label = line[:LABEL_COLUMNS]
+    level = line[LABEL_COLUMNS:level_end]
+    sentence = line[level_end:]
     colour = LEVEL_COLOURS.get(level.strip())
-    # A sentence that is wrapped below a title may have such a word in this place, but not the space before it.
+    # A line of a wrapped text may have the word "good" in these columns too, but hardly a space just before them.
     if colour is None or not label.endswith(" "):
         return line
     return label + click.style(level, fg=colour) + sentence

@@ -133,15 +133,16 @@ def _write_tuning(
         assessment: Assessment of the log, which the page is made from.
         evidence: Evidence of the log, with the parameters that the vehicle has now.
     """
-    texts = {PAGE_FILE: tune_page(Path(source).name, tuning, assessment)}
+    text_by_name = {PAGE_FILE: tune_page(Path(source).name, tuning, assessment)}
     vehicle = evidence.signals.telemetry
-    files = tuning.files(vehicle)
-    if files:
-        files |= present_parameter_files(tuning.parameters, vehicle)
-    for ending, text in files.items():
-        texts[f"gains{ending}"] = text
-    write_texts(folder, texts, GAIN_FILES)
-    print_to_stderr(f"Written: {', '.join(texts)}. Nothing was sent to the vehicle.")
+    # The keys are endings of names, such as ".stage1.params".
+    parameter_texts = tuning.files(vehicle)
+    if parameter_texts:
+        parameter_texts |= present_parameter_files(tuning.parameters, vehicle)
+    for ending, text in parameter_texts.items():
+        text_by_name[f"gains{ending}"] = text
+    write_texts(folder, text_by_name, GAIN_FILES)
+    print_to_stderr(f"Written: {', '.join(text_by_name)}. Nothing was sent to the vehicle.")
 
 
 def _print_tuning(tuning: Tuning, folder: Path | None, *, verbose: bool) -> None:
@@ -150,26 +151,26 @@ def _print_tuning(tuning: Tuning, folder: Path | None, *, verbose: bool) -> None
     Args:
         tuning: The gains to set, and the judgement of the flight.
         folder: Folder that the page was written to, if it was.
-        verbose: Whether to print all margins, and the lights (judgements by subject) that warn.
+        verbose: Whether to print all margins, and the status lights (a level for each part of the vehicle) that warn.
     """
     judgement = tuning.judgement
-    lights: list[Sentence] = []
+    light_sentences: list[Sentence] = []
     if verbose:
-        lights = judgement_sentences(judgement).lights
+        light_sentences = judgement_sentences(judgement).lights
     # A bad headline that is not about the loops, such as a broken motor, precedes the gains, since the vehicle must not
-    # fly. A headline about the loops is left out, because the report itself says the same.
+    # fly. A headline about the loops is left out, because the blocks on the gains say the same.
     must_not_fly = judgement.headline.is_bad and not is_about_loops(judgement.headline, judgement)
-    report: Blocks = []
+    blocks: Blocks = []
     headline_above = ""
     if must_not_fly:
         headline_above = str(judgement.headline)
-        report.append(headline_sentence(headline(judgement.headline)))
-    report += tune_blocks(tuning, is_full=verbose, headline_above=headline_above)
+        blocks.append(headline_sentence(headline(judgement.headline)))
+    blocks += tune_blocks(tuning, is_full=verbose, headline_above=headline_above)
     if tuning.notch:
-        report.append(Sentence(tuning.notch.sentence_and_remedy, "Notch filter:"))
+        blocks.append(Sentence(tuning.notch.sentence_and_remedy, "Notch filter:"))
     if must_not_fly or tuning.refusal or is_about_loops(judgement.next_step, judgement):
-        report.append(Sentence(str(judgement.next_step), "Next:"))
+        blocks.append(Sentence(str(judgement.next_step), "Next:"))
     if folder:
-        report.append(Sentence(str(folder / PAGE_FILE), "Page:"))
-    # All of it is the footer, of which nothing is left out.
-    print_screen([], summary=[], details=lights, footer=report, verbose=verbose)
+        blocks.append(Sentence(str(folder / PAGE_FILE), "Page:"))
+    # A screen shortens its summary, but never its footer, so that all blocks are given as the footer.
+    print_screen(title=[], summary=[], details=light_sentences, footer=blocks, verbose=verbose)

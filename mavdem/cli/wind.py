@@ -112,7 +112,7 @@ def wind_command(
                 Path(source).name, wind_evidence, assessment, parameters_to_set, cautions
             ),
             WIND_DOCUMENT: json_text(document),
-            **_drag_files(parameters_to_set, signals.telemetry),
+            **_drag_file_texts(parameters_to_set, signals.telemetry),
         }
         write_texts(out, texts, DRAG_FILES)
         print_to_stderr(f"Written: {', '.join(texts)}. Nothing was sent to the vehicle.")
@@ -137,24 +137,25 @@ def wind_command(
     )
 
 
-def _drag_files(
+def _drag_file_texts(
     parameters_to_set: Mapping[str, ParameterValue], vehicle: Telemetry
 ) -> dict[str, str]:
-    """Writes the drag parameters as ground stations read them.
+    """Returns the texts of the files with the drag parameters, in the formats of ground stations.
 
     Args:
         parameters_to_set: Value with its interval by name of the parameter.
-        vehicle: The vehicle they are for.
+        vehicle: The vehicle whose drag they are; its autopilot decides which setting makes use of them.
 
     Returns:
-        The text of each file by its name, one of ``DRAG_FILES``; none without parameters.
+        The text of each file by its name, one of ``DRAG_FILES``; empty without parameters.
     """
     if not parameters_to_set:
         return {}
-    values = {name: setting.value for name, setting in parameters_to_set.items()}
-    switch, switch_value = DRAG_MODEL_SETTINGS[vehicle.autopilot]
-    heading = f"{DRAG_HEADING}, which {switch} {switch_value} switches on"
-    texts = {}
+    values = {name: parameter.value for name, parameter in parameters_to_set.items()}
+    setting_name, setting_value = DRAG_MODEL_SETTINGS[vehicle.autopilot]
+    heading = f"{DRAG_HEADING}, which {setting_name} {setting_value} switches on"
+    text_by_name = {}
+    # The keys are the endings of names, ".params" and ".param".
     for ending, text in parameter_files(values, vehicle, heading).items():
-        texts[f"drag{ending}"] = text
-    return texts
+        text_by_name[f"drag{ending}"] = text
+    return text_by_name

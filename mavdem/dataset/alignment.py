@@ -148,10 +148,7 @@ def _vehicle_provenance(signals: Signals, segment: Segment) -> JsonValues:
     for name, value in telemetry.parameters.items():
         if CONTROL_PARAMETERS.match(name):
             control_parameters[name] = value
-    scale = asdict(motors.scale)
-    # Documents call the upper limit "stop". They have no lower one, which follows from the parameters.
-    scale["stop"] = scale.pop("upper_limit")
-    del scale["lower_limit"]
+    scale = motors.scale
     return {
         "motors": {
             "channels": list(geometry.channels),
@@ -161,7 +158,15 @@ def _vehicle_provenance(signals: Signals, segment: Segment) -> JsonValues:
             "positions_assumed": geometry.positions_assumed,
             "spins": list(geometry.spins),
         },
-        "scale": scale,
+        # Documents call the upper limit "stop". They have no lower one, which follows from the parameters.
+        "scale": {
+            "name": scale.name,
+            "unit": scale.unit,
+            "low": scale.low,
+            "high": scale.high,
+            "step": scale.step,
+            "stop": scale.upper_limit,
+        },
         "setpoints": {
             setpoint.name: telemetry.name_in_source(setpoint.message)
             for setpoint in _setpoints_of_outputs(signals)
@@ -188,16 +193,7 @@ def _earlier_parameters(signals: Signals, segment: Segment) -> Parameters:
     telemetry = signals.telemetry
     values_at_start = telemetry.initial_parameters
     if "PARAM_VALUE" in telemetry.messages:
-        latest_values: dict[str, float] = {}
-        changes = _changed_parameters(signals)
-        is_before_start = (changes.boot < segment.boot) | (
-            (changes.boot == segment.boot) & (changes.time <= segment.start)
-        )
-        for row in np.flatnonzero(is_before_start).tolist():
-            name, value = changes.names_and_values[row]
-            if isfinite(value):
-                latest_values[name] = value
-        values_at_start = latest_values
+        values_at_start = _changed_parameters_at(signals, segment.boot, segment.start)
     earlier_values = {}
     for name, value in values_at_start.items():
         is_control_parameter = CONTROL_PARAMETERS.match(name)
@@ -206,6 +202,28 @@ def _earlier_parameters(signals: Signals, segment: Segment) -> Parameters:
         if is_control_parameter and not is_set_by_autopilot and has_changed:
             earlier_values[name] = value
     return earlier_values
+
+
+def _changed_parameters_at(signals: Signals, boot: int, time: float) -> Parameters:
+    """Returns the values at some time of those parameters that changed in the log.
+
+    Args:
+        signals: signals of the vehicle, whose log has PARAM_VALUE.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
+        time: s since boot.
+
+    Returns:
+        The last finite value that was sent until then, by name; parameters that were not sent until then are left out.
+    """
+    changes = _changed_parameters(signals)
+    is_of_earlier_boot = changes.boot < boot
+    is_earlier_in_boot = (changes.boot == boot) & (changes.time <= time)
+    values = {}
+    for row in np.flatnonzero(is_of_earlier_boot | is_earlier_in_boot).tolist():
+        name, value = changes.names_and_values[row]
+        if isfinite(value):
+            values[name] = value
+    return values
 
 
 class ParameterMessages(NamedTuple):
@@ -237,14 +255,13 @@ def _changed_parameters(signals: Signals) -> ParameterMessages:
     names_and_values = decoded_parameters(columns, telemetry.autopilot)
     changed_names = set()
     for name, value in names_and_values:
-        if value != telemetry.parameters.get(name):
+        last_value = telemetry.parameters.get(name)
+        if value != last_value:
             changed_names.add(name)
-    rows_of_changed = []
-    for row, (name, _) in enumerate(names_and_values):
-        if name in changed_names:
-            rows_of_changed.append(row)
+    # Rows of the messages, also those with the last value: a parameter may have been changed back.
+    rows = [row for row, (name, _) in enumerate(names_and_values) if name in changed_names]
     return ParameterMessages(
-        columns["boot"][rows_of_changed],
-        columns["time"][rows_of_changed],
-        tuple(names_and_values[row] for row in rows_of_changed),
+        boot=columns["boot"][rows],
+        time=columns["time"][rows],
+        names_and_values=tuple(names_and_values[row] for row in rows),
     )

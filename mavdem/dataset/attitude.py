@@ -136,6 +136,7 @@ def tuning_rates(
     if columns is None:
         return None
     rates = np.column_stack([float_column(columns, "achieved"), float_column(columns, "desired")])
+    # In whichever of the two units, no body rate is larger than the limit in degrees/s.
     rates[abs(rates) > np.degrees(MAX_BODY_RATE)] = np.nan
     is_of_axis = columns["axis"] == FIRST_TUNING_AXIS + AXES.index(axis)
     tuning = clean_series(columns, rates, is_of_axis)

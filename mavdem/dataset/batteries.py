@@ -143,49 +143,49 @@ def connected_batteries(telemetry: Telemetry) -> tuple[Battery, ...]:
         else:
             batteries[number] = battery
     if sys_status_battery is not None:
-        batteries |= _battery_of_sys_status(batteries, sys_status_battery, telemetry.autopilot)
-    if second_battery is not None:
-        batteries.setdefault(SECOND_BATTERY, second_battery)
+        additional_battery = _battery_of_sys_status(
+            batteries, sys_status_battery, telemetry.autopilot
+        )
+        if additional_battery is not None:
+            batteries[additional_battery.number] = additional_battery
+    if second_battery is not None and SECOND_BATTERY not in batteries:
+        batteries[SECOND_BATTERY] = second_battery
     return tuple(batteries[number] for number in sorted(batteries))
 
 
 def _battery_of_sys_status(
     batteries: Mapping[int, Battery], sys_status: Battery, autopilot: str
-) -> dict[int, Battery]:
+) -> Battery | None:
     """Decides under which number the battery of SYS_STATUS is listed, and whether it replaces one of BATTERY_STATUS.
 
     Two medians of the voltage that agree within ``SAME_BATTERY_DIFFERENCE`` are of the same battery.
 
     Args:
         batteries: Batteries of BATTERY_STATUS by number.
-        sys_status: Battery that SYS_STATUS describes, which has no number in that message.
+        sys_status: Battery that SYS_STATUS describes, as the first battery: the message itself has no number.
         autopilot: MAV_AUTOPILOT without its prefix.
 
     Returns:
-        The battery of SYS_STATUS by its number; empty if it only repeats a battery of BATTERY_STATUS.
+        The battery of SYS_STATUS with its number; None if it only repeats a battery of BATTERY_STATUS.
     """
     if not batteries:
-        return {FIRST_BATTERY: sys_status}
+        return sys_status
     if len(batteries) == 1:
         (only_battery,) = batteries.values()
         usual_voltage = np.median(only_battery.voltage.values)
         difference = abs(np.median(sys_status.voltage.values) - usual_voltage)
         is_same_battery = difference <= SAME_BATTERY_DIFFERENCE * usual_voltage
         if is_same_battery:
-            number = only_battery.number
             # SYS_STATUS is sent more often, but does not have the number of cells.
-            return {number: replace(sys_status, number=number, cells=only_battery.cells)}
+            return replace(sys_status, number=only_battery.number, cells=only_battery.cells)
     # PX4's SYS_STATUS shows the battery with the least charge, which changes in flight.
     if autopilot == "PX4" or FIRST_BATTERY in batteries:
-        return {}
-    return {FIRST_BATTERY: sys_status}
+        return None
+    return sys_status
 
 
 def _measured_battery(number: int, columns: Columns) -> Battery | None:
-    """Makes a battery from its messages.
-
-    Impossible voltages, and outliers from the running median, are left out. If too few values remain, no battery is
-    connected to the sensor.
+    """Makes a battery from its messages, of which those with an impossible voltage are left out.
 
     Args:
         number: Number under which the battery is listed, from 1.
@@ -197,14 +197,7 @@ def _measured_battery(number: int, columns: Columns) -> Battery | None:
     voltage = _battery_voltage(columns)
     if voltage is None:
         return None
-    lowest, highest = POSSIBLE_VOLTAGE
-    is_possible = (voltage >= lowest) & (voltage <= highest)
-    # A damaged message can have twice the voltage of its neighbours.
-    possible_voltage = voltage[is_possible]
-    is_outlier = deviates_from_median(
-        possible_voltage, VOLTAGE_MEDIAN_SAMPLES, possible_voltage / 2
-    )
-    is_possible[is_possible] = ~is_outlier
+    is_possible = _is_possible_voltage(voltage)
     # Without a connected battery, a few damaged messages may still have a possible voltage.
     sample_count = np.count_nonzero(~np.isnan(voltage))
     min_possible_count = max(MIN_VOLTAGE_SAMPLES, sample_count / 2)
@@ -234,6 +227,29 @@ def _series_or_none(columns: Columns, values: Array) -> TimeSeries | None:
     return series if len(series.time) else None
 
 
+def _is_possible_voltage(voltage: Array) -> Flags:
+    """Flags the samples in which the voltage of a battery is in ``POSSIBLE_VOLTAGE`` and no outlier.
+
+    A damaged message can have twice the voltage of its neighbours. So a sample is an outlier if it deviates by more
+    than half of its value from the running median of the possible ones.
+
+    Args:
+        voltage: Voltage (N,), V; NaN where it is not known.
+
+    Returns:
+        Flags (N,).
+    """
+    lowest, highest = POSSIBLE_VOLTAGE
+    is_possible = (voltage >= lowest) & (voltage <= highest)
+    possible_voltage = voltage[is_possible]
+    is_outlier = deviates_from_median(
+        possible_voltage, VOLTAGE_MEDIAN_SAMPLES, possible_voltage / 2
+    )
+    # The outliers are flags of the possible samples only, so they are removed at these samples.
+    is_possible[is_possible] = ~is_outlier
+    return is_possible
+
+
 def _battery_voltage(columns: Columns) -> Array | None:
     """Returns the voltage in the messages of a battery.
 
@@ -253,6 +269,7 @@ def _battery_voltage(columns: Columns) -> Array | None:
     if "voltages" not in columns:
         return None
     cells = _cell_millivolts(columns)
+    # The sum over no cell at all is 0, which would be a voltage.
     has_voltage = np.isfinite(cells).any(axis=1)
     return np.where(has_voltage, np.nansum(cells, axis=1), np.nan) / 1000
 
@@ -264,16 +281,17 @@ def _cell_millivolts(columns: Mapping[str, Array]) -> Array:
         columns: Columns (N,) of BATTERY_STATUS.
 
     Returns:
-        The elements (N, k), mV; NaN where one is not in use.
+        (N, 10) voltages of cells 1 to 10, mV, or (N, 14) if the message has those of cells 11 to 14 too; NaN for an
+        element that is not in use.
     """
-    cells = np.array(float_column(columns, "voltages"), ndmin=2)
-    cells[cells == UINT16_UNKNOWN] = np.nan
+    cells_1_to_10 = np.array(float_column(columns, "voltages"), ndmin=2)
+    cells_1_to_10[cells_1_to_10 == UINT16_UNKNOWN] = np.nan
     if "voltages_ext" not in columns:
-        return cells
-    # In voltages_ext, cells 11 to 14, an element that is not in use is 0.
-    further_cells = np.array(float_column(columns, "voltages_ext"), ndmin=2)
-    further_cells[(further_cells == 0) | (further_cells == UINT16_UNKNOWN)] = np.nan
-    return np.column_stack([cells, further_cells])
+        return cells_1_to_10
+    # In this field an element that is not in use is 0.
+    cells_11_to_14 = np.array(float_column(columns, "voltages_ext"), ndmin=2)
+    cells_11_to_14[(cells_11_to_14 == 0) | (cells_11_to_14 == UINT16_UNKNOWN)] = np.nan
+    return np.column_stack([cells_1_to_10, cells_11_to_14])
 
 
 def _cells_in_message(columns: Columns, is_possible: Flags) -> int | None:
@@ -294,8 +312,18 @@ def _cells_in_message(columns: Columns, is_possible: Flags) -> int | None:
         return cell_count or None
     if "voltages" not in columns:
         return None
-    # Voltages (N, elements), V; NaN where an element is not in use.
-    volts = _cell_millivolts(columns)[is_possible] / 1000
+    return _count_of_cell_voltages(_cell_millivolts(columns)[is_possible] / 1000)
+
+
+def _count_of_cell_voltages(volts: Array) -> int | None:
+    """Returns how many cells have a voltage in the messages of a battery.
+
+    Args:
+        volts: Elements (N, k) of N messages, V, one for each cell or for several; NaN where one is not in use.
+
+    Returns:
+        The number; None if it changes, or an element cannot be the voltage of a single cell.
+    """
     is_in_use = np.isfinite(volts)
     cells_in_use = is_in_use.sum(axis=1)
     # A single element is no count of cells: it may be the voltage of one cell, or the sum of two empty ones.

@@ -180,7 +180,8 @@ def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...])
         intersection(intervals_by_collective, complement(covered_intervals)),
     )
     # If neither reports nor outputs come, the last report holds.
-    uncovered_intervals = complement(union(covered_intervals, _with_samples_near(collective.time)))
+    near_motor_samples = _intervals_near_samples(collective.time)
+    uncovered_intervals = complement(union(covered_intervals, near_motor_samples))
     last_reported_intervals = true_intervals(
         reports.time, np.isin(_last_defined(reports.values), states)
     )
@@ -231,7 +232,7 @@ def contradicted_landings(signals: Signals, boot: int) -> list[ContradictedRepor
     return contradicted_reports(reports, height, has_thrust)
 
 
-def _with_samples_near(time: Array) -> Intervals:
+def _intervals_near_samples(time: Array) -> Intervals:
     """Finds the intervals in which some sample is at most ``MAX_REPORT_INTERVAL`` earlier or later.
 
     Args:
@@ -240,7 +241,9 @@ def _with_samples_near(time: Array) -> Intervals:
     Returns:
         Start and end of each interval, s.
     """
-    recorded_spans = split_at_gaps(time, np.diff(time) > 2 * MAX_REPORT_INTERVAL)
+    # Across a longer gap, the time near the sample before and the time near the sample after do not touch.
+    is_gap = np.diff(time) > 2 * MAX_REPORT_INTERVAL
+    recorded_spans = split_at_gaps(time, is_gap)
     return [
         (start - MAX_REPORT_INTERVAL, end + MAX_REPORT_INTERVAL) for start, end in recorded_spans
     ]

@@ -91,7 +91,7 @@ def without_grounded(flights: Intervals, signals: Signals, boot: int) -> Interva
         flights = [flight for flight in flights if _has_vertical_speed(flight, climb_rate)]
     excluded_intervals = []
     for flight in flights:
-        if _ignored_tilt_setpoints(signals, boot, flight):
+        if _was_held(signals, boot, flight):
             excluded_intervals.append(flight)
     for start, end in intersection(flights, grounded_intervals(signals, boot)):
         if end - start >= MIN_GROUND_SECONDS:
@@ -173,7 +173,7 @@ def height_above_take_off(
     return TimeSeries(height.time, height.boot, height.values - height.value_at(take_off_time))
 
 
-def _ignored_tilt_setpoints(signals: Signals, boot: int, flight_interval: TimeInterval) -> bool:
+def _was_held(signals: Signals, boot: int, flight_interval: TimeInterval) -> bool:
     """Returns whether a vehicle was held: it never rose in a flight, and hardly tilted although its setpoints did.
 
     Such a vehicle is on a test stand, or in somebody's hand. If the height was not recorded, it counts as free.
@@ -241,7 +241,6 @@ def grounded_intervals(signals: Signals, boot: int) -> Intervals:
     collective = series_of_boot(signals.collective, boot)
     if collective is None:
         return []
-    time = collective.time
     mean_collective = moving_average(collective)
     # The autopilot's landed state comes first, since a powerful vehicle hovers below any fixed collective. A tumble is
     # left out: it rotates so fast, and its motors differ so much, that a hover beside it would seem to be held.
@@ -249,20 +248,37 @@ def grounded_intervals(signals: Signals, boot: int) -> Intervals:
         landed_state_intervals(signals, boot, OFF_GROUND),
         complement(extreme_tilt_intervals(signals, boot)),
     )
-    is_flown = in_intervals(time, flights)
+    is_flown = in_intervals(collective.time, flights)
     if not is_flown.any():
         return []
     hover_collective = _hover_collective(mean_collective[is_flown])
     is_carried = mean_collective < MIN_CARRYING_RATIO * hover_collective
+    is_held = _is_held_by_ground(signals, collective, is_flown, hover_collective)
+    return true_intervals(collective.time, is_carried | is_held)
 
+
+def _is_held_by_ground(
+    signals: Signals, collective: TimeSeries, is_flown: Flags, hover_collective: float
+) -> Flags:
+    """Flags the times at which a vehicle does not rotate, although its motors differ enough to rotate a free one.
+
+    Args:
+        signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        collective: (N,) mean of the outputs of all motors in one boot, as a share of their range.
+        is_flown: (N,) whether each of these times counts as flight; one at least.
+        hover_collective: Mean output of all motors in hover, as a share of their range.
+
+    Returns:
+        Flags (N,).
+    """
+    boot = int(collective.boot[0])
+    square_rates = _mean_square_tilt_rates(signals, boot, collective.time)
     # The rotation is judged relative to the fastest rotation of this vehicle in flight, a high quantile.
-    square_rates = _mean_square_tilt_rates(signals, boot, time)
     fast_square_rate = np.quantile(square_rates[is_flown], HIGH_QUANTILE)
     is_rotating = is_flown & (square_rates >= MIN_ROTATING_SQUARE_RATIO * fast_square_rate)
     is_still = square_rates < HELD_RATE_RATIO**2 * fast_square_rate
     deviations = _motor_deviations(signals, boot, collective, is_rotating)
-    is_held = is_still & (deviations > HELD_MOTOR_DEVIATION * hover_collective)
-    return true_intervals(time, is_carried | is_held)
+    return is_still & (deviations > HELD_MOTOR_DEVIATION * hover_collective)
 
 
 def _hover_collective(collective: Array) -> float:
@@ -302,12 +318,13 @@ def _motor_deviations(
     largest_deviation = np.zeros(len(collective.time))
     if signals.motors is None:
         return largest_deviation
-    mean = moving_average(collective)
-    for fractions in signals.motors.range_fractions(boot).values.T:
-        motor = TimeSeries(collective.time, collective.boot, fractions)
-        relative_output = moving_average(motor) - mean
+    mean_of_motors = moving_average(collective)
+    for outputs_of_motor in signals.motors.range_fractions(boot).values.T:
+        motor = TimeSeries(collective.time, collective.boot, outputs_of_motor)
+        relative_output = moving_average(motor) - mean_of_motors
         usual_output = np.median(relative_output[is_rotating])
         deviation = abs(relative_output - usual_output)
+        # ``fmax`` ignores a deviation of NaN.
         largest_deviation = np.fmax(largest_deviation, deviation)
     return largest_deviation
 

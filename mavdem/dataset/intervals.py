@@ -22,6 +22,9 @@ def true_intervals(time: Array, condition: Flags) -> Intervals:
     A condition that is true at the first or the last stamp is assumed to be true before or after it as well, so that
     only recorded changes bound an interval.
 
+    >>> true_intervals(np.array([0.0, 1.0, 2.0, 3.0]), np.array([False, True, True, False]))
+    [(1.0, 2.0)]
+
     Args:
         time: (N,) stamps in seconds, rising.
         condition: (N,) whether the condition is true at each stamp.
@@ -30,12 +33,13 @@ def true_intervals(time: Array, condition: Flags) -> Intervals:
         The intervals, the first from -inf or the last to inf where the condition is true at the end of the record.
     """
     padded_condition = np.concatenate([[False], condition, [False]]).astype(np.int8)
-    # Changes alternate: the first true row of a run, then the row after its last true one.
+    # Changes alternate: the first row at which the condition is true, then the first row at which it is false again.
     changes = np.flatnonzero(np.diff(padded_condition))
+    first_true_rows, first_false_rows = changes[::2], changes[1::2]
     intervals = []
-    for first_row, row_after in zip(changes[::2], changes[1::2], strict=True):
-        start = -inf if first_row == 0 else float(time[first_row])
-        end = inf if row_after == len(time) else float(time[row_after - 1])
+    for first_true, first_false in zip(first_true_rows, first_false_rows, strict=True):
+        start = -inf if first_true == 0 else float(time[first_true])
+        end = inf if first_false == len(time) else float(time[first_false - 1])
         intervals.append((start, end))
     return intervals
 
@@ -62,6 +66,9 @@ def longest_true_duration(time: Array, condition: Flags) -> float:
 def split_at_gaps(time: Array, is_gap: Flags) -> Intervals:
     """Splits a record at its gaps.
 
+    >>> split_at_gaps(np.array([0.0, 1.0, 5.0, 6.0]), np.array([False, True, False]))
+    [(0.0, 1.0), (5.0, 6.0)]
+
     Args:
         time: (N,) stamps in seconds, rising.
         is_gap: (N - 1,) whether the step from each stamp to the next is a gap.
@@ -71,13 +78,12 @@ def split_at_gaps(time: Array, is_gap: Flags) -> Intervals:
     """
     if not len(time):
         return []
+    # Gap i is the step from stamp i to stamp i + 1.
     gaps = np.flatnonzero(is_gap)
-    starts = time[np.append(0, gaps + 1)]
-    interval_ends = time[np.append(gaps, -1)]
-    has_duration = starts < interval_ends
-    return list(
-        zip(starts[has_duration].tolist(), interval_ends[has_duration].tolist(), strict=True)
-    )
+    first_row, last_row = 0, len(time) - 1
+    starts = time[np.append(first_row, gaps + 1)].tolist()
+    ends = time[np.append(gaps, last_row)].tolist()
+    return [(start, end) for start, end in zip(starts, ends, strict=True) if start < end]
 
 
 def intersection(first: Intervals, second: Intervals) -> Intervals:

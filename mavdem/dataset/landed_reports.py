@@ -63,18 +63,13 @@ class LandedReportCheck:
     _contradiction_start: float | None = None
 
     def add(self, report: LandedReport) -> None:
-        """Checks the next report, in the order of time."""
+        """Checks the next report, in the order of time, and updates ``first_time`` and ``contradicted_rise``."""
         if report.state in OFF_GROUND:
             self.first_time = None
             self.contradicted_rise = None
         elif report.state == ON_GROUND and self.first_time is None:
             self.first_time = report.time
-        is_height_known = bool(np.isfinite(report.height))
-        if is_height_known and (self._ground_height is None or not report.has_thrust):
-            self._ground_height = report.height
-        rise = 0.0
-        if is_height_known and self._ground_height is not None:
-            rise = report.height - self._ground_height
+        rise = self._rise_above_ground(report)
         is_contradicted = rise > MIN_CERTAIN_RISE and report.has_thrust
         if report.state != ON_GROUND or not is_contradicted:
             self._contradiction_start = None
@@ -83,6 +78,18 @@ class LandedReportCheck:
             self._contradiction_start = report.time
         if report.time - self._contradiction_start >= MIN_CONTRADICTION_SECONDS:
             self.contradicted_rise = max(rise, self.contradicted_rise or 0.0)
+
+    def _rise_above_ground(self, report: LandedReport) -> float:
+        """Returns how far the vehicle has risen, m, since the motors last gave too little thrust to fly.
+
+        The height of a report without such thrust is stored as the height of the ground. Until there is one, the first
+        known height stands for it. If the height of the report is not known, the rise is 0.
+        """
+        if not np.isfinite(report.height):
+            return 0.0
+        if self._ground_height is None or not report.has_thrust:
+            self._ground_height = report.height
+        return report.height - self._ground_height
 
 
 class ContradictedReports(NamedTuple):
@@ -106,15 +113,21 @@ def contradicted_reports(
         has_thrust: (N,) whether the motors give enough thrust to fly at the time of each report.
 
     Returns:
-        Each series of such reports, in the order of time.
+        Each unbroken series of such reports, in the order of time.
     """
     heights = np.interp(reports.time, height.time, height.values, left=np.nan, right=np.nan)
     report_check = LandedReportCheck()
-    # By the time of the first report of each series.
+    # By the time of the first report of each series. Each further report of a series replaces its interval by a longer
+    # one.
     contradictions: dict[float, ContradictedReports] = {}
     for row, time in enumerate(reports.time.tolist()):
-        state = int(reports.values[row])
-        report_check.add(LandedReport(time, state, bool(has_thrust[row]), float(heights[row])))
+        report = LandedReport(
+            time,
+            state=int(reports.values[row]),
+            has_thrust=bool(has_thrust[row]),
+            height=float(heights[row]),
+        )
+        report_check.add(report)
         first_time = report_check.first_time
         if first_time is not None and report_check.contradicted_rise is not None:
             contradictions[first_time] = ContradictedReports(

@@ -47,6 +47,7 @@ def learnability_of(signals: Signals, components: Sequence[Component] = ()) -> L
     Returns:
         The checks of that segment with their figures, and the flight or the reason why nothing can be learned from it.
     """
+    # They come in the order in which segments are preferred. The first is that of the longest usable segment.
     return next(segment_learnabilities(signals, components))
 
 
@@ -126,7 +127,7 @@ def _unusable_log(signals: Signals, components: Sequence[Component]) -> Fact | N
     """
     telemetry = signals.telemetry
     if telemetry.vehicle not in POSSIBLE_MULTIROTORS:
-        return _no_multirotor(signals, components)
+        return _other_vehicle_type(signals, components)
     # The format of the log that was translated to MAVLink, such as ULog, on which the advice depends.
     recorder = telemetry.translated_from
     attitude = signals.attitude
@@ -139,7 +140,7 @@ def _unusable_log(signals: Signals, components: Sequence[Component]) -> Fact | N
         )
     if signals.model_inputs is None:
         was_never_armed = signals.armed is not None and not signals.armed.values.any()
-        return NEVER_ARMED if was_never_armed else _without_inputs(signals)
+        return NEVER_ARMED if was_never_armed else _missing_inputs(signals)
     if attitude.impossible_count > MAX_IMPOSSIBLE_SHARE * attitude.sent_count:
         reason = impossible_attitude(signals, NotLearnableReason.ATTITUDE_UNIT)
         return reason.replace(recorder=recorder)
@@ -168,7 +169,7 @@ def _missing_part_of_attitude(telemetry: Telemetry) -> str:
     return {"ATT": "rates", "ANG": "rates", "RATE": "angles"}.get(name, "")
 
 
-def _no_multirotor(signals: Signals, components: Sequence[Component]) -> Fact:
+def _other_vehicle_type(signals: Signals, components: Sequence[Component]) -> Fact:
     """Returns the reason to refuse a vehicle that is no multirotor, since models are of multirotors only.
 
     The user may have chosen the wrong vehicle of the log, so the reason names another one that is a multirotor.
@@ -200,7 +201,7 @@ def _component_ids(component: Component) -> str:
     return f"{component.system}:{component.component}"
 
 
-def _without_inputs(signals: Signals) -> Fact:
+def _missing_inputs(signals: Signals) -> Fact:
     """Returns the reason why a log has no inputs of the model.
 
     The inputs are the motor outputs or, if the caller chose it, the controller's demand for the axis. Without motor
@@ -247,8 +248,8 @@ def _never_airborne(signals: Signals, figures: QualityFigures) -> Fact:
         if flight_states.airborne_intervals(signals, int(boot)):
             is_reported_airborne = True
             break
-    is_never_reported = not is_reported_airborne and signals.landed_state is None
-    if is_never_reported and signals.collective is None:
+    is_nothing_reported = not is_reported_airborne and signals.landed_state is None
+    if is_nothing_reported and signals.collective is None:
         return Fact(
             NotLearnableReason.NO_EVIDENCE_OF_FLIGHT,
             name=message_name,
@@ -256,7 +257,7 @@ def _never_airborne(signals: Signals, figures: QualityFigures) -> Fact:
         )
     # Each case has its figure; the others are None.
     min_climb_rate = grounded.MIN_LIFT_OFF_SPEED if is_reported_airborne else None
-    highest_collective = flight_states.max_collective(signals) if is_never_reported else None
+    highest_collective = flight_states.max_collective(signals) if is_nothing_reported else None
     return Fact(
         NotLearnableReason.NEVER_AIRBORNE,
         armed=figures.armed,

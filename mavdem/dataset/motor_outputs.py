@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -222,18 +222,23 @@ def channel_outputs(message: str, columns: Columns, autopilot: str) -> ChannelOu
     layout = MOTOR_MESSAGES[message]
     if not layout.is_ported:
         values = np.atleast_2d(columns[layout.field])
-        outputs = values.astype(np.result_type(values, np.float32))
-        return ChannelOutputs(outputs, outputs.shape[1])
+        outputs = values.astype(_exact_float_type(values))
+        return ChannelOutputs(outputs, channels_per_port=outputs.shape[1])
     # The first field is the number of the port.
     output_fields = layout.fields[1:]
     values = np.column_stack([columns[field] for field in output_fields if field in columns])
-    outputs = values.astype(np.result_type(values, np.float32))
+    outputs = values.astype(_exact_float_type(values))
     outputs[outputs == UINT16_UNKNOWN] = 0.0
     has_all_fields = outputs.shape[1] == len(output_fields)
     has_output_beyond_8 = np.any(outputs[:, CHANNELS_PER_PORT:])
     if has_all_fields and (autopilot == "ARDUPILOTMEGA" or has_output_beyond_8):
         return ChannelOutputs(outputs, len(output_fields))
     return ChannelOutputs(outputs, CHANNELS_PER_PORT)
+
+
+def _exact_float_type(values: Array) -> np.dtype[Any]:
+    """Returns the type of floats with 32 bits if it holds all values of an array's type exactly, otherwise 64 bits."""
+    return np.result_type(values, np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -372,18 +377,19 @@ def _outputs_by_port(message: str, columns: Columns, autopilot: str) -> list[_Po
     Returns:
         The outputs of each port, in the order of the ports.
     """
-    outputs, channels_per_port = channel_outputs(message, columns, autopilot)
-    port = float_column(columns, "port") if "port" in columns else np.zeros(len(outputs))
+    all_outputs, channels_per_port = channel_outputs(message, columns, autopilot)
+    # (N, channels): each message has the channels of one port.
+    outputs = all_outputs[:, :channels_per_port]
+    port_numbers = float_column(columns, "port") if "port" in columns else np.zeros(len(outputs))
     outputs_by_port = []
-    for number in np.unique(port):
-        is_of_port = port == number
-        table = outputs[:, :channels_per_port]
-        # The table is changed in place, since a copy of hours of flight takes hundreds of megabytes.
-        for column in table.T:
-            if not np.isfinite(column[is_of_port]).any():
-                column[is_of_port] = 0.0
+    for number in np.unique(port_numbers):
+        is_of_port = port_numbers == number
+        # The outputs are changed in place, since a copy of hours of flight takes hundreds of megabytes.
+        for outputs_of_channel in outputs.T:
+            if not np.isfinite(outputs_of_channel[is_of_port]).any():
+                outputs_of_channel[is_of_port] = 0.0
         first_channel = 1 + channels_per_port * int(number)
-        series = clean_series(columns, table, is_of_port)
+        series = clean_series(columns, outputs, is_of_port)
         outputs_by_port.append(_PortOutputs(first_channel, series))
     return outputs_by_port
 
@@ -394,23 +400,23 @@ def _is_moving(outputs: Array) -> bool:
     return len(nonzero) > 0 and np.ptp(nonzero) > 0
 
 
-def _interpolated_outputs(main: TimeSeries, other: TimeSeries, outputs: Array) -> Array:
+def _interpolated_outputs(target: TimeSeries, source: TimeSeries, outputs: Array) -> Array:
     """Interpolates outputs of one port to the stamps of another, within each boot.
 
     Args:
-        main: Outputs of the port with the N wanted stamps.
-        other: Outputs of the other port, at M stamps.
+        target: Outputs of the port with the N wanted stamps; only its times and boots are used.
+        source: Outputs of the other port, at M stamps; only its times and boots are used.
         outputs: (M,) outputs of one channel of the other port.
 
     Returns:
         (N,) outputs; NaN in boots in which the other port has no sample.
     """
-    interpolated_outputs = np.full(len(main.time), np.nan)
-    for boot in np.intersect1d(main.boot, other.boot):
-        is_main = main.boot == boot
-        is_other = other.boot == boot
-        interpolated_outputs[is_main] = np.interp(
-            main.time[is_main], other.time[is_other], outputs[is_other]
+    interpolated_outputs = np.full(len(target.time), np.nan)
+    for boot in np.intersect1d(target.boot, source.boot):
+        is_target = target.boot == boot
+        is_source = source.boot == boot
+        interpolated_outputs[is_target] = np.interp(
+            target.time[is_target], source.time[is_source], outputs[is_source]
         )
     return interpolated_outputs
 

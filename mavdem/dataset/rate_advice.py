@@ -9,7 +9,7 @@ from mavdem.facts import Fact
 from mavdem.facts.learnability import Remedy
 from mavdem.ingest import Component
 from mavdem.ingest.mavlink.dialect import mavlink_constant
-from mavdem.ingest.telemetry import Telemetry, firmware_version
+from mavdem.ingest.telemetry import Parameters, Telemetry, firmware_version
 
 RATE_REQUEST_MESSAGE = "REQUEST_DATA_STREAM"
 """Message by which a ground station asks for the rates of groups of messages."""
@@ -113,32 +113,42 @@ def _stream_advice(telemetry: Telemetry, rate: int, *, is_requested: bool) -> Fa
         is_requested: Whether some component requests rates from the vehicle.
 
     Returns:
-        The remedy for the autopilot, with the names of ArduPilot's ports that are fast enough already.
+        The remedy for the autopilot, with the names of ArduPilot's ports that are fast enough already, such as "SR1",
+        and the prefix of their parameters, "SR" or "MAV"; empty if the log has no such parameters.
     """
     # ArduPilot has parameters such as SR1_EXTRA1: the rate of a group of messages (EXTRA1) on a port (SR1).
-    parameters = telemetry.parameters
     ports = set()
     prefixes = set()
-    for name in parameters:
+    for name in telemetry.parameters:
         match = STREAM_RATE_PARAMETER.match(name)
         if match:
             ports.add(match["port"])
             prefixes.add(match["prefix"])
-    fast_ports = []
-    for port in sorted(ports):
-        rates = [parameters.get(f"{port}_{message_group}", 0) for message_group in STREAM_GROUPS]
-        if min(rates) >= MIN_STREAM_RATE:
-            fast_ports.append(port)
-    # Without such parameters the prefix is empty.
-    prefix = "SR" if "SR" in prefixes else "".join(prefixes)
+    # Both prefixes occur if a log has parameters of two firmwares; SR is the usual one.
+    prefix = ""
+    if "SR" in prefixes:
+        prefix = "SR"
+    elif "MAV" in prefixes:
+        prefix = "MAV"
     remedy_of_autopilot = STREAM_REMEDIES.get(telemetry.autopilot, Remedy.MESSAGE_INTERVALS)
     return Fact(
         STREAM_REMEDIES.get(telemetry.translated_from, remedy_of_autopilot),
         rate=rate,
         asked=is_requested,
-        names=fast_ports,
+        names=[port for port in sorted(ports) if _is_fast_port(port, telemetry.parameters)],
         prefix=prefix,
     )
+
+
+def _is_fast_port(port: str, parameters: Parameters) -> bool:
+    """Returns whether an ArduPilot port sends attitude and motor outputs at ``MIN_STREAM_RATE`` or faster.
+
+    Args:
+        port: Prefix of the port's parameters, such as "SR1".
+        parameters: The autopilot's parameters by name; a rate that is not among them is 0.
+    """
+    rates = [parameters.get(f"{port}_{message_group}", 0) for message_group in STREAM_GROUPS]
+    return min(rates) >= MIN_STREAM_RATE
 
 
 def _dataflash_advice(telemetry: Telemetry) -> Fact:

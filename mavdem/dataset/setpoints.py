@@ -22,7 +22,7 @@ from mavdem.arrays import Array
 from mavdem.dataset.axes import AXES, MAX_BODY_RATE, TILT_AXES
 from mavdem.dataset.time_series import TimeSeries, clean_series, float_column, rows_of_boot
 from mavdem.ingest.mavlink.dialect import mavlink_constant
-from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.telemetry import Columns, Telemetry
 from mavdem.ingest.vocabulary import Injection, euler_angles, wrapped_angle
 
 SETPOINT_MESSAGE = "ATTITUDE_TARGET"
@@ -94,17 +94,29 @@ def recorded_setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
     rate_series = clean_series(columns, rates)
     setpoints = [Setpoint(f"{axis} rate setpoint", "rad/s", SETPOINT_MESSAGE, rate_series)]
 
-    quaternions = np.atleast_2d(float_column(columns, "q"))
-    # A row without a quaternion has zeros or NaN, and gets an angle of NaN.
-    with np.errstate(invalid="ignore", divide="ignore"):
-        lengths = np.linalg.norm(quaternions, axis=1, keepdims=True)
-        angles = euler_angles(quaternions / lengths)[AXES.index(axis)]
     is_angle_ignored = mask_bits & IGNORED_SETPOINT_BITS["attitude"]
-    angle_series = clean_series(columns, np.where(is_angle_ignored, np.nan, angles))
+    angles = np.where(is_angle_ignored, np.nan, _euler_angle_setpoint(columns, axis))
+    angle_series = clean_series(columns, angles)
     is_controlled = axis in TILT_AXES or bool(np.any(np.diff(angle_series.values)))
     if is_controlled:
         setpoints.append(Setpoint(f"{axis} setpoint", "rad", SETPOINT_MESSAGE, angle_series))
     return tuple(setpoint for setpoint in setpoints if len(setpoint.signal.time))
+
+
+def _euler_angle_setpoint(columns: Columns, axis: str) -> Array:
+    """Returns the Euler angle of an axis in the quaternions of ATTITUDE_TARGET.
+
+    Args:
+        columns: Fields of the message, N rows; the quaternions need not be of unit length.
+        axis: "roll", "pitch" or "yaw".
+
+    Returns:
+        Angles (N,), rad; NaN in a row without a quaternion, which has zeros or NaN in its place.
+    """
+    quaternions = np.atleast_2d(float_column(columns, "q"))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        lengths = np.linalg.norm(quaternions, axis=1, keepdims=True)
+        return euler_angles(quaternions / lengths)[AXES.index(axis)]
 
 
 def near_measured_yaw(setpoint: Setpoint, yaw: TimeSeries) -> Setpoint:
@@ -121,15 +133,17 @@ def near_measured_yaw(setpoint: Setpoint, yaw: TimeSeries) -> Setpoint:
         The setpoint, unchanged in boots without a measured yaw.
     """
     series = setpoint.signal
-    moved_yaw = series.values.copy()
+    unwrapped_setpoint = series.values.copy()
     for boot in np.unique(series.boot):
         rows = rows_of_boot(series.boot, boot)
         yaw_of_boot = yaw.of_boot(boot)
         if not len(yaw_of_boot.time):
             continue
         measured_yaw = np.interp(series.time[rows], yaw_of_boot.time, yaw_of_boot.values)
-        moved_yaw[rows] = measured_yaw + wrapped_angle(moved_yaw[rows] - measured_yaw)
-    return replace(setpoint, signal=replace(series, values=moved_yaw))
+        # The error between −π and π is the same for all setpoints that differ by whole turns.
+        yaw_error = wrapped_angle(series.values[rows] - measured_yaw)
+        unwrapped_setpoint[rows] = measured_yaw + yaw_error
+    return replace(setpoint, signal=replace(series, values=unwrapped_setpoint))
 
 
 def held_setpoint(setpoint: Setpoint, boot: int, time: Array) -> Array:

@@ -23,13 +23,13 @@ class Published(NamedTuple):
     def model(self) -> type[Document]:
         """Class of the document, with its keys, units and meanings.
 
-        It is imported when it is asked for: a command needs one of the documents, and all take a tenth of a second.
+        Its module is imported only here, since a command needs one of the documents, and to import all of them takes a
+        tenth of a second.
         """
         module_name, class_name = self.path.split(".")
-        document: type[Document] = getattr(
-            import_module(f"mavdem.documents.{module_name}"), class_name
-        )
-        return document
+        module = import_module(f"mavdem.documents.{module_name}")
+        document_class: type[Document] = getattr(module, class_name)
+        return document_class
 
 
 DOCUMENTS = {

@@ -232,17 +232,17 @@ def tune_document(source: str, margins: str, tuning: Tuning) -> Tune:
     Returns:
         The document. Its key ``error`` is there only if gains are neither advised nor kept.
     """
-    # An absent key must not be passed at all: a value of None would stand in the JSON as null.
-    error = {}
-    if tuning.refusal:
-        refusal = tuning.refusal
-        error["error"] = {"reason": refusal, "remedy": refusal.remedy, "fact": refusal}
     axes = {}
     for axis, advice in tuning.axes.items():
         decision = tuning.judgement.loop_decisions.get(axis)
         axes[axis] = _axis_document(advice, None if decision is None else decision.fact)
+    # Without an error its key is not passed at all: a value of None would stand in the JSON as null.
+    optional_keys = {}
+    if tuning.refusal:
+        refusal = tuning.refusal
+        optional_keys["error"] = {"reason": refusal, "remedy": refusal.remedy, "fact": refusal}
     return Tune.from_results(
-        tuning, tuning.judgement, source=source, margins=margins, axes=axes, **error
+        tuning, tuning.judgement, source=source, margins=margins, axes=axes, **optional_keys
     )
 
 

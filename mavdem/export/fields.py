@@ -112,7 +112,8 @@ def numeric_messages(telemetry: Telemetry, text: str = "") -> Iterator[MessageFi
         instances = _instances(columns)
         time = columns["time"]
         if instances:
-            time = time[columns[_instance_column(columns)] == instances[0]]
+            is_first_instance = columns[_instance_column(columns)] == instances[0]
+            time = time[is_first_instance]
         steps = np.diff(time)
         yield MessageFields(
             message=message,
@@ -162,12 +163,12 @@ def field_samples(
             )
         is_selected &= columns[_instance_column(columns)] == instance
     time = columns["time"][is_selected]
-    values = _with_gaps(fields[field][is_selected], message, field)
+    values = _with_nan_for_unset(fields[field][is_selected], message, field)
     order = np.argsort(time, kind="stable")
     return FieldSamples(time=time[order], values=values[order])
 
 
-def _with_gaps(values: Array, message: str, field: str) -> Array:
+def _with_nan_for_unset(values: Array, message: str, field: str) -> Array:
     """Converts the values of a MAVLink field to floats, with NaN for unset values.
 
     Some integer fields have a number that means "unset", such as 65535 for the voltage of a cell.
@@ -181,8 +182,11 @@ def _with_gaps(values: Array, message: str, field: str) -> Array:
         Values (N,).
     """
     floats = values.astype(float)
-    unset_value = UNSET_VALUES.get((message, field.partition("[")[0]))
-    if unset_value is not None and values.dtype.kind in "iu":
+    # The elements of an array field, such as "voltages[1]", have one such number in common.
+    array_name, _, _ = field.partition("[")
+    unset_value = UNSET_VALUES.get((message, array_name))
+    is_integer = values.dtype.kind in "iu"
+    if unset_value is not None and is_integer:
         floats[values == unset_value] = np.nan
     return floats
 
@@ -216,11 +220,14 @@ def extremes_of_intervals(samples: FieldSamples, intervals: int) -> FieldSamples
     bounds = np.append(np.searchsorted(time, edges[:-1]), len(time)).tolist()
     kept_samples: list[int] = []
     for first_sample, end_sample in pairwise(bounds):
-        # An interval may have no sample.
-        if end_sample > first_sample:
-            lowest = first_sample + int(values[first_sample:end_sample].argmin())
-            highest = first_sample + int(values[first_sample:end_sample].argmax())
-            kept_samples += sorted({lowest, highest})
+        is_empty = first_sample == end_sample
+        if is_empty:
+            continue
+        interval_values = values[first_sample:end_sample]
+        lowest = first_sample + int(interval_values.argmin())
+        highest = first_sample + int(interval_values.argmax())
+        # A set, since they are the same sample where all values are equal.
+        kept_samples += sorted({lowest, highest})
     return FieldSamples(time=time[kept_samples], values=values[kept_samples])
 
 

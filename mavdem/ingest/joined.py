@@ -135,12 +135,13 @@ def _recording_of_log(log: Log) -> Recording:
     for columns in vehicle.messages.values():
         boots.update(np.unique(columns["boot"]).tolist())
     first_boot, last_boot = min(boots), max(boots)
-    start = float(_densest_time(vehicle.messages, first_boot)[0])
-    end = float(_densest_time(vehicle.messages, last_boot)[-1])
+    start = float(_stamps_of_most_frequent_message(vehicle.messages, first_boot)[0])
+    end = float(_stamps_of_most_frequent_message(vehicle.messages, last_boot)[-1])
     if np.isfinite(log.receive_time).all():
         # Reception times are by the clock of the computer that recorded all logs, and need no UTC of the autopilot.
-        utc_at_first_boot: float | None = log.receive_time[0] - start
-        utc_at_last_boot: float | None = log.receive_time[1] - end
+        first_reception, last_reception = log.receive_time
+        utc_at_first_boot: float | None = first_reception - start
+        utc_at_last_boot: float | None = last_reception - end
     else:
         utc_at_first_boot = utc_at_boot(vehicle.messages, first_boot)
         utc_at_last_boot = utc_at_boot(vehicle.messages, last_boot)
@@ -156,7 +157,7 @@ def _recording_of_log(log: Log) -> Recording:
     )
 
 
-def _densest_time(messages: Tables, boot: int) -> Array:
+def _stamps_of_most_frequent_message(messages: Tables, boot: int) -> Array:
     """Returns the stamps of the most frequent message of a boot, which show when the boot's record begins and ends.
 
     The stamps of rare messages may be older than the file: PX4 logs their last values at its beginning.
@@ -168,12 +169,13 @@ def _densest_time(messages: Tables, boot: int) -> Array:
     Returns:
         The stamps (N,), s.
     """
-    densest = np.zeros(0)
+    most_stamps = np.zeros(0)
     for columns in messages.values():
-        time = columns["time"][columns["boot"] == boot]
-        if len(time) > len(densest):
-            densest = time
-    return densest
+        is_of_boot = columns["boot"] == boot
+        stamps = columns["time"][is_of_boot]
+        if len(stamps) > len(most_stamps):
+            most_stamps = stamps
+    return most_stamps
 
 
 def _recordings_by_time(recordings: Sequence[Recording]) -> list[Recording]:
@@ -363,11 +365,10 @@ def _joined_vehicle(earlier: Recording, later: Recording, *, has_restarted: bool
     new_repairs = tuple(
         fact for fact in later_vehicle.repairs if fact not in earlier_vehicle.repairs
     )
+    is_type_unknown = earlier_vehicle.vehicle == "UNKNOWN"
     return replace(
         earlier_vehicle,
-        vehicle=later_vehicle.vehicle
-        if earlier_vehicle.vehicle == "UNKNOWN"
-        else earlier_vehicle.vehicle,
+        vehicle=later_vehicle.vehicle if is_type_unknown else earlier_vehicle.vehicle,
         messages=messages,
         parameters={**earlier_vehicle.parameters, **later_vehicle.parameters},
         initial_parameters=_initial_parameters(earlier_vehicle, later_vehicle),

@@ -217,7 +217,9 @@ def _ardupilot_wiring(vehicle: str, parameters: Parameters) -> _Wiring:
     for channel in range(1, MAX_SERVO_CHANNELS + 1):
         function = int(parameters.get(f"SERVO{channel}_FUNCTION", NO_FUNCTION))
         if function in MOTOR_OF_FUNCTION:
-            channel_of_motor.setdefault(MOTOR_OF_FUNCTION[function], channel)
+            motor = MOTOR_OF_FUNCTION[function]
+            # Of several channels the first, lowest one is kept.
+            channel_of_motor.setdefault(motor, channel)
         # A log has only one of the two parameters, depending on the version.
         old_function = parameters.get(f"RC{channel}_FUNCTION", function)
         if old_function != NO_FUNCTION and old_function not in MOTOR_OF_FUNCTION:

@@ -129,19 +129,15 @@ def output_scale(
     is_px4 = bool(drivers)
     driver = drivers[0].name if is_px4 else ""
     px4_low, px4_high = _px4_range(drivers, parameters)
-    if not driver.startswith("PWM") and MAX_NORMALISED < largest_output <= px4_high:
+    is_in_px4_range = MAX_NORMALISED < largest_output <= px4_high
+    if is_in_px4_range and not driver.startswith("PWM"):
         name = "UAVCAN" if driver.startswith("UAVCAN") else "0-1000"
         return OutputScale(name, "", px4_low, px4_high, step)
-    if (
-        smallest_output >= MIN_PULSE_WIDTH
-        and MIN_RUNNING_PULSE_WIDTH < largest_output <= MAX_PULSE_WIDTH
-    ):
+    has_running_motor = MIN_RUNNING_PULSE_WIDTH < largest_output <= MAX_PULSE_WIDTH
+    if smallest_output >= MIN_PULSE_WIDTH and has_running_motor:
         return _pulse_width_scale(positive_outputs, step, parameters, drivers)
-    if (
-        is_px4
-        and MAX_IDLE_DSHOT < largest_output <= MAX_DSHOT_COMMAND
-        and "DSHOT_MIN" in parameters
-    ):
+    may_be_dshot = MAX_IDLE_DSHOT < largest_output <= MAX_DSHOT_COMMAND
+    if is_px4 and may_be_dshot and "DSHOT_MIN" in parameters:
         # DSHOT_MIN is the idle throttle as a fraction of the range, 0 to 1, so that the lower end is at idle.
         low = float(round(parameters["DSHOT_MIN"] * MAX_DSHOT))
         return OutputScale("DShot", "", low, MAX_DSHOT, step)
@@ -261,15 +257,12 @@ def _px4_range(drivers: Sequence[OutputDriver], parameters: Parameters) -> Inter
     Returns:
         Both outputs; 0 and 0 if the range of a motor is not known or there are no drivers.
     """
-    if not drivers:
+    lower_ends = [_px4_limit(driver, "MIN", parameters) for driver in drivers]
+    upper_ends = [_px4_limit(driver, "MAX", parameters) for driver in drivers]
+    is_any_unknown = 0.0 in lower_ends or 0.0 in upper_ends
+    if not drivers or is_any_unknown:
         return 0.0, 0.0
-    means = []
-    for end in ("MIN", "MAX"):
-        limits = [_px4_limit(driver, end, parameters) for driver in drivers]
-        if any(limit == 0.0 for limit in limits):
-            return 0.0, 0.0
-        means.append(float(np.mean(limits)))
-    return means[0], means[1]
+    return float(np.mean(lower_ends)), float(np.mean(upper_ends))
 
 
 def _px4_limit(driver: OutputDriver, end: str, parameters: Parameters) -> float:
@@ -313,11 +306,11 @@ def _ardupilot_upper_limit(parameters: Parameters) -> float:
         The fraction, 0.5 to 1; 1 without such a parameter.
     """
     upper_limit = 1.0
-    idle = parameters.get("THR_MIN", 0.0) / PER_MILLE
     if "MOT_SPIN_MAX" in parameters:
         upper_limit = parameters["MOT_SPIN_MAX"]
     elif "MOT_THST_MAX" in parameters:
-        upper_limit = idle + (1 - idle) * parameters["MOT_THST_MAX"]
+        idle_fraction = parameters.get("THR_MIN", 0.0) / PER_MILLE
+        upper_limit = idle_fraction + (1 - idle_fraction) * parameters["MOT_THST_MAX"]
     elif parameters.get("MOT_TCRV_ENABLE"):
         upper_limit = parameters.get("MOT_TCRV_MAXPCT", 100.0) / 100
     return upper_limit if MIN_UPPER_LIMIT <= upper_limit <= 1 else 1.0

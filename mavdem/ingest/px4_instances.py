@@ -4,7 +4,6 @@ Of batteries and estimators the one that counts becomes the message, and a table
 first become the further messages that MAVLink has for them: GPS2_RAW, SCALED_IMU2, SCALED_PRESSURE2 and so on.
 """
 
-from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -13,6 +12,7 @@ import numpy as np
 from mavdem.arrays import Array, Flags, Integers
 from mavdem.ingest.px4_messages import TRANSLATION_RULES
 from mavdem.ingest.px4_topics import (
+    MessageMaker,
     Topics,
     array_field,
     first_instance,
@@ -237,14 +237,8 @@ def _sampled_ratios(topics: Topics, instance: int, ratio: EstimatorRatio, time: 
     largest_ratios = np.full(len(time), np.nan)
     for source in AID_SOURCES[ratio]:
         for topic_instance, topic in topics.get(f"estimator_aid_src_{source}", {}).items():
-            # Without the field, the instance of the topic has the number of the estimator.
-            default_estimator = np.full(len(topic["time"]), topic_instance)
-            is_of_estimator = topic.get("estimator_instance", default_estimator) == instance
-            samples = selected_rows(topic, is_of_estimator)
-            is_fused = samples.get("fused", np.zeros(len(samples["time"]))) > 0
-            # Without the field, samples that were not fused count as rejected: a source in use remains in use.
-            is_rejected = samples.get("innovation_rejected", np.ones(len(samples["time"]))) > 0
-            samples = selected_rows(samples, _is_used(is_fused, is_rejected))
+            samples = _samples_in_use(topic, topic_instance, instance)
+            # A field, or its elements, such as "test_ratio[0]".
             squared_ratios = [
                 samples[field] for field in samples if field.partition("[")[0] == "test_ratio"
             ]
@@ -257,10 +251,32 @@ def _sampled_ratios(topics: Topics, instance: int, ratio: EstimatorRatio, time: 
     return largest_ratios
 
 
+def _samples_in_use(topic: Columns, topic_instance: int, estimator: int) -> Columns:
+    """Selects the samples of an aiding source that are of one estimator instance, while that uses the source.
+
+    Args:
+        topic: Columns (N,) of an instance of a topic estimator_aid_src_….
+        topic_instance: Number of this instance of the topic.
+        estimator: Number of the estimator instance.
+
+    Returns:
+        The columns of the selected samples, which may be none.
+    """
+    # Without the field, the instance of the topic has the number of the estimator.
+    default_estimator = np.full(len(topic["time"]), topic_instance)
+    is_of_estimator = topic.get("estimator_instance", default_estimator) == estimator
+    samples = selected_rows(topic, is_of_estimator)
+    is_fused = samples.get("fused", np.zeros(len(samples["time"]))) > 0
+    # Without the field, samples that were not fused count as rejected: a source in use remains in use.
+    is_rejected = samples.get("innovation_rejected", np.ones(len(samples["time"]))) > 0
+    return selected_rows(samples, _is_source_in_use(is_fused, is_rejected))
+
+
 def _largest_since_previous_time(time: Array, sample_time: Array, values: Array) -> Array:
     """Resamples a signal: returns at each of T times the largest sample since the previous one of these times.
 
-    Where no sample came since then, the last sample counts, unless it is older than ``MAX_AID_AGE``.
+    Where no sample came since then, the last sample counts, unless it is older than ``MAX_AID_AGE``. For example, of
+    the samples 3, 5 and 4 at 0.1, 0.6 and 0.9 s the largest at 1 s is 5, and at 2 s it is 4, the last one.
 
     Args:
         time: Times (T,) to resample at, s, ascending.
@@ -271,13 +287,15 @@ def _largest_since_previous_time(time: Array, sample_time: Array, values: Array)
         Largest samples (T,); NaN where there are none.
     """
     largest_samples = np.full(len(time), np.nan)
-    # Each time has a window of samples, from row ``starts`` to before row ``end_samples``.
-    end_samples = np.searchsorted(sample_time, time, side="right")
-    ends_before = np.append(end_samples[:1] - 1, end_samples[:-1])
-    starts = np.minimum(ends_before, end_samples - 1)
-    is_recent = (end_samples > 0) & (time - sample_time[end_samples - 1] <= MAX_AID_AGE)
+    # Each time has a window of samples, from row ``starts`` to before row ``ends``.
+    ends = np.searchsorted(sample_time, time, side="right")
+    last_rows = ends - 1
+    # The first time has no time before it, and its window is the last sample.
+    ends_of_previous = np.append(last_rows[:1], ends[:-1])
+    starts = np.minimum(ends_of_previous, last_rows)
+    is_recent = (ends > 0) & (time - sample_time[last_rows] <= MAX_AID_AGE)
     if is_recent.any():
-        windows = np.column_stack([starts, end_samples])[is_recent]
+        windows = np.column_stack([starts, ends])[is_recent]
         # ``reduceat`` returns the maxima from each index to the next: of windows and of the gaps between them by turns.
         # The appended 0 makes the end of the last sample a valid index.
         maxima = np.maximum.reduceat(np.append(values, 0.0), windows.ravel())
@@ -285,7 +303,7 @@ def _largest_since_previous_time(time: Array, sample_time: Array, values: Array)
     return largest_samples
 
 
-def _is_used(is_fused: Flags, is_rejected: Flags) -> Flags:
+def _is_source_in_use(is_fused: Flags, is_rejected: Flags) -> Flags:
     """Returns for each sample of an aiding source whether the estimator uses the source at that time.
 
     A source is in use from a sample that was fused until one that was neither fused nor rejected: then it was
@@ -365,15 +383,13 @@ def accelerometers(topics: Topics) -> Fields:
     return in_time_order(tables_of_imus) if len(tables_of_imus) > 1 else {}
 
 
-def further_sensors() -> dict[str, tuple[str, Callable[[Topics], Fields]]]:
-    """Returns the topic of each message of a second or third sensor, and the function that makes it, by its name."""
-    makers: dict[str, tuple[str, Callable[[Topics], Fields]]] = {}
+def further_sensors() -> dict[str, MessageMaker]:
+    """Returns how the messages of second and third sensors are made, by the names of the messages."""
+    makers = {}
     for sensor in SENSOR_TOPICS:
         for instance, message in enumerate(sensor.further_messages, 1):
-            makers[message] = (
-                sensor.topic,
-                partial(_sensor_message, sensor=sensor, instance=instance),
-            )
+            make = partial(_sensor_message, sensor=sensor, instance=instance)
+            makers[message] = MessageMaker(sensor.topic, make)
     return makers
 
 

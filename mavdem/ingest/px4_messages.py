@@ -136,11 +136,12 @@ def interpolated_rotations(
     rotation_after = rotation_after * np.where(cosine < 0, -1.0, 1.0)[:, np.newaxis]
     angle = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
     time_before = time[next_rows - 1]
-    share = (query_time - time_before) / (time[next_rows] - time_before)
+    # The fraction s of the step from one neighbour to the other.
+    fraction = (query_time - time_before) / (time[next_rows] - time_before)
     # The ratio sin(s θ) / sin θ is written with sinc(x) = sin(π x) / (π x), which is finite at θ = 0, for equal
     # neighbours.
-    weight_before = (1 - share) * np.sinc((1 - share) * angle / np.pi)
-    weight_after = share * np.sinc(share * angle / np.pi)
+    weight_before = (1 - fraction) * np.sinc((1 - fraction) * angle / np.pi)
+    weight_after = fraction * np.sinc(fraction * angle / np.pi)
     weighted_sum = (
         weight_before[:, np.newaxis] * rotation_before
         + weight_after[:, np.newaxis] * rotation_after
@@ -400,11 +401,12 @@ def manual_control(topics: Topics) -> Fields:
     sticks = first_instance(topics, "manual_control_setpoint")
     sticks = selected_rows(sticks, flag_or_true(sticks, "valid"))
     fields: Fields = {"time": sticks["time"]}
-    # The names since 1.14, and those before.
-    for name, choices in {"x": ("pitch", "x"), "y": ("roll", "y"), "r": ("yaw", "r")}.items():
-        for choice in choices:
-            if choice in sticks:
-                fields[name] = 1000 * sticks[choice].astype(np.float64)
+    # For each field of the message PX4's name since 1.14, and the one before.
+    px4_names = {"x": ("pitch", "x"), "y": ("roll", "y"), "r": ("yaw", "r")}
+    for field, names in px4_names.items():
+        for name in names:
+            if name in sticks:
+                fields[field] = 1000 * sticks[name].astype(np.float64)
                 break
     if "throttle" in sticks:
         # The range −1 to 1 becomes 0 to 1000.

@@ -38,16 +38,19 @@ def servo_output_raw(topics: Topics) -> Fields:
     Returns:
         ``time`` (N,), s, ``port`` and the 16 outputs in the unit of the driver, in the order of time.
     """
-    ports = []
+    tables_of_ports = []
     for instance, topic in topics.get("actuator_outputs", {}).items():
         drivers = sorted(_messages_by_driver(topic), key=_range_of_first_output, reverse=True)
         for driver_number, driver in enumerate(drivers):
-            outputs = _used_outputs(driver)
+            # No instance has such a large number, so that every driver gets a port of its own.
             port_number = instance + PORT_OUTPUTS * driver_number
-            port = np.full(len(outputs), port_number, dtype=np.uint8)
-            fields = {f"servo{n + 1}_raw": outputs[:, n] for n in range(PORT_OUTPUTS)}
-            ports.append({"time": driver["time"], "port": port, **fields})
-    return in_time_order(ports)
+            outputs = _used_outputs(driver)
+            fields: Fields = {"time": driver["time"]}
+            fields["port"] = np.full(len(outputs), port_number, dtype=np.uint8)
+            for index in range(PORT_OUTPUTS):
+                fields[f"servo{index + 1}_raw"] = outputs[:, index]
+            tables_of_ports.append(fields)
+    return in_time_order(tables_of_ports)
 
 
 def _messages_by_driver(topic: Columns) -> list[Columns]:

@@ -3,8 +3,8 @@
 Topics are defined in https://github.com/PX4/PX4-Autopilot/tree/main/msg.
 """
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,15 @@ TOPIC_FIELDS = {
 
 SETPOINT_TOPICS = frozenset({"vehicle_attitude_setpoint", "vehicle_rates_setpoint"})
 """Topics that a companion may publish as well as PX4."""
+
+
+class MessageMaker(NamedTuple):
+    """How one MAVLink message is made of the topics alone."""
+
+    topic_name: str
+    """The topic that a report names as the origin of the message."""
+    make: Callable[[Topics], Fields]
+    """Returns the columns of the message; raises KeyError where something that it needs was not logged."""
 
 
 def first_instance(topics: Topics, name: str) -> Columns:

@@ -36,7 +36,7 @@ from mavdem.ingest.px4_messages import (
     vibration,
 )
 from mavdem.ingest.px4_motor_messages import hil_actuator_controls, motor_speeds, servo_output_raw
-from mavdem.ingest.px4_topics import Topics, first_instance
+from mavdem.ingest.px4_topics import MessageMaker, Topics, first_instance
 from mavdem.ingest.telemetry import (
     Columns,
     Fields,
@@ -114,8 +114,8 @@ def messages_of_topics(topics: Topics, parameters: Parameters) -> TranslatedTopi
     }
     for name, rule in TRANSLATION_RULES.items():
         candidates[name] = rule["topics"][0], _message_with_boot(renamed_message, topics, name)
-    for name, (topic, maker) in _message_makers(topics).items():
-        candidates[name] = topic, _message_with_boot(maker, topics)
+    for name, maker in _message_makers(topics).items():
+        candidates[name] = maker.topic_name, _message_with_boot(maker.make, topics)
     for name in UNTRANSLATED_TOPICS:
         candidates[name] = name, _message_with_boot(untranslated_topic, topics, name)
     for sensor, sample_topic in SAMPLE_TOPICS.items():
@@ -135,59 +135,59 @@ def messages_of_topics(topics: Topics, parameters: Parameters) -> TranslatedTopi
     return TranslatedTopics(vehicle, messages, topic_names)
 
 
-def _message_makers(topics: Topics) -> dict[str, tuple[str, Callable[[Topics], Fields]]]:
-    """Returns the functions that make one message each of the topics alone, with the topic that a report names.
+def _message_makers(topics: Topics) -> dict[str, MessageMaker]:
+    """Returns how each message is made that needs a function of its own, but nothing except the topics.
 
     Args:
         topics: Columns of the logged topics, by name and number of the instance.
 
     Returns:
-        Name of the topic, and function, by name of the message.
+        The topic that a report names, and the function that makes the message, by the name of the message.
     """
     return {
-        "SERVO_OUTPUT_RAW": ("actuator_outputs", servo_output_raw),
-        "ACTUATOR_CONTROL_TARGET": (_demand_topic(topics), actuator_control_target),
-        "EXTENDED_SYS_STATE": ("vehicle_land_detected", extended_sys_state),
-        "LOCAL_POSITION_NED": ("vehicle_local_position", local_position_ned),
-        "ATTITUDE_TARGET": (
-            "vehicle_rates_setpoint and vehicle_attitude_setpoint",
-            attitude_target_messages,
+        "SERVO_OUTPUT_RAW": MessageMaker("actuator_outputs", servo_output_raw),
+        "ACTUATOR_CONTROL_TARGET": MessageMaker(_demand_topic(topics), actuator_control_target),
+        "EXTENDED_SYS_STATE": MessageMaker("vehicle_land_detected", extended_sys_state),
+        "LOCAL_POSITION_NED": MessageMaker("vehicle_local_position", local_position_ned),
+        "ATTITUDE_TARGET": MessageMaker(
+            "vehicle_rates_setpoint and vehicle_attitude_setpoint", attitude_target_messages
         ),
-        "SIDD": ("autotune_attitude_control_status", injected_rates),
-        "SYS_STATUS": ("battery_status", sys_status),
-        "BATTERY_STATUS": ("battery_status", battery_status),
-        "VIBRATION": ("vehicle_imu_status", vibration),
-        "ESTIMATOR_STATUS": ("estimator_status", estimator_status),
-        INSTANCES_MESSAGE: ("estimator_status", estimator_instances),
-        "SYSTEM_TIME": ("vehicle_gps_position", system_time),
-        "CURRENT_MODE": ("vehicle_status", current_mode),
-        "MANUAL_CONTROL": ("manual_control_setpoint", manual_control),
-        ACCELEROMETERS_MESSAGE: ("vehicle_imu_status", accelerometers),
-        "ESC": ("esc_status", motor_speeds),
-        "HIGHRES_IMU": ("vehicle_acceleration", highres_imu),
+        "SIDD": MessageMaker("autotune_attitude_control_status", injected_rates),
+        "SYS_STATUS": MessageMaker("battery_status", sys_status),
+        "BATTERY_STATUS": MessageMaker("battery_status", battery_status),
+        "VIBRATION": MessageMaker("vehicle_imu_status", vibration),
+        "ESTIMATOR_STATUS": MessageMaker("estimator_status", estimator_status),
+        INSTANCES_MESSAGE: MessageMaker("estimator_status", estimator_instances),
+        "SYSTEM_TIME": MessageMaker("vehicle_gps_position", system_time),
+        "CURRENT_MODE": MessageMaker("vehicle_status", current_mode),
+        "MANUAL_CONTROL": MessageMaker("manual_control_setpoint", manual_control),
+        ACCELEROMETERS_MESSAGE: MessageMaker("vehicle_imu_status", accelerometers),
+        "ESC": MessageMaker("esc_status", motor_speeds),
+        "HIGHRES_IMU": MessageMaker("vehicle_acceleration", highres_imu),
         **further_sensors(),
     }
 
 
-def _message_with_boot(maker: Callable[..., Fields], *arguments: Any) -> Fields:
+def _message_with_boot(make: Callable[..., Fields], *arguments: Any) -> Fields:
     """Makes a message by one of the functions of ``px4_messages``, and adds the column ``boot``, all 0.
 
     Args:
-        maker: The function, which raises KeyError where something it needs was not logged.
+        make: The function, which raises KeyError where something that it needs was not logged.
         *arguments: Its arguments.
 
     Returns:
-        The columns; empty if a topic, or a field of it, was not logged.
+        The columns (N,) of the message; empty if a topic, or a field of it, was not logged.
     """
     try:
-        columns = maker(*arguments)
+        columns = make(*arguments)
     except KeyError:
         return {}
-    count = len(columns.get("time", ()))
-    if not count:
+    message_count = len(columns.get("time", ()))
+    if message_count == 0:
         return {}
-    # A broadcast column takes no memory.
-    return columns | {"boot": np.broadcast_to(np.int64(0), count)}
+    # A log of PX4 has a single boot, number 0. A broadcast column takes no memory.
+    boot = np.broadcast_to(np.int64(0), message_count)
+    return {**columns, "boot": boot}
 
 
 MULTIROTOR_TYPE = mavlink_constant("MAV_TYPE_GENERIC_MULTIROTOR")
@@ -238,22 +238,28 @@ def _demand_topic(topics: Topics) -> str:
 
 
 def _attitude_topic(topics: Topics, attitude: Columns) -> str:
-    """Returns the topic at whose stamps ATTITUDE_QUATERNION was made: body rates or attitude.
+    """Returns the name of the topic that has the stamps of ATTITUDE_QUATERNION, which joins attitude and body rates.
+
+    The two are logged at different stamps. The message has those of one topic, to which the other was interpolated.
 
     Args:
         topics: The logged topics, by name and number of the instance.
-        attitude: Columns of ATTITUDE_QUATERNION, as made from the topics.
+        attitude: Columns of ATTITUDE_QUATERNION, as made from the topics; may be empty.
 
     Returns:
-        vehicle_angular_velocity if all stamps of the message are stamps of that topic, otherwise vehicle_attitude.
+        "vehicle_angular_velocity" if all stamps of the message are stamps of that topic, otherwise "vehicle_attitude".
     """
-    rates = first_instance(topics, "vehicle_angular_velocity")
-    if attitude and rates:
-        stamps = rates["time"]
-        rows = np.searchsorted(stamps, attitude["time"])
-        if np.array_equal(stamps[np.minimum(rows, len(stamps) - 1)], attitude["time"]):
-            return "vehicle_angular_velocity"
-    return "vehicle_attitude"
+    body_rates = first_instance(topics, "vehicle_angular_velocity")
+    if not attitude or not body_rates:
+        return "vehicle_attitude"
+    message_stamps = attitude["time"]
+    rate_stamps = body_rates["time"]
+    # For each stamp of the message the first stamp of the body rates that is not earlier: the same one, if it has it.
+    rows = np.searchsorted(rate_stamps, message_stamps)
+    last_row = len(rate_stamps) - 1
+    nearest_rate_stamps = rate_stamps[np.minimum(rows, last_row)]
+    has_stamps_of_rates = np.array_equal(nearest_rate_stamps, message_stamps)
+    return "vehicle_angular_velocity" if has_stamps_of_rates else "vehicle_attitude"
 
 
 CLEARLY_MORE = 1.1
@@ -274,12 +280,16 @@ def attitude_repairs(topics: Topics, messages: Tables) -> Facts:
     Returns:
         One fact with both rates, Hz; none if the attitude was not interpolated.
     """
-    logged_stamps = [topic["time"] for topic in topics.get("vehicle_attitude", {}).values()]
-    stamps = messages.get("ATTITUDE_QUATERNION", {"time": np.zeros(0)})["time"]
-    if len(stamps) <= CLEARLY_MORE * max(map(len, logged_stamps), default=0):
+    if "ATTITUDE_QUATERNION" not in messages:
         return ()
-    attitude_rate = rate_without_gaps(np.diff(max(logged_stamps, key=len)))
-    body_rate_rate = rate_without_gaps(np.diff(stamps))
+    # The topic was logged, since the message is made of it. Of several instances the one with most stamps is compared.
+    stamps_of_instances = [topic["time"] for topic in topics["vehicle_attitude"].values()]
+    logged_stamps = max(stamps_of_instances, key=len)
+    message_stamps = messages["ATTITUDE_QUATERNION"]["time"]
+    if len(message_stamps) <= CLEARLY_MORE * len(logged_stamps):
+        return ()
     return repair_facts(
-        Repair.ATTITUDE_INTERPOLATED, attitude_rate=attitude_rate, rate=body_rate_rate
+        Repair.ATTITUDE_INTERPOLATED,
+        attitude_rate=rate_without_gaps(np.diff(logged_stamps)),
+        rate=rate_without_gaps(np.diff(message_stamps)),
     )

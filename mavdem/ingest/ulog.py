@@ -277,17 +277,11 @@ def _cleaned_topics(logged_topics: Sequence[LoggedTopic], start: float) -> tuple
         The topics by name and number of the instance, each with ``time``, s since boot; and the number of messages that
         were left out.
     """
-    subscriptions: dict[tuple[str, int], list[Columns]] = {}
-    for topic in logged_topics:
-        stamps = topic.columns.get("timestamp", np.zeros(0))
-        if stamps.dtype == np.uint64:
-            # A topic that was subscribed to twice continues under another subscription number.
-            subscriptions.setdefault((topic.name, topic.instance), []).append(topic.columns)
     topics: dict[str, dict[int, Columns]] = {}
     outlier_count = 0
-    fields_by_topic = {key: concatenated_columns(tables) for key, tables in subscriptions.items()}
-    first_stamp, last_stamp = _span_without_long_silence(fields_by_topic.values())
-    for (name, instance), fields in fields_by_topic.items():
+    fields_by_instance = _fields_by_instance(logged_topics)
+    first_stamp, last_stamp = _span_without_long_silence(fields_by_instance.values())
+    for (name, instance), fields in fields_by_instance.items():
         stamps = fields["timestamp"]
         is_outlier = outlier_stamps(stamps / MICROSECONDS)
         is_outlier |= (stamps < first_stamp) | (stamps > last_stamp)
@@ -298,6 +292,24 @@ def _cleaned_topics(logged_topics: Sequence[LoggedTopic], start: float) -> tuple
             fields = selected_rows(fields, ~is_outlier)
         topics.setdefault(name, {})[instance] = _with_ascending_time(fields, start)
     return topics, outlier_count
+
+
+def _fields_by_instance(logged_topics: Sequence[LoggedTopic]) -> dict[tuple[str, int], Columns]:
+    """Joins the subscriptions to the same instance of a topic, under which its records continue one after the other.
+
+    Args:
+        logged_topics: The data records of each subscription; those without stamps are left out.
+
+    Returns:
+        Columns (N,) by the name of the topic and the number of the instance.
+    """
+    tables_by_instance: dict[tuple[str, int], list[Columns]] = {}
+    for topic in logged_topics:
+        stamps = topic.columns.get("timestamp", np.zeros(0))
+        if stamps.dtype == np.uint64:
+            tables = tables_by_instance.setdefault((topic.name, topic.instance), [])
+            tables.append(topic.columns)
+    return {key: concatenated_columns(tables) for key, tables in tables_by_instance.items()}
 
 
 def _with_ascending_time(fields: Columns, start: float) -> Columns:
@@ -312,8 +324,7 @@ def _with_ascending_time(fields: Columns, start: float) -> Columns:
     if np.any(stamps[1:] < stamps[:-1]):
         fields = selected_rows(fields, np.argsort(stamps, kind="stable"))
     time = fields["timestamp"] / MICROSECONDS
-    # This is ∞ if there is no second message.
-    second_time = time[1:2].min(initial=np.inf)
+    second_time = time[1] if len(time) > 1 else np.inf
     time[0] = np.clip(start, time[0], second_time)
     return {**fields, "time": time}
 

@@ -231,6 +231,8 @@ def _latest_stamp(records: SoundRecords, data_offsets: Offsets) -> int:
     topics = records.definitions.topics
     for offset in data_offsets.tolist():
         _, _, number = DATA_HEADER.unpack_from(records.content, offset)
+        # Sound data records have a stamp. Its offset counts from the end of the header.
         stamp_start = offset + DATA_HEADER.size + (topics[number].stamp_offset or 0)
-        latest_stamp = max(latest_stamp, *STAMP.unpack_from(records.content, stamp_start))
+        (stamp,) = STAMP.unpack_from(records.content, stamp_start)
+        latest_stamp = max(latest_stamp, stamp)
     return latest_stamp

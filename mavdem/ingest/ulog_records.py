@@ -373,10 +373,11 @@ class _RecordScan:
         Returns:
             The range of offsets to leave out.
         """
-        follows_data = (
-            bool(latest_offsets) and self.definitions.header(latest_offsets[-1]).record_type == DATA
-        )
-        start = latest_offsets[-1] if follows_data else offset
+        start = offset
+        if latest_offsets:
+            record_before = latest_offsets[-1]
+            if self.definitions.header(record_before).record_type == DATA:
+                start = record_before
         next_sound = self._next_sound_record(offset, start + 1, section_end)
         has_sound_record_after = next_sound < section_end
         if not has_sound_record_after and self._may_be_cut_off(offset, section_end):
@@ -414,15 +415,18 @@ class _RecordScan:
         return next_sound
 
     def _may_be_cut_off(self, offset: int, section_end: int) -> bool:
-        """Returns whether the bytes at an offset may be the beginning of a record that goes beyond the section's end.
+        """Returns whether the section may end within a record that begins at an offset, so that its rest is missing.
 
-        So few bytes that they hold no whole header may always be one; others must have the letter of a record's type.
+        The header of a record is its length and, in the last byte, the letter of its type. If not even the header is
+        whole, these bytes may always be the beginning of a record. Otherwise the letter must be one of ULog's, and by
+        the length the record must go beyond the section's end.
 
         Args:
             offset: Offset in the file at which the record would begin.
             section_end: Offset at which the section of the file ends.
         """
-        if section_end - offset < HEADER.size:
+        has_whole_header = section_end - offset >= HEADER.size
+        if not has_whole_header:
             return True
         type_offset = offset + HEADER.size - 1
         has_record_type = TYPE_BYTES.match(self.content, type_offset) is not None

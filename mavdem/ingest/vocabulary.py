@@ -358,15 +358,15 @@ def attitude_target(setpoints: Array) -> Fields:
     Returns:
         The columns type_mask, q and the three body rates.
     """
-    count, width = setpoints.shape
-    missing_setpoint = np.full((count, 4), np.nan)
-    if width == 4:
+    count, columns = setpoints.shape
+    are_quaternions = columns == 4
+    if are_quaternions:
         type_mask = IGNORE_BODY_RATES
         attitude = setpoints
-        roll_rate, pitch_rate, yaw_rate = missing_setpoint[:, :3].T
+        roll_rate, pitch_rate, yaw_rate = np.full((3, count), np.nan)
     else:
         type_mask = IGNORE_ATTITUDE
-        attitude = missing_setpoint
+        attitude = np.full((count, 4), np.nan)
         roll_rate, pitch_rate, yaw_rate = setpoints.T
     return {
         "type_mask": np.full(count, type_mask, np.uint8),

@@ -11,7 +11,7 @@ from pytest import approx
 from mavdem.assessment.autopilot_messages import reported_problems
 from mavdem.assessment.battery_levels import ardupilot_charge_levels
 from mavdem.assessment.condition import measure_condition
-from mavdem.assessment.lights.power import power_light, with_batteries_on_ground
+from mavdem.assessment.lights.power import mark_battery_reports_on_ground, power_light
 from mavdem.assessment.limits import Limits
 from mavdem.assessment.reported import reported_events
 from mavdem.dataset.signals import Signals
@@ -281,7 +281,7 @@ def test_of_one_battery_the_emergency_counts_and_not_the_critical_state_before()
 def test_a_vehicle_that_did_not_fly_is_not_told_to_land_earlier(time, is_on_ground):
     spent = Fact(ReportedEvent.BATTERY_SPENT, Level.BAD, time=time, boot=0)
     flight = evidence(HOVER.telemetry(20.0, 20.0))
-    (event,) = with_batteries_on_ground(replace(flight, events=(spent,)))
+    (event,) = mark_battery_reports_on_ground(replace(flight, events=(spent,)))
     assert ("land earlier" in event.remedy) is not is_on_ground
     assert ("before a flight" in event.remedy) is is_on_ground
 

@@ -62,15 +62,15 @@ def test_runs_of_frames_give_what_single_frames_give(seed, kind):
     data = np.frombuffer(content, dtype=np.uint8)
     stream = sender_stream_of(data, frames, np.arange(len(frames)))
     links = SenderLinks()
-    is_first = []
+    is_no_copy = []
     for row in range(len(frames)):
         is_readable = bool(frames.checksum[row] == CHECKSUM_MATCHES)
         message_id = int(frames.message_id[row])
         bytes_of_frame = frame_content(data, frames, row)
-        is_first.append(
+        is_no_copy.append(
             links.process_frame(bytes_of_frame, message_id, int(frames.sequence[row]), is_readable)
         )
-    assert stream.is_first.tolist() == is_first
+    assert stream.is_no_copy.tolist() == is_no_copy
     assert stream.lost == max(links.missing, 0)
     assert stream.copies == links.copies
     assert stream.longest_delay == links.longest_delay

@@ -121,10 +121,10 @@ def rows_of_log(path: Path) -> Iterator[dict[str, object]]:
         Fisher scoring ("before") and by the search ("now"); and the "gain", by how much the log evidence of the
         search's model is larger, nats.
     """
-    log = read_log(path)
     # A digest of the name assigns each log to one half, A or B, whatever other logs there are.
     first_byte = hashlib.sha256(path.name.encode()).digest()[0]
     half = "A" if first_byte % 2 == 0 else "B"
+    log = read_log(path)
     signals = Signals(log.vehicles[0])
     for axis in AXES:
         flights, _ = usable_segments(signals.for_axis(axis, None), log.components)

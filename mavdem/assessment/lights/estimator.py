@@ -1,16 +1,18 @@
 """Status light of the estimator, judged by facts (coded findings): its innovations in flight, GPS fixes, compass."""
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from mavdem.arrays import Flags
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.gps_jumps import position_jumps
+from mavdem.assessment.gps_jumps import PositionJumps, position_jumps
 from mavdem.assessment.innovations import (
     FAILSAFE_SECONDS,
     GLITCH_COLUMN,
     INNOVATIONS,
+    Rejection,
     failsafe_innovation_limit,
     innovation_ratios,
     instance_name,
@@ -110,16 +112,12 @@ def estimator_light(evidence: Evidence) -> Fact:
     innovation_facts = _innovation_facts_worst_first(evidence)
     unmeasured_fact = Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=evidence.was_in_air)
     missing_fixes = _missing_fixes(evidence)
-    has_other_source = _has_other_position_source(evidence)
-    if missing_fixes and (has_other_source or _needed_no_position(evidence)):
-        # Another source than GPS, such as optical flow, gave the position, or no flight mode needed one. So the missing
-        # fix is no finding of its own, and the light may be good. But the other findings state the number of
-        # satellites: the pilot should know that GPS gave no position.
-        figures: dict[str, Any] = {"satellites": missing_fixes[0].figures["satellites"] or 0}
-        if not has_other_source:
-            figures["is_position_unneeded"] = True
-        innovation_facts = [fact.replace(**figures) for fact in innovation_facts]
-        unmeasured_fact = unmeasured_fact.replace(**figures)
+    if missing_fixes and _could_fly_without_fix(evidence):
+        # The missing fix is no finding of its own, so that the light may be good. But the other findings state the
+        # number of satellites: the pilot should know that GPS gave no position.
+        figures_without_fix = _figures_without_fix(evidence, missing_fixes[0])
+        innovation_facts = [fact.replace(**figures_without_fix) for fact in innovation_facts]
+        unmeasured_fact = unmeasured_fact.replace(**figures_without_fix)
         missing_fixes = []
     # ``worst_fact`` takes the first of equally bad facts, so the order matters.
     facts = [
@@ -136,6 +134,28 @@ def estimator_light(evidence: Evidence) -> Fact:
         *_assumed_standstills(evidence),
     ]
     return worst_fact(facts or [unmeasured_fact])
+
+
+def _could_fly_without_fix(evidence: Evidence) -> bool:
+    """Returns whether something else than GPS, such as optical flow, gave the position, or no flight mode needed it."""
+    return _has_other_position_source(evidence) or _needed_no_position(evidence)
+
+
+def _figures_without_fix(evidence: Evidence, missing_fix: Fact) -> dict[str, Any]:
+    """Returns the figures by which other findings state that GPS gave no position, which the flight did not need.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+        missing_fix: the fact that no receiver had a fix, with the number of ``satellites``, None if it is not known.
+
+    Returns:
+        The number of ``satellites``, 0 if it is not known; and ``is_position_unneeded`` if no other source gave the
+        position either, since no flight mode needed one.
+    """
+    figures: dict[str, Any] = {"satellites": missing_fix.figures["satellites"] or 0}
+    if not _has_other_position_source(evidence):
+        figures["is_position_unneeded"] = True
+    return figures
 
 
 def _innovation_facts_worst_first(evidence: Evidence) -> list[Fact]:
@@ -187,34 +207,51 @@ def _innovation_fact(telemetry: Telemetry, flight: TimeSeries) -> Fact:
     instances = telemetry.messages.get(INSTANCES_MESSAGE, {})
     # A log without the primary instance has the innovations of another one, which does not fly the vehicle.
     is_spare = bool(instances) and not instances["is_primary"].any()
-    code = EstimatorLight.FILTER_AGREED
-    if rejection.is_rejected_long or rejection.triggers_failsafe:
-        code = EstimatorLight.FILTER_DOUBTED
+    is_doubted = rejection.is_rejected_long or rejection.triggers_failsafe
     # None is the usual level of the code.
     level = None
     if rejection.triggers_failsafe and not is_spare:
         level = Level.BAD
     elif rejection.ratio >= WATCHED_RATIO:
         level = Level.WATCH
-    figures: dict[str, Any] = {
-        "name": rejection.name,
-        "ratio": rejection.ratio,
-        "duration": rejection.duration,
-    }
+    # The fact has these figures only where they are true.
+    true_figures = {}
+    if rejection.name is EstimatorRatio.HEIGHT and telemetry.autopilot != "PX4":
+        true_figures["is_unchecked"] = True
+    if is_spare:
+        true_figures["is_spare"] = True
+    if is_low_passed(telemetry, rejection.name):
+        true_figures["is_filtered"] = True
+    return Fact(
+        EstimatorLight.FILTER_DOUBTED if is_doubted else EstimatorLight.FILTER_AGREED,
+        level,
+        time=rejection.time,
+        subject=_instance_in_flight(telemetry, flight) if instances else "",
+        name=rejection.name,
+        ratio=rejection.ratio,
+        **_durations_of_rejection(rejection, failsafe_limit),
+        **true_figures,
+    )
+
+
+def _durations_of_rejection(rejection: Rejection, failsafe_limit: float) -> dict[str, float]:
+    """Returns the figures of a fact that say for how long an innovation exceeded its limit.
+
+    Args:
+        rejection: the worst innovation of a flight, and for how long it exceeded the limits.
+        failsafe_limit: innovation ratio from which on ArduCopter's failsafe counts the time.
+
+    Returns:
+        ``duration``, ``total_duration`` and ``failsafe_limit``, as described at :func:`_innovation_fact`.
+    """
     is_doubted_by_failsafe_only = rejection.triggers_failsafe and not rejection.is_rejected_long
     if is_doubted_by_failsafe_only:
-        figures["duration"] = rejection.failsafe_duration
-        figures["failsafe_limit"] = failsafe_limit
-    elif round(rejection.total_duration) > round(rejection.duration):
-        figures["total_duration"] = rejection.total_duration
-    if rejection.name is EstimatorRatio.HEIGHT and telemetry.autopilot != "PX4":
-        figures["is_unchecked"] = True
-    if is_spare:
-        figures["is_spare"] = True
-    if is_low_passed(telemetry, rejection.name):
-        figures["is_filtered"] = True
-    subject = _instance_in_flight(telemetry, flight) if instances else ""
-    return Fact(code, level, time=rejection.time, subject=subject, **figures)
+        return {"duration": rejection.failsafe_duration, "failsafe_limit": failsafe_limit}
+    durations = {"duration": rejection.duration}
+    # Durations are printed in whole seconds, so that a smaller difference would not show.
+    if round(rejection.total_duration) > round(rejection.duration):
+        durations["total_duration"] = rejection.total_duration
+    return durations
 
 
 def _instance_in_flight(telemetry: Telemetry, flight: TimeSeries) -> str:
@@ -296,33 +333,60 @@ def _glitch_facts(evidence: Evidence) -> Iterator[Fact]:
     for flight in evidence.in_flight(innovation_ratios(telemetry)):
         boot = int(flight.boot[0])
         has_fix = has_position_fix(telemetry, boot, flight.time)
-        is_glitching = (flight.values[:, GLITCH_COLUMN] > 0) & has_fix
-        duration = longest_true_duration(flight.time, is_glitching)
-        # Start of the interval with the largest jump, and its distance. An interval is infinite if the flag is set at
-        # the beginning or end of the flight, so it is cut to the flight.
-        flight_start, flight_end = flight.time[0], flight.time[-1]
-        jump_start = 0.0
-        largest_jump = 0.0
-        for start, end in true_intervals(flight.time, is_glitching):
-            flagged_start = float(max(start, flight_start))
-            distance = jumps.largest_in(boot, (flagged_start, float(min(end, flight_end))))
-            if distance is not None and distance > largest_jump:
-                jump_start = flagged_start
-                largest_jump = distance
-        if largest_jump > 0:
+        is_flagged = (flight.values[:, GLITCH_COLUMN] > 0) & has_fix
+        duration = longest_true_duration(flight.time, is_flagged)
+        largest_jump = _largest_flagged_jump(jumps, flight, is_flagged)
+        if largest_jump is not None:
             yield Fact(
                 EstimatorLight.GPS_GLITCHED,
-                time=jump_start,
+                time=largest_jump.flag_time,
                 duration=duration,
-                distance=largest_jump,
+                distance=largest_jump.distance,
             )
         elif duration >= FAILSAFE_SECONDS:
+            first_flagged = is_flagged.argmax()
             yield Fact(
                 EstimatorLight.GPS_DOUBTED,
-                time=flight.time[is_glitching.argmax()],
+                time=flight.time[first_flagged],
                 duration=duration,
                 is_recorded=jumps.is_recorded,
             )
+
+
+class _FlaggedJump(NamedTuple):
+    """A jump of the GPS position that the filter flagged."""
+
+    flag_time: float
+    """When the filter set its flag, s since boot."""
+    distance: float
+    """How far the position jumped, m."""
+
+
+def _largest_flagged_jump(
+    jumps: PositionJumps, flight: TimeSeries, is_flagged: Flags
+) -> _FlaggedJump | None:
+    """Finds the largest jump of the GPS position in a flight while the filter flagged GPS.
+
+    Args:
+        jumps: all jumps of the position.
+        flight: samples (N, 5) of the flight; only its boot and times are used.
+        is_flagged: (N,) whether the filter flagged GPS at each sample.
+
+    Returns:
+        The jump; None if the position did not jump.
+    """
+    boot = int(flight.boot[0])
+    flight_start, flight_end = flight.time[0], flight.time[-1]
+    largest_jump = None
+    for start, end in true_intervals(flight.time, is_flagged):
+        # The ends are infinite if the flag is set at the first or last sample, so the interval is cut to the flight.
+        flagged_start = float(max(start, flight_start))
+        flagged_end = float(min(end, flight_end))
+        distance = jumps.largest_in(boot, (flagged_start, flagged_end)) or 0.0
+        largest_distance = 0.0 if largest_jump is None else largest_jump.distance
+        if distance > largest_distance:
+            largest_jump = _FlaggedJump(flagged_start, distance)
+    return largest_jump
 
 
 def _poor_fixes(evidence: Evidence) -> Iterator[Fact]:
@@ -355,15 +419,15 @@ def _poor_fixes(evidence: Evidence) -> Iterator[Fact]:
         is_diluted = dilution is not None and dilution > MAX_DILUTION
         if not (has_few_satellites or is_diluted):
             continue
-        # With a single flight, the times would say nothing.
-        has_several_flights = len(flights) > 1
-        yield Fact(
+        fact = Fact(
             EstimatorLight.FIX_POOR,
-            time=float(flight.time[0]) if has_several_flights else None,
-            end_time=float(flight.time[-1]) if has_several_flights else None,
             satellites=None if satellites == UNKNOWN_SATELLITES else int(satellites),
             dilution=dilution,
         )
+        if len(flights) > 1:
+            # Only among several flights do the times say which one is meant.
+            fact = fact.replace(time=float(flight.time[0]), end_time=float(flight.time[-1]))
+        yield fact
 
 
 def _missing_fixes(evidence: Evidence) -> list[Fact]:
@@ -408,11 +472,12 @@ def _assumed_standstills(evidence: Evidence) -> list[Fact]:
 
 
 def _needed_no_position(evidence: Evidence) -> bool:
-    """Returns whether the vehicle flew in modes only that need no position, by the samples of the GPS receiver."""
-    modes = MANUAL_THROTTLE_MODES | MODES_WITHOUT_POSITION
+    """Returns whether all flights were in modes that need no position, judged at the samples of the GPS receiver."""
+    modes_without_position = MANUAL_THROTTLE_MODES | MODES_WITHOUT_POSITION
     for flight in evidence.in_flight(position_fix(evidence.signals)):
-        intervals_in_modes = mode_intervals(evidence.signals, int(flight.boot[0]), modes)
-        if not in_intervals(flight.time, intervals_in_modes).all():
+        boot = int(flight.boot[0])
+        intervals = mode_intervals(evidence.signals, boot, modes_without_position)
+        if not in_intervals(flight.time, intervals).all():
             return False
     return True
 
@@ -435,24 +500,31 @@ def _best_receiver(evidence: Evidence) -> TimeSeries | None:
         (N, 3) fix type, number of satellites, and horizontal dilution (HDOP) in hundredths; None if no receiver was
         recorded.
     """
-    best_receiver = None
-    largest_mean = -1.0
+    receivers = []
     for message in RECEIVER_MESSAGES:
         samples = recorded_series(
             evidence.signals.telemetry, message, "fix_type", "satellites_visible", "eph"
         )
-        if samples is None:
-            continue
-        satellite_counts = list[float]()
-        for flight in evidence.in_flight(samples):
-            has_fix = flight.values[:, FIX_TYPE_COLUMN] >= FIX_3D
-            satellite_counts += flight.values[has_fix, SATELLITES_COLUMN].tolist()
-        # A receiver without a fix in flight is better than none.
-        mean_count = float(np.mean(satellite_counts)) if satellite_counts else 0.0
-        if mean_count > largest_mean:
-            best_receiver = samples
-            largest_mean = mean_count
-    return best_receiver
+        if samples is not None:
+            receivers.append(samples)
+    # Of receivers with equally many satellites the first one is used.
+    return max(
+        receivers, key=lambda samples: _mean_satellites_in_flight(evidence, samples), default=None
+    )
+
+
+def _mean_satellites_in_flight(evidence: Evidence, receiver: TimeSeries) -> float:
+    """Returns the mean number of satellites over all 3D fixes of a GPS receiver in flight; 0 without any fix.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+        receiver: samples (N, 3) of the receiver, as :func:`_best_receiver` returns them.
+    """
+    satellite_counts = list[float]()
+    for flight in evidence.in_flight(receiver):
+        has_fix = flight.values[:, FIX_TYPE_COLUMN] >= FIX_3D
+        satellite_counts += flight.values[has_fix, SATELLITES_COLUMN].tolist()
+    return float(np.mean(satellite_counts)) if satellite_counts else 0.0
 
 
 def _compass_disturbances(evidence: Evidence) -> Iterator[Fact]:
@@ -471,14 +543,16 @@ def _compass_disturbances(evidence: Evidence) -> Iterator[Fact]:
     """
     fields = compass_fields(evidence.signals)
     for number, field in fields.items():
+        # It is None where no parameter says whether the compass is used.
         is_excluded = is_compass_used(evidence.signals.telemetry, number) is False
-        is_recorded_in_flight = any(True for _ in evidence.in_flight(field))
+        is_recorded_in_flight = len(evidence.values_in_flight(field)) > 0
         if is_excluded or not is_recorded_in_flight:
             continue
         change = field_change(evidence, field)
         if change is not None and abs(change) > MAX_FIELD_CHANGE:
             subject = f"compass {number}" if len(fields) > 1 else ""
             yield Fact(EstimatorLight.COMPASS_DISTURBED, subject=subject, change=change)
+        # The first such compass is judged, and no other one.
         return
 
 
@@ -493,31 +567,41 @@ def _wrong_accelerometers(evidence: Evidence) -> Iterator[Fact]:
         evidence: signals, events and measurements of the vehicle.
 
     Yields:
-        Facts with the ``acceleration`` at rest, m/s², and the name of the IMU as subject if there are several.
+        Facts with the ``acceleration`` at rest, m/s², whether the accelerometer is a spare one (``is_spare``), and the
+        name of its IMU as subject if there are several.
     """
-    for trust in evidence.trust:
-        if not _has_flown_in(evidence, trust.boot):
+    for sensors_of_boot in evidence.trust:
+        if not _has_recorded_flight(evidence, sensors_of_boot.boot):
             continue
-        primary = trust.accelerometer
+        accelerometers = sensors_of_boot.accelerometers
+        primary = sensors_of_boot.accelerometer
         # False sorts before True: the primary one comes first, and the others keep their order.
-        primary_first = sorted(trust.accelerometers, key=lambda record: record is not primary)
+        primary_first = sorted(
+            accelerometers, key=lambda accelerometer: accelerometer is not primary
+        )
         for accelerometer in primary_first:
             is_primary = accelerometer is primary
             is_in_use = is_primary or accelerometer.is_used
-            # None, that the log does not show gravity at rest, is no fault.
+            # If the log does not show gravity at rest, ``is_sound`` is None, which is no fault.
             is_wrong = accelerometer.is_sound is False
             if is_in_use and is_wrong:
                 yield Fact(
                     EstimatorLight.ACCELEROMETER_WRONG,
-                    subject=accelerometer.name if len(trust.accelerometers) > 1 else "",
+                    subject=accelerometer.name if len(accelerometers) > 1 else "",
                     acceleration=accelerometer.gravity_at_rest,
                     is_spare=not is_primary,
                 )
 
 
-def _has_flown_in(evidence: Evidence, boot: int) -> bool:
-    """Returns whether a boot has a flight in its recorded time."""
+def _has_recorded_flight(evidence: Evidence, boot: int) -> bool:
+    """Returns whether some flight of a boot, or a part of it, is in the recorded time.
+
+    Args:
+        evidence: signals of the vehicle, and its flights; a flight may begin before the record, and end after it.
+        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
+    """
+    flights = evidence.flights(boot)
     for span in recorded_spans(evidence.signals):
-        if span.boot == boot and intersection([(span.start, span.end)], evidence.flights(boot)):
+        if span.boot == boot and intersection([(span.start, span.end)], flights):
             return True
     return False

@@ -75,7 +75,7 @@ def log_light(evidence: Evidence) -> Fact:
     damage = _damage_fact(evidence.log, telemetry)
     flight_seconds = _seconds_in_flight(evidence, attitude)
     command_seconds = _seconds_in_flight(evidence, model_inputs)
-    # The first flaw in the order of the docstring is the code.
+    # The code is the first flaw that applies, in the order of the docstring.
     code = LogLight.RECORDED_FAST
     if command_seconds < MIN_COMMANDED_FRACTION * flight_seconds:
         code = LogLight.COMMANDS_INCOMPLETE
@@ -83,7 +83,7 @@ def log_light(evidence: Evidence) -> Fact:
         code = LogLight.RECORDED_SLOWLY
     elif longest_gap > MAX_GAP or telemetry.dropouts:
         code = LogLight.RECORDED_WITH_GAPS
-    elif damage is not None and _is_large(damage):
+    elif damage is not None and _is_damage_large(damage):
         code = LogLight.RECORDED_WITH_DAMAGE
     recording = Fact(
         code,
@@ -175,10 +175,15 @@ def _damage_fact(log: Log, telemetry: Telemetry) -> Fact | None:
     )
 
 
-def _is_large(damage: Fact) -> bool:
-    """Returns whether damage has cost so much of a log that it is to be watched."""
-    figures = damage.figures
-    return figures["share"] > MAX_DAMAGED_FRACTION or figures["duration"] > MAX_GAP
+def _is_damage_large(damage: Fact) -> bool:
+    """Returns whether damage has cost so much of a log that it is to be watched.
+
+    Args:
+        damage: the fact about it: ``share`` is the damaged fraction of the log, ``duration`` the time lost, s.
+    """
+    lost_fraction = damage.figures["share"]
+    lost_seconds = damage.figures["duration"]
+    return lost_fraction > MAX_DAMAGED_FRACTION or lost_seconds > MAX_GAP
 
 
 def _unread_bytes(repair: Fact) -> int:
@@ -207,13 +212,13 @@ def _rate_in_flight(evidence: Evidence, stream: Attitude | MotorOutputs) -> floa
         evidence: the flights of the vehicle.
         stream: samples of the vehicle.
     """
-    # The empty array is for a log without flight, in which there are no steps.
-    steps = [np.zeros(0)]
+    # An empty array comes first, since without a flight there would be nothing to join.
+    steps_by_flight = [np.zeros(0)]
     for flight in evidence.in_flight(_stamps(stream)):
-        steps.append(np.diff(flight.time))
-    rate_in_flight = rate_without_gaps(np.concatenate(steps))
-    # Without steps, the rate is 0.
-    return rate_in_flight or rate_between_outages(stream)
+        steps_by_flight.append(np.diff(flight.time))
+    rate_in_flight = rate_without_gaps(np.concatenate(steps_by_flight))
+    has_samples_in_flight = rate_in_flight > 0
+    return rate_in_flight if has_samples_in_flight else rate_between_outages(stream)
 
 
 def _seconds_in_flight(evidence: Evidence, stream: Attitude | MotorOutputs) -> float:
@@ -271,7 +276,7 @@ def _log_of_other_vehicle(evidence: Evidence) -> Fact:
     code = LogLight.RECORDED_OTHER_VEHICLE
     if longest_gap > MAX_GAP or dropouts:
         code = LogLight.RECORDED_WITH_GAPS
-    elif damage is not None and _is_large(damage):
+    elif damage is not None and _is_damage_large(damage):
         code = LogLight.RECORDED_WITH_DAMAGE
     return Fact(
         code,

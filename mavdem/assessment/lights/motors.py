@@ -118,17 +118,17 @@ def _limited_motors_of_flight(evidence: Evidence, hover: HoverFigures | None) ->
     has_long_hover = hover is not None and hover.seconds >= MIN_STEADY_SECONDS
     if has_long_hover:
         segments = settled_segments(evidence.signals)
-        figures = hover
+        motor_statistics = hover
     else:
         segments = evidence.flight_segments(motors.boot)
-        figures = _figures_of_whole_flight(motors, segments)
-    if figures is None:
+        motor_statistics = _statistics_of_whole_flight(motors, segments)
+    if motor_statistics is None:
         return None
-    motors_at_limit = limited_motors(figures)
+    motors_at_limit = limited_motors(motor_statistics)
     if motors_at_limit is None:
         return None
     is_long_enough = has_long_hover or motors_at_limit.share > MIN_MOST_FRACTION
-    if not is_long_enough or _are_limited_by_hard_climb(motors, segments, figures):
+    if not is_long_enough or _are_limited_by_hard_climb(motors, segments, motor_statistics):
         return None
     return motors_at_limit.fact(MotorsLight.MOTOR_LIMITED).replace(is_settled=has_long_hover)
 
@@ -162,18 +162,19 @@ def _with_yaw_trim(evidence: Evidence, limited_motors_fact: Fact) -> Fact:
     return limited_motors_fact.replace(yaw_trim=yaw_trim, assumed=trim.figures["assumed"])
 
 
-def _figures_of_whole_flight(motors: MotorOutputs, segments: Segments) -> HoverFigures | None:
+def _statistics_of_whole_flight(motors: MotorOutputs, segments: Segments) -> HoverFigures | None:
     """Computes the trim, the headroom and the time at the limits of each motor over all of a flight.
 
-    These are the figures that are usually computed of a hover. They are needed of a flight that has none.
+    These statistics are usually computed of the hover only. For a flight that hardly hovers, they are computed of all
+    of it.
 
     Args:
         motors: outputs of the motors over time.
         segments: all segments of flight, whether settled or not.
 
     Returns:
-        The figures; None if the flight was shorter than ``MIN_STEADY_SECONDS``, if no output was recorded in it, or if
-        the motors were off throughout.
+        The statistics; None if the flight was shorter than ``MIN_STEADY_SECONDS``, if no output was recorded in it, or
+        if the motors were off throughout.
     """
     seconds = total_duration(segments)
     outputs = motors.outputs[in_segments(motors, *segments)]
@@ -204,7 +205,7 @@ def _has_explained_full_throttle(evidence: Evidence) -> bool:
 
 
 def _are_limited_by_hard_climb(
-    motors: MotorOutputs, segments: Segments, figures: HoverFigures
+    motors: MotorOutputs, segments: Segments, motor_statistics: HoverFigures
 ) -> bool:
     """Returns whether motors were at their limits only because the vehicle climbed hard, so that none of them is weak.
 
@@ -214,18 +215,20 @@ def _are_limited_by_hard_climb(
     Args:
         motors: outputs of the motors.
         segments: the segments of flight that are judged.
-        figures: figures of the motors in these segments.
+        motor_statistics: mean output of each motor in these segments, as a fraction of the range.
     """
-    if np.mean(figures.trim_of_range) > MAX_HOVER_COMMAND:
+    mean_command = np.mean(motor_statistics.trim_of_range)
+    if mean_command > MAX_HOVER_COMMAND:
         return False
     commands = motors.scale.fraction(motors.outputs[in_segments(motors, *segments)])
-    is_at_limit, _ = samples_at_limits(commands, motors.scale)
-    is_limited = is_at_limit.any(axis=1)
-    if not is_limited.any():
+    is_at_upper_limit, _ = samples_at_limits(commands, motors.scale)
+    is_any_at_limit = is_at_upper_limit.any(axis=1)
+    if not is_any_at_limit.any():
         return False
-    mean_commands = commands[is_limited].mean(axis=1)
-    limited_together = mean_commands >= SPENT_THRUST_SHARE * motors.scale.upper_limit
-    return bool(limited_together.mean() > MIN_TOGETHER_FRACTION)
+    # In these samples some motor is at its limit. If the mean of all motors is near the limit too, all are.
+    commands_of_all = commands[is_any_at_limit].mean(axis=1)
+    are_all_near_limit = commands_of_all >= SPENT_THRUST_SHARE * motors.scale.upper_limit
+    return bool(are_all_near_limit.mean() > MIN_TOGETHER_FRACTION)
 
 
 def _motor_names(evidence: Evidence) -> tuple[str, ...]:
@@ -283,26 +286,41 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
     warnings = [fact for fact in evidence.warnings_in_flight(codes) if fact.subject in names]
     # The figure "rise" is the increase of the motor's command that compensates its loss, as a fraction of the range. An
     # event without it, such as a motor that was off, counts as infinitely large.
-    warnings.sort(key=lambda fact: (-fact.figures.get("rise", inf), -_duration(fact)))
+    warnings.sort(key=lambda fact: (-fact.figures.get("rise", inf), -_event_duration(fact)))
     facts += warnings
     facts += evidence.warnings_in_flight([MotorWatchFact.STEADY_TORQUE_CHANGED])
-    # The autopilot names a motor by its number only.
-    numbered_names = {name_without_place(name) for name in names}
-    for fact in evidence.warnings_in_flight(REPORTS_OF_MOTOR):
-        if name_without_place(fact.subject) in numbered_names:
-            facts.append(fact)
-    for limit in _longest_limit(evidence, names):
-        is_long = limit.subject in names and limit.figures["duration"] >= MIN_LOSS_SECONDS
+    facts += _autopilot_reports(evidence, names)
+    for motors_at_limit in _motors_longest_at_limit(evidence, names):
+        is_single_motor = motors_at_limit.subject in names
+        is_long = is_single_motor and motors_at_limit.figures["duration"] >= MIN_LOSS_SECONDS
         if is_long or _is_limited_for_most_of_flight(evidence):
-            facts.append(limit)
+            facts.append(motors_at_limit)
     return facts
+
+
+def _autopilot_reports(evidence: Evidence, names: tuple[str, ...]) -> list[Fact]:
+    """Returns the reports of the autopilot in flight on one of this vehicle's motors.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+        names: names of its motors, with their places, such as "motor 1 (front right)".
+
+    Returns:
+        Facts whose subject is the motor without its place, such as "motor 1": the autopilot knows only its number.
+    """
+    names_without_places = {name_without_place(name) for name in names}
+    return [
+        fact
+        for fact in evidence.warnings_in_flight(REPORTS_OF_MOTOR)
+        if name_without_place(fact.subject) in names_without_places
+    ]
 
 
 def _is_limited_for_most_of_flight(evidence: Evidence) -> bool:
     """Returns whether some motor was at its upper limit for most of a flight that has no hover.
 
-    A correction of the attitude, or full throttle in a hop, has a motor at its limit for a moment. Only if the motor is
-    there more often than not, the flight itself needs that thrust.
+    A correction of the attitude, or full throttle in a hop, drives a motor to its limit for a moment. Only a motor that
+    is there for more than half of the flight shows that the flight itself needs that thrust.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -323,7 +341,7 @@ def _is_thrust_spent(ending: Fact) -> bool:
     return cause is not None and cause.code is FailedFirst.THRUST_SPENT_FIRST
 
 
-def _longest_limit(evidence: Evidence, names: tuple[str, ...]) -> list[Fact]:
+def _motors_longest_at_limit(evidence: Evidence, names: tuple[str, ...]) -> list[Fact]:
     """Returns the fact about the motor that was longest at its upper limit in flight, or about several such motors.
 
     The durations of all events of a motor are added. All motors with at least half of the longest time are named
@@ -341,18 +359,19 @@ def _longest_limit(evidence: Evidence, names: tuple[str, ...]) -> list[Fact]:
     seconds_at_limit = dict.fromkeys(names, 0.0)
     for event in events:
         seconds_at_limit[event.subject] += event.figures["duration"]
-    motors_at_limit = most_limited_motors(names, list(seconds_at_limit.values()))
-    if not motors_at_limit:
+    longest_limited = most_limited_motors(names, list(seconds_at_limit.values()))
+    if not longest_limited:
         return []
-    events_of_limited = [event for event in events if event.subject in motors_at_limit]
-    if len(motors_at_limit) > 1:
-        first_time = events_of_limited[0].time
-        return [Fact(MotorsLight.MOTORS_AT_LIMIT, names=motors_at_limit, time=first_time)]
-    return [max(events_of_limited, key=lambda event: event.figures["duration"])]
+    their_events = [event for event in events if event.subject in longest_limited]
+    if len(longest_limited) > 1:
+        first_time = their_events[0].time
+        return [Fact(MotorsLight.MOTORS_AT_LIMIT, names=longest_limited, time=first_time)]
+    longest_event = max(their_events, key=lambda event: event.figures["duration"])
+    return [longest_event]
 
 
-def _duration(event: Fact) -> float:
-    """Returns the duration of an event, s; infinite for one that lasted to the end of the record."""
+def _event_duration(event: Fact) -> float:
+    """Returns the duration of an event, s: infinite if it lasted to the end of the record, 0 if it has no time."""
     if event.time is None:
         return 0.0
     return event.latest_time - event.time
@@ -369,14 +388,14 @@ def _lacks_headroom_in_one_motor(hover: HoverFigures) -> bool:
         hover: outputs of the motors in the hover, with the headroom of each, the fraction of its range above the 99th
             percentile of its output, and the fraction of the time that each was at its limit.
     """
-    lowest_headroom, *other_headrooms = sorted(hover.headroom)
-    if not other_headrooms:
+    if len(hover.headroom) == 1:
         return False
-    lowest_of_other_motors = other_headrooms[0]
-    time_at_limit = hover.at_upper_limit[hover.headroom.index(lowest_headroom)]
-    is_longest_at_limit = time_at_limit >= max(hover.at_upper_limit)
-    has_less = lowest_of_other_motors >= max(MIN_HEADROOM, MIN_HEADROOM_RATIO * lowest_headroom)
-    return has_less and is_longest_at_limit
+    ascending_headrooms = sorted(hover.headroom)
+    smallest, second_smallest = ascending_headrooms[0], ascending_headrooms[1]
+    motor = hover.headroom.index(smallest)
+    is_longest_at_limit = hover.at_upper_limit[motor] >= max(hover.at_upper_limit)
+    has_much_less = second_smallest >= max(MIN_HEADROOM, MIN_HEADROOM_RATIO * smallest)
+    return has_much_less and is_longest_at_limit
 
 
 def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
@@ -396,36 +415,57 @@ def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
         full throttle used it up; or any other fact of the trim, unchanged.
     """
     trim = trim_of_signals(evidence.signals) or Fact(TrimFact.TRIM_UNKNOWN)
-    headroom = min(hover.headroom)
-    is_headroom_small = headroom < MIN_HEADROOM and not _has_explained_full_throttle(evidence)
-    if is_headroom_small and trim.level is not Level.WATCH:
-        highest_trim = max(hover.trim_of_range)
-        names = []
-        for name, headroom_of_motor in zip(hover.motors, hover.headroom, strict=True):
-            if headroom_of_motor - headroom < LIMIT_MARGIN:
-                names.append(name)
-        excess = None
-        if trim.code in UNKNOWN_TRIMS and len(names) == 1:
-            # A weak motor, as well as lean, may be the reason for the small headroom.
-            imbalance_percent = hover.imbalance[hover.motors.index(names[0])]
-            if imbalance_percent / 100 > FAULT_RISE:
-                excess = imbalance_percent / 100
-        light = Fact(
-            MotorsLight.HEADROOM_LITTLE,
-            names=names,
-            share=headroom,
-            trim=highest_trim,
-            excess=excess,
-        )
-        return light.replace(is_only_motor=True) if _lacks_headroom_in_one_motor(hover) else light
-    if is_headroom_small:
+    smallest_headroom = min(hover.headroom)
+    # Full throttle for another reason uses up the headroom, which then does not show how hard the motors work.
+    is_headroom_known = not _has_explained_full_throttle(evidence)
+    is_headroom_small = is_headroom_known and smallest_headroom < MIN_HEADROOM
+    if is_headroom_small and trim.level is Level.WATCH:
         # The trim may be the reason for the small headroom, but the pilot must know of both.
-        return trim.replace(headroom=headroom)
+        return trim.replace(headroom=smallest_headroom)
+    if is_headroom_small:
+        return _little_headroom(hover, is_trim_unknown=trim.code in UNKNOWN_TRIMS)
     if trim.is_good:
-        is_headroom_known = not _has_explained_full_throttle(evidence)
         return Fact(
             MotorsLight.MOTORS_EVEN,
-            headroom=headroom if is_headroom_known else None,
+            headroom=smallest_headroom if is_headroom_known else None,
             **trim.figures,
         )
     return trim
+
+
+def _little_headroom(hover: HoverFigures, *, is_trim_unknown: bool) -> Fact:
+    """Returns the fact that motors have little headroom in the hover, with what it shows of a weak motor.
+
+    Args:
+        hover: outputs of the motors in the hover.
+        is_trim_unknown: whether it is not known how evenly the motors work, for example because of lean.
+
+    Returns:
+        A fact with these figures:
+
+        - ``names``: the motors whose headroom is the smallest, within ``LIMIT_MARGIN``.
+        - ``share``: their headroom, as a fraction of the range.
+        - ``trim``: the largest mean output of a motor, as a fraction of the range.
+        - ``excess``: by what fraction a single named motor works harder than the mean of all motors, if the trim is
+          unknown and the fraction is above ``FAULT_RISE``; otherwise None. Then the motor may be weak.
+        - ``is_only_motor``: present and True if all other motors have much more headroom.
+    """
+    smallest_headroom = min(hover.headroom)
+    names = []
+    for name, headroom in zip(hover.motors, hover.headroom, strict=True):
+        if headroom - smallest_headroom < LIMIT_MARGIN:
+            names.append(name)
+    excess = None
+    if is_trim_unknown and len(names) == 1:
+        motor = hover.motors.index(names[0])
+        imbalance = hover.imbalance[motor] / 100
+        if imbalance > FAULT_RISE:
+            excess = imbalance
+    fact = Fact(
+        MotorsLight.HEADROOM_LITTLE,
+        names=names,
+        share=smallest_headroom,
+        trim=max(hover.trim_of_range),
+        excess=excess,
+    )
+    return fact.replace(is_only_motor=True) if _lacks_headroom_in_one_motor(hover) else fact

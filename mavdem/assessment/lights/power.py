@@ -86,14 +86,14 @@ def power_light(evidence: Evidence) -> Fact:
         A fact whose level is the colour of the light: good, watch, bad or unknown.
     """
     batteries = batteries_in_flight(evidence)
-    voltages = [battery_voltage(evidence, battery) for battery in batteries]
-    voltages.sort(key=lambda voltage: LEVELS_BY_SEVERITY.index(voltage.level), reverse=True)
+    voltage_facts = [judge_battery_voltage(evidence, battery) for battery in batteries]
+    voltage_facts.sort(key=lambda fact: LEVELS_BY_SEVERITY.index(fact.level), reverse=True)
     # The first of equally bad facts is the light. So a spent battery comes before the other reports: it was critical
     # before it was spent.
     facts = [
-        *voltages,
-        *_battery_charges(evidence, batteries),
-        *_board_voltage(evidence),
+        *voltage_facts,
+        *_charge_facts(evidence, batteries),
+        *_supply_facts(evidence),
         *evidence.warnings_in_flight((ReportedEvent.BATTERY_SPENT,)),
         *evidence.warnings_in_flight(POWER_REPORTS),
     ]
@@ -107,8 +107,9 @@ def power_light(evidence: Evidence) -> Fact:
         return _unmeasured_power(evidence)
     light = worst_fact(facts)
     if len(evidence.signals.batteries) > 1:
-        other_voltages = [voltage for voltage in voltages if voltage is not light]
-        light = light.replace(batteries=(*other_voltages, *_constant_voltages(evidence, batteries)))
+        facts_of_others = [fact for fact in voltage_facts if fact is not light]
+        facts_of_others += _unmeasured_batteries(evidence, batteries)
+        light = light.replace(batteries=tuple(facts_of_others))
     return light
 
 
@@ -142,40 +143,42 @@ def _unmeasured_power(evidence: Evidence) -> Fact:
     return unmeasured_fact.replace(current=max(largest_currents))
 
 
-def with_batteries_on_ground(evidence: Evidence) -> tuple[Fact, ...]:
+def mark_battery_reports_on_ground(evidence: Evidence) -> tuple[Fact, ...]:
     """Marks the reports on a battery that came before or without a flight by the figure ``is_on_ground``.
 
     Their usual advice, to land earlier, does not fit a vehicle that did not fly.
 
     Args:
-        evidence: signals, events and measurements of the vehicle.
+        evidence: events of the vehicle, and when each of its flights began and ended.
 
     Returns:
-        All events of the evidence, in the same order.
+        All events of the evidence, marked or not, in the same order.
     """
-    events = []
+    marked_events = []
     for event in evidence.events:
         if event.code in BATTERY_REPORTS:
             flights = evidence.flights(event.figures["boot"])
-            took_off_before = any(take_off <= event.start_time for take_off, _ in flights)
-            if not took_off_before:
+            has_taken_off = any(take_off <= event.start_time for take_off, _ in flights)
+            if not has_taken_off:
                 event = event.replace(is_on_ground=True)
-        events.append(event)
-    return tuple(events)
+        marked_events.append(event)
+    return tuple(marked_events)
 
 
-def _constant_voltages(evidence: Evidence, batteries: Sequence[Battery]) -> Iterator[Fact]:
+def _unmeasured_batteries(
+    evidence: Evidence, measured_batteries: Sequence[Battery]
+) -> Iterator[Fact]:
     """Yields a fact for each battery that was recorded but not measured in flight: its sensor is not connected.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        batteries: the batteries that were measured in flight, which are left out.
+        measured_batteries: the batteries that were measured in flight, which are left out.
 
     Yields:
         Facts with the number of the ``battery`` and its largest ``voltage``, V; whether the vehicle has flown
         (``airborne``), and whether the voltage ``is_constant``, as without a sensor.
     """
-    measured_numbers = {battery.number for battery in batteries}
+    measured_numbers = {battery.number for battery in measured_batteries}
     for battery in evidence.signals.batteries:
         if battery.number in measured_numbers:
             continue
@@ -210,7 +213,7 @@ def batteries_in_flight(evidence: Evidence) -> list[Battery]:
     return batteries
 
 
-def battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
+def judge_battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
     """Judges whether the voltage of a battery stayed above its limits in flight.
 
     The samples are averaged over 2 s and sorted. The voltage below which they were for ``LOW_VOLTAGE_SECONDS`` in total
@@ -249,15 +252,16 @@ def battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
     time = None
     if code is PowerLight.BATTERY_LOW:
         time = _first_time_below(evidence, battery.voltage, voltage_limit)
-    identification: dict[str, Any] = {}
+    # Only where it may be unclear which battery is meant, the fact names it.
+    battery_figures: dict[str, Any] = {}
     if len(evidence.signals.batteries) > 1 or battery.number != FIRST_BATTERY:
-        identification = {"subject": battery_name(battery.number), "battery": battery.number}
+        battery_figures = {"subject": battery_name(battery.number), "battery": battery.number}
     return Fact(
         code,
         level,
         time=time,
         end_time=None if ending is None else loss_onset(ending),
-        **identification,
+        **battery_figures,
         voltage=averages[0],
         cells=cells,
         current=load.max_current,
@@ -269,17 +273,21 @@ def battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
 def _lasting_voltage(voltage: TimeSeries, sorted_averages: Array) -> float:
     """Returns the voltage, V, below which a battery was for ``LOW_VOLTAGE_SECONDS`` in total.
 
+    With one sample a second and 10 s, ten samples may be lower: it is the eleventh lowest average, or the highest if
+    there are not so many.
+
     Args:
-        voltage: (N,) V; the usual step between its samples says how many samples these seconds have.
+        voltage: (N,) V; the median step between its samples says how many samples last ``LOW_VOLTAGE_SECONDS``.
         sorted_averages: (M,) averages of the voltage in flight, V, the lowest first.
     """
-    # Steps from one boot to the next are left out.
-    steps = np.diff(voltage.time)[np.diff(voltage.boot) == 0]
-    lasting_samples = 0
+    is_same_boot = np.diff(voltage.boot) == 0
+    steps = np.diff(voltage.time)[is_same_boot]
+    lower_samples = 0
     if len(steps):
-        lasting_samples = round(LOW_VOLTAGE_SECONDS / max(np.median(steps), MIN_VOLTAGE_STEP))
+        sample_seconds = max(np.median(steps), MIN_VOLTAGE_STEP)
+        lower_samples = round(LOW_VOLTAGE_SECONDS / sample_seconds)
     last_sample = len(sorted_averages) - 1
-    return float(sorted_averages[min(lasting_samples, last_sample)])
+    return float(sorted_averages[min(lower_samples, last_sample)])
 
 
 def _first_time_below(evidence: Evidence, voltage: TimeSeries, limit: float) -> float | None:
@@ -301,8 +309,23 @@ def _first_time_below(evidence: Evidence, voltage: TimeSeries, limit: float) -> 
     return None
 
 
-def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterator[Fact]:
-    """Yields a fact for each battery whose charge fell to the autopilot's limits in flight.
+def _charge_facts(evidence: Evidence, batteries: Sequence[Battery]) -> list[Fact]:
+    """Returns a fact for each battery whose charge fell to the autopilot's limits in flight.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+        batteries: batteries that were measured in flight, the emptiest first.
+    """
+    facts = []
+    for battery in batteries:
+        fact = _charge_fact(evidence, battery)
+        if fact is not None:
+            facts.append(fact)
+    return facts
+
+
+def _charge_fact(evidence: Evidence, battery: Battery) -> Fact | None:
+    """Returns the fact that the charge of a battery fell to the autopilot's limits in flight; None if it did not.
 
     The autopilot estimates the remaining charge. Its average over 2 s is compared with two parameters of the autopilot:
     at the limit of a low battery (PX4: BAT_LOW_THR) or less the level is "watch", at the limit of a critical one
@@ -314,61 +337,49 @@ def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterat
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        batteries: batteries that were measured in flight, the emptiest first.
-
-    Yields:
-        Facts with the lowest charge as ``share`` of the full one, and the parameter as ``share_limit``, None where
-        none is set and the charge was all used; ``cell_voltage`` is the lowest of a cell, V, where that shows a larger
-        capacity; ``share_before`` is the charge before it fell to nothing faster than a battery can be emptied.
-    """
-    for battery in batteries:
-        charge_fact = _charge_fact(evidence, battery)
-        if charge_fact is not None:
-            yield charge_fact
-
-
-def _charge_fact(evidence: Evidence, battery: Battery) -> Fact | None:
-    """Returns the fact that the charge of a battery fell to the autopilot's limits in flight; None if it did not.
-
-    Its figures are those of :func:`_battery_charges`.
-
-    Args:
-        evidence: signals, events and measurements of the vehicle.
         battery: a battery that was measured in flight.
+
+    Returns:
+        A fact with these figures:
+
+        - ``share``: the lowest charge, as a fraction of the full one.
+        - ``share_limit``: the limit that it fell to, as such a fraction; None if it is empty without a limit.
+        - ``cell_voltage``: the lowest voltage of a cell, V, if that shows that the battery was not empty.
+        - ``share_before``: the charge before it fell to 0, if that was faster than a battery can be emptied.
     """
     telemetry = evidence.signals.telemetry
     is_ardupilot = telemetry.autopilot == "ARDUPILOTMEGA"
     lowest_fraction = _lowest_charge(evidence, battery)
     if is_ardupilot:
-        levels = ardupilot_charge_levels(telemetry.parameters, battery.number)
+        limits = ardupilot_charge_levels(telemetry.parameters, battery.number)
     else:
-        levels = _px4_charge_levels(telemetry)
-    is_empty = is_ardupilot and lowest_fraction <= 0
-    # PX4 rounds the percentage up, so that it has warned already where its limit is reported. Without a limit, which is
-    # 0, no charge is low.
-    highest_limit = max(levels.watch, levels.bad)
+        limits = _px4_charge_levels(telemetry)
+    # A limit of 0 is no limit. PX4 rounds the percentage up, so that it has warned already where its limit is reported.
+    highest_limit = max(limits.watch, limits.bad)
     is_low = highest_limit > 0 and lowest_fraction <= highest_limit
+    is_critical = limits.bad > 0 and lowest_fraction <= limits.bad
+    is_empty = is_ardupilot and lowest_fraction <= 0
     if not is_low and not is_empty:
         return None
-    is_critical = levels.bad > 0 and lowest_fraction <= levels.bad
+    optional_figures = {}
     charged_cell_voltage = None
     if is_empty and not is_critical:
         charged_cell_voltage = _charged_cell_voltage(evidence, battery)
-    is_bad = is_critical or (is_empty and charged_cell_voltage is None)
-    share_limit = levels.bad if is_critical else levels.watch
-    optional_figures = {}
     if charged_cell_voltage is not None:
         optional_figures["cell_voltage"] = charged_cell_voltage
     fraction_before_fall = _fraction_before_sudden_fall(evidence, battery) if is_empty else None
     if fraction_before_fall is not None:
         optional_figures["share_before"] = fraction_before_fall
+    is_bad = is_critical or (is_empty and charged_cell_voltage is None)
+    reached_limit = limits.bad if is_critical else limits.watch
     has_several_batteries = len(evidence.signals.batteries) > 1
     return Fact(
         PowerLight.CHARGE_LOW,
+        # None is the usual level of the code, "watch".
         Level.BAD if is_bad else None,
         subject=battery_name(battery.number) if has_several_batteries else "",
         share=lowest_fraction,
-        share_limit=share_limit if is_low else None,
+        share_limit=reached_limit if is_low else None,
         **optional_figures,
     )
 
@@ -386,8 +397,10 @@ def _lowest_charge(evidence: Evidence, battery: Battery) -> float:
         The fraction; 1 if the charge is not known.
     """
     percent = evidence.averages_in_flight(battery.charge)
+    # True from the first positive charge on.
     was_charged = np.maximum.accumulate(percent) > 0
-    charge_fractions = percent[was_charged & (percent >= 0)] / 100
+    is_known = was_charged & (percent >= 0)
+    charge_fractions = percent[is_known] / 100
     return float(charge_fractions.min(initial=1.0))
 
 
@@ -424,15 +437,18 @@ def _fraction_before_sudden_fall(evidence: Evidence, battery: Battery) -> float 
     """
     for flight in evidence.in_flight(battery.charge):
         empty_samples = np.flatnonzero(flight.values == 0)
-        if not len(empty_samples) or empty_samples[0] == 0:
+        if not len(empty_samples):
             continue
         first_empty = empty_samples[0]
+        if first_empty == 0:
+            # The charge was 0 from the beginning of the flight on, and did not fall in it.
+            continue
         last_charged = first_empty - 1
         last_fraction = float(flight.values[last_charged]) / 100
         seconds = float(flight.time[first_empty] - flight.time[last_charged])
         # The charge is sent in whole percent, so that it may be 0.01 more than it seems.
-        largest_use = 0.01 + seconds / SHORTEST_DISCHARGE
-        if last_fraction > largest_use:
+        largest_possible_fall = 0.01 + seconds / SHORTEST_DISCHARGE
+        if last_fraction > largest_possible_fall:
             return last_fraction
     return None
 
@@ -455,11 +471,14 @@ def _charged_cell_voltage(evidence: Evidence, battery: Battery) -> float | None:
     return cell_voltage if cell_voltage >= CHARGED_CELL_VOLTAGE else None
 
 
-def _board_voltage(evidence: Evidence) -> Iterator[Fact]:
+def _supply_facts(evidence: Evidence) -> Iterator[Fact]:
     """Judges the supply voltage of the autopilot's board in flight; yields nothing if it was not measured.
 
-    If the supply falls too far, the autopilot may reset in the air. The supply is low below ``BOARD_VOLTAGE_LIMITS``.
-    If it is not low, it fell if its lowest value is more than ``MAX_BOARD_VOLTAGE_DROP`` below its median.
+    If the supply falls too far, the autopilot may reset in the air. The first of these cases applies:
+
+    1. The supply is low: its lowest value is below ``BOARD_VOLTAGE_LIMITS``.
+    2. It fell: its lowest value is more than ``MAX_BOARD_VOLTAGE_DROP`` below its median.
+    3. It held.
 
     Args:
         evidence: signals, events and measurements of the vehicle.

@@ -76,13 +76,13 @@ def vibration_light(evidence: Evidence) -> Fact:
     # The columns are the axes of the first IMU, then the axes of the second.
     mean_levels = levels.values[is_in_segment].mean(axis=0)
     largest_level = mean_levels.max()
+    # With three axes, column 4 is axis 1 of IMU 1, counted from 0.
     imu, axis = divmod(mean_levels.argmax(), len(vibration.axes))
     clips = vibration.most_clips(is_in_segment)
-    is_in_flight = in_segments(levels, *free_flight)
-    all_clips = vibration.most_clips(is_in_flight)
-    has_clipped_unsettled = all_clips - clips > CLIP_LIMITS.bad
+    clips_in_free_flight = vibration.most_clips(in_segments(levels, *free_flight))
+    has_clipped_unsettled = clips_in_free_flight - clips > CLIP_LIMITS.bad
     if has_clipped_unsettled:
-        clips = all_clips
+        clips = clips_in_free_flight
     is_of_settled_flight = settled_segments and not has_clipped_unsettled
     ending = None if is_of_settled_flight else evidence.ending
     worse_level = max(

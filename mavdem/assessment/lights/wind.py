@@ -38,13 +38,20 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
 
     Returns:
         A fact whose level is the colour of the light: good, watch, bad or unknown. Where the speed is identified, it
-        has these figures: ``speed``, the mean of the speeds, and its interval ``low`` to ``high`` (m/s), which in calm
-        air is that of the vector mean; ``gust``, m/s; ``direction``, None if that is not identified; ``share`` of the
-        largest lean, 0 if that is not known; ``is_rough``, whether the speed is known only roughly; ``by_usual_drag``,
-        whether the drag is the one of typical multirotors; and ``reason``, the bad estimator or why the speed is known
-        only roughly. If the wind turned so far that its mean misleads, it also has ``turned_from`` and ``turned_to``,
-        degrees, and ``turned_past``, the direction between them that lies farthest from the first, None if the last
-        does.
+        has these figures:
+
+        - ``speed``: the mean of the speeds, m/s.
+        - ``low``, ``high``: its interval, m/s; in calm air that of the vector mean.
+        - ``gust``: the speed of gusts, m/s.
+        - ``direction``: degrees; None if it is not identified.
+        - ``share``: the fraction of the largest lean that the vehicle needed; 0 if it is not known.
+        - ``is_rough``: whether the speed is known only roughly.
+        - ``by_usual_drag``: whether the drag is assumed to be that of typical multirotors.
+        - ``reason``: the bad estimator, or why the speed is known only roughly.
+        - ``turned_from``, ``turned_to``: the first and last direction, degrees, if the wind turned so far that its mean
+          misleads; then also ``turned_past``, the direction between them that lies farthest from the first, or None if
+          the last one does.
+        - ``name``: the message with the vehicle's velocity, if that is of a spare core of the estimator.
     """
     if evidence.other_vehicle is not None:
         return evidence.other_vehicle
@@ -116,7 +123,7 @@ def _level_of_wind(
 
 
 def _velocity_message_of_spare_core(telemetry: Telemetry) -> str | None:
-    """Returns the message with the vehicle's velocity, if it is of another estimator core than the primary one.
+    """Returns the name of the message with the vehicle's velocity, if that is of a spare core of the estimator.
 
     ArduPilot runs several instances ("cores") of its estimator. The wind is estimated from the velocity of the primary
     one. If the log lacks that, the velocity of another core was read instead, which is among the repairs of the log.
@@ -149,7 +156,9 @@ def _lean_fraction(condition: Condition, telemetry: Telemetry) -> float:
     limit = lean_limit(telemetry.parameters)
     if limit is None:
         return 0.0
-    return hypot(*(lean.mean for lean in condition.lean.values())) / limit
+    # Roll and pitch, rad; without settled flight there is none, and the length is 0.
+    mean_angles = [angle.mean for angle in condition.lean.values()]
+    return hypot(*mean_angles) / limit
 
 
 def lean_limit(parameters: Parameters) -> float | None:
@@ -159,7 +168,7 @@ def lean_limit(parameters: Parameters) -> float | None:
         parameters: known parameters of the autopilot; one of ``LEAN_LIMIT_PARAMETERS`` limits it.
     """
     for name, degrees_per_unit in LEAN_LIMIT_PARAMETERS.items():
-        limit = parameters.get(name, 0.0) * degrees_per_unit
-        if 0 < limit < inf:
-            return radians(limit)
+        limit_degrees = parameters.get(name, 0.0) * degrees_per_unit
+        if 0 < limit_degrees < inf:
+            return radians(limit_degrees)
     return None

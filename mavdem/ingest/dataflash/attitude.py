@@ -96,23 +96,35 @@ def rate_unit(tables: Tables) -> tuple[float, Facts]:
         RATE's units per degree/s, 1 or 100, and a fact that reports it if it is 100. It is 1 if there are too few
         samples in turns to decide.
     """
+    ratio = _rate_to_gyro_ratio(tables)
+    lowest_ratio, highest_ratio = CENTIDEGREE_RATIOS
+    if ratio is not None and lowest_ratio < ratio < highest_ratio:
+        return CENTIDEGREES, repair_facts(Repair.CENTIDEGREES_CONVERTED, ratio=ratio)
+    return 1.0, ()
+
+
+def _rate_to_gyro_ratio(tables: Tables) -> float | None:
+    """Returns the median ratio of the magnitudes of RATE's body rate and the gyro's, in turns of the vehicle.
+
+    Args:
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
+
+    Returns:
+        The ratio, with RATE's values taken for degrees/s; None if there are too few samples in turns.
+    """
     rates = messages_with_fields(tables, "RATE", RATE_FIELDS)
     gyro = rows_of_instance(messages_with_fields(tables, "IMU", GYRO_FIELDS), "I", 0)
     if not rates or not gyro:
-        return 1.0, ()
-    gyro_rate = np.linalg.norm(resampled(rates, gyro, float_table(gyro, GYRO_FIELDS)), axis=1)
+        return None
+    gyro_rates = resampled(rates, gyro, float_table(gyro, GYRO_FIELDS))
+    gyro_magnitude = np.linalg.norm(gyro_rates, axis=1)
     # NaN, where the gyro has a gap, compares as false.
-    is_turning = gyro_rate > MIN_TURN_RATE
+    is_turning = gyro_magnitude > MIN_TURN_RATE
     if np.count_nonzero(is_turning) < MIN_SAMPLES_FOR_STATISTICS:
-        return 1.0, ()
+        return None
     logged_rates = np.radians(float_table(rates, RATE_FIELDS)[is_turning])
-    logged_rate = np.linalg.norm(logged_rates, axis=1)
-    ratio = np.median(logged_rate / gyro_rate[is_turning])
-    low, high = CENTIDEGREE_RATIOS
-    is_in_centidegrees = low < ratio < high
-    if not is_in_centidegrees:
-        return 1.0, ()
-    return CENTIDEGREES, repair_facts(Repair.CENTIDEGREES_CONVERTED, ratio=ratio)
+    logged_magnitude = np.linalg.norm(logged_rates, axis=1)
+    return float(np.median(logged_magnitude / gyro_magnitude[is_turning]))
 
 
 def attitude(tables: Tables, units_per_degree: float) -> NamedMessage:
@@ -262,13 +274,14 @@ def derivative_terms(tables: Tables) -> Columns:
     logged_columns = [
         messages_with_fields(tables, name, ("D",)) for name in RATE_CONTROLLER_MESSAGES
     ]
-    count = min(map(message_count, logged_columns))
-    if not count:
+    step_count = min(map(message_count, logged_columns))
+    if not step_count:
         return {}
-    terms = {
-        axis: columns["D"][:count] for axis, columns in zip("xyz", logged_columns, strict=True)
-    }
-    return with_stamps(selected_rows(logged_columns[0], slice(count)), terms)
+    terms = {}
+    for axis, columns in zip("xyz", logged_columns, strict=True):
+        terms[axis] = columns["D"][:step_count]
+    roll_columns = selected_rows(logged_columns[0], slice(step_count))
+    return with_stamps(roll_columns, terms)
 
 
 def controller_demands(tables: Tables) -> tuple[Columns, Facts]:

@@ -49,12 +49,14 @@ def sys_status(tables: Tables) -> NamedMessage:
         logged_columns = messages_with_fields(tables, name, ("Volt",))
         if not logged_columns:
             continue
-        first_battery = logged_columns
+        selected_columns = logged_columns
         for instance_field in INSTANCE_FIELDS:
-            first_battery = rows_of_instance(first_battery, instance_field, 0) or first_battery
-        voltage, other_measurements = _battery_measurements(first_battery)
+            first_battery = rows_of_instance(selected_columns, instance_field, 0)
+            if first_battery:
+                selected_columns = first_battery
+        voltage, other_measurements = _battery_measurements(selected_columns)
         fields = {"voltage_battery": voltage, **other_measurements}
-        return NamedMessage(name, with_stamps(first_battery, fields))
+        return NamedMessage(name, with_stamps(selected_columns, fields))
     return NamedMessage(BATTERY_MESSAGES[0], {})
 
 

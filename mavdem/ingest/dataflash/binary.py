@@ -28,6 +28,7 @@ from mavdem.ingest.dataflash.definitions import (
     MESSAGE_IDS,
     FormatDefinition,
     FormatFields,
+    NumberedDefinition,
     parse_definition,
 )
 from mavdem.ingest.dataflash.recording import EMPTY_TABLE, DataflashRecording, MessageTable
@@ -68,7 +69,7 @@ def read_binary(content: FileContent) -> DataflashRecording:
         return _message_table(data, definition_of_name[name], starts_of_name[name])
 
     counts = {name: len(message_starts) for name, message_starts in starts_of_name.items()}
-    skipped_bytes = scan.skipped()
+    skipped_bytes = scan.skipped_byte_count()
     undefined_messages = 0
     # If most bytes belong to no message, the definitions of their messages may be lost. These messages are counted by
     # their markers.
@@ -135,7 +136,7 @@ class _MessageScan:
         self.definitions = {FORMAT_ID: FORMAT}
         self.sharing_definitions: dict[int, list[FormatDefinition]] = {}
         # The definition in each FMT by its offset: each is needed again when the messages are found.
-        self._parsed_definitions: dict[int, tuple[int, FormatDefinition] | None] = {}
+        self._parsed_definitions: dict[int, NumberedDefinition | None] = {}
         self._learn_definitions()
         # Length of the messages by id: 0 for ids without a definition, LENGTH_VARIES for those with several.
         self._lengths = [0] * MESSAGE_IDS
@@ -198,10 +199,12 @@ class _MessageScan:
             Offset (n,) of the start of each possible message, and of the byte after it.
         """
         content = np.frombuffer(self.content, dtype=np.uint8)
-        last_start = min(stop, len(content) - HEADER_BYTES + 1)
+        # A header that begins here or later would not end within the content.
+        header_stop = min(stop, len(content) - HEADER_BYTES + 1)
         first_byte, second_byte = MARKER
-        starts = np.flatnonzero(content[first:last_start] == first_byte) + first
-        starts = starts[content[starts + 1] == second_byte]
+        starts = np.flatnonzero(content[first:header_stop] == first_byte) + first
+        has_marker = content[starts + 1] == second_byte
+        starts = starts[has_marker]
         message_ids = content[starts + ID_BYTE]
         lengths = self._lengths_by_header[message_ids]
         ends = starts + lengths
@@ -252,15 +255,16 @@ class _MessageScan:
         """Returns whether the marker of a message is at an offset."""
         return self.content[offset : offset + len(MARKER)] == MARKER
 
-    def skipped(self) -> int:
+    def skipped_byte_count(self) -> int:
         """Returns the number of bytes that belong to no message, without the fill of a flash chip's last page.
 
         Bytes after the last message count as fill where all of them are 0 or all are 255; they are not damage.
         """
-        tail = self.content[self._end_of_messages() :]
-        fill_byte = tail[:1]
-        is_fill = fill_byte in FILL_BYTES and tail.count(fill_byte) == len(tail)
-        fill_length = len(tail) if is_fill else 0
+        bytes_after_messages = self.content[self._end_of_messages() :]
+        first_byte = bytes_after_messages[:1]
+        are_all_equal = bytes_after_messages.count(first_byte) == len(bytes_after_messages)
+        is_fill = first_byte in FILL_BYTES and are_all_equal
+        fill_length = len(bytes_after_messages) if is_fill else 0
         return len(self.content) - self.message_bytes - fill_length
 
     def _learn_definitions(self) -> None:
@@ -278,10 +282,10 @@ class _MessageScan:
         contradictory_definitions: dict[int, FormatDefinition] = {}
         defined_names = {FORMAT.name}
         for match in DEFINITION_START.finditer(self.content):
-            parsed_definition = self._definition_at(match.start())
-            if parsed_definition is None:
+            numbered_definition = self._definition_at(match.start())
+            if numbered_definition is None:
                 continue
-            message_id, definition = parsed_definition
+            message_id, definition = numbered_definition
             is_new_name = definition.name not in defined_names
             defined_names.add(definition.name)
             if message_id in self.definitions:
@@ -319,14 +323,14 @@ class _MessageScan:
                 field_length=field_length,
             )
 
-    def _definition_at(self, offset: int) -> tuple[int, FormatDefinition] | None:
-        """Parses the FMT at an offset, or returns the earlier result for it.
+    def _definition_at(self, offset: int) -> NumberedDefinition | None:
+        """Parses the FMT at an offset, or returns the stored result of an earlier call.
 
         Args:
             offset: Offset of the FMT's header.
 
         Returns:
-            The message id and its definition; None if the FMT is cut off or damaged.
+            The definition with its message id; None if the FMT is cut off or damaged.
         """
         if offset + FORMAT.length > len(self.content):
             return None
@@ -344,10 +348,10 @@ class _MessageScan:
         Args:
             offset: Offset of the FMT message in the file.
         """
-        parsed_definition = self._definition_at(offset)
-        if parsed_definition is None:
+        numbered_definition = self._definition_at(offset)
+        if numbered_definition is None:
             return False
-        message_id, definition = parsed_definition
+        message_id, definition = numbered_definition
         first_definition = self.definitions.get(message_id)
         if first_definition is None or definition == first_definition:
             return False

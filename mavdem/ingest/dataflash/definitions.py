@@ -129,14 +129,23 @@ class FormatFields(NamedTuple):
     """Names of the fields, separated by commas."""
 
 
-def parse_definition(values: FormatFields) -> tuple[int, FormatDefinition] | None:
+class NumberedDefinition(NamedTuple):
+    """The definition of a message, and the id by which the headers of its messages refer to it."""
+
+    message_id: int
+    """Number of the message."""
+    definition: FormatDefinition
+    """Its name, length and fields."""
+
+
+def parse_definition(values: FormatFields) -> NumberedDefinition | None:
     """Reads the definition in the fields of an FMT.
 
     Args:
         values: The fields of the FMT, texts as bytes that zeros may fill up.
 
     Returns:
-        The message id and the definition; None if the name is not one, or a text is not printable ASCII: damage.
+        The definition with its id; None if the name is not one, or a text is not printable ASCII, because of damage.
     """
     name = _padded_text(values.name)
     characters = _padded_text(values.characters)
@@ -147,7 +156,8 @@ def parse_definition(values: FormatFields) -> tuple[int, FormatDefinition] | Non
     if not name.replace("_", "").isalnum():
         return None
     fields = tuple(field.strip() for field in field_names.split(",")) if field_names else ()
-    return values.message_id, FormatDefinition(name, values.length, characters, fields)
+    definition = FormatDefinition(name, values.length, characters, fields)
+    return NumberedDefinition(values.message_id, definition)
 
 
 def _padded_text(value: bytes) -> str:

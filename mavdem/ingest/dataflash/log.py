@@ -137,10 +137,10 @@ def _last_and_changed_first_values(
     """Returns the last values of all parameters, and the first values of those that changed in the log.
 
     Args:
-        settings: Name and value of each time that a parameter was logged, in the order of the log.
+        settings: Name and value of a parameter, each time that one was logged, in the order of the log.
 
     Returns:
-        Both by name.
+        Both by the names of the parameters.
     """
     # A dictionary keeps the last of several values under one name: of the reversed list, that is the first one.
     last_values = dict(settings)
@@ -177,7 +177,7 @@ def _translated_vehicle(
     parameter_columns = logged_tables["PARM"].columns
     parameter_names = field_texts(parameter_columns, "Name")
     parameters, initial_parameters = _last_and_changed_first_values(
-        _finite_values(parameter_names, parameter_columns, "Value")
+        _finite_settings(parameter_names, parameter_columns, "Value")
     )
     vehicle_kind = mav_type(texts, parameters)
     messages, source_names, unit_repairs = mavlink_messages(
@@ -210,7 +210,7 @@ def _translated_vehicle(
         board=board_number_from_texts(texts),
         hardware=board_name_in_texts(texts),
         initial_parameters=initial_parameters,
-        default_parameters=dict(_finite_values(parameter_names, parameter_columns, "Default")),
+        default_parameters=dict(_finite_settings(parameter_names, parameter_columns, "Default")),
     )
 
 
@@ -396,10 +396,10 @@ def _lost_messages(recording: DataflashRecording) -> int:
     return int(np.nansum(increases))
 
 
-def _finite_values(
+def _finite_settings(
     names: Sequence[str], parameter_columns: Columns, field: str
 ) -> list[tuple[str, float]]:
-    """Selects the parameters with a finite value from the messages PARM of a log.
+    """Selects the messages PARM of a log that set a parameter to a finite value.
 
     Args:
         names: Name (N,) of the parameter in each message.
@@ -409,5 +409,8 @@ def _finite_values(
     Returns:
         Pairs of name and value, in the order of the log.
     """
-    values = parameter_columns.get(field, np.zeros(0)).astype(float).tolist()
+    if field not in parameter_columns:
+        return []
+    values = parameter_columns[field].astype(float).tolist()
+    # A damaged definition may lack the names; then there are no settings.
     return [(name, value) for name, value in zip(names, values, strict=False) if isfinite(value)]

@@ -68,8 +68,36 @@ SAMPLE_OPTION = FilterStageOption("INS_RAW_LOG_OPT", filtered_flag=1 << 2, both_
 """The option of single samples, GYR and ACC."""
 
 
-def raw_samples(tables: Tables, parameters: Parameters) -> dict[str, tuple[str, Columns]]:
+class RawSamples(NamedTuple):
+    """Samples of one sensor, before the autopilot's filters or after them."""
+
+    source_name: str
+    """Name of the message in the log, such as "GYR"."""
+    columns: Columns
+    """``time``, s, ``boot``, and ``x``, ``y`` and ``z``, rad/s or m/s²: each (N,)."""
+
+
+def raw_samples(tables: Tables, parameters: Parameters) -> dict[str, RawSamples]:
     """Collects the samples of the first gyro and of the first accelerometer, before the filters and after them.
+
+    Args:
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
+        parameters: The autopilot's parameters by name.
+
+    Returns:
+        The samples by GYRO_BEFORE, GYRO_AFTER, ACCEL_BEFORE and ACCEL_AFTER, as far as they were logged.
+    """
+    samples = {}
+    for sensor, logging in SENSORS.items():
+        for stage, samples_of_stage in _samples_by_stage(tables, parameters, logging).items():
+            samples[f"{sensor}_{stage}"] = samples_of_stage
+    return samples
+
+
+def _samples_by_stage(
+    tables: Tables, parameters: Parameters, logging: SensorLogging
+) -> dict[str, RawSamples]:
+    """Collects the samples of the first sensor of one kind, before the filters and after them.
 
     ArduPilot has three ways of logging them, of which the first that has samples is used: batches (ISBH and ISBD),
     single samples without gaps (GYR and ACC), and the filtered samples of IMU.
@@ -77,28 +105,26 @@ def raw_samples(tables: Tables, parameters: Parameters) -> dict[str, tuple[str, 
     Args:
         tables: Columns of DataFlash's messages, by the name of the message ("ATT").
         parameters: The autopilot's parameters by name.
+        logging: How sensors of this kind are logged.
 
     Returns:
-        For each of GYRO_BEFORE, GYRO_AFTER, ACCEL_BEFORE and ACCEL_AFTER that was logged, the name of the message in
-        the log, and columns ``time``, ``boot`` and ``x``, ``y``, ``z``, rad/s or m/s².
+        The samples by stage, "BEFORE" and "AFTER"; only stages that were logged.
     """
-    samples: dict[str, tuple[str, Columns]] = {}
-    for sensor, logging in SENSORS.items():
-        sensor_count = sum(parameters.get(name, 0.0) != 0 for name in logging.id_parameters)
-        batch_instances = _instance_by_stage(BATCH_OPTION, parameters, sensor_count)
-        for stage, instance in batch_instances.items():
-            columns = _batch_samples(tables, logging.batch_type, instance)
-            if columns:
-                samples.setdefault(f"{sensor}_{stage}", ("ISBH", columns))
-        sample_instances = _instance_by_stage(SAMPLE_OPTION, parameters, sensor_count)
-        message = logging.sample_message
-        for stage, instance in sample_instances.items():
-            columns = _single_samples(tables, message, logging.fields, instance)
-            if columns:
-                samples.setdefault(f"{sensor}_{stage}", (message, columns))
-        columns = _single_samples(tables, "IMU", logging.fields, instance=0)
+    sensor_count = sum(parameters.get(name, 0.0) != 0 for name in logging.id_parameters)
+    batch_instances = _instance_by_stage(BATCH_OPTION, parameters, sensor_count)
+    sample_instances = _instance_by_stage(SAMPLE_OPTION, parameters, sensor_count)
+    samples = {}
+    for stage, instance in batch_instances.items():
+        columns = _batch_samples(tables, logging.batch_type, instance)
         if columns:
-            samples.setdefault(f"{sensor}_AFTER", ("IMU", columns))
+            samples[stage] = RawSamples("ISBH", columns)
+    for stage, instance in sample_instances.items():
+        columns = _single_samples(tables, logging.sample_message, logging.fields, instance)
+        if columns and stage not in samples:
+            samples[stage] = RawSamples(logging.sample_message, columns)
+    columns = _single_samples(tables, "IMU", logging.fields, instance=0)
+    if columns and "AFTER" not in samples:
+        samples["AFTER"] = RawSamples("IMU", columns)
     return samples
 
 
@@ -142,11 +168,17 @@ def _single_samples(tables: Tables, message: str, fields: Names, instance: int) 
     logged_columns = rows_of_instance(messages_with_fields(tables, message, fields), "I", instance)
     if not logged_columns:
         return {}
-    axes = dict(zip("xyz", (logged_columns[field] for field in fields), strict=True))
     time = logged_columns["time"]
     if "SampleUS" in logged_columns:
         time = _sample_time(logged_columns, logged_columns["SampleUS"])
-    return {"time": time, "boot": logged_columns["boot"], **axes}
+    x_field, y_field, z_field = fields
+    return {
+        "time": time,
+        "boot": logged_columns["boot"],
+        "x": logged_columns[x_field],
+        "y": logged_columns[y_field],
+        "z": logged_columns[z_field],
+    }
 
 
 def _sample_time(logged_columns: Columns, sample_stamps: Array) -> Array:
@@ -190,6 +222,7 @@ def _batch_samples(tables: Tables, batch_type: int, instance: int) -> Columns:
         return {}
     batch_numbers = batch_messages["N"]
     if batch_numbers.dtype.kind == "f":
+        # A text log gives them as floats.
         batch_numbers = batch_numbers.astype(np.int64)
     data_rows_of_batch = rows_by_value(batch_numbers)
     batch_start = _sample_time(headers, headers["SampleUS"])

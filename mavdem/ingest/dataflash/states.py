@@ -179,25 +179,26 @@ def _state_changes(
         The changes in the order of boot and time.
     """
     logged_columns = tables.get(message, {})
+    if field not in logged_columns:
+        return _sorted_changes([])
     changes: list[_DatedChange] = []
-    if field in logged_columns:
-        # Boots whose state at the beginning has an entry already.
-        boots_with_initial_state = set()
-        events = zip(
-            logged_columns["boot"].tolist(),
-            logged_columns["time"].tolist(),
-            logged_columns[field].tolist(),
-            strict=True,
-        )
-        for boot, time, event in events:
-            change = changes_by_value.get(event)
-            if change is None:
-                continue
-            if boot not in boots_with_initial_state:
-                boots_with_initial_state.add(boot)
-                boot_start = float(boot_stamps(boot)[0])
-                changes.append(_DatedChange(boot, boot_start, change.before, change.before))
-            changes.append(_DatedChange(boot, time, change.before, change.after))
+    # Boots whose state at the beginning has an entry already.
+    boots_with_initial_state = set()
+    events = zip(
+        logged_columns["boot"].tolist(),
+        logged_columns["time"].tolist(),
+        logged_columns[field].tolist(),
+        strict=True,
+    )
+    for boot, time, event in events:
+        change = changes_by_value.get(event)
+        if change is None:
+            continue
+        if boot not in boots_with_initial_state:
+            boots_with_initial_state.add(boot)
+            boot_start = float(boot_stamps(boot)[0])
+            changes.append(_DatedChange(boot, boot_start, change.before, change.before))
+        changes.append(_DatedChange(boot, time, change.before, change.after))
     return _sorted_changes(changes)
 
 
@@ -255,16 +256,15 @@ def _event_changes_of_boot(
     Returns:
         The N changes.
     """
-    states_before = events.before.copy()
-    states_after = events.after.copy()
+    changes = [
+        _DatedChange(boot, time, before, after)
+        for time, before, after in zip(events.time, events.before, events.after, strict=True)
+    ]
     first_event_time = events.time[1]
     if len(flags.time) and flags.time[0] < first_event_time:
-        states_before[0] = flags.state[0]
-        states_after[0] = flags.state[0]
-    return [
-        _DatedChange(boot, *change)
-        for change in zip(events.time, states_before, states_after, strict=True)
-    ]
+        first_flag = flags.state[0]
+        changes[0] = _DatedChange(boot, events.time[0], before=first_flag, after=first_flag)
+    return changes
 
 
 def _flag_changes_without_event(
@@ -288,13 +288,10 @@ def _flag_changes_without_event(
     for row in changed_rows.tolist():
         state_before = flags.state[row - 1]
         state_after = flags.state[row]
-        is_reported = (
-            (events.time >= flags.time[row - 1] - MAX_FLAG_LEAD)
-            & (events.time <= flags.time[row])
-            & (events.before == state_before)
-            & (events.after == state_after)
-        )
-        if not np.any(is_reported):
+        earliest_report = flags.time[row - 1] - MAX_FLAG_LEAD
+        is_near = (events.time >= earliest_report) & (events.time <= flags.time[row])
+        has_same_states = (events.before == state_before) & (events.after == state_after)
+        if not np.any(is_near & has_same_states):
             changes.append(_DatedChange(boot, flags.time[row], state_before, state_after))
     return changes
 
@@ -308,7 +305,9 @@ def _heartbeats_of_changes(
     state after it. States come twice because readers of HEARTBEAT ignore a single differing row as damage.
 
     If the state after the previous change is not the one before this change, a change between them was not logged. It
-    is dated to the last message before this change: the first three rows get the time of that message.
+    is dated to the last message before this change: the first three rows get the time of that message. For example,
+    after a disarming at 100 s the log begins again at 300 s, and has a disarming at 400 s, 0.1 s after the message
+    before: then the states are disarmed, armed and armed at 399.9 s, and disarmed twice at 400 s.
 
     Args:
         changes: The changes (K,) of the armed state (base_mode), in the order of boot and time.
@@ -351,11 +350,11 @@ def _boot_stamps(tables: Tables, boot: float) -> Array:
     Returns:
         The stamps (N,), s.
     """
-    stamps_of_messages = [
-        columns["time"][columns["boot"] == boot]
-        for name, columns in tables.items()
-        if name != "MSG"
-    ]
+    stamps_of_messages = []
+    for name, columns in tables.items():
+        if name != "MSG":
+            is_of_boot = columns["boot"] == boot
+            stamps_of_messages.append(columns["time"][is_of_boot])
     # NumPy's stable sort is fastest here: the stamps of each message are in order already.
     stamps = np.sort(np.concatenate(stamps_of_messages), kind="stable")
     return stamps[begins_value(stamps)]

@@ -97,7 +97,8 @@ def resampled(target: Columns, source: Columns, values: Array, is_angle: bool = 
         target: The message (T rows) at whose stamps the values are wanted.
         source: The message (N rows) of the values.
         values: Values (N, k) of ``source``.
-        is_angle: Whether the values are angles, rad, which are interpolated across a full turn.
+        is_angle: Whether the values are angles, rad. These are unwrapped first, so that values between 359° and 1° are
+            near 0°, not 180°; the result may exceed a full turn.
 
     Returns:
         Values (T, k); NaN before the first and after the last value, and inside gaps. They are exact at stamps that

@@ -99,7 +99,7 @@ def _definition_in_line(values: bytes) -> FormatDefinition | None:
     Returns:
         The definition; None if it is damaged.
     """
-    # The fifth value has the names of the fields, with the commas between them.
+    # Four commas are before the names of the fields, which have commas between them too.
     definition_values = values.split(b",", 4)
     if len(definition_values) < 5:
         return None
@@ -107,8 +107,8 @@ def _definition_in_line(values: bytes) -> FormatDefinition | None:
     if _BYTE.fullmatch(message_id) is None or _BYTE.fullmatch(length) is None:
         return None
     fields = FormatFields(int(message_id), int(length), name, characters, field_names)
-    parsed_definition = parse_definition(fields)
-    return None if parsed_definition is None else parsed_definition[1]
+    numbered_definition = parse_definition(fields)
+    return None if numbered_definition is None else numbered_definition.definition
 
 
 def _message_table(definition: FormatDefinition, lines: list[_Line]) -> MessageTable:
@@ -153,7 +153,7 @@ def _message_table(definition: FormatDefinition, lines: list[_Line]) -> MessageT
 def _values_of_line(
     line: _Line, definition: FormatDefinition, is_numeric: list[bool]
 ) -> list[float | bytes] | None:
-    """Parses the values of a line, written with decimal points or else with decimal commas.
+    """Parses the values of a line whose numbers are written with decimal points ("0.5") or decimal commas ("0,5").
 
     Args:
         line: The line of one message.
@@ -163,11 +163,12 @@ def _values_of_line(
     Returns:
         Numbers and texts in the order of the fields; None if the line cannot be read in either way.
     """
-    # A text that is the last field may hold commas.
+    # The line is split at as many commas as there are between its fields: the last field may be a text with commas.
     texts = line.values.split(b",", len(is_numeric) - 1)
     values = _parsed_values(texts, is_numeric)
     if values is None:
-        values = _parsed_values(_texts_with_decimal_points(line.values, definition), is_numeric)
+        texts = _texts_with_decimal_points(line.values, definition)
+        values = _parsed_values(texts, is_numeric)
     return values
 
 

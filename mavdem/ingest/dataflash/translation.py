@@ -152,25 +152,23 @@ NEW_NAMES_OF_OLD_FIELDS = {
 """Today's names of fields by their old names, by message."""
 
 
-def with_new_names(message: str, logged_columns: MessageTable) -> MessageTable:
+def with_new_names(message: str, table: MessageTable) -> MessageTable:
     """Renames the fields of a message to the names of the latest ArduPilot version.
 
     A table comes from an old version if it has all the old names.
 
     Args:
         message: Name of the messages ("ATT").
-        logged_columns: The messages, under the field names of the version that wrote them.
+        table: The messages, under the field names of the version that wrote them.
 
     Returns:
         The same columns under the latest names.
     """
     new_names = NEW_NAMES_OF_OLD_FIELDS.get(message, {})
-    if not all(old_name in logged_columns.columns for old_name in new_names):
-        return logged_columns
-    columns = {
-        new_names.get(field, field): column for field, column in logged_columns.columns.items()
-    }
-    return logged_columns._replace(columns=columns)
+    if not all(old_name in table.columns for old_name in new_names):
+        return table
+    columns = {new_names.get(field, field): values for field, values in table.columns.items()}
+    return table._replace(columns=columns)
 
 
 class TranslatedMessages(NamedTuple):
@@ -385,9 +383,9 @@ def _estimator_status(status: NamedMessage) -> NamedMessage:
     if "flags" not in status.columns:
         return status
     filter_flags = status.columns["flags"].astype(np.int64)
-    is_glitching = filter_flags & FILTER_GPS_GLITCH_FLAG > 0
-    flags = filter_flags & SHARED_STATUS_FLAGS
-    flags |= np.where(is_glitching, mavlink_constant("EKF_GPS_GLITCHING"), 0)
+    is_glitching = (filter_flags & FILTER_GPS_GLITCH_FLAG) > 0
+    glitch_flag = np.where(is_glitching, mavlink_constant("EKF_GPS_GLITCHING"), 0)
+    flags = (filter_flags & SHARED_STATUS_FLAGS) | glitch_flag
     return NamedMessage(status.source_name, {**status.columns, "flags": flags})
 
 
@@ -472,8 +470,10 @@ def _calendar_time(tables: Tables) -> Columns:
     has_time = (logged_columns["Status"] >= STATUS_3D_FIX) & (logged_columns["GWk"] > 0)
     logged_columns = selected_rows(logged_columns, has_time)
     seconds = satellite_utc(logged_columns["GWk"], logged_columns["GMS"])
-    microseconds = np.rint(1e6 * np.where(np.isfinite(seconds), seconds, 0.0))
-    return with_stamps(logged_columns, {"time_unix_usec": microseconds.astype(np.uint64)})
+    # In MAVLink 0 stands for a time that is not known.
+    known_seconds = np.where(np.isfinite(seconds), seconds, 0.0)
+    microseconds = np.rint(1e6 * known_seconds).astype(np.uint64)
+    return with_stamps(logged_columns, {"time_unix_usec": microseconds})
 
 
 def _status_texts(tables: Tables) -> Columns:
@@ -523,11 +523,9 @@ def _injected_signal(tables: Tables) -> Columns:
     Returns:
         Columns (N,): ``axis`` and ``target``, the signal in the unit of its axis; empty without such a run.
     """
-    sweep_messages = messages_with_fields(tables, "SIDS", ("Ax",))
-    logged_columns = messages_with_fields(tables, "SIDD", ("Targ",))
-    if not sweep_messages or not logged_columns:
+    runs = messages_with_fields(tables, "SIDS", ("Ax",))
+    signal_samples = messages_with_fields(tables, "SIDD", ("Targ",))
+    if not runs or not signal_samples:
         return {}
-    axis = last_values(
-        continuous_time(logged_columns), continuous_time(sweep_messages), sweep_messages["Ax"]
-    )
-    return with_stamps(logged_columns, {"axis": axis, "target": logged_columns["Targ"]})
+    axis = last_values(continuous_time(signal_samples), continuous_time(runs), runs["Ax"])
+    return with_stamps(signal_samples, {"axis": axis, "target": signal_samples["Targ"]})

@@ -90,7 +90,8 @@ def deviates_from_median(values: Times, window: int, limit: float | Times) -> Fl
     """
     if not len(values):
         return np.zeros(0, dtype=np.bool_)
-    return abs(values - scipy.ndimage.median_filter(values, window, mode="mirror")) > limit
+    running_median = scipy.ndimage.median_filter(values, window, mode="mirror")
+    return abs(values - running_median) > limit
 
 
 def outlier_stamps(stamps: Times) -> Flags:
@@ -110,15 +111,14 @@ def outlier_stamps(stamps: Times) -> Flags:
     # A shortcut for stamps that only rise: the running median of ascending values is the value itself, except within
     # half a window of either end. There it deviates by at most the duration of that half window.
     half_window = OUTLIER_WINDOW // 2
-    longest_half_window = max(
-        stamps[half_window] - stamps[0], stamps[-1] - stamps[-1 - half_window]
-    )
-    if steps.min() >= 0 and longest_half_window <= MAX_STAMP_DEVIATION:
+    first_duration = stamps[half_window] - stamps[0]
+    last_duration = stamps[-1] - stamps[-1 - half_window]
+    is_ascending = steps.min() >= 0
+    if is_ascending and max(first_duration, last_duration) <= MAX_STAMP_DEVIATION:
         return np.zeros(len(stamps), dtype=np.bool_)
     median_step = np.median(abs(steps))
-    return deviates_from_median(
-        stamps, OUTLIER_WINDOW, MAX_STAMP_DEVIATION + MAX_STEPS_OFF * median_step
-    )
+    max_deviation = MAX_STAMP_DEVIATION + MAX_STEPS_OFF * median_step
+    return deviates_from_median(stamps, OUTLIER_WINDOW, max_deviation)
 
 
 def stamped_messages(message_type: MessageStamps) -> tuple[StreamPositions, Times]:

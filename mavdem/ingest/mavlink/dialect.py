@@ -117,13 +117,16 @@ def definitions_by_id() -> Mapping[int, MessageDefinition]:
 
 @cache
 def crc_extra_table() -> CrcExtras:
-    """Returns CRC_EXTRA by message id, -1 for none.
+    """Returns the table of CRC_EXTRA, whose rows are message ids; the value is -1 for an id without a definition.
 
     CRC_EXTRA is a number that sender and receiver derive from their definition of a message; it enters the checksum, so
-    that a frame by another definition fails. The last row is used for all ids that are too large: it has no definition.
+    that a frame by another definition fails. An extra last row has the value -1. It stands for all ids that are larger
+    than any defined one, since ``take`` with the mode "clip" looks these up there.
     """
-    table = np.full(max(definitions_by_id()) + 2, -1, dtype=np.int32)
-    for message_id, definition in definitions_by_id().items():
+    definitions = definitions_by_id()
+    last_row = max(definitions) + 1
+    table = np.full(last_row + 1, -1, dtype=np.int32)
+    for message_id, definition in definitions.items():
         table[message_id] = definition.crc_extra
     return table
 

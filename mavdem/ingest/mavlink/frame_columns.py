@@ -48,7 +48,7 @@ class DecodedColumns:
         self._columns: OrderedDict[tuple[str, str], NDArray[Any]] = OrderedDict()
 
     def column(self, message: str, name: str) -> NDArray[Any] | None:
-        """Returns a kept column, and notes that it was used; None if it is not kept and must be decoded.
+        """Returns a stored column, and notes that it was used; None if it is not stored and must be decoded.
 
         Args:
             message: name of the message ("ATTITUDE").
@@ -59,8 +59,8 @@ class DecodedColumns:
             self._columns.move_to_end((message, name))
         return column
 
-    def keep(self, message: str, name: str, column: NDArray[Any]) -> None:
-        """Keeps a decoded column, and discards the least recently used ones while all take too much memory.
+    def store(self, message: str, name: str, column: NDArray[Any]) -> None:
+        """Stores a decoded column, and discards the least recently used ones while all take too much memory.
 
         Args:
             message: name of the message ("ATTITUDE").
@@ -70,8 +70,8 @@ class DecodedColumns:
         self._columns[message, name] = column
         self._bytes += column.nbytes
         while self._bytes > self._max_bytes and len(self._columns) > 1:
-            _, forgotten = self._columns.popitem(last=False)
-            self._bytes -= forgotten.nbytes
+            _, discarded_column = self._columns.popitem(last=False)
+            self._bytes -= discarded_column.nbytes
 
 
 class FrameColumns(Mapping[str, NDArray[Any]]):
@@ -114,7 +114,7 @@ class FrameColumns(Mapping[str, NDArray[Any]]):
             column.setflags(write=False)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """Returns a column (n,), or (n, k) of an array field, and decodes it unless it is kept.
+        """Returns a column (n,), or (n, k) of an array field, and decodes it unless it is stored.
 
         Raises:
             KeyError: The message has no such field.
@@ -130,7 +130,7 @@ class FrameColumns(Mapping[str, NDArray[Any]]):
                 self._payloads = sent_payloads(self._data, self._starts)
             column = self._decoded_column(name, self._payloads)
             column.setflags(write=False)
-            self._decoded.keep(message, name, column)
+            self._decoded.store(message, name, column)
         return column
 
     def _decoded_column(self, name: str, payloads: SentPayloads) -> NDArray[Any]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mavdem.confidence import Interval
 from mavdem.facts import Facts
 from mavdem.ingest.byte_rows import Bytes, Offsets
-from mavdem.ingest.mavlink.clock_readings import Rows, deviates_from_median
+from mavdem.ingest.mavlink.clock_readings import Rows, Times, deviates_from_median
 from mavdem.ingest.mavlink.framing import Frames, concatenated_frames
 from mavdem.ingest.telemetry import MICROSECONDS
 
@@ -56,28 +56,24 @@ class FrameStream:
 
         A frame without a stamp gets the stamp of the last stamped frame before it; 0 if there is no such frame.
         """
-        stamps = self.stamps
-        rows = np.arange(len(stamps))
-        last_stamped_row = np.maximum.accumulate(np.where(stamps > 0, rows, 0))
+        has_stamp = self.stamps > 0
+        rows = np.arange(len(self.stamps))
+        # For stamped frames their own row, for the others that of the last stamped frame before them.
+        last_stamped_row = np.maximum.accumulate(np.where(has_stamp, rows, 0))
+        known_stamps = self.stamps[last_stamped_row].tolist()
+        frame_starts = self.frames.start.tolist()
+        frame_ends = self.frames.end.tolist()
         # NumPy's view of the memory: slicing it is cheaper than slicing the array.
         content = self.data.data
-        for stamp, start, end in zip(
-            stamps[last_stamped_row].tolist(),
-            self.frames.start.tolist(),
-            self.frames.end.tolist(),
-            strict=True,
-        ):
+        for stamp, start, end in zip(known_stamps, frame_starts, frame_ends, strict=True):
             yield stamp, bytes(content[start:end])
 
 
 def receive_interval(stream: FrameStream) -> Interval:
-    """Returns the first and the last receive stamp of a recording.
+    """Returns the first and the last receive stamp of a recording, without outliers.
 
-    Stamps far from the running median are left out: they are damaged, or from a computer clock that was not yet set.
-    Of the others the first and the last one count, and not the smallest and the largest, since a stamp by which damage
-    moved a frame a few minutes back or forth is not far from the median.
-    A long recording is read block by block, to bound the memory. The last stamps of a block are checked with the next
-    block, since the window of the median reaches to later stamps too.
+    The smallest and the largest stamp would not do: a stamp by which damage moved a frame a few minutes back or forth
+    is no outlier.
 
     Args:
         stream: MAVLink frames of the recording, with their receive stamps.
@@ -85,8 +81,29 @@ def receive_interval(stream: FrameStream) -> Interval:
     Returns:
         The first and the last receive stamp, UNIX s; NaN where there is none.
     """
-    half_window = STAMP_WINDOW // 2
     first_stamp, last_stamp = np.nan, np.nan
+    for seconds in _receive_seconds_without_outliers(stream):
+        if len(seconds):
+            if np.isnan(first_stamp):
+                first_stamp = float(seconds[0])
+            last_stamp = float(seconds[-1])
+    return first_stamp, last_stamp
+
+
+def _receive_seconds_without_outliers(stream: FrameStream) -> Iterator[Times]:
+    """Yields the receive stamps of a recording without those far from their running median.
+
+    Outliers are damaged, or from a computer clock that was not yet set. A long recording is read block by block, to
+    bound the memory. The last stamps of a block are checked with the next block, since the window of the median reaches
+    to later stamps too.
+
+    Args:
+        stream: MAVLink frames of the recording, with their receive stamps.
+
+    Yields:
+        Stamps (n,), UNIX s, in the order of the stream; none of them may be left in a block.
+    """
+    half_window = STAMP_WINDOW // 2
     # Stamps in memory, s: the last ones of the block before, and those of this block.
     seconds = np.empty(0)
     # Number of them that were checked with the block before, and only serve for the median.
@@ -101,16 +118,11 @@ def receive_interval(stream: FrameStream) -> Interval:
             check_end = max(check_end - half_window, checked_count)
         is_outlier = deviates_from_median(seconds, STAMP_WINDOW, MAX_STAMP_JUMP)
         checked_now = slice(checked_count, check_end)
-        trusted_seconds = seconds[checked_now][~is_outlier[checked_now]]
-        if len(trusted_seconds):
-            if np.isnan(first_stamp):
-                first_stamp = float(trusted_seconds[0])
-            last_stamp = float(trusted_seconds[-1])
+        yield seconds[checked_now][~is_outlier[checked_now]]
         # The next block needs half a window of checked stamps, and those that are not checked yet.
         first_kept = max(check_end - half_window, 0)
         seconds = seconds[first_kept:]
         checked_count = check_end - first_kept
-    return first_stamp, last_stamp
 
 
 class ChannelFrames(NamedTuple):

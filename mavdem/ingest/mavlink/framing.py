@@ -374,8 +374,8 @@ def _frames_of_headers(start: Offsets, headers: Bytes) -> Frames:
     Returns:
         The frames, all with the checksum ``CHECKSUM_MATCHES``, which is not computed.
     """
-    # First all headers are read as headers of MAVLink 2, whose message id has three bytes. With a fourth byte, 0, they
-    # are read as a 32-bit number.
+    # First all headers are read as headers of MAVLink 2, whose message id has three bytes, the lowest first. With a
+    # fourth byte, 0, these are a 32-bit number.
     id_bytes = np.zeros((len(headers), np.int32().itemsize), dtype=np.uint8)
     id_bytes[:, :MESSAGE_ID_BYTES_V2] = headers[:, MESSAGE_ID_BYTE_V2:]
     message_id = id_bytes.view("<i4")[:, 0]
@@ -550,8 +550,12 @@ def _in_stream_order(tables: list[Frames]) -> Frames:
     Returns:
         The table of all frames, sorted by their first byte. A single table with frames is returned as it is.
     """
-    filled_tables = [table for table in tables if len(table)] or tables[:1]
+    filled_tables = [table for table in tables if len(table)]
+    if not filled_tables:
+        return tables[0]
     if len(filled_tables) == 1:
+        # It is in order already, and need not be copied.
         return filled_tables[0]
     frames = concatenated_frames(filled_tables)
-    return frames[np.argsort(frames.start, kind="stable")]
+    order = np.argsort(frames.start, kind="stable")
+    return frames[order]

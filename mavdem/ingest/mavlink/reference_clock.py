@@ -114,11 +114,14 @@ def reference_readings(reference_type: MessageStamps) -> tuple[ClockReadings, Fa
     stamps = stamps[~is_outlier]
     steps = np.diff(stamps)
     # If the clock falls, but with one period added would have risen by a short time, it has wrapped.
-    wrap_rows = 1 + np.flatnonzero((steps < 0) & (steps + period <= MAX_WRAP_GAP))
-    # Number of wraps up to each row.
+    has_wrapped = (steps < 0) & (steps + period <= MAX_WRAP_GAP)
+    wrap_rows = 1 + np.flatnonzero(has_wrapped)
+    # Number of wraps up to each row: the counts of wraps in the rows, added up.
     wraps = np.cumsum(np.bincount(wrap_rows, minlength=len(stamps)))
+    # Without a wrap the period may be infinite, and must not be multiplied by 0.
     time = stamps + period * wraps if len(wrap_rows) else stamps
     reboot_rows = _reboot_rows(time)
+    # Number of reboots up to each row.
     boot = np.cumsum(np.bincount(reboot_rows, minlength=len(positions)))
     if len(wrap_rows):
         # A counter starts again at each boot, so only the wraps since the boot's first message are added.

@@ -176,7 +176,7 @@ class SenderLinks:
             self._latest_slow_sequence = sequence
             return False
         # Later copies of this frame are recognised by its bytes.
-        self.remember([(self._frame_count, content)])
+        self.remember_frames([(self._frame_count, content)])
         self._count_missing(sequence, reading)
         # A second vehicle shows in readings that contradict each other or, if two counters number the frames, in
         # attitudes.
@@ -232,8 +232,8 @@ class SenderLinks:
             self.vehicles.add_all(readings)
             self._latest_clock = float(readings.clock[-1])
 
-    def remember(self, contents: Iterable[tuple[int, bytes]]) -> None:
-        """Remembers readable frames, by which later copies are recognised, and forgets frames of long ago.
+    def remember_frames(self, contents: Iterable[tuple[int, bytes]]) -> None:
+        """Stores readable frames, by which later copies are recognised, and drops all but the latest frames.
 
         Args:
             contents: for each frame in the order of the stream, its number among all frames received, from 1, and its
@@ -324,9 +324,9 @@ class SenderLinks:
             reading: the boot clock in it; None if its message has none.
         """
         former_counter = self._counters.latest
-        number_before_on_counter = self._counters.assign(sequence)
+        former_number_of_counter = self._counters.assign(sequence)
         if self._counters.latest != former_counter:
-            self._review_counters()
+            self._recognise_two_counters()
         if self._frame_count == 1:
             # Nothing is missing before the first frame.
             self._latest_sequence = sequence
@@ -336,8 +336,8 @@ class SenderLinks:
         are_counters_far_apart = self._has_two_counters and self._counters.are_far_apart
         if not are_counters_far_apart:
             self.missing += missing_messages(self._latest_sequence, sequence)
-        elif number_before_on_counter is not None:
-            self.missing += missing_messages(number_before_on_counter, sequence)
+        elif former_number_of_counter is not None:
+            self.missing += missing_messages(former_number_of_counter, sequence)
         self._latest_sequence = sequence
         if reading is not None:
             self._latest_clock = reading.clock
@@ -377,20 +377,22 @@ class SenderLinks:
         self._received_since_reading = 0
         self._latest_clock = reading.clock
 
-    def _review_counters(self) -> None:
-        """Decides again whether two counters number the frames, when the numbers have switched to the other counter.
+    def _recognise_two_counters(self) -> None:
+        """Decides, after a switch from one counter to the other, whether two counters number the frames.
 
-        An autopilot may number the frames of two channels by two counters. Until this is recognised, after several
-        switches, each switch looks like a gap in one numbering and is counted in ``missing``. At the recognition
-        ``missing`` is therefore set back to its value before the first of these switches.
+        An autopilot that sends on two channels may number the frames of each by a counter of its own. This is
+        recognised only after several switches. Until then the numbers are taken for those of a single counter: each
+        switch looks like a gap, whose frames are counted in ``missing``. So at the recognition ``missing`` is set back
+        to its value before the first of these switches, unless late frames have made it smaller since.
         """
+        # Only the values at the latest switches are stored, so that the first one is from before all of them.
         self._missing_at_switches.append(self.missing)
-        has_two_counters = self._counters.are_two_counters
-        is_newly_recognised = has_two_counters and not self._has_two_counters
+        had_two_counters = self._has_two_counters
+        self._has_two_counters = self._counters.are_two_counters
+        is_newly_recognised = self._has_two_counters and not had_two_counters
         if is_newly_recognised and self._counters.are_far_apart:
             missing_before_switches = self._missing_at_switches[0]
             self.missing = min(self.missing, missing_before_switches)
-        self._has_two_counters = has_two_counters
 
 
 def clock_reading(content: bytes, message_id: int) -> Reading | None:

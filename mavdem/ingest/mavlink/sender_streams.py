@@ -52,7 +52,7 @@ MIXING_FACTOR = np.uint32(0x9E3779B1)
 class SenderStream:
     """What the frames of one sender show of the links over which they came."""
 
-    is_first: Flags
+    is_no_copy: Flags
     """Whether each frame (n,) is no copy of an earlier one."""
     lost: int
     """Number of messages that are missing, by the gaps in the sequence numbers."""
@@ -366,13 +366,15 @@ def _possible_copies(hashes: NDArray[np.uint32]) -> Rows:
         Indices of the possible copies, ascending.
     """
     distance = _distance_to_equal_hash(hashes)
+    is_repetition = np.isfinite(distance)
     is_recent_repetition = distance < RECENT_FRAMES
     # Number of these repetitions up to each frame, and up to the frame that is ``RECENT_FRAMES`` earlier.
     repetitions = np.cumsum(is_recent_repetition)
     earlier_repetitions = np.zeros(len(hashes), dtype=np.int64)
     earlier_repetitions[RECENT_FRAMES:] = repetitions[:-RECENT_FRAMES]
-    has_repetitions_around = repetitions > earlier_repetitions
-    return np.flatnonzero(np.isfinite(distance) & has_repetitions_around)
+    # Where the two numbers differ, a recent repetition is among the latest ``RECENT_FRAMES`` frames.
+    is_near_recent_repetition = repetitions > earlier_repetitions
+    return np.flatnonzero(is_repetition & is_near_recent_repetition)
 
 
 def _distance_to_equal_hash(hashes: NDArray[np.uint32]) -> Array:
@@ -422,7 +424,7 @@ class _RunProcessor:
 
         As long as no second link is known, the result is as if ``SenderLinks.process_frame`` had processed each frame.
         Most sequence numbers rise by one, and such frames are counted together, which is faster. So the run is divided
-        where a number does not follow the one before.
+        where a number does not follow the one before: the numbers 7, 8, 9, 12, 13 make two parts, 7 to 9 and 12 to 13.
 
         Args:
             first: Row of the first frame.
@@ -431,33 +433,37 @@ class _RunProcessor:
         # Signed numbers, so that their differences may be negative; the bit mask takes them modulo 256.
         sequence = self._frames.sequence[first:end].astype(np.int16)
         steps = np.diff(sequence) & (SEQUENCE_NUMBERS - 1)
-        jumps = first + 1 + np.flatnonzero(steps != 1)
-        division_bounds = np.concatenate([[first], jumps, [end]])
-        # Two counters make a division of nearly every frame, so that their attitudes are looked up all at once.
-        attitude_bounds = np.searchsorted(self._attitude_rows, division_bounds).tolist()
+        rows_after_jumps = first + 1 + np.flatnonzero(steps != 1)
+        part_bounds = np.concatenate([[first], rows_after_jumps, [end]])
+        # With two counters nearly every frame is a part of its own, so that the attitudes of all are looked up at once.
+        attitude_bounds = np.searchsorted(self._attitude_rows, part_bounds).tolist()
         for (start_row, end_row), (first_attitude, end_attitude) in zip(
-            pairwise(division_bounds.tolist()), pairwise(attitude_bounds), strict=True
+            pairwise(part_bounds.tolist()), pairwise(attitude_bounds), strict=True
         ):
-            self._count_frames(start_row, end_row)
+            self._count_successive_frames(start_row, end_row)
             if self._links.has_two_counters:
                 self._compare_attitudes(first_attitude, end_attitude)
         first_reading, end_reading = np.searchsorted(self._reading_rows, [first, end]).tolist()
         self._links.add_readings(self._readings.part(first_reading, end_reading))
         # Copies of these frames may follow, unless the recording ends here.
         if end < len(self._frames):
-            self._links.remember(self._frames_to_remember(first, end))
+            self._links.remember_frames(self._frames_to_remember(first, end))
 
-    def _count_frames(self, first: int, end: int) -> None:
-        """Counts frames whose sequence numbers rise by one, of which only the first may follow a gap.
+    def _count_successive_frames(self, first: int, end: int) -> None:
+        """Counts frames whose sequence numbers rise by one from each to the next.
+
+        Only before the first of them may frames be missing, so that it is counted by itself, and the others together.
 
         Args:
             first: Row of the first frame.
             end: Row after the last frame.
         """
-        sequence = self._frames.sequence
-        self._links.count_frame(int(sequence[first]))
-        if end > first + 1:
-            self._links.count_frames_in_order(end - first - 1, int(sequence[end - 1]))
+        first_sequence = int(self._frames.sequence[first])
+        last_sequence = int(self._frames.sequence[end - 1])
+        self._links.count_frame(first_sequence)
+        other_frames = end - first - 1
+        if other_frames > 0:
+            self._links.count_frames_in_order(other_frames, last_sequence)
 
     def _compare_attitudes(self, first: int, end: int) -> None:
         """Compares some attitudes with those in the frames that the other sequence counter numbers.

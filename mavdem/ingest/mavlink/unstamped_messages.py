@@ -92,16 +92,28 @@ def _unmixed_reboots(timed_types: Sequence[ClockReadings]) -> list[_Reboot]:
                 first_time=float(readings.time[row + 1]),
                 boot=boot,
             )
-            # Each message type shows the same restart. The last stamp before it and the first one after it, of all
-            # types, are the nearest to the restart.
-            reboot_by_former_types = reboots.get(boot, reboot)
-            earliest = min(
-                reboot, reboot_by_former_types, key=lambda candidate: candidate.first_position
-            )
-            last_position = max(reboot.last_position, reboot_by_former_types.last_position)
-            reboots[boot] = earliest._replace(last_position=last_position)
-    ordered = [reboots[boot] for boot in sorted(reboots)]
-    return [reboot for reboot in ordered if reboot.last_position < reboot.first_position]
+            # Each message type shows the same restart.
+            if boot in reboots:
+                reboot = _narrowed_reboot(reboots[boot], reboot)
+            reboots[boot] = reboot
+    reboots_in_order = [reboots[boot] for boot in sorted(reboots)]
+    return [reboot for reboot in reboots_in_order if reboot.last_position < reboot.first_position]
+
+
+def _narrowed_reboot(first: _Reboot, second: _Reboot) -> _Reboot:
+    """Joins what the messages of two types show of the same restart.
+
+    Args:
+        first: The restart by the messages of one type.
+        second: The restart by the messages of the other type.
+
+    Returns:
+        The restart with the later one of the last messages before it, and the earlier one of the first messages after
+        it: of both types, these are the nearest to it in the stream.
+    """
+    last_position = max(first.last_position, second.last_position)
+    earlier_after = first if first.first_position <= second.first_position else second
+    return earlier_after._replace(last_position=last_position)
 
 
 def _messages_with_time(

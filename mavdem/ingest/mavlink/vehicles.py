@@ -100,15 +100,15 @@ def assemble(stream: FrameStream) -> Log:
     Raises:
         Unreadable: The only vehicles are two with the same ids.
     """
-    sender_streams, is_first = _streams_by_sender(stream)
+    sender_streams, is_no_copy = _streams_by_sender(stream)
     frames = stream.frames
-    if not is_first.all():
-        frames = frames[is_first]
+    if not is_no_copy.all():
+        frames = frames[is_no_copy]
     sender_ids = _sender_ids(frames)
-    frames_of_senders = _matching_frames(frames, sender_ids)
+    frames_of_senders = _matching_frames_by_sender(frames, sender_ids)
     unread = tuple(_unread_frames(frames, sender_ids, frames_of_senders))
     # These take tens of megabytes for a recording of hours.
-    del frames, sender_ids, is_first
+    del frames, sender_ids, is_no_copy
     records = []
     for sender_id, frames_of_messages in frames_of_senders.items():
         sender_stream = sender_streams[sender_id]
@@ -139,32 +139,32 @@ def assemble(stream: FrameStream) -> Log:
 
 def _telemetry_of_component(
     stream: FrameStream,
-    record: _ComponentRecord,
-    records: Sequence[_ComponentRecord],
+    vehicle: _ComponentRecord,
+    all_components: Sequence[_ComponentRecord],
     stream_repairs: Facts,
 ) -> Telemetry:
-    """Makes the telemetry of a vehicle from what its component sent.
+    """Makes the telemetry of a vehicle, which is one of the MAVLink components in a stream.
 
     Args:
         stream: MAVLink frames of the recording, with their receive stamps.
-        record: Messages of the vehicle's component.
-        records: Messages of all components, since another one may have stored the vehicle's parameters.
+        vehicle: The component that is the vehicle, with its messages.
+        all_components: All components, since another one may have stored the vehicle's parameters.
         stream_repairs: Facts on what was repaired of the stream, which concern all its vehicles.
 
     Returns:
-        Messages and parameters of the vehicle, facts on what was repaired; and whether its recording ended on purpose.
+        Messages and parameters of the vehicle, facts on what was repaired, and whether its recording ended on purpose.
     """
-    component = record.component
+    component = vehicle.component
     sender = FrameSender(component.system, component.component)
     return Telemetry(
-        component.system,
-        component.component,
+        system=component.system,
+        component=component.component,
         vehicle=component.kind,
         autopilot=component.autopilot,
-        messages=record.messages,
-        parameters=_parameters_of(record, records),
+        messages=vehicle.messages,
+        parameters=_parameters_of(vehicle, all_components),
         source=stream.source,
-        repairs=stream_repairs + record.repairs,
+        repairs=stream_repairs + vehicle.repairs,
         is_ended_on_purpose=is_ended_on_purpose(stream, sender),
     )
 
@@ -213,13 +213,13 @@ def _streams_by_sender(
         such as those that were received over a second link.
     """
     sender_streams = {}
-    is_first = np.ones(len(stream.frames), dtype=np.bool_)
+    is_no_copy = np.ones(len(stream.frames), dtype=np.bool_)
     for sender_id, rows in rows_by_value(_sender_ids(stream.frames)).items():
         sender_stream = sender_stream_of(stream.data, stream.frames, rows)
         sender_streams[sender_id] = sender_stream
         if sender_stream.copies:
-            is_first[rows] = sender_stream.is_first
-    return sender_streams, is_first
+            is_no_copy[rows] = sender_stream.is_no_copy
+    return sender_streams, is_no_copy
 
 
 def _sender_ids(frames: Frames) -> NDArray[np.uint16]:
@@ -227,7 +227,9 @@ def _sender_ids(frames: Frames) -> NDArray[np.uint16]:
     return (frames.system.astype(np.uint16) << COMPONENT_BITS | frames.component).astype(np.uint16)
 
 
-def _matching_frames(frames: Frames, sender_ids: NDArray[np.uint16]) -> dict[int, OffsetsByMessage]:
+def _matching_frames_by_sender(
+    frames: Frames, sender_ids: NDArray[np.uint16]
+) -> dict[int, OffsetsByMessage]:
     """Groups the frames with a matching checksum by sender, and the frames of each sender by message.
 
     Args:
@@ -239,14 +241,16 @@ def _matching_frames(frames: Frames, sender_ids: NDArray[np.uint16]) -> dict[int
     """
     frames_of_senders: dict[int, OffsetsByMessage] = {}
     for sender_id, rows in rows_by_value(sender_ids).items():
-        matching_rows = rows[frames.checksum[rows] == CHECKSUM_MATCHES]
-        if len(matching_rows):
-            rows_of_messages = rows_by_value(frames.message_id[matching_rows])
-            starts = frames.start[matching_rows]
-            frames_of_senders[sender_id] = {
-                message_id: starts[message_rows]
-                for message_id, message_rows in rows_of_messages.items()
-            }
+        is_matching = frames.checksum[rows] == CHECKSUM_MATCHES
+        matching_rows = rows[is_matching]
+        if not len(matching_rows):
+            continue
+        starts = frames.start[matching_rows]
+        starts_by_message = {}
+        rows_of_messages = rows_by_value(frames.message_id[matching_rows])
+        for message_id, message_rows in rows_of_messages.items():
+            starts_by_message[message_id] = starts[message_rows]
+        frames_of_senders[sender_id] = starts_by_message
     return frames_of_senders
 
 
@@ -558,14 +562,13 @@ def _message_stamps(
         The stamps, which are decoded only when they are used, and the time after which their counter wraps.
     """
     for name, units_per_second in BOOT_CLOCK_UNITS.items():
-        if name in definition.fields:
-            # A counter of 32 bits wraps in the course of a flight, one of 64 bits never does.
-            counter_bytes = definition.payload_type[name].itemsize
-            period = np.inf
-            if counter_bytes < np.dtype(np.uint64).itemsize:
-                period = 2.0 ** (8 * counter_bytes) / units_per_second
-            stamps = partial(_decoded_stamps, data, definition, starts, name)
-            return MessageStamps(definition.name, starts, stamps, period)
+        if name not in definition.fields:
+            continue
+        # A counter of 32 bits wraps in the course of a flight, one of 64 bits never does.
+        counter_bits = 8 * definition.payload_type[name].itemsize
+        period = np.inf if counter_bits == 64 else 2.0**counter_bits / units_per_second
+        decode_stamps = partial(_decoded_stamps, data, definition, starts, name)
+        return MessageStamps(definition.name, starts, decode_stamps, period)
     return MessageStamps(definition.name, starts)
 
 

@@ -89,17 +89,17 @@ class McapRecording:
     """Channels by their number."""
     schemas: dict[int, Schema] = field(default_factory=dict)
     """Schemas by their number."""
-    damaged: int = 0
+    damaged_chunks: int = 0
     """Number of damaged chunks."""
     lost_bytes: int = 0
     """Number of bytes that these have in the file."""
     lost_seconds: float = 0.0
     """Time that these span, s, by the times in their heads."""
-    skipped: int = 0
+    skipped_bytes: int = 0
     """Number of bytes that belong to no record."""
-    cut: bool = False
+    is_cut_off: bool = False
     """Whether the end of the file is missing."""
-    _allowance: int = 0
+    _unpackable_bytes: int = 0
     """Number of bytes to which the remaining chunks may unpack."""
 
     def messages(self) -> Iterator[Message]:
@@ -112,7 +112,7 @@ class McapRecording:
         """
         # The bytes to which all chunks together may unpack are bounded, so that a small hostile file cannot fill the
         # memory.
-        self._allowance = MIN_UNPACKED_LIMIT + MAX_COMPRESSION_RATIO * len(self.content)
+        self._unpackable_bytes = MIN_UNPACKED_LIMIT + MAX_COMPRESSION_RATIO * len(self.content)
         locations = list(self._record_locations())
         # The summary at the end repeats channels and schemas, which helps where the first record is damaged.
         for location in locations:
@@ -131,14 +131,17 @@ class McapRecording:
         """
         repairs = repair_facts(
             Repair.CHUNKS_DAMAGED,
-            count=self.damaged,
+            count=self.damaged_chunks,
             size=self.lost_bytes,
             duration=self.lost_seconds,
         )
         repairs += repair_facts(
-            Repair.BYTES_SKIPPED, count=self.skipped, total=len(self.content), part="recording"
+            Repair.BYTES_SKIPPED,
+            count=self.skipped_bytes,
+            total=len(self.content),
+            part="recording",
         )
-        if self.cut:
+        if self.is_cut_off:
             repairs += repair_facts(Repair.RECORDING_CUT)
         return repairs
 
@@ -168,9 +171,9 @@ class McapRecording:
                 next_record = _next_record(self.content, offset + 1)
                 # Bytes after the last record are a record that was cut off, not damage.
                 if next_record < file_end:
-                    self.skipped += next_record - offset
+                    self.skipped_bytes += next_record - offset
                 offset = next_record
-        self.cut = last_opcode != Opcode.FOOTER
+        self.is_cut_off = last_opcode != Opcode.FOOTER
 
     def _decoded_record(self, location: RecordLocation) -> McapRecord | None:
         """Decodes one record.
@@ -209,32 +212,49 @@ class McapRecording:
     def _records_in_chunk(self, location: RecordLocation) -> list[McapRecord]:
         """Returns the records of a chunk.
 
-        Of a damaged chunk nothing is used, since its checksum covers all of it. Chunks are unpacked here with a bound
-        on their size, which the library does not have; the library then parses the unpacked records, and checks their
-        checksum.
+        Of a damaged chunk nothing is used, since its checksum covers all of it.
 
         Args:
             location: Location of the chunk in the file.
 
         Returns:
-            The records; empty if the chunk is damaged, whose size and duration are then added to ``damaged``,
-            ``lost_bytes`` and ``lost_seconds``.
+            The records; empty if the chunk is damaged. It is then counted in ``damaged_chunks``, and its size and
+            duration are added to ``lost_bytes`` and ``lost_seconds``.
         """
         chunk = self._decoded_record(location)
         if isinstance(chunk, Chunk):
-            max_size = min(self._allowance, MIN_UNPACKED_LIMIT)
-            records = _unpacked_records(chunk.compression, chunk.data, max_size)
-            self._allowance -= len(records)
-            unpacked_chunk = replace(chunk, compression="", data=records)
-            with suppress(*DAMAGE_ERRORS):
-                if len(records) == chunk.uncompressed_size:
-                    return breakup_chunk(unpacked_chunk, validate_crc=True)
+            records = self._unpacked_chunk(chunk)
+            if records is not None:
+                return records
             seconds = (chunk.message_end_time - chunk.message_start_time) / NANOSECONDS
             # The times in the chunk's head may be damaged too, and are used only if they are plausible.
-            self.lost_seconds += seconds if 0.0 <= seconds <= MAX_CHUNK_SECONDS else 0.0
-        self.damaged += 1
+            if 0.0 <= seconds <= MAX_CHUNK_SECONDS:
+                self.lost_seconds += seconds
+        self.damaged_chunks += 1
         self.lost_bytes += location.end - location.start
         return []
+
+    def _unpacked_chunk(self, chunk: Chunk) -> list[McapRecord] | None:
+        """Unpacks the records of a chunk, and checks their size and checksum.
+
+        The bytes are unpacked here with a bound on their size, which the library does not have. The library then parses
+        the records.
+
+        Args:
+            chunk: The chunk, whose bytes may be compressed.
+
+        Returns:
+            The records; None if they are damaged, or unpack to more bytes than are allowed.
+        """
+        max_size = min(self._unpackable_bytes, MIN_UNPACKED_LIMIT)
+        record_bytes = _unpacked_records(chunk.compression, chunk.data, max_size)
+        self._unpackable_bytes -= len(record_bytes)
+        if len(record_bytes) != chunk.uncompressed_size:
+            return None
+        uncompressed_chunk = replace(chunk, compression="", data=record_bytes)
+        with suppress(*DAMAGE_ERRORS):
+            return breakup_chunk(uncompressed_chunk, validate_crc=True)
+        return None
 
     def _register(self, record: McapRecord | None) -> None:
         """Notes a channel or a schema by its number."""

@@ -91,15 +91,18 @@ def _decoded_messages(
         channel_id = message.channel_id
         if channel_id not in topics:
             continue
+        topic_name = second_reading.channels[channel_id].topic
         decode = decoders[schema_of_channel[channel_id]]
+        if decode is None:
+            # The library has no decoder for messages of this type.
+            undecodable_counts[topic_name] += 1
+            continue
         try:
-            # A type without a decoder counts as undecodable, like a damaged message.
-            assert decode is not None
             by_channel[channel_id][position] = decode(message.data)
             receive_times[position] = message.log_time
         except Exception:
             # The library may raise anything on a message that is cut short, or of another type.
-            undecodable_counts[second_reading.channels[channel_id].topic] += 1
+            undecodable_counts[topic_name] += 1
     return _DecodedMessages(by_channel, receive_times, undecodable_counts)
 
 
@@ -155,7 +158,7 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
             for vehicle in with_system_ids(vehicles)
         ),
         frames=len(receive_times),
-        bytes_skipped=second_reading.skipped,
+        bytes_skipped=second_reading.skipped_bytes,
         receive_time=(
             min(receive_times.values()) / NANOSECONDS,
             max(receive_times.values()) / NANOSECONDS,
