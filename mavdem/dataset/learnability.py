@@ -45,7 +45,7 @@ def learnability_of(signals: Signals, components: Sequence[Component] = ()) -> L
         components: All components in the log, for the advice on rates: one of them may request other rates.
 
     Returns:
-        The checks of that segment with their figures, and the flight or the reason why nothing can be learned from it.
+        The checks of that segment with its measured quality, and the flight or the reason why nothing can be learned.
     """
     # They come in the order in which segments are preferred. The first is that of the longest usable segment.
     return next(segment_learnabilities(signals, components))
@@ -80,24 +80,24 @@ def segment_learnabilities(
         return
     attitude, inputs = signals.attitude_and_inputs
     segments = settled_segments(signals)
-    log_figures = quality.log_quality(signals, len(segments))
+    log_quality = quality.log_quality(signals, len(segments))
     judge = SegmentJudge(
         signals,
         attitude=attitude,
         inputs=inputs,
         components=components,
-        log_figures=log_figures,
+        log_quality=log_quality,
         segments=segments,
         min_rate=min_rate,
     )
-    if log_figures.armed == 0:
+    if log_quality.armed == 0:
         reason = NEVER_ARMED
-    elif log_figures.airborne == 0:
-        reason = _never_airborne(signals, log_figures)
+    elif log_quality.airborne == 0:
+        reason = _never_airborne(signals, log_quality)
     elif not segments:
-        reason = judge.slow_or_short(log_figures)
+        reason = judge.slow_or_short(log_quality)
     if reason is not None:
-        yield Learnability(signals.axis, learnable=False, reason=reason, figures=log_figures)
+        yield Learnability(signals.axis, learnable=False, reason=reason, figures=log_quality)
         return
 
     candidates = [segment for segment in segments if segment.duration >= MIN_SEGMENT_DURATION]
@@ -226,7 +226,7 @@ def _missing_inputs(signals: Signals) -> Fact:
     return reason
 
 
-def _never_airborne(signals: Signals, figures: QualityFigures) -> Fact:
+def _never_airborne(signals: Signals, log_quality: QualityFigures) -> Fact:
     """Returns the reason to refuse a vehicle that was armed but did not fly, with what shows that it did not.
 
     There are three cases:
@@ -238,7 +238,7 @@ def _never_airborne(signals: Signals, figures: QualityFigures) -> Fact:
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        figures: figures of the log, with the time for which the vehicle was armed, s.
+        log_quality: measured quality of the log, with the time for which the vehicle was armed, s.
     """
     telemetry = signals.telemetry
     message_name = telemetry.name_in_source("EXTENDED_SYS_STATE")
@@ -255,12 +255,12 @@ def _never_airborne(signals: Signals, figures: QualityFigures) -> Fact:
             name=message_name,
             remedy=rate_advice(telemetry),
         )
-    # Each case has its figure; the others are None.
+    # Each case has a value of its own; those of the other cases are None.
     min_climb_rate = grounded.MIN_LIFT_OFF_SPEED if is_reported_airborne else None
     highest_collective = flight_states.max_collective(signals) if is_nothing_reported else None
     return Fact(
         NotLearnableReason.NEVER_AIRBORNE,
-        armed=figures.armed,
+        armed=log_quality.armed,
         name=message_name,
         climb_rate=min_climb_rate,
         collective=highest_collective,

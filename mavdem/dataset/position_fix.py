@@ -3,7 +3,7 @@
 Without one, an estimator integrates accelerations, so that its velocity runs away, and some report it as valid.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,32 +86,55 @@ def has_position_fix(telemetry: Telemetry, boot: int, time: Array) -> Flags:
     Returns:
         Flags (T,).
     """
-    has_fix = np.zeros(len(time), np.bool_)
-    # Only by receivers that are not silent: whether there is one, and whether one has a fix.
-    is_any_recent = np.zeros(len(time), np.bool_)
-    has_recent_fix = np.zeros(len(time), np.bool_)
-    is_recorded = False
+    receivers = []
     for message in RECEIVER_MESSAGES:
-        columns = telemetry.messages.get(message, {})
-        if "fix_type" not in columns:
-            continue
-        rows = np.flatnonzero(columns["boot"] == boot)
-        if not len(rows):
-            continue
-        is_recorded = True
-        rows = rows[np.argsort(columns["time"][rows], kind="stable")]
-        message_time = columns["time"][rows]
-        # The last message is valid; before the first message, the first one.
-        valid_message = np.maximum(np.searchsorted(message_time, time, side="right") - 1, 0)
-        receiver_has_fix = has_fix_by_row(columns)[rows][valid_message]
-        seconds_since_message = time - message_time[valid_message]
-        is_recent = seconds_since_message <= _longest_usual_gap(message_time)
-        has_fix |= receiver_has_fix
-        is_any_recent |= is_recent
-        has_recent_fix |= receiver_has_fix & is_recent
-    if not is_recorded:
+        receiver = _receiver_fixes(telemetry.messages.get(message, {}), boot, time)
+        if receiver is not None:
+            receivers.append(receiver)
+    if not receivers:
         return np.full(len(time), not _has_no_receiver(telemetry))
+    has_fix: Flags = np.any([receiver.has_fix for receiver in receivers], axis=0)
+    # Whether some receiver is not silent, and whether one of those has a fix.
+    is_any_recent: Flags = np.any([receiver.is_recent for receiver in receivers], axis=0)
+    has_recent_fix: Flags = np.any(
+        [receiver.has_fix & receiver.is_recent for receiver in receivers], axis=0
+    )
     return np.where(is_any_recent, has_recent_fix, has_fix)
+
+
+class _ReceiverFixes(NamedTuple):
+    """What the valid message of one satellite receiver shows at each of T times."""
+
+    has_fix: Flags
+    """Whether the message has a three-dimensional position fix (T,)."""
+    is_recent: Flags
+    """Whether the receiver is not silent for longer than its usual gap (T,)."""
+
+
+def _receiver_fixes(columns: Columns, boot: int, time: Array) -> _ReceiverFixes | None:
+    """Returns at which times of a boot a satellite receiver had a fix, by its last message.
+
+    Args:
+        columns: Fields of the receiver's messages, N rows; empty if they were not recorded.
+        boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
+        time: Times (T,) in that boot, s. Before the first message, that message is valid.
+
+    Returns:
+        Whether it had a fix, and whether the message is recent; None if it sent no fix in that boot.
+    """
+    if "fix_type" not in columns:
+        return None
+    rows = np.flatnonzero(columns["boot"] == boot)
+    if not len(rows):
+        return None
+    rows = rows[np.argsort(columns["time"][rows], kind="stable")]
+    message_time = columns["time"][rows]
+    valid_message = np.maximum(np.searchsorted(message_time, time, side="right") - 1, 0)
+    seconds_since_message = time - message_time[valid_message]
+    return _ReceiverFixes(
+        has_fix=has_fix_by_row(columns)[rows][valid_message],
+        is_recent=seconds_since_message <= _longest_usual_gap(message_time),
+    )
 
 
 def _longest_usual_gap(time: Array) -> float:

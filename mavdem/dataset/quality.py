@@ -38,7 +38,7 @@ ROUNDING_VARIANCE_DIVISOR = 12
 
 @dataclass(frozen=True)
 class QualityFigures:
-    """Figures of a segment and of its log; None if a figure could not be measured."""
+    """The quality of a segment and of its log; a value is None if it could not be measured."""
 
     armed: float = 0.0
     """Seconds that the vehicle was armed in the whole log."""
@@ -106,7 +106,7 @@ def log_quality(signals: Signals, segments: int) -> QualityFigures:
         segments: Number of the log's segments of settled flight, without climb-out, landing and gaps.
 
     Returns:
-        The figures of the log: times in s, rates in Hz, those between outages.
+        The quality of the log: times in s, rates in Hz, those between outages.
     """
     attitude, inputs = signals.attitude_and_inputs
     armed_seconds = 0.0
@@ -134,7 +134,7 @@ def log_quality(signals: Signals, segments: int) -> QualityFigures:
 
 
 def segment_quality(
-    signals: Signals, segment: Segment, flight: Flight, log_figures: QualityFigures
+    signals: Signals, segment: Segment, flight: Flight, quality_of_log: QualityFigures
 ) -> QualityFigures:
     """Measures one segment.
 
@@ -142,10 +142,10 @@ def segment_quality(
         signals: Signals with attitude and model inputs.
         segment: The segment.
         flight: The segment, aligned.
-        log_figures: Figures of the whole log: its armed and airborne time and number of segments are kept.
+        quality_of_log: Quality of the whole log: its armed and airborne time and number of segments are kept.
 
     Returns:
-        The figures of the log, with the figures of the segment added.
+        The quality of the log, with that of the segment added.
     """
     attitude, inputs = signals.attitude_and_inputs
     attitude_rows = rows_of_segment(attitude, segment)
@@ -180,7 +180,7 @@ def segment_quality(
         input_snr = (command.values.var() / command.rounding_sd**2) - 1
     is_at_upper, is_at_lower = samples_at_limits(inputs.scale.fraction(flight.inputs), inputs.scale)
     return replace(
-        log_figures,
+        quality_of_log,
         duration=flight.duration,
         samples=len(flight),
         dt=flight.dt,
@@ -233,9 +233,9 @@ def samples_at_limits(fractions: Array, scale: OutputScale) -> LimitFlags:
     return LimitFlags(is_at_upper, is_at_lower)
 
 
-def _lowest(figures: list[float | None]) -> float | None:
-    """Returns the lowest figure of those that could be measured; None if none could."""
-    return min((figure for figure in figures if figure is not None), default=None)
+def _lowest(values: list[float | None]) -> float | None:
+    """Returns the lowest of several values, without those that could not be measured (None); None if none could."""
+    return min((value for value in values if value is not None), default=None)
 
 
 class _TorqueCommand(NamedTuple):
@@ -372,14 +372,14 @@ def _rate_consistency(time: Array, angle: Array, euler_rate: Array) -> float | N
     if not len(angle_changes):
         return None
     unexplained_changes = angle_changes - integral_changes
-    errors = abs(unexplained_changes - np.median(unexplained_changes))
     # At least as many spans are left out as contain the same sample.
     samples_per_span = int(np.count_nonzero(time <= time[0] + RATE_INTEGRATION_SPAN))
-    outlier_count = max(round(OUTLIER_SHARE * len(errors)), samples_per_span)
-    usual_count = max(len(errors) - outlier_count, 0)
-    usual_spans = np.argsort(errors)[:usual_count]
-    if not len(usual_spans):
+    outlier_count = max(round(OUTLIER_SHARE * len(angle_changes)), samples_per_span)
+    usual_count = len(angle_changes) - outlier_count
+    if usual_count <= 0:
         return None
+    errors = abs(unexplained_changes - np.median(unexplained_changes))
+    usual_spans = np.argsort(errors)[:usual_count]
     variance = angle_changes[usual_spans].var()
     if not variance > 0:
         return None

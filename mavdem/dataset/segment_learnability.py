@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mavdem.dataset import quality
 from mavdem.dataset.alignment import aligned_flight
 from mavdem.dataset.attitude import Attitude
 from mavdem.dataset.axes import MAX_BODY_RATE, TILT_AXES
@@ -17,7 +16,7 @@ from mavdem.dataset.motor_outputs import (
     DEMAND_MESSAGE,
     MotorOutputs,
 )
-from mavdem.dataset.quality import QualityFigures
+from mavdem.dataset.quality import QualityFigures, segment_quality
 from mavdem.dataset.rate_advice import rate_advice
 from mavdem.dataset.segments import Segment, Segments
 from mavdem.dataset.signals import MIN_STREAM_RATE, Signals, rate_between_outages
@@ -154,9 +153,9 @@ def segment_cautions(signals: Signals, quality: QualityFigures) -> Iterator[Fact
         yield Fact(Caution.RATE_EXPLAINS_LITTLE, consistency=quality.consistency)
 
 
-def slower_stream_rate(figures: QualityFigures) -> float:
+def slower_stream_rate(quality: QualityFigures) -> float:
     """Returns the rate, Hz, of the slower one of attitude and model inputs; 0 where one is missing."""
-    return min(figures.attitude_rate or 0.0, figures.motor_rate or 0.0)
+    return min(quality.attitude_rate or 0.0, quality.motor_rate or 0.0)
 
 
 def slow_streams(
@@ -196,7 +195,7 @@ class SegmentJudge:
     """Model inputs."""
     components: Sequence[Component]
     """All components in the log, for the advice on rates."""
-    log_figures: QualityFigures
+    log_quality: QualityFigures
     """Quality of the whole log."""
     segments: Segments
     """All its segments of settled flight, the longest first."""
@@ -214,13 +213,13 @@ class SegmentJudge:
             dt: Sampling step, s, to align it with; by default its own.
 
         Returns:
-            The decision with its reason, the figures of quality and the aligned flight; with cautions if learnable.
+            The decision with its reason, the measured quality and the aligned flight; with cautions if learnable.
         """
         signals = self.signals
         flight = aligned_flight(signals, segment, dt)
-        figures = quality.segment_quality(signals, segment, flight, self.log_figures)
-        refusal = self.reason_to_refuse(figures)
-        rate = slower_stream_rate(figures)
+        quality = segment_quality(signals, segment, flight, self.log_quality)
+        refusal = self.reason_to_refuse(quality)
+        rate = slower_stream_rate(quality)
         if refusal is None and rate * flight.dt * MAX_STEP_RATIO < 1:
             refusal = Fact(
                 NotLearnableReason.SLOWER_THAN_LONGEST,
@@ -234,7 +233,7 @@ class SegmentJudge:
                 learnable=False,
                 reason=refusal,
                 segment=segment,
-                figures=figures,
+                figures=quality,
                 flight=flight,
                 segments=self.segments,
             )
@@ -243,25 +242,25 @@ class SegmentJudge:
             NotLearnableReason.LEARNABLE,
             axis=signals.axis,
             duration=segment.duration,
-            attitude_rate=figures.attitude_rate,
-            motor_rate=figures.motor_rate,
+            attitude_rate=quality.attitude_rate,
+            motor_rate=quality.motor_rate,
             # PX4's attitude may be interpolated to the stamps of the body rates; the rate is then theirs.
             body_rates=attitude_name == "vehicle_angular_velocity",
             demand=self.inputs.message == DEMAND_MESSAGE,
         )
-        cautions = tuple(segment_cautions(signals, figures))
+        cautions = tuple(segment_cautions(signals, quality))
         return Learnability(
             signals.axis,
             learnable=True,
             reason=reason,
             cautions=cautions,
             segment=segment,
-            figures=figures,
+            figures=quality,
             flight=flight,
             segments=self.segments,
         )
 
-    def reason_to_refuse(self, figures: QualityFigures) -> Fact | None:
+    def reason_to_refuse(self, quality: QualityFigures) -> Fact | None:
         """Returns the reason why a model cannot be learned from a segment; None if it can.
 
         The checks are, in this order: the duration; the rates of messages and of new values; outputs that are constant
@@ -269,15 +268,15 @@ class SegmentJudge:
         check that fails gives the reason.
 
         Args:
-            figures: figures of the segment's quality.
+            quality: quality of the segment.
 
         Returns:
-            The reason, with the figures that decided and a remedy where there is one.
+            The reason, with the values that decided and a remedy where there is one.
         """
         # The gaps of a slow stream cut a flight into short segments, in which the messages may well be fast. Then the
         # user should raise the rate, and not fly longer. So for a short segment the rates of the whole log are checked.
-        if (figures.duration or 0.0) < MIN_SEGMENT_DURATION:
-            return self.slow_or_short(self.log_figures, figures.duration)
+        if (quality.duration or 0.0) < MIN_SEGMENT_DURATION:
+            return self.slow_or_short(self.log_quality, quality.duration)
         for check in (
             self._too_slow,
             self._repeated_values,
@@ -285,19 +284,19 @@ class SegmentJudge:
             self._inconsistent_rates,
             self._rounded_command,
         ):
-            reason = check(figures)
+            reason = check(quality)
             if reason is not None:
                 return reason
         return None
 
-    def slow_or_short(self, figures: QualityFigures, duration: float | None = None) -> Fact:
+    def slow_or_short(self, quality: QualityFigures, duration: float | None = None) -> Fact:
         """Returns the reason why a log has no segment that is long enough: slow streams or, otherwise, a short flight.
 
         Args:
-            figures: Figures of the log's quality.
+            quality: quality of the log.
             duration: Duration, s, of its longest segment, if it has one.
         """
-        too_slow = self._too_slow(figures)
+        too_slow = self._too_slow(quality)
         if too_slow is not None:
             return too_slow
         is_logged_on_board = self.signals.telemetry.translated_from in LOGGERS
@@ -305,24 +304,24 @@ class SegmentJudge:
             NotLearnableReason.TOO_SHORT,
             duration=duration,
             least_duration=MIN_SEGMENT_DURATION,
-            airborne=figures.airborne,
+            airborne=quality.airborne,
             recorder="logger" if is_logged_on_board else "link",
         )
 
-    def _too_slow(self, figures: QualityFigures) -> Fact | None:
+    def _too_slow(self, quality: QualityFigures) -> Fact | None:
         """Checks that attitude and model inputs come at the rate that a model needs.
 
         Args:
-            figures: figures of the segment, with the rates of both streams, Hz; a missing rate counts as 0.
+            quality: quality of the segment, with the rates of both streams, Hz; a missing rate counts as 0.
 
         Returns:
             The reason to refuse the segment, with a remedy that raises the rates; None if both are fast enough.
         """
         telemetry = self.signals.telemetry
-        attitude_rate = figures.attitude_rate or 0.0
+        attitude_rate = quality.attitude_rate or 0.0
         rates = {
             telemetry.name_in_source(self.attitude.message): attitude_rate,
-            telemetry.name_in_source(self.inputs.message): figures.motor_rate or 0.0,
+            telemetry.name_in_source(self.inputs.message): quality.motor_rate or 0.0,
         }
         reason = slow_streams(rates, self.signals.axis, self.min_rate)
         if reason is None:
@@ -346,29 +345,29 @@ class SegmentJudge:
                 return Fact(Remedy.LEAVE_OUT_MOTORS, axis=signals.axis, rate=demand_rate)
         return rate_advice(signals.telemetry, components=self.components)
 
-    def _repeated_values(self, figures: QualityFigures) -> Fact | None:
+    def _repeated_values(self, quality: QualityFigures) -> Fact | None:
         """Checks that new values of attitude and model inputs come at the rate that a model needs.
 
         Some autopilots and radios send the last value again under a new stamp, so that the rate of messages is higher
         than the rate of the measurements.
 
         Args:
-            figures: figures of the segment: rates of messages (``attitude_rate``, ``motor_rate``) and of new values
+            quality: quality of the segment: rates of messages (``attitude_rate``, ``motor_rate``) and of new values
                 (``attitude_fresh``, ``motor_fresh``), Hz; a missing rate counts as 0.
 
         Returns:
             The reason to refuse the segment, of the attitude before the inputs; None if new values come fast enough.
         """
         telemetry = self.signals.telemetry
-        attitude_fresh_rate = figures.attitude_fresh or 0.0
-        motor_fresh_rate = figures.motor_fresh or 0.0
+        attitude_fresh_rate = quality.attitude_fresh or 0.0
+        motor_fresh_rate = quality.motor_fresh or 0.0
         if attitude_fresh_rate < self.min_rate:
             message = self.attitude.message
-            rate = figures.attitude_rate
+            rate = quality.attitude_rate
             fresh_rate = attitude_fresh_rate
         elif motor_fresh_rate < self.min_rate:
             message = self.inputs.message
-            rate = figures.motor_rate
+            rate = quality.motor_rate
             fresh_rate = motor_fresh_rate
         else:
             return None
@@ -382,72 +381,72 @@ class SegmentJudge:
             remedy=rate_advice(telemetry),
         )
 
-    def _constant_or_rounded_outputs(self, figures: QualityFigures) -> Fact | None:
+    def _constant_or_rounded_outputs(self, quality: QualityFigures) -> Fact | None:
         """Checks that the outputs of the model, angle and body rate, change by more than they were rounded.
 
         The model of yaw has the rate only, so its angle may be constant; the angles of roll and pitch may not.
 
         Args:
-            figures: figures of the segment: standard deviations of angle and rate, the steps to which they were rounded
+            quality: quality of the segment: standard deviations of angle and rate, the steps to which they were rounded
                 (rad, rad/s), and the ratio of signal to rounding noise (``output_snr``), None if it was not measured.
 
         Returns:
             The reason to refuse the segment; None if the outputs can be used.
         """
         axis = self.signals.axis
-        is_angle_constant = axis in TILT_AXES and not figures.angle_sd
-        if not figures.rate_sd or is_angle_constant:
+        is_angle_constant = axis in TILT_AXES and not quality.angle_sd
+        if not quality.rate_sd or is_angle_constant:
             return Fact(NotLearnableReason.OUTPUT_CONSTANT, axis=axis)
-        if figures.output_snr is not None and figures.output_snr < MIN_SNR:
+        if quality.output_snr is not None and quality.output_snr < MIN_SNR:
             return Fact(
                 NotLearnableReason.OUTPUT_ROUNDED,
                 axis=axis,
                 # The ratio compares changes over this time, s.
                 span=RATE_INTEGRATION_SPAN,
-                angle_step=figures.angle_step,
-                rate_step=figures.rate_step,
+                angle_step=quality.angle_step,
+                rate_step=quality.rate_step,
             )
         return None
 
-    def _inconsistent_rates(self, figures: QualityFigures) -> Fact | None:
+    def _inconsistent_rates(self, quality: QualityFigures) -> Fact | None:
         """Checks that the body rates agree with the angles; otherwise one of the two is wrong.
 
         Args:
-            figures: figures of the segment, with the ``consistency``: how well the integral of the rate explains the
+            quality: quality of the segment, with the ``consistency``: how well the integral of the rate explains the
                 changes of the angle, 1 if fully; None if it was not measured.
 
         Returns:
             The reason to refuse the segment; None if they agree or that was not measured.
         """
-        if figures.consistency is None or figures.consistency >= MIN_CONSISTENCY:
+        if quality.consistency is None or quality.consistency >= MIN_CONSISTENCY:
             return None
         axis = self.signals.axis
-        is_still = figures.rate_sd is not None and figures.rate_sd < MAX_STILL_RATE
+        is_still = quality.rate_sd is not None and quality.rate_sd < MAX_STILL_RATE
         return Fact(
             NotLearnableReason.RATE_CONTRADICTS_ANGLE,
             axis=axis,
-            consistency=figures.consistency,
+            consistency=quality.consistency,
             span=RATE_INTEGRATION_SPAN,
             still=axis in TILT_AXES and is_still,
             remedy=rate_advice(self.signals.telemetry, rate=ADVISED_RATE),
         )
 
-    def _rounded_command(self, figures: QualityFigures) -> Fact | None:
+    def _rounded_command(self, quality: QualityFigures) -> Fact | None:
         """Checks that the torque command in the model inputs changes by more than it was rounded.
 
         Args:
-            figures: figures of the segment: standard deviation and resolution of the torque command, in the unit of the
+            quality: quality of the segment: standard deviation and resolution of the torque command, in the unit of the
                 inputs, and the ratio of signal to rounding noise (``input_snr``), None if it was not measured.
 
         Returns:
             The reason to refuse the segment; None if the command can be used.
         """
-        if figures.input_snr is not None and figures.input_snr < MIN_SNR:
+        if quality.input_snr is not None and quality.input_snr < MIN_SNR:
             return Fact(
                 NotLearnableReason.COMMAND_ROUNDED,
                 axis=self.signals.axis,
-                command=figures.input_sd,
-                command_step=figures.input_step,
+                command=quality.input_sd,
+                command_step=quality.input_step,
                 unit=self.inputs.scale.unit,
             )
         return None

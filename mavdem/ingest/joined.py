@@ -349,18 +349,6 @@ def _joined_vehicle(earlier: Recording, later: Recording, *, has_restarted: bool
         The vehicle, without a fact that reports the joining. Parameters that differ have the later log's values;
         identity, such as the firmware, is the earlier log's where it has one.
     """
-    # The boots of the later log are numbered on from the last boot of the earlier log.
-    boot_offset = earlier.last_boot - later.first_boot + int(has_restarted)
-    messages: dict[str, Columns] = dict(earlier.vehicle.messages)
-    for name, columns in later.vehicle.messages.items():
-        if not has_restarted:
-            # Values from before the beginning of the later log would be there twice, and out of order.
-            is_repeated = (columns["boot"] == later.first_boot) & (columns["time"] <= earlier.end)
-            columns = selected_rows(columns, ~is_repeated)
-        later_columns = {**columns, "boot": columns["boot"] + boot_offset}
-        if name in messages:
-            later_columns = concatenated_columns([messages[name], later_columns])
-        messages[name] = later_columns
     earlier_vehicle, later_vehicle = earlier.vehicle, later.vehicle
     new_repairs = tuple(
         fact for fact in later_vehicle.repairs if fact not in earlier_vehicle.repairs
@@ -369,7 +357,7 @@ def _joined_vehicle(earlier: Recording, later: Recording, *, has_restarted: bool
     return replace(
         earlier_vehicle,
         vehicle=later_vehicle.vehicle if is_type_unknown else earlier_vehicle.vehicle,
-        messages=messages,
+        messages=_joined_messages(earlier, later, has_restarted=has_restarted),
         parameters={**earlier_vehicle.parameters, **later_vehicle.parameters},
         initial_parameters=_initial_parameters(earlier_vehicle, later_vehicle),
         repairs=earlier_vehicle.repairs + new_repairs,
@@ -380,6 +368,33 @@ def _joined_vehicle(earlier: Recording, later: Recording, *, has_restarted: bool
         source_names={**earlier_vehicle.source_names, **later_vehicle.source_names},
         is_ended_on_purpose=later_vehicle.is_ended_on_purpose,
     )
+
+
+def _joined_messages(
+    earlier: Recording, later: Recording, *, has_restarted: bool
+) -> dict[str, Columns]:
+    """Joins the messages of two logs of one vehicle, with the boots of both numbered one after the other.
+
+    Args:
+        earlier, later: The recordings in the order of time.
+        has_restarted: Whether the autopilot restarted between them, so that the later one begins with another boot.
+
+    Returns:
+        Columns by name of the message.
+    """
+    first_boot_of_later = earlier.last_boot + 1 if has_restarted else earlier.last_boot
+    boot_offset = first_boot_of_later - later.first_boot
+    messages: dict[str, Columns] = dict(earlier.vehicle.messages)
+    for name, columns in later.vehicle.messages.items():
+        if not has_restarted:
+            # Values from before the beginning of the later log would be there twice, and out of order.
+            is_repeated = (columns["boot"] == later.first_boot) & (columns["time"] <= earlier.end)
+            columns = selected_rows(columns, ~is_repeated)
+        later_columns = {**columns, "boot": columns["boot"] + boot_offset}
+        if name in messages:
+            later_columns = concatenated_columns([messages[name], later_columns])
+        messages[name] = later_columns
+    return messages
 
 
 def _initial_parameters(earlier: Telemetry, later: Telemetry) -> Parameters:

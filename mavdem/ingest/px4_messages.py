@@ -469,15 +469,8 @@ def extended_sys_state(topics: Topics) -> Fields:
     target = first_instance(topics, "position_setpoint_triplet")
     if "landed" not in land_detector:
         return {}
-    # The first stamp of a second in the log is the first one of some topic in that second. Only these few are sorted.
-    seconds_of_topics = [
-        firsts_of_seconds(topic["time"])
-        for instances in topics.values()
-        for topic in instances.values()
-    ]
-    second_starts = firsts_of_seconds(np.sort(np.concatenate(seconds_of_topics)))
     stamps = [topic["time"] for topic in (land_detector, control_mode, target) if topic]
-    time = np.unique(np.concatenate([*stamps, second_starts]))
+    time = np.unique(np.concatenate([*stamps, _first_stamps_of_seconds(topics)]))
     time = time[time >= land_detector["time"].min()]
     is_landed = last_field_values(land_detector, "landed", time)
     state = np.where(is_landed, ON_GROUND, IN_AIR)
@@ -488,6 +481,19 @@ def extended_sys_state(topics: Topics) -> Fields:
     state[is_flying_to_target & (target_type == SETPOINT_TYPE_TAKEOFF)] = TAKING_OFF
     state[is_flying_to_target & (target_type == SETPOINT_TYPE_LAND)] = LANDING
     return {"time": time, "landed_state": state.astype(np.uint8)}
+
+
+def _first_stamps_of_seconds(topics: Topics) -> Array:
+    """Returns the stamps (N,), s, of the first message of the log in each second, ascending.
+
+    Each is the first stamp of some topic in that second. Only these few are sorted, not the stamps of all messages.
+    """
+    first_stamps_of_topics = [
+        firsts_of_seconds(topic["time"])
+        for instances in topics.values()
+        for topic in instances.values()
+    ]
+    return firsts_of_seconds(np.sort(np.concatenate(first_stamps_of_topics)))
 
 
 def local_position_ned(topics: Topics) -> Fields:

@@ -190,6 +190,24 @@ def _is_online(topic: Columns, instance: int) -> Flags:
     return np.full(len(topic["time"]), has_turned)
 
 
+def _in_celsius(temperature: Array) -> Array:
+    """Converts the temperatures of a speed controller to °C, if it reports kelvins.
+
+    Kelvins are recognised by a median that would be too hot in °C.
+
+    Args:
+        temperature: Temperatures (N,) as they were logged; 0 or NaN before the first report of the controller.
+
+    Returns:
+        Temperatures (N,), °C; of a controller that reports kelvins NaN before its first report.
+    """
+    is_reported = temperature > 0
+    is_in_kelvin = is_reported.any() and np.median(temperature[is_reported]) > MAX_ESC_CELSIUS
+    if not is_in_kelvin:
+        return temperature
+    return np.where(is_reported, temperature - ZERO_CELSIUS, np.nan)
+
+
 def _speed_controller(topic: Columns, instance: int) -> Fields:
     """Makes the columns of the table ESC for one speed controller.
 
@@ -209,13 +227,7 @@ def _speed_controller(topic: Columns, instance: int) -> Fields:
     if f"{field}esc_current" in topic:
         fields["Curr"] = topic[f"{field}esc_current"]
     if f"{field}esc_temperature" in topic:
-        temperature = topic[f"{field}esc_temperature"].astype(np.float64)
-        # Before the first report of a controller it is 0 or NaN. Some controllers report kelvins, which are recognised
-        # by a median that would be too hot in °C.
-        reported_temperature = temperature[temperature > 0]
-        if len(reported_temperature) and np.median(reported_temperature) > MAX_ESC_CELSIUS:
-            temperature = np.where(temperature > 0, temperature - ZERO_CELSIUS, np.nan)
-        fields["Temp"] = temperature
+        fields["Temp"] = _in_celsius(topic[f"{field}esc_temperature"].astype(np.float64))
     if f"{field}esc_errorcount" in topic:
         fields["ErrorCount"] = topic[f"{field}esc_errorcount"]
     if f"{field}actuator_function" in topic:

@@ -109,17 +109,17 @@ def flown_estimates(tables: Tables, parameters: Parameters) -> FlownEstimates:
             logged_columns = _with_cores(tables, name)
             if not message_count(logged_columns):
                 continue
-            primary_core = _primary_cores(logged_columns, status)
-            core = logged_columns["C"].astype(np.int64)
-            is_used = core == primary_core
+            primary_core_of_rows = _primary_cores(logged_columns, status)
+            core_of_rows = logged_columns["C"].astype(np.int64)
+            is_used = core_of_rows == primary_core_of_rows
             if not is_used.any():
-                cores, counts = np.unique(core, return_counts=True)
-                most_logged_core = int(cores[counts.argmax()])
-                is_used = core == most_logged_core
+                cores, row_counts = np.unique(core_of_rows, return_counts=True)
+                most_logged_core = int(cores[row_counts.argmax()])
+                is_used = core_of_rows == most_logged_core
                 names_with_core[name] = f"{name}[{most_logged_core}]"
             used_messages[name] = selected_rows(logged_columns, is_used)
             all_cores[name] = logged_columns
-            primary_cores[name] = primary_core
+            primary_cores[name] = primary_core_of_rows
     filter_number = int(parameters.get(FILTER_PARAMETER, 0))
     return FlownEstimates(
         tables=used_messages,

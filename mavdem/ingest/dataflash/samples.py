@@ -6,7 +6,8 @@ samples, the instances with filtered ones count on from those of the sensors. So
 ``log_gyro_raw`` of https://github.com/ArduPilot/ardupilot.
 """
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from mavdem.ingest.telemetry import (
     Tables,
     concatenated_columns,
     rows_by_value,
+    selected_rows,
 )
 
 GYRO_FIELDS = ("GyrX", "GyrY", "GyrZ")
@@ -202,10 +204,7 @@ def _sample_time(logged_columns: Columns, sample_stamps: Array) -> Array:
 def _batch_samples(tables: Tables, batch_type: int, instance: int) -> Columns:
     """Returns the samples of all complete batches of one instance.
 
-    A batch is one header, ISBH, and some messages ISBD of 32 samples per axis, which carry the header's number N. The
-    header has the time of the first sample (SampleUS), the sampling rate (smp_rate, Hz), the number of samples
-    (smp_cnt) and the factor by which values were multiplied to be logged as integers (mul). A batch that lost a message
-    is left out, since it is not known which samples are missing.
+    A batch is one header, ISBH, and some messages ISBD of 32 samples per axis, which carry the header's number N.
 
     Args:
         tables: Columns of DataFlash's messages, by the name of the message ("ATT").
@@ -217,29 +216,53 @@ def _batch_samples(tables: Tables, batch_type: int, instance: int) -> Columns:
     """
     header_fields = ("N", "type", "instance", "mul", "smp_cnt", "smp_rate", "SampleUS")
     headers = messages_with_fields(tables, "ISBH", header_fields)
-    batch_messages = messages_with_fields(tables, "ISBD", ("N", "seqno", "x", "y", "z"))
-    if not headers or not batch_messages or any(batch_messages[axis].ndim != 2 for axis in "xyz"):
+    data = messages_with_fields(tables, "ISBD", ("N", "seqno", "x", "y", "z"))
+    if not headers or not data or any(data[axis].ndim != 2 for axis in "xyz"):
         return {}
-    batch_numbers = batch_messages["N"]
+    batch_numbers = data["N"]
     if batch_numbers.dtype.kind == "f":
-        # A text log gives them as floats.
+        # Damage may have made the numbers floats; only integers can be grouped.
         batch_numbers = batch_numbers.astype(np.int64)
-    data_rows_of_batch = rows_by_value(batch_numbers)
-    batch_start = _sample_time(headers, headers["SampleUS"])
+    data_rows_by_batch = rows_by_value(batch_numbers)
     is_wanted = (headers["type"] == batch_type) & (headers["instance"] == instance)
     is_sound = (headers["mul"] > 0) & (headers["smp_rate"] > 0)
+    headers = selected_rows(headers, is_wanted & is_sound)
+    start_times = _sample_time(headers, headers["SampleUS"])
     no_rows = np.zeros(0, np.intp)
     batches = []
-    for row in np.flatnonzero(is_wanted & is_sound):
-        data_rows = data_rows_of_batch.get(int(headers["N"][row]), no_rows)
-        axes = _samples_by_axis(batch_messages, data_rows, scale=float(headers["mul"][row]))
-        count = len(axes["x"])
-        is_complete = count == headers["smp_cnt"][row]
-        if is_complete:
-            time = batch_start[row] + np.arange(count) / float(headers["smp_rate"][row])
-            boot = np.full(count, headers["boot"][row])
-            batches.append({"time": time, "boot": boot, **axes})
+    for row, batch_number in enumerate(headers["N"].tolist()):
+        data_rows = data_rows_by_batch.get(int(batch_number), no_rows)
+        header = {field: values[row] for field, values in headers.items()}
+        batch = _complete_batch(header, start_times[row], data, data_rows)
+        if batch is not None:
+            batches.append(batch)
     return concatenated_columns(batches) if batches else {}
+
+
+def _complete_batch(
+    header: Mapping[str, Any],
+    start_time: float,
+    data: Columns,
+    data_rows: NDArray[np.signedinteger],
+) -> Columns | None:
+    """Returns the samples of one batch, unless one of its messages was lost: then their times are not known.
+
+    Args:
+        header: Fields of the header: the sampling rate ``smp_rate``, Hz, the number of samples ``smp_cnt``, the factor
+            ``mul`` by which values were multiplied to be logged as integers, and ``boot``.
+        start_time: Time of the first sample, s since boot.
+        data: Columns of all messages ISBD.
+        data_rows: Rows of the messages of this batch, in any order.
+
+    Returns:
+        ``time``, s, ``boot``, ``x``, ``y`` and ``z`` (n,), rad/s or m/s²; None if samples are missing.
+    """
+    axes = _samples_by_axis(data, data_rows, scale=float(header["mul"]))
+    count = len(axes["x"])
+    if count != header["smp_cnt"]:
+        return None
+    time = start_time + np.arange(count) / float(header["smp_rate"])
+    return {"time": time, "boot": np.full(count, header["boot"]), **axes}
 
 
 def _samples_by_axis(
@@ -255,5 +278,6 @@ def _samples_by_axis(
     Returns:
         Samples (n,) of each axis by name, rad/s or m/s².
     """
-    ordered_rows = rows[np.argsort(data["seqno"][rows], kind="stable")]
+    sending_order = np.argsort(data["seqno"][rows], kind="stable")
+    ordered_rows = rows[sending_order]
     return {axis: data[axis][ordered_rows].ravel() / scale for axis in "xyz"}

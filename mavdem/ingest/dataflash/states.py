@@ -321,10 +321,10 @@ def _heartbeats_of_changes(
     is_first_of_boot = np.diff(changes.boot, prepend=-1) > 0
     previous_state = np.where(is_first_of_boot, changes.before, np.roll(changes.after, 1))
     time_before = changes.time.copy()
-    misses_change = previous_state != changes.before
-    for boot in np.unique(changes.boot[misses_change]):
+    follows_missing_change = previous_state != changes.before
+    for boot in np.unique(changes.boot[follows_missing_change]):
         stamps = boot_stamps(boot)
-        is_selected = misses_change & (changes.boot == boot)
+        is_selected = follows_missing_change & (changes.boot == boot)
         # The last message before each of these changes, or the first one of the boot if there is none before.
         last_stamp_rows = np.maximum(np.searchsorted(stamps, changes.time[is_selected]) - 1, 0)
         time_before[is_selected] = stamps[last_stamp_rows]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mavdem.arrays import Array
+from mavdem.arrays import Array, Flags
 from mavdem.containers import Names
 from mavdem.ingest.telemetry import Columns, Tables, interpolated, selected_rows
 
@@ -115,15 +115,28 @@ def resampled(target: Columns, source: Columns, values: Array, is_angle: bool = 
     finite_values = values[is_finite][first_rows]
     if is_angle:
         finite_values = np.unwrap(finite_values, axis=0)
-    # Each stamp of the target lies in a step of the source, from row ``step`` to the next row. A step much longer than
-    # usual is a gap, in which nothing is defined except at its ends.
-    row_before = np.searchsorted(source_time, target_time, side="right") - 1
-    step = np.clip(row_before, 0, len(source_time) - 2)
-    step_lengths = np.diff(source_time)
-    is_long = step_lengths > MAX_USUAL_STEP_RATIO * np.median(step_lengths)
-    is_at_end_of_step = (target_time == source_time[step]) | (target_time == source_time[step + 1])
-    is_in_gap = is_long[step] & ~is_at_end_of_step
-    is_covered = (target_time >= source_time[0]) & (target_time <= source_time[-1])
-    is_defined = is_covered & ~is_in_gap
     resampled_values = interpolated(target_time, source_time, finite_values)
+    is_defined = _is_between_samples(target_time, source_time)
     return np.where(is_defined[:, None], resampled_values, np.nan)
+
+
+def _is_between_samples(time: Array, sample_time: Array) -> Flags:
+    """Flags the times that lie between two samples without a gap, at which a value may be interpolated.
+
+    A step between two samples that is longer than ``MAX_USUAL_STEP_RATIO`` median steps is a gap.
+
+    Args:
+        time: (T,) times, s.
+        sample_time: (N,) stamps of the samples, s, rising; two at least.
+
+    Returns:
+        Flags (T,); True also at the stamp of a sample, next to a gap or not.
+    """
+    # The step from sample ``step`` to the next one contains the time.
+    row_before = np.searchsorted(sample_time, time, side="right") - 1
+    step = np.clip(row_before, 0, len(sample_time) - 2)
+    step_lengths = np.diff(sample_time)
+    is_gap = step_lengths > MAX_USUAL_STEP_RATIO * np.median(step_lengths)
+    is_at_sample = (time == sample_time[step]) | (time == sample_time[step + 1])
+    is_covered = (time >= sample_time[0]) & (time <= sample_time[-1])
+    return is_covered & (is_at_sample | ~is_gap[step])

@@ -136,13 +136,14 @@ def _message_table(definition: FormatDefinition, lines: list[_Line]) -> MessageT
             line_numbers.append(line.number)
     is_valid = np.ones(len(values_of_messages), dtype=np.bool_)
     columns: dict[str, NDArray[Any]] = {}
-    for i, name in enumerate(definition.fields):
+    for index, name in enumerate(definition.fields):
         # Texts are kept as objects: an array of bytes would take the memory of the longest text for each.
-        column_type = np.float64 if is_numeric[i] else np.object_
-        column = np.array([row[i] for row in values_of_messages], dtype=column_type)
-        if definition.characters[i] in INTEGER_CHARACTERS:
+        column_type = np.float64 if is_numeric[index] else np.object_
+        column = np.array([values[index] for values in values_of_messages], dtype=column_type)
+        if definition.characters[index] in INTEGER_CHARACTERS:
             is_integer = (column == np.trunc(column)) & (abs(column) < MAX_INTEGER)
             is_valid &= is_integer
+            # Rows without an integer are left out below; until then they have the number 0.
             column = np.where(is_integer, column, 0.0).astype(np.int64)
         columns[name] = column
     valid_line_numbers = np.array(line_numbers, dtype=np.int64)[is_valid]

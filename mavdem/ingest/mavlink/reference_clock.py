@@ -112,29 +112,43 @@ def reference_readings(reference_type: MessageStamps) -> tuple[ClockReadings, Fa
     is_outlier = outlier_stamps(stamps)
     positions = positions[~is_outlier]
     stamps = stamps[~is_outlier]
-    steps = np.diff(stamps)
-    # If the clock falls, but with one period added would have risen by a short time, it has wrapped.
-    has_wrapped = (steps < 0) & (steps + period <= MAX_WRAP_GAP)
-    wrap_rows = 1 + np.flatnonzero(has_wrapped)
-    # Number of wraps up to each row: the counts of wraps in the rows, added up.
-    wraps = np.cumsum(np.bincount(wrap_rows, minlength=len(stamps)))
+    wraps = _wrap_counts(stamps, period)
+    has_wraps = wraps.any()
     # Without a wrap the period may be infinite, and must not be multiplied by 0.
-    time = stamps + period * wraps if len(wrap_rows) else stamps
+    time = stamps + period * wraps if has_wraps else stamps
     reboot_rows = _reboot_rows(time)
     # Number of reboots up to each row.
     boot = np.cumsum(np.bincount(reboot_rows, minlength=len(positions)))
-    if len(wrap_rows):
+    if has_wraps:
         # A counter starts again at each boot, so only the wraps since the boot's first message are added.
         boot_start_rows = np.concatenate([[0], reboot_rows])
         wraps_before_boot = wraps[boot_start_rows][boot]
         time = stamps + period * (wraps - wraps_before_boot)
     repairs = repair_facts(Repair.STAMPS_IGNORED, count=np.count_nonzero(is_outlier), name=name)
-    if len(wrap_rows):
+    if has_wraps:
         repairs += repair_facts(Repair.CLOCK_WRAPPED, name=name, period=period)
     if len(reboot_rows):
         last_time = time[reboot_rows[0] - 1]
         repairs += repair_facts(Repair.LOG_OF_SEVERAL_BOOTS, count=len(reboot_rows), time=last_time)
     return ClockReadings(positions, time, boot), repairs
+
+
+def _wrap_counts(stamps: Times, period: float) -> Rows:
+    """Counts how often the counter of a clock has wrapped up to each message, that is, started again at 0.
+
+    It has wrapped where the clock falls, but with one period added would have risen by a short time.
+
+    Args:
+        stamps: Stamps (n,), s, in the order of the stream.
+        period: Time after which the counter wraps, s; infinite if it never does.
+
+    Returns:
+        Numbers of wraps (n,).
+    """
+    steps = np.diff(stamps)
+    has_wrapped = (steps < 0) & (steps + period <= MAX_WRAP_GAP)
+    # Nothing is known before the first message.
+    return np.cumsum(np.concatenate([[0], has_wrapped])[: len(stamps)])
 
 
 def _reboot_rows(time: Times) -> Rows:

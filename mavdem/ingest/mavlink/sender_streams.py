@@ -540,15 +540,14 @@ def _clock_readings(data: Bytes, frames: Frames, is_readable: Flags) -> _RowsOfR
             pitch = decoded_field(data, frame_starts, definition, "pitch").astype(np.float64)
             yaw = decoded_field(data, frame_starts, definition, "yaw").astype(np.float64)
             # Near the vertical, yaw is not a heading.
-            is_heading = abs(pitch) <= MAX_HEADING_PITCH
-            heading[rows[is_heading]] = yaw[is_heading]
+            heading[rows] = np.where(abs(pitch) <= MAX_HEADING_PITCH, yaw, np.nan)
         elif layout is POSITION_LAYOUT:
             latitude_units = decoded_field(data, frame_starts, definition, "lat")
             longitude_units = decoded_field(data, frame_starts, definition, "lon")
             # Both are 0 while the position is not known.
             is_known = (latitude_units != 0) | (longitude_units != 0)
-            latitude[rows[is_known]] = latitude_units[is_known] * DEGREES_PER_UNIT
-            longitude[rows[is_known]] = longitude_units[is_known] * DEGREES_PER_UNIT
+            latitude[rows] = np.where(is_known, latitude_units * DEGREES_PER_UNIT, np.nan)
+            longitude[rows] = np.where(is_known, longitude_units * DEGREES_PER_UNIT, np.nan)
     clock_rows = np.flatnonzero(clock)
     readings = ReadingColumns(
         clock[clock_rows], heading[clock_rows], latitude[clock_rows], longitude[clock_rows]

@@ -231,18 +231,27 @@ def _merged_in_stream_order(timed_types: Sequence[ClockReadings]) -> Iterator[Cl
         for k in range(section_count + 1)
     ]
     for section_start, section_end in pairwise(section_bounds):
-        sections_by_type = []
-        for readings in timed_types:
-            # With bounds of another data type, ``searchsorted`` would convert a copy of all positions.
-            bounds = np.array([section_start, section_end], dtype=readings.positions.dtype)
-            first_row, end_row = np.searchsorted(readings.positions, bounds).tolist()
-            sections_by_type.append(readings.select(slice(first_row, end_row)))
-        messages_of_section = ClockReadings(
-            np.concatenate([section.positions for section in sections_by_type]),
-            np.concatenate([section.time for section in sections_by_type]),
-            np.concatenate([section.boot for section in sections_by_type]),
+        sections_by_type = [
+            _readings_in_section(readings, section_start, section_end) for readings in timed_types
+        ]
+        section = ClockReadings(
+            np.concatenate([readings.positions for readings in sections_by_type]),
+            np.concatenate([readings.time for readings in sections_by_type]),
+            np.concatenate([readings.boot for readings in sections_by_type]),
         )
-        if len(messages_of_section.positions):
-            yield messages_of_section.select(
-                np.argsort(messages_of_section.positions, kind="stable")
-            )
+        if len(section.positions):
+            yield section.select(np.argsort(section.positions, kind="stable"))
+
+
+def _readings_in_section(readings: ClockReadings, start: int, end: int) -> ClockReadings:
+    """Returns the messages of one type in a section of the stream.
+
+    Args:
+        readings: Stream positions, times and boots of all messages of the type.
+        start: First position of the section.
+        end: Position after the section.
+    """
+    # With bounds of another data type, ``searchsorted`` would convert a copy of all positions.
+    bounds = np.array([start, end], dtype=readings.positions.dtype)
+    first_row, end_row = np.searchsorted(readings.positions, bounds).tolist()
+    return readings.select(slice(first_row, end_row))

@@ -156,20 +156,15 @@ class _VehicleTrack:
         """
         if abs(reading.clock - self.latest.clock) > MAX_LATE_SECONDS:
             return Contradiction.CLOCK
-        position = self.latest_position
-        if position is not None and not isnan(reading.latitude):
-            north = reading.latitude - position.latitude
-            east = (reading.longitude - position.longitude) * cos(radians(reading.latitude))
-            distance = METERS_PER_DEGREE * hypot(north, east)
-            seconds = abs(reading.clock - position.clock)
-            if distance > MAX_POSITION_DIFFERENCE + MAX_SPEED * seconds:
+        if self.latest_position is not None and not isnan(reading.latitude):
+            seconds = abs(reading.clock - self.latest_position.clock)
+            max_distance = MAX_POSITION_DIFFERENCE + MAX_SPEED * seconds
+            if _distance_between(self.latest_position, reading) > max_distance:
                 return Contradiction.POSITION
-        heading = self.latest_heading
-        if heading is not None and not isnan(reading.heading):
-            turn = abs(reading.heading - heading.heading) % (2 * pi)
-            smaller_turn = min(turn, 2 * pi - turn)
-            seconds = abs(reading.clock - heading.clock)
-            if smaller_turn > MAX_HEADING_DIFFERENCE + MAX_YAW_RATE * seconds:
+        if self.latest_heading is not None and not isnan(reading.heading):
+            seconds = abs(reading.clock - self.latest_heading.clock)
+            max_turn = MAX_HEADING_DIFFERENCE + MAX_YAW_RATE * seconds
+            if _turn_between(self.latest_heading, reading) > max_turn:
                 return Contradiction.HEADING
         return None
 
@@ -329,6 +324,20 @@ class VehicleTracks:
 
 LIMIT_FACTOR = 1 - 1e-9
 """Factor by which limits are lowered where readings are compared as arrays: by more than the difference by rounding."""
+
+
+def _distance_between(first: Reading, second: Reading) -> float:
+    """Returns the horizontal distance between the positions of two readings, m."""
+    north = second.latitude - first.latitude
+    # A degree of longitude is shorter than one of latitude, by the cosine of the latitude.
+    east = (second.longitude - first.longitude) * cos(radians(second.latitude))
+    return METERS_PER_DEGREE * hypot(north, east)
+
+
+def _turn_between(first: Reading, second: Reading) -> float:
+    """Returns the angle between the headings of two readings, rad, by the shorter way around the circle."""
+    turn = abs(second.heading - first.heading) % (2 * pi)
+    return min(turn, 2 * pi - turn)
 
 
 def _may_contradict(readings: ReadingColumns) -> Flags:

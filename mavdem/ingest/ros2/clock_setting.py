@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 import scipy
 
-from mavdem.arrays import Integers
+from mavdem.arrays import Array, Integers
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
 from mavdem.ingest.mavlink.clock_readings import MAX_STAMP_DEVIATION
@@ -95,19 +95,33 @@ def _shifts_of_stamps(stamps: Integers, receive_stamps: Integers) -> tuple[Integ
         silence = (receive_stamps[row] - receive_stamps[row - 1]) / NANOSECONDS
         reads_nearly_zero = stamps[row] / NANOSECONDS <= MAX_RESTART_TIME
         max_silence = MAX_SILENCE_BEFORE_ZERO if reads_nearly_zero else MAX_SILENCE
-        if silence > max_silence:
-            continue
-        edge_start = max(row - EDGE_MESSAGES, 0)
-        edge_end = row + EDGE_MESSAGES
-        offset_before = np.median(offset_seconds[edge_start:row])
-        offset_after = np.median(offset_seconds[row:edge_end])
-        # A message may have been stamped before the setting and recorded after it. So near the setting each stamp
-        # belongs to the clock whose offset is nearer to its own.
-        is_after = np.arange(len(stamps)) >= row
-        offsets_at_edge = offset_seconds[edge_start:edge_end]
-        distance_before = abs(offsets_at_edge - offset_before)
-        distance_after = abs(offsets_at_edge - offset_after)
-        is_after[edge_start:edge_end] = distance_after < distance_before
-        shifts[is_after] -= round((offset_after - offset_before) * NANOSECONDS)
-        settings_count += 1
+        if silence <= max_silence:
+            shifts += _shifts_by_setting(offset_seconds, row)
+            settings_count += 1
     return shifts, settings_count
+
+
+def _shifts_by_setting(offset_seconds: Array, row: int) -> Integers:
+    """Computes by how much each stamp must be moved to undo one setting of the clock.
+
+    A message may have been stamped before the setting and recorded after it. So within ``EDGE_MESSAGES`` of the setting
+    each stamp belongs to the clock whose median offset is nearer to its own.
+
+    Args:
+        offset_seconds: Offsets (N,) of the stamps from the times of reception, s, in the order of the recording.
+        row: Row of the message at which the offset jumps.
+
+    Returns:
+        The shifts (N,), ns: 0 before the setting, and minus the jump of the offset after it.
+    """
+    edge_start = max(row - EDGE_MESSAGES, 0)
+    edge_end = row + EDGE_MESSAGES
+    offset_before = np.median(offset_seconds[edge_start:row])
+    offset_after = np.median(offset_seconds[row:edge_end])
+    is_after = np.arange(len(offset_seconds)) >= row
+    offsets_at_edge = offset_seconds[edge_start:edge_end]
+    distance_before = abs(offsets_at_edge - offset_before)
+    distance_after = abs(offsets_at_edge - offset_after)
+    is_after[edge_start:edge_end] = distance_after < distance_before
+    jump = round((offset_after - offset_before) * NANOSECONDS)
+    return np.where(is_after, -jump, 0)
