@@ -309,6 +309,10 @@ def _reason_nothing_checked(lights: NamedFacts) -> Fact:
         reason = lights[Light.LOG]
     else:
         reason = lights[VEHICLE_LIGHTS[0]]
+    if reason.code is Unjudged.NOT_JUDGED and reason.figures["reason"] is not None:
+        # A light that is not judged states why.
+        reason_not_judged: Fact = reason.figures["reason"]
+        return reason_not_judged
     if reason.code in PARTIAL_CHECKS:
         # What one check has shown so far is not the reason why the rest of its light is unknown.
         reason_of_unknown_rest: Fact | None = reason.figures["reason"]

@@ -710,6 +710,7 @@ def _with_final_judgement(status: SessionStatus, session: LiveSession) -> Sessio
         findings=session.flight.judging.findings,
         model_judgement=session.flight.judging.judgement,
         is_recording_judged=session.flight.judging.is_of_recording,
+        recording_verdict=session.recording_failure,
     )
 
 

@@ -69,6 +69,7 @@ MAX_LIGHTS_PER_LINE = 3
 UNREPORTED_REASONS = frozenset(
     {
         WatchFact.ON_GROUND_NOW,
+        WatchFact.OSCILLATION_AWAITED,
         WatchFact.REFERENCE_SHORT,
         WatchFact.SETTLED_FLIGHT_AWAITED,
         SessionFact.NOT_SETTLED,
@@ -516,15 +517,16 @@ class StatusLines:
             self._print_below(text, indent=0)
 
     def _print_next_step(self, status: SessionStatus) -> None:
-        """Prints what to do next, unless that is to fly on, was printed before, or the latest event said it.
+        """Prints what to do next, unless that is to fly on or hover, was printed before, or the latest event said it.
 
         Args:
             status: State of the live session.
         """
         next_step = status.overall_judgement.next_step
         content = next_step.without_measurements
-        is_to_fly_on = next_step.code is NextStep.FLY_ON and not next_step.figures.get("reason")
-        if content == self._printed_next_step or is_to_fly_on:
+        has_reason = bool(next_step.figures.get("reason"))
+        is_to_stay = next_step.code in (NextStep.FLY_ON, NextStep.HOVER_FIRST) and not has_reason
+        if content == self._printed_next_step or is_to_stay:
             return
         self._printed_next_step = content
         text = escape_unprintable(next_step)

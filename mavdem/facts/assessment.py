@@ -100,6 +100,7 @@ class NextStep(Code):
     LAND_NOW = "land_now"
     LAND_SOON = "land_soon"
     FLY_ON = "fly_on"
+    HOVER_FIRST = "hover_first"
     LET_LAND = "let_land"
     FLY_BY_SIGHT = "fly_by_sight"
 

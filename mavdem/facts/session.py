@@ -140,6 +140,7 @@ class SessionFact(Code):
     FLIGHT_OVER = "flight_over"
     FLIGHT_UNKNOWN = "flight_unknown"
     NOT_SETTLED = "not_settled"
+    TOO_LITTLE_RECEIVED = "too_little_received"
     BEING_LEARNED = "being_learned"
     FIRST_MODEL = "first_model"
     PARAMETERS_KNOWN = "parameters_known"

@@ -31,6 +31,7 @@ class WatchFact(Code):
     BATTERY_NOT_JUDGED = "battery_not_judged"
     NO_MOTOR_AT_LIMIT = "no_motor_at_limit"
     NO_OSCILLATION = "no_oscillation"
+    OSCILLATION_AWAITED = "oscillation_awaited"
     MARGINS_AWAITED = "margins_awaited"
     WIND_AWAITED = "wind_awaited"
     REFERENCE_SHORT = "reference_short"

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from mavdem.assessment.judgement import Judgement
-from mavdem.assessment.limits import LEVELS_BY_SEVERITY
+from mavdem.assessment.severity import severity_rank
 from mavdem.facts import Fact, Level
 from mavdem.facts.session import SessionFact
 
@@ -45,9 +45,8 @@ class FlightVerdict(NamedTuple):
 
 
 def worst_first(verdicts: Sequence[FlightVerdict]) -> list[FlightVerdict]:
-    """Returns the verdicts on flights from the worst to the best; those that are as bad stay in their order."""
-    return sorted(
-        verdicts,
-        key=lambda verdict: LEVELS_BY_SEVERITY.index(verdict.judgement.headline.level),
-        reverse=True,
-    )
+    """Returns the verdicts on flights from the worst to the best: a crash comes before a weak motor.
+
+    Those that are as bad (``severity_rank``) stay in their order.
+    """
+    return sorted(verdicts, key=lambda verdict: severity_rank(verdict.judgement.headline))

@@ -20,6 +20,7 @@ from mavdem.dem.parallel import LOW_PRIORITY, NORMAL_PRIORITY
 from mavdem.errors import Refusal, error_message
 from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import GainFact, LoopAction, LoopFact
+from mavdem.facts.session import RecordingState, SessionFact
 from mavdem.files import atomic_writes
 from mavdem.ingest import read_log
 from mavdem.live.latest_flight import log_of_latest_flight
@@ -71,6 +72,18 @@ class GainAdviser:
     def is_awaited(self) -> bool:
         """Whether advice is due or being computed."""
         return self.is_due or self._pending is not None
+
+    @property
+    def recording_failure(self) -> Fact | None:
+        """Why the recording of the latest flight is not judged, if reading it failed or took too long; None if not."""
+        has_failed = any(fact.code is GainFact.ADVICE_FAILED for fact in self.facts)
+        if not has_failed or self.is_awaited:
+            return None
+        return Fact(
+            SessionFact.RECORDING_NOT_JUDGED,
+            kind=RecordingState.FAILED,
+            path=str(self._recording),
+        )
 
     def update(self, vehicle: str, *, is_busy: bool, is_at_end: bool) -> Facts:
         """Begins to compute advice that is due, and returns advice that is ready; it is called once a second.

@@ -8,6 +8,10 @@ import numpy as np
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.ingest.vocabulary import IN_AIR
 
+MAX_PHASES = 1000
+"""Phases that are kept, at most: a choice, far more than a day of flying has. It bounds the memory for a state that
+flaps."""
+
 
 class _StateSample(NamedTuple):
     """A landed state at a time."""
@@ -23,6 +27,7 @@ class LandedStates:
     """The phases in the air and on the ground in one boot, as the periodic reviews of the vehicle found them.
 
     Each phase is kept as two samples: when it was found first, and when it was found last before the next one began.
+    Of more than ``MAX_PHASES`` the oldest are forgotten.
     """
 
     def __init__(self) -> None:
@@ -71,6 +76,7 @@ class LandedStates:
         former_state = state if self.latest is None else self.latest
         self._samples.append(_StateSample(last_review_time, former_state))
         self._samples.append(_StateSample(now, state))
+        del self._samples[: -2 * MAX_PHASES]
 
     def begin_in_air(self, now: float) -> None:
         """Notes that the vehicle has been in the air since the boot began, whatever state was assumed before.

@@ -55,13 +55,17 @@ A choice. It bounds the time of a review, and the memory of the process that doe
 many bytes. Of a longer flight the beginning is forgotten.
 """
 
+MAX_PIECE_BYTES = MAX_BYTES // 8
+"""Bytes from which on another piece begins before ``PIECE_SECONDS`` are over: a choice. So ``MAX_BYTES`` hold although
+the latest piece is never forgotten, however fast messages come."""
+
 UNNAMED_RECORDING = "FILE.tlog"
 """Name of the recording in advice on commands if nothing is recorded."""
 
 
 @dataclass
 class _Piece:
-    """Messages that were received within ``PIECE_SECONDS``, in the form of a telemetry log."""
+    """Messages that were received within ``PIECE_SECONDS``, or fewer where they come fast, as a telemetry log."""
 
     start: float
     """When the first of them was received, UNIX s."""
@@ -122,7 +126,8 @@ class FlightMessages:
             piece_age = stamp - latest_piece.start
             # The age is negative where the computer's clock was set back.
             has_other_time = piece_age < 0 or piece_age >= PIECE_SECONDS
-            is_new_piece_due = has_other_time or boot != latest_piece.boot
+            is_full = latest_piece.records.tell() >= MAX_PIECE_BYTES
+            is_new_piece_due = has_other_time or is_full or boot != latest_piece.boot
         if is_new_piece_due:
             self._pieces.append(_Piece(stamp, boot))
         return self._pieces[-1].records

@@ -14,11 +14,14 @@ from mavdem.facts import Fact, Facts
 from mavdem.facts.lights import Light
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.session import SessionFact
-from mavdem.live.flight_verdict import FlightVerdict
+from mavdem.live.flight_verdict import FlightVerdict, worst_first
 from mavdem.live.learning import FlightLearning
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.wind import WindEstimate
 from mavdem.plant.parameters import Physical
+
+MAX_VERDICTS = 100
+"""Verdicts on earlier flights that are kept, at most: a choice. It bounds the memory for a landed state that flaps."""
 
 MARGIN_FIGURES = ("phase_margin", "phase_margin_interval", "gain_margin", "gain_margin_interval")
 """Figures of the fact on the control loop's stability margins that are reported after a landing."""
@@ -152,7 +155,7 @@ class Milestones:
         is_new_flight = verdict is None or verdict.number != status.flight_number
         if status.is_flying and is_new_flight:
             if verdict is not None:
-                self._earlier_verdicts.append(verdict)
+                self._keep_verdict(verdict)
                 self._log(verdict.fact_in_next_flight)
                 self._forget_milestones()
             verdict = status.verdict
@@ -165,6 +168,17 @@ class Milestones:
             # After the landing the duration stays, and the judgement may become that of the recording.
             verdict = verdict._replace(judgement=status.verdict.judgement)
         self._latest_verdict = verdict
+
+    def _keep_verdict(self, verdict: FlightVerdict) -> None:
+        """Keeps the verdict on a flight that is over; of more than ``MAX_VERDICTS`` the least severe is forgotten.
+
+        Args:
+            verdict: the verdict on the flight before the one that begins.
+        """
+        self._earlier_verdicts.append(verdict)
+        if len(self._earlier_verdicts) > MAX_VERDICTS:
+            least_severe = worst_first(self._earlier_verdicts)[-1]
+            self._earlier_verdicts.remove(least_severe)
 
     def _forget_milestones(self) -> None:
         """Forgets what was reported of a flight, so that the next one's first model and parameters are reported too."""

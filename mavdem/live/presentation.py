@@ -185,8 +185,15 @@ class Presentation:
             fact: its time, where it has one, is in s of the boot clock. The event has it in s of the session's
                 timeline, which goes on across reboots.
         """
-        if self._is_repetition(fact) or not self._report_limit.admits(fact, clock.monotonic()):
-            return
+        if not self._is_repetition(fact) and self._report_limit.admits(fact, clock.monotonic()):
+            self._add_event(fact)
+
+    def _add_event(self, fact: Fact) -> None:
+        """Adds a fact as an event to the history, and shows it to the user and on the display.
+
+        Args:
+            fact: the fact, as for :meth:`log`.
+        """
         timeline_offset = self.history.timeline_offset
         start_time = nan
         if fact.time is not None:
@@ -208,11 +215,18 @@ class Presentation:
         if self._display is not None:
             self._display.log(event)
 
-    def report_left_out(self) -> None:
-        """Reports how many reports of the autopilot were left out, if that is due; called once a second."""
-        left_out = self._report_limit.pop_left_out(clock.monotonic())
+    def report_left_out(self, *, is_at_end: bool = False) -> None:
+        """Reports how many reports of the autopilot were left out, and the states among them, if that is due.
+
+        Args:
+            is_at_end: whether the session ends; before, it is called once a second.
+        """
+        now = clock.monotonic()
+        left_out = self._report_limit.pop_left_out(now)
         if left_out is not None:
             self.log(left_out)
+        for state in self._report_limit.pop_left_out_states(now, is_at_end=is_at_end):
+            self._add_event(state)
 
     def _is_repetition(self, fact: Fact) -> bool:
         """Returns whether a fact was reported in the last ``REPEAT_SECONDS``; if not, notes that it is reported now.

@@ -6,7 +6,7 @@ These are texts of the autopilot, and states that may flap: whether it is armed,
 from collections import defaultdict, deque
 
 from mavdem.assessment.autopilot_messages import REPEAT_SECONDS
-from mavdem.facts import Code, Fact
+from mavdem.facts import Code, Fact, Facts
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.session import SessionFact
 
@@ -42,6 +42,9 @@ class ReportLimit:
         # How many were left out since the last report of that, and when the first of them was, s of that clock.
         self._left_out_count = 0
         self._left_out_time = 0.0
+        # The latest state of each kind that was shown, and that was left out since then.
+        self._shown_states: dict[str, Fact] = {}
+        self._left_out_states: dict[str, Fact] = {}
 
     def admits(self, fact: Fact, now: float) -> bool:
         """Returns whether a fact is to be reported; one that is not is counted, for a later report.
@@ -55,15 +58,46 @@ class ReportLimit:
         kind = _kind_of(fact)
         if kind is None:
             return True
-        report_times = self._report_times[kind]
-        is_full = len(report_times) == MAX_REPORTS_OF_KIND
-        if not is_full or now - report_times[0] >= REPEAT_SECONDS:
-            report_times.append(now)
+        if self._has_room(kind, now):
+            self._note_shown(kind, fact, now)
             return True
         if self._left_out_count == 0:
             self._left_out_time = now
         self._left_out_count += 1
+        if kind != TEXT_KIND:
+            self._left_out_states[kind] = fact
         return False
+
+    def _has_room(self, kind: str, now: float) -> bool:
+        """Returns whether another report of a kind may be shown at ``now``, s of the monotonic clock."""
+        report_times = self._report_times[kind]
+        is_full = len(report_times) == MAX_REPORTS_OF_KIND
+        return not is_full or now - report_times[0] >= REPEAT_SECONDS
+
+    def _note_shown(self, kind: str, fact: Fact, now: float) -> None:
+        """Notes that a report of a kind is shown at ``now``, s of the monotonic clock."""
+        self._report_times[kind].append(now)
+        self._left_out_states.pop(kind, None)
+        if kind != TEXT_KIND:
+            self._shown_states[kind] = fact
+
+    def pop_left_out_states(self, now: float, *, is_at_end: bool) -> Facts:
+        """Returns the present states that were left out, so that the last report of each state is not a wrong one.
+
+        Args:
+            now: present time, s of the monotonic clock.
+            is_at_end: whether the session ends; before, a state waits until there is room for its report.
+        """
+        due_states = []
+        for kind, fact in list(self._left_out_states.items()):
+            if not is_at_end and not self._has_room(kind, now):
+                continue
+            shown_fact = self._shown_states[kind]
+            is_other_state = (fact.code, fact.subject) != (shown_fact.code, shown_fact.subject)
+            if is_other_state:
+                due_states.append(fact)
+            self._note_shown(kind, fact, now)
+        return tuple(due_states)
 
     def pop_left_out(self, now: float) -> Fact | None:
         """Returns the fact how many reports were left out, once in ``REPEAT_SECONDS``; None if it is not due.

@@ -622,7 +622,16 @@ class LiveSession:
             self._report.status,
             shortfall=self._reason_without_parameters(),
             verdicts=self._milestone_reporter.verdicts,
+            recording_verdict=self.recording_failure,
         )
+
+    @property
+    def recording_failure(self) -> Fact | None:
+        """Why the recording of the latest flight is not judged, if that failed or took too long; None if not."""
+        is_of_latest_flight = self._recorded_flight == self.stream.flight_number
+        if self.gain_adviser is None or not is_of_latest_flight:
+            return None
+        return self.gain_adviser.recording_failure
 
     @property
     def shown_status(self) -> SessionStatus:
@@ -765,6 +774,7 @@ class LiveSession:
             status: status of the session, with the judgement of the final model.
             model: the final model; None without one.
         """
+        self._presentation.report_left_out(is_at_end=True)
         self._milestone_reporter.report_end(self.flight.learning, status, self.stream.now, model)
 
     def report_gain_advice(self, *, is_at_end: bool = False) -> None:
@@ -884,8 +894,8 @@ def _report_on_learning(reason: Fact | None, status: SessionStatus) -> Fact:
     else:
         report = reason
     is_alarmed = any(alarm.is_bad for alarm in status.active_alarms)
-    if is_alarmed:
-        # During an alarm, no report must advise the pilot to fly on.
+    if is_alarmed or status.is_oscillation_awaited:
+        # During an alarm, and before it is judged whether the vehicle oscillates, no report must advise to fly on.
         return report.without_flight_advice
     return report
 

@@ -21,6 +21,7 @@ from mavdem.assessment.judgement import Judgement, unjudged
 from mavdem.assessment.lights import VEHICLE_LIGHTS
 from mavdem.assessment.limits import worst_fact
 from mavdem.assessment.next_step import choose_next_step
+from mavdem.assessment.severity import FALLS
 from mavdem.containers import Numbers
 from mavdem.dem import Estimate
 from mavdem.facts import Fact, Facts, Level, NamedFacts
@@ -33,7 +34,7 @@ from mavdem.facts.margins import MarginsLight
 from mavdem.facts.power import PowerLight
 from mavdem.facts.session import LinkFact, MissingMessages, RowsFact, SessionFact, VehicleFact
 from mavdem.facts.vibration import VibrationLight
-from mavdem.facts.watch import WatchFact
+from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.immutable import ImmutableResult
 from mavdem.live.flight_verdict import FlightVerdict, worst_first
 from mavdem.live.history import REPORTED_HORIZON
@@ -76,8 +77,13 @@ TOO_FEW_MESSAGES = (RowsFact.LIVE_RATES_TOO_LOW, RowsFact.NO_LIVE_ATTITUDE)
 PERMANENT_FAULTS = (MarginsLight.LOOP_MARGINS,)
 """Bad findings that do not arise in flight: the vehicle has had them since its take-off, and need not land now."""
 
-FALLS = (WatchFact.FALLS_AT_IDLE, WatchFact.STOPPED_IN_AIR, WatchFact.SINKS_AT_LIMIT)
-"""Facts that a vehicle loses its height against its will."""
+STATES_OF_LEARNING = (
+    SessionFact.NOT_SETTLED,
+    SessionFact.BEING_LEARNED,
+    SessionFact.FLIGHT_OVER,
+    SessionFact.NOT_FLYING,
+)
+"""Reasons without a model that say what the session does, and nothing about the vehicle: no verdict on a flight."""
 
 
 class Latency(NamedTuple):
@@ -284,16 +290,22 @@ class SessionStatus(ImmutableResult):
         a later one replaces those before it:
 
         1. the headline of the model or, if that is no fault, of the worst lights;
-        2. if nothing was checked so far, that there is no alarm of what is watched;
+        2. if nothing was checked so far, that there is no alarm of what is watched or, when the flight is over, that it
+           could not be judged;
         3. how the flight was lost;
         4. in flight, what cannot wait until the landing; after it the verdict of the recording, or that it is awaited.
         """
         judgement = self._judgement_with_all_lights
-        is_nothing_checked = judgement.headline.code is HeadlineCode.NOTHING_CHECKED
+        is_nothing_checked = judgement.headline.code in (
+            HeadlineCode.NOTHING_CHECKED,
+            *STATES_OF_LEARNING,
+        )
         is_in_flight = self.is_flying and not self.is_over
         if is_nothing_checked and is_in_flight and self._watched_names:
             no_alarm = Fact(WatchFact.NO_ALARM, names=self._watched_names)
             judgement = replace(judgement, headline=no_alarm)
+        elif is_nothing_checked and not is_in_flight and self.flight_number > 0:
+            judgement = self._judgement_of_unjudged_flight(judgement)
         # The judgement of the recording, where there is one, has a headline on the loss that says more than this one.
         states_loss = judgement.headline.code in Ending
         if self.loss is not None and not states_loss:
@@ -307,6 +319,23 @@ class SessionStatus(ImmutableResult):
         if link_loss is not None and not judgement.headline.is_bad:
             return _judgement_with_headline(link_loss, judgement.lights)
         return self._judgement_with_recording(judgement)
+
+    def _judgement_of_unjudged_flight(self, judgement: Judgement) -> Judgement:
+        """Returns the judgement of a flight that is over, and of which nothing was checked.
+
+        Args:
+            judgement: judgement whose headline states that nothing was checked, or what the session does.
+        """
+        reason = judgement.headline
+        if reason.code is HeadlineCode.NOTHING_CHECKED:
+            reason = reason.figures["reason"]
+        if reason.code in STATES_OF_LEARNING:
+            reason = Fact(SessionFact.TOO_LITTLE_RECEIVED)
+        headline = Fact(HeadlineCode.NOTHING_CHECKED, reason=reason)
+        if self.no_model_reason is not None and self.no_model_reason.code is SessionFact.NOT_FLYING:
+            # The next flight may begin.
+            return replace(judgement, headline=headline)
+        return _judgement_with_headline(headline, judgement.lights)
 
     @property
     def verdict(self) -> FlightVerdict:
@@ -628,9 +657,11 @@ class SessionStatus(ImmutableResult):
         3. The headline warns: to follow its advice after the landing, and until then to let the vehicle land if it
            lands by itself, to land soon if the headline is bad, or to fly on.
         4. The vehicle lands by itself: to let it land.
-        5. A model was judged, or there is none for a reason without a remedy: to fly on.
-        6. Too few messages come: to fly on, and to start mavdem again after the landing, with a request for more.
-        7. Otherwise: what has to happen before a model can be learned, which is the next step of ``judgement``.
+        5. It has just taken off: to hover until it is judged whether it oscillates. So under 3, in the place of flying
+           on.
+        6. A model was judged, or there is none for a reason without a remedy: to fly on.
+        7. Too few messages come: to fly on, and to start mavdem again after the landing, with a request for more.
+        8. Otherwise: what has to happen before a model can be learned, which is the next step of ``judgement``.
 
         Args:
             judgement: judgement of the flight so far.
@@ -645,6 +676,8 @@ class SessionStatus(ImmutableResult):
         if headline.is_watch_or_bad:
             advice_after_landing = choose_next_step(headline, judgement.lights, None)
             step_until_landing = NextStep.FLY_ON
+            if self.is_oscillation_awaited:
+                step_until_landing = NextStep.HOVER_FIRST
             if is_landing:
                 step_until_landing = NextStep.LET_LAND
             elif headline.is_bad:
@@ -652,12 +685,27 @@ class SessionStatus(ImmutableResult):
             return Fact(step_until_landing, reason=advice_after_landing)
         if is_landing:
             return Fact(NextStep.LET_LAND, reason=None)
+        if self.is_oscillation_awaited:
+            return Fact(NextStep.HOVER_FIRST, reason=None)
         reason = self._reason_without_model
         if self.model_judgement is not None or not reason.remedy:
             return Fact(NextStep.FLY_ON, reason=None)
         if reason.code in TOO_FEW_MESSAGES:
             return Fact(NextStep.FLY_ON, reason=judgement.next_step)
         return judgement.next_step
+
+    @property
+    def is_oscillation_awaited(self) -> bool:
+        """Whether the vehicle flies, but for too short a time to judge whether it oscillates."""
+        watch_fact = self._followed_watch_facts.get(WatchedQuantity.OSCILLATION)
+        if watch_fact is None or not self.is_flying:
+            return False
+        reason = watch_fact.figures.get("reason")
+        # At the take-off the list of what is watched may still be that of the ground.
+        return reason is not None and reason.code in (
+            WatchFact.OSCILLATION_AWAITED,
+            WatchFact.ON_GROUND_NOW,
+        )
 
     @property
     def _late_headline(self) -> Fact:

@@ -74,7 +74,7 @@ from mavdem.live.watch_list import (
     reason_battery_not_judged,
 )
 from mavdem.loops.advice import gain_reduction_advice
-from mavdem.loops.limit_cycles import detect_starting_limit_cycle
+from mavdem.loops.limit_cycles import STARTING_SECONDS, detect_starting_limit_cycle
 from mavdem.motors.motor_changes import alarm_if_bad
 from mavdem.plant.online_wind_torque import MEMORY_SECONDS
 from mavdem.vibration.vibration_message import reported_vibration
@@ -1319,6 +1319,12 @@ class Watchdog:
         if invalid_attitude is not None:
             for quantity in QUANTITIES_BY_ATTITUDE:
                 reasons[quantity] = invalid_attitude
+        states = self._landed_states
+        if states.is_in_air and now - states.phase_start < STARTING_SECONDS:
+            reasons.setdefault(
+                WatchedQuantity.OSCILLATION,
+                Fact(WatchFact.OSCILLATION_AWAITED, duration=STARTING_SECONDS),
+            )
         if self._battery_not_judged is not None:
             reasons.setdefault(WatchedQuantity.BATTERY, self._battery_not_judged)
         return reasons

@@ -54,6 +54,12 @@ MIN_AT_LIMIT_SHARE = 0.05
 """Share of the time with a motor at a limit, from which on an oscillation is a limit cycle: a choice."""
 MIN_GROWTH = 2.0
 """Ratio of the rates in the last and the first third of an oscillation, from which on it grows: a choice."""
+MIN_AT_BOTH_LIMITS_SHARE = 0.2
+"""Share of the time with motors at both limits at once, from which on an oscillation swings from stop to stop.
+
+Two opposite motors that are commanded a sine are both beyond their limits for this share if its amplitude exceeds their
+range by 5 %. So hardly any command is left to control the vehicle, however little it turns.
+"""
 LASTING_SHARE = 0.5
 """Share of a flight from which on an oscillation lasts, and of a window from which on motors go from stop to stop."""
 MAX_DRIFT = 0.3
@@ -68,6 +74,9 @@ STARTING_WINDOWS = (0.5, 1.0, 2.0)
 """Lengths of the windows in which a limit cycle that has just started is looked for, s."""
 STARTING_SPAN = 2.2
 """Length of recent flight in which it is looked for, in window lengths: three half-overlapping windows and slack."""
+STARTING_SECONDS = STARTING_SPAN * max(STARTING_WINDOWS)
+"""Duration of flight after which each of these windows has been searched, s: before it nothing shows that a vehicle
+does not oscillate."""
 SPAN_SLACK = 0.2
 """Time, s, by which recent flight is longer than the windows that must fit into it: some samples of a slow stream."""
 STARTING_DURATION = 1.9
@@ -91,6 +100,8 @@ class Oscillation(NamedTuple):
     """Duration, s."""
     other_axes: tuple[Oscillation, ...] = ()
     """The limit cycles of other axes, which turn more slowly."""
+    at_both_limits: float = 0.0
+    """Fraction of that time with one motor at its upper limit while another is at its lower limit."""
 
     @property
     def figures(self) -> JsonValues:
@@ -152,11 +163,12 @@ def detect_starting_limit_cycle(
 ) -> Oscillation | None:
     """Detects a limit cycle that has just started, for a warning in flight.
 
-    It is reported only if motors reach their limits. One with body rates of at least ``MIN_DANGEROUS_RATE`` is reported
-    at once, if its periods are short enough for the ``STARTING_WINDOWS``. Any other is reported if it lasts, by the
-    same windows and ``MIN_DURATION`` as in the analysis of a recorded flight: motors that swing between their limits
-    cannot control the vehicle, however slowly it rotates. Between 1 and 2 Hz, which only the long windows resolve, a
-    pilot may steer: there its body rates must reach ``MIN_DANGEROUS_RATE`` while the setpoint hardly moves.
+    It is reported only if motors reach their limits. One with body rates of at least ``MIN_DANGEROUS_RATE``, or with
+    motors at both limits at once for ``MIN_AT_BOTH_LIMITS_SHARE`` of the time, is reported at once, if its periods are
+    short enough for the ``STARTING_WINDOWS``: motors that swing from stop to stop cannot control the vehicle, however
+    slowly it rotates. Any other is reported if it lasts, by the same windows and ``MIN_DURATION`` as in the analysis of
+    a recorded flight. Between 1 and 2 Hz, which only the long windows resolve, a pilot may steer: there its body rates
+    must reach ``MIN_DANGEROUS_RATE`` while the setpoint hardly moves.
 
     Args:
         motors: outputs of the motors so far.
@@ -184,9 +196,9 @@ def detect_starting_limit_cycle(
             starting_cycles += _cycles_at_limits(
                 motor_series, tilts, segment, window_seconds, min_duration
             )
-    fast_cycles = [cycle for cycle in starting_cycles if cycle.rate >= MIN_DANGEROUS_RATE]
-    if fast_cycles:
-        return _strongest_limit_cycle(fast_cycles)
+    dangerous_cycles = [cycle for cycle in starting_cycles if _is_dangerous_at_once(cycle)]
+    if dangerous_cycles:
+        return _strongest_limit_cycle(dangerous_cycles)
     short_window, long_window = WINDOW_LENGTHS
     # A cycle that the shortest windows show continues, so that a short time of the longer windows suffices to confirm
     # it. If they show none, it must last for ``MIN_DURATION`` up to now.
@@ -207,6 +219,16 @@ def detect_starting_limit_cycle(
         and cycle.axis in setpoints
         and _is_unsteered(tilts[cycle.axis].angle_series, setpoints[cycle.axis], segment)
     )
+
+
+def _is_dangerous_at_once(cycle: Oscillation) -> bool:
+    """Returns whether a limit cycle that has just started turns the vehicle fast, or drives motors from stop to stop.
+
+    Args:
+        cycle: the limit cycle, in which motors reach their limits.
+    """
+    goes_from_stop_to_stop = cycle.at_both_limits >= MIN_AT_BOTH_LIMITS_SHARE
+    return cycle.rate >= MIN_DANGEROUS_RATE or goes_from_stop_to_stop
 
 
 def _is_unsteered(angle: TimeSeries, setpoint: TimeSeries, segment: Segment) -> bool:
@@ -368,6 +390,7 @@ def _limit_cycles(
                     at_limit=cycle.at_limit,
                     growing=cycle.grows,
                     seconds=cycle.duration,
+                    at_both_limits=cycle.at_both_limits,
                 )
 
 
@@ -383,6 +406,8 @@ class _Lines:
     """Standard deviation of the body rate (W,), deg/s."""
     at_limit: Array
     """Fraction of the window with a motor at a limit (W,)."""
+    at_both_limits: Array
+    """Fraction of the window with motors at both limits at once (W,)."""
     is_clear: Flags
     """Whether the line has enough of the variance, and the vehicle turns fast enough, for a limit cycle (W,)."""
 
@@ -418,9 +443,8 @@ def _lines_of_windows(piece: Array, sampling_rate: float, window_seconds: float)
     # Power (W, F) of the rate, and of all motors together.
     rate_power = signal_power[0]
     motor_power = signal_power[1:].sum(axis=0)
-    is_stop_to_stop = (
-        half_overlapping_windows(is_at_both_limits, size).mean(axis=1) >= LASTING_SHARE
-    )
+    at_both_limits = half_overlapping_windows(is_at_both_limits, size).mean(axis=1)
+    is_stop_to_stop = at_both_limits >= LASTING_SHARE
     searched_power = np.where(is_stop_to_stop[:, None], motor_power, rate_power)
     is_fast_enough = frequency >= MIN_PERIODS * resolution
     searched_power = np.where(is_fast_enough, searched_power, 0.0)
@@ -443,6 +467,7 @@ def _lines_of_windows(piece: Array, sampling_rate: float, window_seconds: float)
         share=share,
         rate=rate,
         at_limit=half_overlapping_windows(is_at_a_limit, size).mean(axis=1),
+        at_both_limits=at_both_limits,
         is_clear=(share >= needed_share) & (rate >= MIN_RATE),
     )
 
@@ -477,6 +502,8 @@ class _RunOscillation(NamedTuple):
     """Standard deviation of the body rate, deg/s."""
     at_limit: float
     """Fraction of the time with a motor at a limit."""
+    at_both_limits: float
+    """Fraction of the time with motors at both limits at once."""
     grows: bool
     """Whether the rate of the last third is ``MIN_GROWTH`` times the rate of the first."""
     duration: float
@@ -514,6 +541,7 @@ def _oscillation_in_run(
         frequency=frequency,
         rate=np.sqrt(np.mean(rate**2)),
         at_limit=lines.at_limit[run].mean(),
+        at_both_limits=lines.at_both_limits[run].mean(),
         grows=window_count > 2 and growth >= MIN_GROWTH,
         duration=duration,
     )

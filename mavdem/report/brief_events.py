@@ -5,14 +5,9 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from mavdem.assessment.ending import ENDINGS
-from mavdem.assessment.limits import LEVELS_BY_SEVERITY
+from mavdem.assessment.severity import severity_rank
 from mavdem.facts import Fact, Facts
-from mavdem.facts.ending import Ending, MotionEvent
-from mavdem.facts.events import ReportedEvent
-
-LESSER_EVENTS = (MotionEvent.CLIPPED, ReportedEvent.AUTOPILOT_SAID, ReportedEvent.RESTARTED)
-"""Events that a short list shows after all others of their level: a peak of an accelerometer, a text of an unknown
-meaning, and a restart on the ground. The one that matters most to a flight is the first."""
+from mavdem.facts.ending import MotionEvent
 
 
 class CountedEvent(NamedTuple):
@@ -27,8 +22,7 @@ class CountedEvent(NamedTuple):
 def worst_events(events: Sequence[Fact]) -> list[CountedEvent]:
     """Selects the events of a flight that a short list shows: of each kind that warns the longest, with their number.
 
-    The bad kinds come first. Of one level, what happened to the vehicle comes before what the autopilot reports, and
-    ``LESSER_EVENTS`` come last.
+    The worst kinds come first (``severity_rank``).
 
     Events of one kind have the same code, level and subject; they warn if they are bad or to be watched. An event of
     the motion, such as a fast rotation, is left out if the flight ended at the same time by what ``ENDINGS`` lists for
@@ -56,26 +50,8 @@ def worst_events(events: Sequence[Fact]) -> list[CountedEvent]:
     counted_events = [CountedEvent(index, counts[kind]) for kind, index in longest_indices.items()]
 
     # The sort is stable, so that events that are as bad stay in the order of time.
-    counted_events.sort(key=lambda counted: _rank(events[counted.number]))
+    counted_events.sort(key=lambda counted: severity_rank(events[counted.number]))
     return counted_events
-
-
-def _rank(event: Fact) -> tuple[int, int]:
-    """Returns the key by which events are sorted in a short list, from the worst to the least: level, then subject.
-
-    Args:
-        event: event of a flight, a coded finding with a level.
-
-    Returns:
-        Two numbers, both the lower the worse. The first is of the level. The second is 0 for what happened to the
-        vehicle, 1 for what the autopilot reports, and from 2 on for ``LESSER_EVENTS``.
-    """
-    rank_of_level = -LEVELS_BY_SEVERITY.index(event.level)
-    if event.code in LESSER_EVENTS:
-        return rank_of_level, 2 + LESSER_EVENTS.index(event.code)
-    if isinstance(event.code, MotionEvent | Ending):
-        return rank_of_level, 0
-    return rank_of_level, 1
 
 
 def _duration(event: Fact) -> float:

@@ -19,8 +19,8 @@ import numpy as np
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import assess_signals
 from mavdem.assessment.flown_flights import flown_flights
-from mavdem.assessment.limits import LEVELS_BY_SEVERITY
 from mavdem.assessment.reported import reported_events
+from mavdem.assessment.severity import severity_rank
 from mavdem.assessment.time_history import time_history
 from mavdem.containers import JsonValues
 from mavdem.dataset.signals import Signals
@@ -65,10 +65,10 @@ class AssessedVehicle(NamedTuple):
     """its rows for the fleet, one for each axis"""
 
     @property
-    def severity(self) -> tuple[bool, int]:
-        """Sorts vehicles: vehicles that flew above the others, then worse headlines above better ones."""
-        level = self.assessment.headline.level
-        return self.rows[0].has_flight, LEVELS_BY_SEVERITY.index(level)
+    def severity(self) -> tuple[bool, int, int]:
+        """Sorts vehicles in ascending order: those that flew come first, and of them those with the worst headlines."""
+        has_not_flown = not self.rows[0].has_flight
+        return has_not_flown, *severity_rank(self.assessment.headline)
 
 
 class ProgressFile:
@@ -236,7 +236,7 @@ def _assessed_vehicles(log: Log, progress: ProgressFile) -> list[AssessedVehicle
         progress.report(Stage.LEARNING, **_assessment_columns(assessment))
         rows = rows_of_assessment(assessment.with_axis(ADDITIONAL_AXIS), log.source)
         vehicles.append(AssessedVehicle(assessment, rows))
-    return sorted(vehicles, key=lambda vehicle: vehicle.severity, reverse=True)
+    return sorted(vehicles, key=lambda vehicle: vehicle.severity)
 
 
 def _write_results(vehicles: Sequence[AssessedVehicle], folder: Path) -> list[str]:

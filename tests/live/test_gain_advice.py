@@ -18,6 +18,7 @@ from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import GainFact, LoopFact, TwinFact
 from mavdem.facts.margins import MarginsLight
+from mavdem.facts.session import RecordingState
 from mavdem.ingest import read_log
 from mavdem.live.gain_advice import (
     GainAdvice,
@@ -139,6 +140,10 @@ def test_advice_that_fails_costs_nothing_else(tmp_path, monkeypatch, error):
     reason = error.strerror or "within 60 s"
     assert failed.code is GainFact.ADVICE_FAILED and reason in failed.sentence
     assert failed.remedy == f"Run `mavdem tune {tmp_path}/flight.tlog --axis all`."
+    assert adviser.recording_failure.figures["kind"] is RecordingState.FAILED
+    # After the next landing the recording is read again.
+    adviser.is_due = True
+    assert adviser.recording_failure is None
 
 
 def test_files_of_gains_that_do_not_fit_on_the_disk_are_not_left_partly_written(

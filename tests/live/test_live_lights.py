@@ -12,6 +12,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.ending import Ending
 from mavdem.facts.lights import Light, Unjudged
+from mavdem.facts.log import LogLight
 from mavdem.facts.loops import LoopAction
 from mavdem.facts.motors import MotorsLight, MotorWatchFact
 from mavdem.facts.power import PowerLight
@@ -160,6 +161,51 @@ def test_an_all_clear_after_a_landing_waits_for_the_recording(slow):
     judged = Fact(SessionFact.RECORDING_JUDGED, Level.WATCH, headline="Too little margin.")
     assert replace(warned, recording_verdict=judged).overall_judgement.headline == judged
     assert replace(flown, recording_verdict=awaited).overall_judgement.headline != awaited
+
+
+def test_no_all_clear_returns_where_the_recording_could_not_be_read(slow):
+    failed = Fact(SessionFact.RECORDING_NOT_JUDGED, kind=RecordingState.FAILED, path="a b.tlog")
+    battery = {Light.POWER: Fact(PowerLight.BATTERY_HELD, Level.GOOD)}
+    flown = replace(slow, is_flying=False, flight_number=1, worst_lights=battery)
+    judgement = replace(flown, recording_verdict=failed).overall_judgement
+    assert judgement.headline == failed and not judgement.headline.is_good
+    assert str(judgement.next_step) == "Judge it later: `mavdem 'a b.tlog'`."
+
+
+def test_before_an_oscillation_can_show_nothing_says_that_there_is_none(slow):
+    awaited = Fact(WatchFact.OSCILLATION_AWAITED, duration=4.4)
+    facts = (watch(WatchedQuantity.OSCILLATION, awaited), *slow.watch_facts[1:])
+    just_flying = replace(slow, no_model_reason=None, rates={}, watch_facts=facts)
+    judgement = just_flying.overall_judgement
+    assert judgement.next_step.code is NextStep.HOVER_FIRST
+    assert judgement.lights[Light.MARGINS].figures["reason"] == awaited
+    texts = [row.figure for row in light_rows(just_flying)]
+    assert "after 4 s of flight" in texts and "no oscillation" not in texts
+    weak = Fact(MotorsLight.MOTOR_LIMITED, Level.WATCH, subject="motor 1", share=0.9)
+    warned = replace(just_flying, worst_lights={Light.MOTORS: weak}).overall_judgement
+    assert str(warned.next_step).startswith("Hover: whether the vehicle oscillates")
+
+
+def test_a_flight_of_which_nothing_was_checked_has_a_verdict_of_its_own():
+    for code in (SessionFact.NOT_SETTLED, SessionFact.FLIGHT_OVER):
+        over = SessionStatus(flight_number=1, no_model_reason=Fact(code, reason=None))
+        judgement = over.overall_judgement
+        assert judgement.headline.code is Headline.NOTHING_CHECKED
+        assert "too short" in str(judgement.headline)
+        assert str(over.verdict.judgement.headline).lower().count("not judged") == 0
+
+
+def test_each_state_of_motors_and_log_has_its_detail_on_the_terminal(slow):
+    sinking = Fact(WatchFact.SINKS_AT_LIMIT, Level.BAD, subject="", names=(), share=1.0, speed=2.0)
+    two = Fact(MotorsLight.MOTOR_LIMITED, subject="", names=("motor 1", "motor 2"), share=0.9)
+    gaps = Fact(LogLight.RECORDED_WITH_GAPS, Level.WATCH)
+    for light, fact, text in (
+        (Light.MOTORS, sinking, "all motors at the limit"),
+        (Light.MOTORS, two, "2 motors at the limit"),
+        (Light.LOG, gaps, "gaps"),
+    ):
+        status = replace(slow, no_model_reason=None, rates={}, worst_lights={light: fact})
+        assert text in [row.figure for row in light_rows(status)]
 
 
 def test_nobody_is_told_in_flight_to_start_mavdem_with_another_option(slow):

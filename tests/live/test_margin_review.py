@@ -307,6 +307,19 @@ def test_the_memory_is_bounded_and_begins_with_the_latest_take_off(monkeypatch):
     assert len(messages.records) == sizes[0], "the oldest are forgotten"
 
 
+def test_messages_that_come_too_fast_are_bounded_too(monkeypatch):
+    """All of them come within one ``PIECE_SECONDS``."""
+    monkeypatch.setattr(margin_review, "MAX_BYTES", 2000)
+    monkeypatch.setattr(margin_review, "MAX_PIECE_BYTES", 200)
+    messages = FlightMessages()
+    for number in range(100):
+        frames = frames_of(*flight([0.01 * number]))
+        messages.add(1.7e9 + 0.01 * number, frames, VEHICLE, boot=0)
+    assert 1000 < len(messages.records) <= 2000
+    (telemetry,) = tlog_from_bytes("live", messages.records).vehicles
+    assert round(float(telemetry.messages["ATTITUDE"]["time"][-1]), 2) == 0.99
+
+
 def test_messages_of_an_earlier_boot_are_forgotten_at_a_take_off():
     """Another vehicle may have sent them: its HEARTBEATs would name an autopilot that has other parameters."""
     messages = FlightMessages()

@@ -7,18 +7,23 @@ import numpy as np
 from partial_records import partial_record
 from pytest import mark
 
+from mavdem.assessment.judgement import unjudged
 from mavdem.dem import Learned
 from mavdem.dem.online.estimate import Estimate
 from mavdem.dem.online.learner import OnlineLearner
 from mavdem.dem.settings import Settings
 from mavdem.facts import Fact, Level
+from mavdem.facts.assessment import Headline
 from mavdem.facts.ending import Ending
 from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light
+from mavdem.facts.motors import MotorsLight
 from mavdem.facts.power import PowerLight
 from mavdem.facts.session import RowsFact, SessionFact
+from mavdem.facts.watch import WatchFact
+from mavdem.live.flight_verdict import FlightVerdict, worst_first
 from mavdem.live.learning import FlightLearning
-from mavdem.live.milestones import Milestones
+from mavdem.live.milestones import MAX_VERDICTS, Milestones
 from mavdem.live.session_status import Latency, SessionStatus
 from mavdem.plant.parameters import Physical
 from mavdem.report.live import closing_lines, headline_and_next_step
@@ -145,6 +150,33 @@ def test_a_session_of_several_flights_ends_with_all_verdicts_the_worst_first():
     assert first_line == f"Flight 1 (0:34 min): {as_clause(loss)}."
     assert next_step == f"Next: {lost.verdict.judgement.next_step}"
     assert second_line.startswith("Flight 2 (0:22 min): ")
+
+
+def test_a_crash_comes_before_a_weak_motor_whatever_the_order_of_the_flights():
+    def verdict(number, headline):
+        return FlightVerdict(number, unjudged(headline))
+
+    weak = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 1", share=0.9)
+    crash = Fact(Ending.CRASHED, Level.BAD)
+    stopped = Fact(WatchFact.STOPPED_IN_AIR, Level.BAD, time=9.0)
+    over = Fact(WatchFact.ALARM_OVER, Level.BAD, time=9.0, reason=weak)
+    sound = Fact(Headline.NOTHING_WRONG, Level.GOOD)
+    headlines = (sound, over, weak, crash, stopped)
+    verdicts = [verdict(number, headline) for number, headline in enumerate(headlines, 1)]
+    assert [each.number for each in worst_first(verdicts)] == [4, 5, 2, 3, 1]
+
+
+def test_a_landed_state_that_flaps_fills_no_memory_and_hides_no_crash():
+    milestones = Milestones("roll", Mock())
+    learning = learning_with()
+    loss = Fact(Ending.CRASHED, Level.BAD)
+    flights = MAX_VERDICTS + 20
+    for number in range(1, flights + 1):
+        crash = loss if number == 3 else None
+        status = SessionStatus(is_flying=True, flight_number=number, flight_seconds=9.0, loss=crash)
+        milestones.update(learning, status, float(number))
+    numbers = [verdict.number for verdict in milestones.verdicts]
+    assert len(numbers) == MAX_VERDICTS + 1 and 3 in numbers and numbers[-1] == flights
 
 
 def test_a_flight_whose_link_was_lost_in_the_air_is_reported_too():

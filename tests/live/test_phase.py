@@ -13,6 +13,7 @@ from mavdem.facts.session import SessionFact
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import ARMED, IN_AIR, LANDING, ON_GROUND, TAKING_OFF
 from mavdem.live.flight_phase import FlightPhase
+from mavdem.live.landed_states import MAX_PHASES, LandedStates
 from mavdem.live.messages import MESSAGE_FIELDS
 from mavdem.live.recent_messages import RecentMessages
 from mavdem.live.wind import WindEstimate
@@ -190,3 +191,13 @@ def test_the_mean_of_the_wind_is_of_one_flight():
     assert made.stream.status().mean_wind is mean
     replay(Flight(hover, clock=60.0).frames(6.0, end=9.0), made.stream)
     assert made.stream.status().mean_wind is None and made.stream.boot == 0
+
+
+def test_a_state_that_flaps_fills_no_memory():
+    states = LandedStates()
+    for number in range(2 * MAX_PHASES):
+        states.begin_phase((ON_GROUND, IN_AIR)[number % 2], number + 1.0, number + 0.9)
+    now = 2.0 * MAX_PHASES
+    kept = states.series(now, 0, was_flying=False)
+    assert len(kept.time) == 2 * MAX_PHASES + 1
+    assert states.is_in_air and not states.is_first_phase and states.phase_start == now

@@ -94,3 +94,17 @@ def test_an_arming_that_flaps_is_counted_and_hides_no_change_of_mode():
     assert limit.admits(Fact(ReportedEvent.MODE_CHANGED, time=31.0, subject="Land"), 115.0)
     left_out = limit.pop_left_out(105.0 + REPEAT_SECONDS)
     assert left_out is not None and left_out.figures["count"] == admitted.count(False)
+    # The last change that was left out armed the motors, and the last one that was shown did so too.
+    assert limit.pop_left_out_states(115.0, is_at_end=True) == ()
+
+
+@mark.parametrize("now, is_at_end", [(100.0 + REPEAT_SECONDS, False), (107.0, True)])
+def test_the_last_report_of_a_state_that_flapped_is_its_present_state(now, is_at_end):
+    limit = ReportLimit()
+    for second in range(MAX_REPORTS_OF_KIND + 1):
+        code = ReportedEvent.ON_GROUND if second % 2 == 0 else ReportedEvent.OFF_GROUND
+        last = Fact(code, time=float(second))
+        limit.admits(last, 100.0 + 0.5 * second)
+    assert limit.pop_left_out_states(106.0, is_at_end=False) == ()
+    assert limit.pop_left_out_states(now, is_at_end=is_at_end) == (last,)
+    assert limit.pop_left_out_states(now + REPEAT_SECONDS, is_at_end=True) == ()

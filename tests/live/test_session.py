@@ -388,7 +388,7 @@ def test_the_judgement_of_a_recording_waits_for_the_ground_and_for_the_end():
 
 
 def test_the_status_that_is_shown_says_that_the_recording_is_being_judged():
-    adviser = Mock(is_awaited=True)
+    adviser = Mock(is_awaited=True, recording_failure=None)
     session, _, _ = session_of([], gain_adviser=adviser)
     awaited = Fact(SessionFact.RECORDING_NOT_JUDGED, kind=RecordingState.BEING_READ)
     assert session.shown_status.recording_verdict == awaited

@@ -9,7 +9,7 @@ from scipy.signal import cont2discrete, lfilter
 from mavdem.assessment.condition import measure_condition
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
-from mavdem.loops.limit_cycles import MIN_DURATION, detect_starting_limit_cycle
+from mavdem.loops.limit_cycles import detect_starting_limit_cycle
 
 HOVER = Hover(hovering=40.0)
 
@@ -131,9 +131,9 @@ def test_motors_from_stop_to_stop_show_it_though_the_vehicle_sways_besides():
 
 
 @mark.slow
-@mark.parametrize("hertz", [17.0, 3.0])
-def test_in_flight_a_small_one_from_stop_to_stop_is_found_when_it_has_lasted(hertz):
-    """Two windows that overlap by half show it, as in the review of a flight; only a fast one is reported at once."""
+@mark.parametrize("hertz, soonest, latest", [(17.0, 0.5, 1.5), (9.0, 1.0, 2.5), (3.0, 3.0, 6.5)])
+def test_in_flight_a_small_one_from_stop_to_stop_is_found(hertz, soonest, latest):
+    """One of 8 Hz or more is found within about 2 s, however little it turns; a slow one as in the review of a log."""
     start_time, end_time = 20.0, 32.0
 
     def swings(size):
@@ -152,7 +152,7 @@ def test_in_flight_a_small_one_from_stop_to_stop_is_found_when_it_has_lasted(her
             now,
         )
     ]
-    assert start_time + MIN_DURATION / 2 <= found_at[0] <= start_time + MIN_DURATION + 0.5
+    assert soonest <= found_at[0] - start_time <= latest
     assert end_time - 0.5 <= found_at[-1] <= end_time + 2.0
     assert len(found_at) == 1 + (found_at[-1] - found_at[0]) / 0.5
 
