@@ -13,7 +13,16 @@ from click.core import ParameterSource
 from mavdem.cli.console import STDERR, STDOUT
 from mavdem.cli.exit_codes import EXIT_DONE, EXIT_ERROR, EXIT_UNSUPPORTED
 from mavdem.cli.live_dashboard import PAGE_PORT, Dashboard, PageAddress
-from mavdem.cli.live_files import gains_line, written_file_lines
+from mavdem.cli.live_files import (
+    OutputPaths,
+    gains_line,
+    numbered_paths,
+    output_paths,
+    unused_number,
+    write_text,
+    written_file_lines,
+    written_files,
+)
 from mavdem.cli.live_status import StatusLines
 from mavdem.cli.options import (
     NumberRange,
@@ -25,21 +34,17 @@ from mavdem.cli.options import (
     vehicle_option,
 )
 from mavdem.cli.output import print_json
-from mavdem.cli.output_files import check_output_file
 from mavdem.cli.sign_in_links import print_sign_in_link
 from mavdem.cli.streams import escape_unprintable, print_to_stderr
 from mavdem.cli.termination import termination_requests
-from mavdem.containers import JsonValues
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.dem import Learned, Settings
 from mavdem.dem.parallel import LearningProcess
 from mavdem.documents.session import Live as LiveDocument
 from mavdem.documents.session import live_document
 from mavdem.errors import Unreadable, error_message
-from mavdem.export.stream_writers import STREAM_WRITERS
 from mavdem.facts import Fact
 from mavdem.facts.session import LinkFact, TimeUse
-from mavdem.files import reporting_write_errors, write_text_atomically
 from mavdem.fleet.priors import earlier_drag, earlier_flight
 from mavdem.live import LiveStream
 from mavdem.live.gain_advice import GainAdviser
@@ -56,29 +61,6 @@ from mavdem.report.templates import as_clause
 
 PRINTED_STATUS_PERIOD = 5.0
 """Time between two looks at the status where lines are printed below each other, s; a choice."""
-
-
-@dataclass(frozen=True)
-class OutputPaths:
-    """Files that a live session writes, by the options that name them; None for each that is not written."""
-
-    rrd: Path | None
-    """Recording for Rerun."""
-
-    record: Path | None
-    """Recording of the raw stream."""
-
-    model: Path | None
-    """Model at the end of the session."""
-
-    page: Path | None
-    """Page on what happened."""
-
-    @property
-    def any_exists(self) -> bool:
-        """Whether one of the files exists already."""
-        paths = (self.rrd, self.record, self.model, self.page)
-        return any(path is not None and path.exists() for path in paths)
 
 
 @dataclass(frozen=True)
@@ -282,7 +264,7 @@ def live_command(
         plain=plain,
     )
     named_paths = (rrd, record, model, html)
-    paths = _output_paths(*named_paths)
+    paths = output_paths(*named_paths)
     start_time = monotonic()
     number = 1
     is_next_refused = False
@@ -298,11 +280,11 @@ def live_command(
                 break
             # The earlier model is of the first vehicle.
             options = replace(options, earlier_model=None, prior=None)
-            number = _unused_number(named_paths, number + 1)
+            number = unused_number(named_paths, number + 1)
             try:
                 flight = _follow_vehicle(
                     options,
-                    _paths_of_number(named_paths, number),
+                    numbered_paths(named_paths, number),
                     opened_link,
                     executor,
                     flight.next_vehicle,
@@ -432,7 +414,7 @@ def _follow_vehicle(
         # The model is written first, since what follows may fail or take its time.
         code = EXIT_UNSUPPORTED
         if learned is not None:
-            is_model_kept = _write_text(paths.model, learned.to_json() + "\n", "model")
+            is_model_kept = write_text(paths.model, learned.to_json() + "\n", "model")
             code = EXIT_DONE if is_model_kept else EXIT_ERROR
         if successor is None:
             executor.shutdown()
@@ -451,12 +433,15 @@ def _follow_vehicle(
         resources.close()
         if dashboard.is_recording_empty:
             print_to_stderr(f"There was nothing to show, so {paths.rrd} was not written.")
+        if recording is not None and recording.remove_if_empty():
+            print_to_stderr(f"Nothing was received, so {record} was not written.")
+            record = None
         is_page_lost = False
         if paths.page is not None:
             page = live_page(
                 link.name, options.axis, session.history, status, account, judged_model
             )
-            is_page_lost = not _write_text(paths.page, page, "page")
+            is_page_lost = not write_text(paths.page, page, "page")
         written_paths = OutputPaths(
             rrd=paths.rrd if dashboard.has_recording else None,
             record=record,
@@ -465,7 +450,7 @@ def _follow_vehicle(
         )
         for line in _lines_on_written_files(written_paths, recording, session, account):
             status_lines.print_conclusion(escape_unprintable(line))
-        files = _written_files(written_paths, recording)
+        files = written_files(written_paths, recording)
         document = live_document(session, status, account, files) if options.as_json else None
         is_ended_by_user = is_end_requested()
     # The session gives up a recording of the stream that it cannot write.
@@ -528,50 +513,6 @@ def _document_of_flights(flights: Sequence[FollowedFlight]) -> LiveDocument:
     return last_document.model_copy(update={"earlier": documents})
 
 
-def _unused_number(paths: Sequence[Path | None], first_number: int) -> int:
-    """Returns a number for the file names of a further vehicle, with which no existing file is overwritten.
-
-    With number 2, "flight.tlog" of the first vehicle becomes "flight-2.tlog". If any such file exists, the next number
-    is tried.
-
-    Args:
-        paths: Paths that the user named for the files of the first vehicle; None for a file that is not named.
-        first_number: First number that is tried.
-    """
-    number = first_number
-    while _paths_of_number(paths, number).any_exists:
-        number += 1
-    return number
-
-
-def _paths_of_number(paths: Sequence[Path | None], number: int) -> OutputPaths:
-    """Returns the paths of all files of a further vehicle.
-
-    The model and the page are among them even if they are not named, since a session writes them beside the others.
-
-    Args:
-        paths: Paths that the user named for the files of the first vehicle; None for a file that is not named.
-        number: Number of the vehicle, from 2 on.
-    """
-    return _output_paths(*_numbered_paths(paths, number))
-
-
-def _numbered_paths(paths: Sequence[Path | None], number: int) -> list[Path | None]:
-    """Returns the paths of files for the flight of a further vehicle, such as "flight-2.tlog" for "flight.tlog".
-
-    Args:
-        paths: Paths that the user named for the files of the first vehicle; None for a file that is not named.
-        number: Number of the vehicle, from 2 on.
-    """
-    numbered_paths: list[Path | None] = []
-    for path in paths:
-        if path is None:
-            numbered_paths.append(None)
-        else:
-            numbered_paths.append(path.with_stem(f"{path.stem}-{number}"))
-    return numbered_paths
-
-
 def _stream_with_prior(options: LiveOptions, vehicle: str | None) -> LiveStream:
     """Returns the stream of a vehicle's messages, with the drag of an earlier flight if that is known.
 
@@ -603,42 +544,6 @@ def _refuse_silent_link(link: Link, name: str) -> None:
             "add that, or listen with udpin:HOST:PORT.",
             param_hint="LINK",
         )
-
-
-def _output_paths(
-    rrd: Path | None, record: Path | None, model: Path | None, page: Path | None
-) -> OutputPaths:
-    """Chooses the files that a session writes, and checks before the flight that they can be written.
-
-    A model or page without a name is written to the folder of another named file, under that file's name.
-
-    Args:
-        rrd: Path of the option --rrd.
-        record: Path of the option --record.
-        model: Path of the option --model.
-        page: Path of the option --html.
-
-    Returns:
-        Paths of the recording for Rerun, the raw recording, the model and the page; None for a file that is not
-        written.
-
-    Raises:
-        click.BadParameter: The name of a file has the wrong ending.
-        Unreadable: A file cannot be written.
-    """
-    check_output_file(rrd, "--rrd", (".rrd",))
-    if record is not None and record.suffix.lower() in STREAM_WRITERS:
-        # A recording may go into a folder of its own, such as that of the day, which does not exist yet.
-        with reporting_write_errors(record):
-            record.parent.mkdir(parents=True, exist_ok=True)
-    check_output_file(record, "--record", tuple(STREAM_WRITERS))
-    named_file = rrd or record or model
-    if named_file is not None:
-        page = page or named_file.with_suffix(".html")
-        model = model or named_file.with_suffix(".model.json")
-    check_output_file(model, "--model", (".json",))
-    check_output_file(page, "--html", (".html",))
-    return OutputPaths(rrd, record, model, page)
 
 
 def _run_and_show_status(
@@ -728,58 +633,9 @@ def _lines_on_written_files(
         session: The session, which has ended.
         account: Seconds of the session by their use.
     """
-    lines = written_file_lines(
-        record=paths.record,
-        frame_count=0 if recording is None else recording.frame_count,
-        rrd=paths.rrd,
-        page=paths.page,
-        model=paths.model,
-    )
+    lines = written_file_lines(paths, 0 if recording is None else recording.frame_count)
     advice = None
     if session.gain_adviser is not None:
         advice = session.gain_adviser.facts
     lines.append(gains_line(advice, account))
     return lines
-
-
-def _written_files(paths: OutputPaths, recording: RawRecording | None) -> JsonValues:
-    """Returns the files that a session has written, as its JSON document lists them.
-
-    Args:
-        paths: Paths of the written files; None for a file that was not written.
-        recording: Raw recording of the stream, if there is one.
-
-    Returns:
-        Path by kind of the file, None for a file that was not written; for the raw recording path and frame count.
-    """
-    files = JsonValues(rrd=None, record=None, model=None, html=None)
-    if paths.rrd is not None:
-        files["rrd"] = str(paths.rrd)
-    if recording is not None:
-        files["record"] = {"file": str(paths.record), "frames": recording.frame_count}
-    if paths.model is not None:
-        files["model"] = str(paths.model)
-    if paths.page is not None:
-        files["html"] = str(paths.page)
-    return files
-
-
-def _write_text(path: Path | None, text: str, subject: str) -> bool:
-    """Writes the model or the page, and reports on standard error if that fails.
-
-    Args:
-        path: Path of the file; None if it is not to be written.
-        text: Content of the file.
-        subject: Kind of the file, "model" or "page".
-
-    Returns:
-        Whether it succeeded: False if the file should have been written and could not be.
-    """
-    if path is None:
-        return True
-    try:
-        write_text_atomically(path, text)
-    except Unreadable as error:
-        print_to_stderr(f"The {subject} is lost: {error}")
-        return False
-    return True

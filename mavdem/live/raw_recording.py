@@ -141,6 +141,17 @@ class RawRecording:
             if self._mcap is not None:
                 self._mcap.finish()  # type: ignore[no-untyped-call]
 
+    def remove_if_empty(self) -> bool:
+        """Deletes the file of a closed recording that has no frame, so that nobody takes it for a log.
+
+        Returns:
+            Whether it had none.
+        """
+        if self.frame_count:
+            return False
+        Path(self._path).unlink(missing_ok=True)
+        return True
+
     def move_after(
         self, system: int, component: int, destination: RawRecording
     ) -> list[ReceivedPiece]:

@@ -178,7 +178,9 @@ def test_without_a_vehicle_it_ends_with_nothing_kept(here, capsys, monkeypatch):
     captured = capsys.readouterr()
     document = strict_json(captured.out)
     assert "No vehicle" in captured.err
-    assert document["vehicle"] is document["model"] is document["rrd"] is None
+    assert document["vehicle"] is document["model"] is document["rrd"] is document["record"] is None
+    # A recording without a message is no log to judge.
+    assert "f.tlog was not written" in captured.err and not (here / "f.tlog").exists()
     assert document["samples"] == {"learnt": 0, "shown": 0}
 
 

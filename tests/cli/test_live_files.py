@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from mavdem.cli.live_files import gains_line, written_file_lines
+from mavdem.cli.live_files import OutputPaths, gains_line, written_file_lines
 from mavdem.facts import Fact
 from mavdem.facts.loops import GainFact, LoopAction, LoopFact
 from mavdem.facts.session import TimeUse
@@ -11,20 +11,20 @@ NOTHING = dict.fromkeys(TimeUse, 0.0)
 
 
 def test_each_written_file_has_a_line_with_what_opens_it():
-    lines = written_file_lines(
-        record=Path("my flight.tlog"),
-        frame_count=12_345,
+    paths = OutputPaths(
         rrd=Path("f.rrd"),
-        page=Path("f.html"),
+        record=Path("my flight.tlog"),
         model=Path("f.model.json"),
+        page=Path("f.html"),
     )
+    lines = written_file_lines(paths, frame_count=12_345)
     assert lines == [
         "Recording: my flight.tlog, 12,345 messages. Judge it: `mavdem 'my flight.tlog'`",
         "Dashboard: f.rrd. Open it: `rerun f.rrd`",
         "Page: f.html. Open it in a browser.",
         "Model: f.model.json. For the next flight: `--prior f.model.json`",
     ]
-    assert written_file_lines(record=None, frame_count=0, rrd=None, page=None, model=None) == []
+    assert written_file_lines(OutputPaths(None, None, None, None), frame_count=0) == []
 
 
 def test_without_advised_gains_the_reason_is_printed():
