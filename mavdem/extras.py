@@ -1,6 +1,7 @@
 """Optional dependencies (extras of the package): which are installed, and facts (coded findings) on missing ones."""
 
 import os
+from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -59,7 +60,20 @@ def missing_extra_fact(extra: str, subject: str) -> Fact | None:
     names = missing_modules(extra)
     if not names:
         return None
-    return Fact(PackageFact.EXTRA_MISSING, subject=subject, extra=extra, names=names)
+    fact = Fact(PackageFact.EXTRA_MISSING, subject=subject, extra=extra, names=names)
+    if _is_installed():
+        return fact
+    # Pip does not know this package then, and installs it from its source.
+    return fact.replace(folder=str(Path(__file__).parents[1]))
+
+
+def _is_installed() -> bool:
+    """Returns whether pip has installed this package, rather than that its source is run where it lies."""
+    try:
+        distribution("mavdem")
+    except PackageNotFoundError:
+        return False
+    return True
 
 
 def require_extra(extra: str, subject: str = "") -> None:

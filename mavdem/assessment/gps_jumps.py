@@ -13,10 +13,9 @@ import scipy
 from mavdem.arrays import Array
 from mavdem.dataset.intervals import TimeInterval
 from mavdem.dataset.position_fix import RECEIVER_MESSAGES, has_fix_by_row
-from mavdem.dataset.signals import EARTH_RADIUS, global_positions
+from mavdem.dataset.signals import global_positions, plane_positions
 from mavdem.dataset.time_series import TimeSeries, clean_series
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.ingest.vocabulary import wrapped_angle
 
 MIN_JUMP = 2.5
 """Smallest distance, m, of a jump, from which the filters of PX4 and ArduPilot reject a position.
@@ -105,13 +104,7 @@ def _receiver_positions(telemetry: Telemetry, message: str) -> TimeSeries | None
     is_fix = is_valid & has_fix_by_row(columns)
     if not is_fix.any():
         return None
-    latitude_and_longitude = np.radians(degrees)
-    origin = latitude_and_longitude[np.argmax(is_fix)]
-    # Wrapping keeps the distance small across the date line too.
-    angles = wrapped_angle(latitude_and_longitude - origin)
-    # A circle of latitude is shorter than the equator by the cosine of its latitude.
-    origin_latitude, _ = origin
-    metres = EARTH_RADIUS * angles * [1.0, np.cos(origin_latitude)]
+    metres = plane_positions(degrees, origin=degrees[np.argmax(is_fix)])
     return clean_series(columns, metres, is_fix)
 
 

@@ -29,6 +29,7 @@ from mavdem.facts.assessment import NextStep
 from mavdem.facts.event import LEARNING_STATES, SESSION_STATES, Event
 from mavdem.facts.session import LinkFact, RowsFact, SessionFact, VehicleFact
 from mavdem.facts.watch import WatchFact
+from mavdem.live import clock
 from mavdem.live.session import LiveSession
 from mavdem.live.session_status import SessionStatus
 from mavdem.report.blocks import shortened
@@ -622,7 +623,7 @@ def _status_texts(status: SessionStatus) -> StatusTexts:
     judgement = status.overall_judgement
     judgement_text = _judgement_text(judgement)
     sentences = []
-    for sentence in render_section("live_status", status=status):
+    for sentence in render_section("live_status", status=status, time=clock.unix_time()):
         sentences.append(escape_unprintable(sentence.text))
     reason = status.no_model_reason
     if reason is not None:

@@ -299,14 +299,9 @@ class VehicleSignals:
         positions = global_positions(columns)
         if not positions.is_fix.any():
             return None
-        radians = np.radians(positions.degrees)
         # ``argmax`` returns the row of the first true flag, the first fix.
-        origin = radians[np.argmax(positions.is_fix)]
-        # Wrapping keeps the distance small across the date line too.
-        angles = wrapped_angle(radians - origin)
-        # A degree of longitude is shorter than one of latitude, by the cosine of the latitude.
-        origin_latitude, _ = origin
-        horizontal = EARTH_RADIUS * angles * [1.0, np.cos(origin_latitude)]
+        origin = positions.degrees[np.argmax(positions.is_fix)]
+        horizontal = plane_positions(positions.degrees, origin)
         down = -float_column(columns, "relative_alt") / MILLIMETRES_PER_METRE
         return clean_series(columns, np.column_stack([horizontal, down]), positions.is_fix)
 
@@ -538,6 +533,23 @@ def global_positions(columns: Columns) -> GlobalPositions:
     is_possible = (abs(degrees) <= [MAX_LATITUDE, MAX_LONGITUDE]).all(axis=1)
     is_fix = degrees.any(axis=1) & is_possible
     return GlobalPositions(degrees, np.asarray(is_fix))
+
+
+def plane_positions(degrees: Array, origin: Array) -> Array:
+    """Projects geographic positions onto the plane that touches the earth, a sphere, at one of them.
+
+    Args:
+        degrees: Latitude and longitude (N, 2), degrees.
+        origin: Latitude and longitude (2,) of the point of contact, degrees.
+
+    Returns:
+        Metres north and east of it (N, 2).
+    """
+    # Wrapping keeps the distance small across the date line too.
+    angles = wrapped_angle(np.radians(degrees - origin))
+    # A degree of longitude is shorter than one of latitude, by the cosine of the latitude.
+    origin_latitude, _ = np.radians(origin)
+    return np.asarray(EARTH_RADIUS * angles * [1.0, np.cos(origin_latitude)])
 
 
 def rate_between_outages(stream: Attitude | MotorOutputs | TimeSeries) -> float:

@@ -94,6 +94,7 @@ class NextStep(Code):
     KEEP_PARAMETERS = "keep_parameters"
     KEEP_MODEL = "keep_model"
     KEEP_LOG = "keep_log"
+    RECORD_NEXT_FLIGHT = "record_next_flight"
     LOAD_GAINS = "load_gains"
     FLY_BEFORE_GAINS = "fly_before_gains"
     TUNE_OTHER_AXES = "tune_other_axes"

@@ -166,6 +166,7 @@ class SessionFact(Code):
     FIT_UNFINISHED = "fit_unfinished"
     RECORDING_NOT_JUDGED = "recording_not_judged"
     RECORDING_JUDGED = "recording_judged"
+    LIGHT_OF_RECORDING = "light_of_recording"
     SECONDS_SPENT = "seconds_spent"
     WIND_KNOWN = "wind_known"
     WIND_SPEED = "wind_speed"

@@ -5,10 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.arrays import Array
 from mavdem.containers import Numbers
 from mavdem.dataset.extreme_tilt import MAX_TILT
 from mavdem.dataset.setpoints import MAX_SETPOINT_AGE
+from mavdem.dataset.signals import global_positions, plane_positions
 from mavdem.dataset.steady_flight import is_far_from_setpoint
+from mavdem.ingest.vocabulary import MILLIMETRES_PER_METRE
 from mavdem.live.messages import AttitudeSample, TiltSetpoint
 
 MAX_POSITION_AGE = 1.0
@@ -53,6 +56,10 @@ class PoseTracker:
         self._setpoint = TiltSetpoint()
         self._position_time = -inf
         self._position: Numbers = ()
+        # Whether LOCAL_POSITION_NED has come in this boot: then GLOBAL_POSITION_INT, whose origin differs, is not used.
+        self._has_local_position = False
+        # Latitude and longitude of the first GLOBAL_POSITION_INT with a position, degrees (2,): the origin of all.
+        self._global_origin: Array | None = None
         # Where the vehicle last stood on the ground.
         self._ground_position: Numbers | None = None
 
@@ -62,9 +69,11 @@ class PoseTracker:
         self._ground_position = None
         self._setpoint_time = -inf
         self._position_time = -inf
+        self._has_local_position = False
+        self._global_origin = None
 
     def add_position(self, time: float, position: Numbers, *, is_flying: bool = True) -> None:
-        """Stores the latest position, which the next attitudes get; one that is not finite is ignored.
+        """Stores the latest position by LOCAL_POSITION_NED, which the next attitudes get, unless it is not finite.
 
         Args:
             time: time on the boot clock, s.
@@ -74,6 +83,43 @@ class PoseTracker:
         is_finite = all(isfinite(coordinate) for coordinate in position)
         if not is_finite:
             return
+        if not self._has_local_position:
+            self._has_local_position = True
+            # What was known so far is by another origin.
+            self._ground_position = None
+            self.takeoff_position = None
+        self._store_position(time, position, is_flying=is_flying)
+
+    def add_global_position(self, time: float, values: Numbers, *, is_flying: bool) -> None:
+        """Stores the latest position by GLOBAL_POSITION_INT; it is ignored where LOCAL_POSITION_NED comes, or 0.
+
+        Args:
+            time: time on the boot clock, s.
+            values: altitude above the home position, mm, latitude and longitude, units of 1e-7 degrees.
+            is_flying: whether the vehicle is in the air.
+        """
+        if self._has_local_position:
+            return
+        altitude, latitude, longitude = values
+        degrees, is_fix = global_positions(
+            {"lat": np.array([latitude]), "lon": np.array([longitude])}
+        )
+        if not is_fix.all():
+            return
+        if self._global_origin is None:
+            self._global_origin = degrees[0]
+        [[north, east]] = plane_positions(degrees, self._global_origin).tolist()
+        down = -altitude / MILLIMETRES_PER_METRE
+        self._store_position(time, (north, east, down), is_flying=is_flying)
+
+    def _store_position(self, time: float, position: Numbers, *, is_flying: bool) -> None:
+        """Stores the latest position, and the place of the take-off when the vehicle leaves the ground.
+
+        Args:
+            time: time on the boot clock, s.
+            position: north, east and down, m.
+            is_flying: whether the vehicle is in the air.
+        """
         self._position_time = time
         self._position = position
         if not is_flying:

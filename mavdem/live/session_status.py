@@ -85,6 +85,9 @@ STATES_OF_LEARNING = (
 )
 """Reasons without a model that say what the session does, and nothing about the vehicle: no verdict on a flight."""
 
+LOG_KEEPING_STEPS = (NextStep.KEEP_LOG, NextStep.KEEP_MODEL)
+"""Next steps after a flight without fault that need a log of it."""
+
 
 class Latency(NamedTuple):
     """Seconds from the arrival of a packet on this computer to the estimate that it completes; NaN before any."""
@@ -262,6 +265,9 @@ class SessionStatus(ImmutableResult):
     verdicts: tuple[FlightVerdict, ...] = ()
     """The verdicts on all flights of the session up to now, in their order; ``verdicts_worst_first`` is up to date."""
 
+    is_recorded: bool = True
+    """Whether what is received is recorded, so that a log can be kept and judged."""
+
     absent_messages: frozenset[str] = frozenset()
     """Names of the messages that do not come, although the vehicle was asked for them."""
 
@@ -316,7 +322,8 @@ class SessionStatus(ImmutableResult):
         if not self.is_over:
             return self._judgement_in_flight(judgement)
         link_loss = self.link_loss
-        if link_loss is not None and not judgement.headline.is_bad:
+        if link_loss is not None:
+            # What was found before, such as a weak motor, is the cause that this fact has.
             return _judgement_with_headline(link_loss, judgement.lights)
         return self._judgement_with_recording(judgement)
 
@@ -573,11 +580,13 @@ class SessionStatus(ImmutableResult):
         """Returns the judgement of a flight that is over, with the verdict of its recording as headline.
 
         While that is awaited, what was found in flight stays the headline, but an all-clear does not: the recording
-        may show more.
+        may show more. Where nothing was recorded, no step needs a log.
 
         Args:
             judgement: judgement of the flight by this session.
         """
+        if not self.is_recorded and judgement.next_step.code in LOG_KEEPING_STEPS:
+            judgement = replace(judgement, next_step=Fact(NextStep.RECORD_NEXT_FLIGHT))
         verdict = self.recording_verdict
         if verdict is None or self.flight_number == 0 or self.is_recording_judged:
             return judgement
@@ -585,7 +594,10 @@ class SessionStatus(ImmutableResult):
         if is_awaited and judgement.headline.is_watch_or_bad:
             return judgement
         next_step = Fact(NextStep.DO_AS_ADVISED, reason=verdict)
-        return replace(judgement, headline=verdict, next_step=next_step)
+        lights = judgement.lights
+        if not is_awaited:
+            lights = _lights_of_recording(lights, verdict.figures["levels"])
+        return replace(judgement, headline=verdict, next_step=next_step, lights=lights)
 
     def _judgement_of_silent_vehicle(self, judgement: Judgement, reason: Fact) -> Judgement:
         """Returns a judgement for a vehicle in flight whose messages do not come: how it flies is not known.
@@ -601,14 +613,13 @@ class SessionStatus(ImmutableResult):
             missing = MissingMessages.MOTION
         lights = lights_during_silence(judgement.lights, self._missing_age(reason), missing)
         link_loss = self.link_loss
-        silence = link_loss or reason
-        headline = silence
-        next_step = Fact(NextStep.DO_AS_ADVISED, reason=silence)
-        if is_urgent:
-            next_step = Fact(NextStep.LAND_NOW, reason=alarm_or_headline)
-            if link_loss is None:
-                # The fact of a lost link has the alarm as its cause; another silence does not.
-                headline = alarm_or_headline
+        headline = link_loss or reason
+        if is_urgent and link_loss is None:
+            # The fact of a lost link has the alarm as its cause, and advises a landing by sight; another silence does
+            # not.
+            headline = alarm_or_headline
+        step = NextStep.LAND_NOW if is_urgent else NextStep.DO_AS_ADVISED
+        next_step = Fact(step, reason=headline)
         return replace(judgement, headline=headline, next_step=next_step, lights=lights)
 
     def _missing_age(self, reason: Fact) -> float | None:
@@ -881,6 +892,25 @@ def _is_event(fact: Fact) -> bool:
         fact = fact.figures["reason"]
     is_fall = fact.code in FALLS
     return is_fall or isinstance(fact.code, (Ending, MotionEvent, ReportedEvent))
+
+
+def _lights_of_recording(
+    lights_in_flight: NamedFacts, recorded_levels: Mapping[str, str]
+) -> dict[str, Fact]:
+    """Returns the lights of a flight that is over, with the levels of its recording where that has one.
+
+    A light whose level is the same keeps its words. What the recording leaves unknown stays as it was in flight.
+
+    Args:
+        lights_in_flight: the judgement of each part of the vehicle in the session, by the name of the part.
+        recorded_levels: levels by the recording, by the same names; empty where a part is not judged.
+    """
+    lights = dict(lights_in_flight)
+    for name, light in lights_in_flight.items():
+        level = recorded_levels[name]
+        if level not in ("", Level.UNKNOWN, light.level):
+            lights[name] = Fact(SessionFact.LIGHT_OF_RECORDING, Level(level))
+    return lights
 
 
 def _judgement_by_lights(judgement: Judgement, *, keeps_next_step: bool) -> Judgement:

@@ -94,6 +94,7 @@ class StatusReport:
             rates=rates,
             watch_facts=watch_facts,
             analysis_delay=analysis_delay,
+            is_recorded=self.intake.recording is not None,
             absent_messages=self.rates.absent_messages,
             link_outage=self.silence.outage if status.is_flying else None,
         )

@@ -539,7 +539,8 @@ class LiveStream:
 
         Args:
             message: one of ``VELOCITY_MESSAGES``: velocity down, north and east in its unit; in LOCAL_POSITION_NED, in
-                m/s, the position north, east and down, m, follows.
+                m/s, the position north, east and down, m, follows; in GLOBAL_POSITION_INT relative altitude, latitude
+                and longitude.
             time: time on the boot clock, s.
         """
         first_wind = None
@@ -553,6 +554,8 @@ class LiveStream:
             north_and_east = message.values[1:3]
             self._pose.add_position(time, position, is_flying=self.is_flying)
             self._watch_drift(time, north_and_east)
+        elif message.name == "GLOBAL_POSITION_INT":
+            self._pose.add_global_position(time, message.values[3:], is_flying=self.is_flying)
         if first_wind is not None:
             self._report(first_wind)
 

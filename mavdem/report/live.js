@@ -62,7 +62,7 @@
     const plot = plotOf(light.querySelector("dt").textContent);
     if (!plot) return;
     event.preventDefault();
-    plot.scrollIntoView();
+    showPart(plot);
   });
 
   // A plot is not changed under a finger or a pressed button, which may be choosing what to zoom to. Where a menu opens, or
@@ -179,10 +179,13 @@
   jump.addEventListener("click", ({ target }) => {
     const part = PARTS[target.textContent]?.(), closed = part?.closest("details:not([open])");
     if (closed) closed.open = true;
-    part?.scrollIntoView();
+    if (part) showPart(part);
   });
   document.body.append(jump);
   showJumps();
+
+  // The last page of a session does not change any more: nothing follows, no alarm sounds, and nobody is asked for it.
+  const isLast = () => main.dataset.level === undefined;
 
   // What the tab shows and sounds of the newest state.
   let alarms = +main.dataset.alarms;
@@ -190,6 +193,7 @@
     const newest = +main.dataset.alarms;
     if (newest > alarms) sound(880, 5);
     alarms = newest;
+    button.hidden = isLast();
     document.title = title;
     colourIcon(main.dataset.level ?? "unknown");
   };
@@ -209,8 +213,12 @@
   root.addEventListener("renewed", showAlarm);
   showAlarm();
 
-  // The last page of a session does not change any more: nothing follows, and nobody is asked for it.
-  const isLast = () => main.dataset.level === undefined;
+  // Scrolls to a part of the page, below the alarm that covers the edge of the window there.
+  const showPart = part => {
+    part.scrollIntoView();
+    showAlarm();
+    if (!strip.hidden) scrollBy(0, Math.min(0, part.getBoundingClientRect().top - strip.getBoundingClientRect().bottom));
+  };
 
   const flightNumber = () => document.getElementById("flight")?.dataset.flight;
   const show = text => {

@@ -14,7 +14,7 @@ from mavdem.facts.session import SessionFact, TimeUse
 from mavdem.facts.watch import WatchFact
 from mavdem.fleet.names import GivenNames
 from mavdem.live.history import REPORTED_HORIZON, HorizonErrors, LiveHistory
-from mavdem.live.session_status import SessionStatus
+from mavdem.live.session_status import SessionStatus, cause_of_alarm
 from mavdem.motors.motor_changes import FALSE_ALARMS
 from mavdem.report.blocks import Blocks, Sentence, Table
 from mavdem.report.numbers import display_unit, name_with_unit
@@ -163,7 +163,8 @@ def live_alarm(status: SessionStatus) -> str:
         return ""
     reason_to_land = None
     if judgement.next_step.code is NextStep.LAND_NOW:
-        reason_to_land = judgement.next_step.figures["reason"]
+        # The strip names what is wrong with the vehicle, also where its link was lost since.
+        reason_to_land = cause_of_alarm(judgement.next_step.figures["reason"])
     sentences = render_section("live_alarm", alarm=reason_to_land, headline=headline)
     return " ".join(sentence.text for sentence in sentences)
 

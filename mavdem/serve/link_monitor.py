@@ -16,6 +16,7 @@ from mavdem.errors import Refusal, fact_from_error
 from mavdem.facts import Fact, Level
 from mavdem.facts.event import Event
 from mavdem.facts.events import ReportedEvent
+from mavdem.facts.lights import Light
 from mavdem.facts.serve import RefusalReason, Stage
 from mavdem.facts.session import LinkFact, RecordingState, RowsFact, SessionFact, VehicleFact
 from mavdem.facts.watch import WatchFact
@@ -40,6 +41,12 @@ from mavdem.serve.live_pages import (
 
 MAX_SILENT_PAGES = 12
 """Pages in a row during which nothing is received, a minute in all, after which the session of a vehicle is over."""
+
+MAX_SILENT_PAGES_AFTER_LANDING = 3
+"""The same after a landing, 15 s in all: a choice. The vehicle was switched off, or its next flight is one of its own.
+
+An autopilot that reboots, or a radio that fades, is mostly back before.
+"""
 
 REPORTED_CODES = frozenset(
     {
@@ -67,7 +74,11 @@ NO_VEHICLE_CODES = frozenset(
 )
 """Obstacles of a session on whose link no vehicle has come yet."""
 
-AWAITED_IN_SESSION = Fact(SessionFact.RECORDING_NOT_JUDGED, kind=RecordingState.IN_SESSION)
+AWAITED_IN_SESSION = Fact(
+    SessionFact.RECORDING_NOT_JUDGED,
+    kind=RecordingState.IN_SESSION,
+    duration=MAX_SILENT_PAGES_AFTER_LANDING * PAGE_SECONDS,
+)
 """The verdict of a recording whose session goes on."""
 
 MODEL_AXIS = "roll"
@@ -110,10 +121,11 @@ class _FinishedFlight(NamedTuple):
 class LinkMonitor:
     """Runs live sessions on a link, one after the other, in a thread; nothing is sent to the vehicle unless asked for.
 
-    A session ends when its vehicle is silent for a minute, or for ``SUCCESSION_SECONDS`` while another one sends, which
-    the next session follows; when its vehicle restarts after a landing, or takes off again after it restarted on the
-    ground while its link was lost in the air, since its next flight is one of its own; and when the server ends. After
-    an error, such as a full disk, no further session begins; what was recorded until then is kept.
+    A session ends when its vehicle is silent for a minute, after a landing for 15 s, or for ``SUCCESSION_SECONDS``
+    while another one sends, which the next session follows; when its vehicle restarts after a landing, or takes off
+    again after it restarted on the ground while its link was lost in the air, since its next flight is one of its
+    own; and when the server ends. After an error, such as a full disk, no further session begins; what was recorded
+    until then is kept.
 
     Attributes:
         problem: why no session runs any more; None while one does.
@@ -265,10 +277,8 @@ class LinkMonitor:
                 )
         finally:
             self._warn_of_lost_datagrams()
-            if incoming.recording.frame_count:
+            if not incoming.recording.remove_if_empty():
                 self._store_recording(session, incoming)
-            else:
-                incoming.path.unlink()
 
     def _new_session(self, incoming: _IncomingRecording, executor: LearningProcess) -> LiveSession:
         """Begins a session, and resets what the monitor has noted of the session before.
@@ -452,7 +462,10 @@ class LinkMonitor:
 
     def _is_over(self) -> bool:
         """Returns whether the session is to end, since the server stops or the vehicle has been silent for long."""
-        return self._is_stopping.is_set() or self._silent_pages >= MAX_SILENT_PAGES
+        longest_silence = MAX_SILENT_PAGES
+        if self._has_landed:
+            longest_silence = MAX_SILENT_PAGES_AFTER_LANDING
+        return self._is_stopping.is_set() or self._silent_pages >= longest_silence
 
     def _watch_session(self, session: LiveSession) -> None:
         """Updates the page of the running session if it is due; called every ``NEWS_SECONDS``.
@@ -548,7 +561,13 @@ def _verdict_on_recording(entry: LibraryEntry) -> Fact:
         entry: the recording in the library, which has a level once it is judged.
     """
     if entry.level:
-        return Fact(SessionFact.RECORDING_JUDGED, Level(entry.level), headline=entry.headline)
+        return Fact(
+            SessionFact.RECORDING_JUDGED,
+            Level(entry.level),
+            headline=entry.headline,
+            next_step=entry.next_step,
+            levels={light: getattr(entry, light) for light in Light},
+        )
     state = RecordingState.BEING_READ
     if entry.stage == Stage.FAILED:
         state = RecordingState.FAILED

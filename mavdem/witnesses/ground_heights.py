@@ -15,7 +15,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.dataset.intervals import Intervals, TimeInterval, in_intervals, intersection
 from mavdem.dataset.position_fix import RECEIVER_MESSAGES, has_fix_by_row
-from mavdem.dataset.signals import EARTH_RADIUS, Signals, global_positions
+from mavdem.dataset.signals import Signals, global_positions, plane_positions
 from mavdem.dataset.time_series import TimeSeries, clean_series, float_column, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.ingest.vocabulary import MILLIMETRES_PER_METRE
@@ -138,10 +138,8 @@ def horizontal_distance(start: Array, end: Array) -> float:
     Returns:
         The horizontal distance, m.
     """
-    latitude_change, longitude_change = np.radians(end - start)[:2]
-    # Meridians converge towards the poles, so that a degree of longitude is shorter there.
-    east = np.cos(np.radians(start[0])) * longitude_change
-    return float(EARTH_RADIUS * np.hypot(latitude_change, east))
+    [displacement] = plane_positions(end[np.newaxis, :2], origin=start[:2])
+    return float(np.hypot(*displacement))
 
 
 @cached_per_vehicle()

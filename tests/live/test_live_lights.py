@@ -29,7 +29,7 @@ from mavdem.live.session_status import SessionStatus
 from mavdem.live.takeoff_place import Displacement
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.live.wind import WindEstimate
-from mavdem.report.live import light_rows, vehicle_text
+from mavdem.report.live import light_rows, live_alarm, vehicle_text
 from mavdem.report.templates import as_clause
 
 RATES = {"ATTITUDE": 25.0, "SERVO_OUTPUT_RAW": 25.0}
@@ -158,8 +158,19 @@ def test_an_all_clear_after_a_landing_waits_for_the_recording(slow):
     weak = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 1", share=0.9)
     warned = replace(landed, worst_lights={Light.MOTORS: weak})
     assert warned.overall_judgement.headline == weak
-    judged = Fact(SessionFact.RECORDING_JUDGED, Level.WATCH, headline="Too little margin.")
-    assert replace(warned, recording_verdict=judged).overall_judgement.headline == judged
+    levels = dict.fromkeys(Light, "good") | {Light.POWER: "watch", Light.MOTORS: "unknown"}
+    judged = Fact(
+        SessionFact.RECORDING_JUDGED,
+        Level.WATCH,
+        headline="Too little margin.",
+        next_step="Lower the gains.",
+        levels=levels,
+    )
+    by_recording = replace(warned, recording_verdict=judged).overall_judgement
+    assert by_recording.headline == judged and str(by_recording.next_step) == "Lower the gains."
+    # No light contradicts the recording, and what that leaves unknown stays as it was found in flight.
+    assert by_recording.lights[Light.POWER].level is Level.WATCH
+    assert by_recording.lights[Light.MOTORS] == weak
     assert replace(flown, recording_verdict=awaited).overall_judgement.headline != awaited
 
 
@@ -291,12 +302,16 @@ def test_no_light_is_good_while_a_flying_vehicle_is_silent(silent):
 
 def test_an_alarm_before_a_lost_link_is_in_its_headline_and_decides_what_to_do(silent):
     weak = Fact(
-        MotorWatchFact.MOTOR_LOST_THRUST, Level.BAD, subject="motor 1", loss=(0.09, 0.26), clock=9.0
+        MotorWatchFact.MOTOR_LOST_THRUST, Level.BAD, subject="motor 1", loss=(0.09, 0.26), time=9.0
     )
     alarmed = replace(silent, active_alarms=(weak,), worst_lights={Light.MOTORS: weak})
     judgement = alarmed.overall_judgement
     assert judgement.headline.is_bad and judgement.headline.figures["cause"] == weak
-    assert judgement.next_step == Fact(NextStep.LAND_NOW, reason=weak)
+    assert judgement.next_step == Fact(NextStep.LAND_NOW, reason=judgement.headline)
+    assert live_alarm(alarmed) == "⚠ Motor 1: land now"
+    over = replace(alarmed, is_over=True).overall_judgement
+    assert over.headline.figures["cause"] == weak
+    assert over.next_step.figures["reason"] == over.headline
     assert judgement.lights[Light.MOTORS] == weak and alarmed.further_alarms == ()
     # A vehicle that is lost is not missed.
     crashed = Fact(Ending.CRASHED, time=50.0, height=0.0, speed=5.0, cause=None, mode="", word=None)

@@ -92,8 +92,8 @@ def test_a_motor_that_weakens_is_named_in_flight_and_by_its_log(flown):
     # The headline states it, and what stands beside the headline does not state it again.
     headline = status.overall_judgement.headline
     assert (headline.code, headline.subject) == (alarm.fact.code, fact.subject)
-    texts = [block.text for block in render_section("live_status", status=status)]
-    assert texts[0].startswith("Not learning;") and str(fact) not in texts
+    texts = [block.text for block in render_section("live_status", status=status, time=0.0)]
+    assert "Not learning;" in texts[0] and str(fact) not in texts
     blocks = live_report(LiveHistory(), status, dict.fromkeys(TimeUse, 0.0), "roll")
     assert any("motor 3 (front left)" in str(block).lower() for block in blocks)
     assert not SessionStatus().active_alarms

@@ -21,6 +21,26 @@ class Unplaced(Flight):
         return []
 
 
+def test_without_a_local_position_the_global_one_shows_distance_and_height():
+    """The vehicle moves by 1e-4 degrees of latitude, 11 m, and climbs by 10 m; before that no position is known."""
+    positions = [
+        (
+            time,
+            message(
+                "GLOBAL_POSITION_INT",
+                time_boot_ms=round(1e3 * time),
+                lat=degrees and round(1e7 * degrees),
+                lon=degrees and round(85e6),
+                relative_alt=round(1e3 * height),
+            ),
+        )
+        for time, degrees, height in ((5.1, 0, 0), (5.2, 47.0, 0.5), (12.0, 47.0001, 10.5))
+    ]
+    flight = Unplaced(Hover(hovering=8.0), attitude=20.0, motors=20.0).frames(end=12.8)
+    status = replay(by_time(flight, positions)).stream.status()
+    assert status.displacement_from_takeoff == (approx(11.1, abs=0.1), approx(10.0))
+
+
 def test_distance_and_height_from_the_take_off_are_shown_in_flight(monkeypatch):
     """Positions 20 m east of the take-off and 10 m above it are received."""
     drift_samples = Mock(wraps=drift_sample)

@@ -11,7 +11,7 @@ from mavdem.facts.event import Event
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.loops import LoopFact
 from mavdem.facts.online import SurpriseCause
-from mavdem.facts.session import SessionFact
+from mavdem.facts.session import MissingMessages, RowsFact, SessionFact
 from mavdem.facts.witnesses import SensorFact
 from mavdem.live.history import LiveHistory
 from mavdem.report.brief_events import place_among_equals, worst_events
@@ -105,6 +105,9 @@ def test_a_live_page_has_its_newest_alarm_beside_the_headline_unless_that_states
     assert head._replace(is_in_flight=False).newest_alarm is None
 
 
+NOTHING_RECEIVED = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0)
+
+
 def _history_of(*events):
     """Returns the history of a live session with some events."""
     history = LiveHistory()
@@ -125,6 +128,15 @@ def test_a_live_page_lists_states_of_the_session_apart_from_the_vehicle_and_resu
     assert listed == [(2, SessionFact.FIRST_MODEL), (1, ReportedEvent.MOTORS_DISARMED)]
     states = [(one.number, one.event.fact.code) for one in head.session_events]
     assert states == [(None, SessionFact.BEING_LEARNED)] * 2
+
+
+def test_an_event_of_a_silence_that_has_ended_advises_nothing_any_more():
+    silence = Event(0.0, NOTHING_RECEIVED, reception=0.0)
+    resumed = Event(1.0, Fact(RowsFact.MESSAGES_RESUMED, duration=9.0), reception=0.0)
+    history = _history_of(silence, resumed, silence)
+    before, _, again = _numbered_live_events(history, unjudged(LOST), ())
+    assert before.sentence == NOTHING_RECEIVED.sentence
+    assert again.sentence == NOTHING_RECEIVED.sentence_and_remedy
 
 
 def test_the_closing_list_of_a_live_flight_has_the_event_of_its_headline():

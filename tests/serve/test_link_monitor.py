@@ -104,8 +104,12 @@ def test_a_session_has_a_page_and_leaves_its_log(tmp_path, heard):
         assert server.get("/live").status == 404 and "/live" not in server.get("/").text
 
 
-def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_a_minute(idle, monkeypatch):
+@mark.parametrize(("has_landed", "longest_silence"), [(False, 60), (True, 15)])
+def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_long(
+    idle, monkeypatch, has_landed, longest_silence
+):
     live, _ = idle
+    live._has_landed = has_landed
     monkeypatch.setattr(live_pages, "live_page", Mock(return_value=""))
     session = Mock(status=SessionStatus("1:1"))
     session.history.events = []
@@ -118,7 +122,7 @@ def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_a_minute(
         live._update_page(session)
         seconds += link_monitor.PAGE_SECONDS * (not live._is_over())
     live._link.close()
-    assert seconds == 60
+    assert seconds == longest_silence
 
 
 def test_the_page_counts_the_seconds_since_a_vehicle_fell_silent_in_flight(idle, monkeypatch):

@@ -29,7 +29,7 @@ from mavdem.facts.event import Event
 from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.loops import GainFact, LoopAction
-from mavdem.facts.session import SessionFact, TimeUse
+from mavdem.facts.session import LinkFact, RowsFact, SessionFact, TimeUse
 from mavdem.facts.watch import WatchFact
 from mavdem.facts.wind import WindLight
 from mavdem.fleet.names import NO_NAMES, GivenNames
@@ -124,6 +124,15 @@ CHAPTER_OF_LIGHT = {
 
 GAINS_TITLE = "Gains"
 """Title of a live page's chapter with the gains that were advised after a landing."""
+
+SILENCES_OF_LINK = (LinkFact.LOST_IN_FLIGHT, LinkFact.CONNECTION_LOST, RowsFact.NOTHING_RECEIVED)
+"""Events of a live session whose advice is out of date once messages come again."""
+
+MAX_SHOWN_SILENCE = 20.0
+"""Time for which the time axis of a live page goes on after the last message, s: a choice.
+
+The plots show the last 30 s, so that the last 10 s before the silence stay in sight.
+"""
 
 SECONDS_PER_MINUTE = 60
 """Seconds of a minute."""
@@ -780,7 +789,10 @@ def live_page(
     judgement = status.overall_judgement
     timeline = live_timeline(history, axis)
     if timeline is not None:
-        timeline = timeline._replace(takeoff=status.takeoff_position)
+        first_time, last_time = timeline.span
+        timeline = timeline._replace(
+            takeoff=status.takeoff_position, span=(first_time, last_time + _shown_silence(status))
+        )
     chapters = _live_chapters(axis, history, status, seconds_by_use, learned)
     page_events = _numbered_live_events(history, judgement, status.alarms)
     if timeline is not None:
@@ -824,6 +836,18 @@ def live_page(
         # A page of a session that goes on is sent every few seconds.
         MAX_POINTS if status.is_over else MAX_POINTS_OF_SMALL_PAGE,
     )
+
+
+def _shown_silence(status: SessionStatus) -> float:
+    """Returns for how long the time axis of a live page goes on after the last message of a vehicle in flight, s.
+
+    Args:
+        status: state of the session now, or at its end.
+    """
+    link_loss = status.link_loss
+    if link_loss is None or status.is_over:
+        return 0.0
+    return min(link_loss.figures["duration"] or 0.0, MAX_SHOWN_SILENCE)
 
 
 def _live_subtitle(status: SessionStatus, link: str) -> str:
@@ -925,9 +949,16 @@ def _numbered_live_events(
         if alarm.code is not WatchFact.ALARM_OVER:
             cause = cause_of_alarm(alarm)
             active_causes.add((cause.code, cause.subject))
+    latest_resumption = 0
+    for number_of_event, event in enumerate(history.events):
+        if event.fact.code is RowsFact.MESSAGES_RESUMED:
+            latest_resumption = number_of_event
     page_events = []
     numbered_count = 0
-    for event in history.events:
+    for number_of_event, event in enumerate(history.events):
+        has_silence_ended = (
+            event.fact.code in SILENCES_OF_LINK and number_of_event < latest_resumption
+        )
         is_in_charts = history.flight.contains(event.seconds)
         number = None
         if is_in_charts and not event.is_session_state:
@@ -950,6 +981,7 @@ def _numbered_live_events(
                 is_on_clock_of_charts=is_in_charts,
                 is_headline=is_headline,
                 is_over=(cause.code, cause.subject) not in active_causes,
+                is_advice_current=not has_silence_ended,
                 repeated=frozenset([remedy] if remedy in next_step else []),
                 moment=moment_text(event),
             )

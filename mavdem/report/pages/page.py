@@ -139,6 +139,9 @@ class PageEvent(NamedTuple):
     is_over: bool = False
     """Whether it is an alarm of a live session that does not last any more."""
 
+    is_advice_current: bool = True
+    """Whether what to do about it is still to be done: no longer of a silence of a live link that has ended."""
+
     repeated: frozenset[str] = frozenset()
     """Texts that the page has above it, and that are not repeated: what to do about it, and what shows it."""
 
@@ -172,7 +175,7 @@ class PageEvent(NamedTuple):
     def sentence(self) -> str:
         """What happened and, unless the page has that already, what to do about it."""
         is_remedy_repeated = self.event.fact.remedy in self.repeated
-        if is_remedy_repeated:
+        if is_remedy_repeated or not self.is_advice_current:
             return str(self.event.fact)
         return self.event.sentence
 
