@@ -275,6 +275,7 @@ def fits_once(once_in_a_run):
     from mavdem.loops import advice, step_response, twin_flight
     from mavdem.loops import identification as in_flight
     from mavdem.plant import estimation
+    from mavdem.wind_velocity import estimation as wind_estimation
 
     with MonkeyPatch.context() as patch:
         for module, name in (
@@ -283,6 +284,7 @@ def fits_once(once_in_a_run):
             (advice, "_next_step"),
             (step_response, "estimate_impulse_response"),
             (twin_flight, "_simulated_motion"),
+            (wind_estimation, "identify_drag"),
         ):
             patch.setattr(module, name, once_in_a_run(getattr(module, name)))
         yield

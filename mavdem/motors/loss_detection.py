@@ -55,8 +55,10 @@ from mavdem.motors.change_statistics import (
     PRIOR_FREEDOM,
     WindowChanges,
     Windows,
+    changes_with_least_variance,
     log_t_density,
     window_changes,
+    window_means,
 )
 from mavdem.motors.heading_sectors import is_independent_of_heading
 from mavdem.motors.loss_confirmation import LossConfirmation
@@ -309,11 +311,15 @@ class MotorLossDetector:
             windows: (w,) lengths of the windows in blocks: possible numbers of blocks since the change began.
         """
         balances = np.array(self._blocks.balances)
-        changes = window_changes(balances, windows, self._noise, self._freedom)
+        means = window_means(balances, windows)
+        # What is too small for any cause with the least variance is so with a larger one, which takes longer to
+        # estimate.
+        least = changes_with_least_variance(means, self._noise, self._freedom)
+        if not self._can_reach_threshold(least, log_t_density(least, 0.0)):
+            return
+        changes = window_changes(balances, means, self._noise, self._freedom)
         no_change = log_t_density(changes, 0.0)
-        # The loss of each motor, and the recovery of each weak one.
-        motor_cause_count = len(self._model.signatures) + len(self.weak_motors)
-        if not can_reach_threshold(changes, no_change, motor_cause_count, self._threshold):
+        if not self._can_reach_threshold(changes, no_change):
             return
         weak_motor_sizes = {motor: alarm.size for motor, alarm in self.weak_motors.items()}
         leans = np.array(self._blocks.leans)
@@ -334,6 +340,17 @@ class MotorLossDetector:
             # (k,) rises of the motors with the largest size. Only the ratios between the motors matter.
             largest_rises = evidence.rises[best_cause, -1]
             self._record_motor_change(largest_rises, change, log_odds)
+
+    def _can_reach_threshold(self, changes: WindowChanges, no_change: Array) -> bool:
+        """Returns whether any cause could explain the changes of the balance well enough for an alarm.
+
+        Args:
+            changes: Change of the balance for each of w windows.
+            no_change: (w,) log density of the changes where nothing changed.
+        """
+        # The loss of each motor, and the recovery of each weak one.
+        motor_cause_count = len(self._model.signatures) + len(self.weak_motors)
+        return can_reach_threshold(changes, no_change, motor_cause_count, self._threshold)
 
     def _test_for_torque_change(
         self, windows: Windows, changes: WindowChanges, evidence: CauseEvidence

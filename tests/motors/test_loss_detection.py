@@ -10,7 +10,13 @@ from scipy.signal import lfilter
 from mavdem.facts import Level
 from mavdem.facts.motors import MotorWatchFact
 from mavdem.ingest.motor_geometry import motor_geometry
-from mavdem.motors.change_statistics import long_run_variance
+from mavdem.motors.change_statistics import (
+    PRIOR_FREEDOM,
+    changes_with_least_variance,
+    long_run_variance,
+    window_changes,
+    window_means,
+)
 from mavdem.motors.loss_detection import HOURS_TO_FALSE_ALARM, MAX_GAP, MotorLossDetector
 from mavdem.motors.motor_changes import MotorChange, alarm_figures
 from mavdem.motors.signatures import motor_signatures
@@ -337,3 +343,15 @@ def test_a_batch_as_long_as_the_run_shows_no_variance():
         np.ones((2, 1)), np.ones((1, 2), bool), np.zeros((1, 1)), np.zeros(1), 0.01
     )
     assert found_changes == approx(2 / 2.02)
+
+
+def test_no_change_has_a_smaller_variance_than_by_the_prior():
+    """So a change that is too small for any cause with the prior's variance needs no estimate of its own."""
+    blocks = 0.01 * default_rng(3).standard_normal((120, 3))
+    prior = np.array([0.003, 0.006, 0.012]) ** 2
+    means = window_means(blocks, np.array([2, 8, 40]))
+    least = changes_with_least_variance(means, prior, PRIOR_FREEDOM)
+    estimated = window_changes(blocks, means, prior, PRIOR_FREEDOM)
+    assert np.all(least.variance <= estimated.variance)
+    assert np.any(least.variance < estimated.variance)
+    assert least.change == approx(estimated.change) and least.freedom == approx(estimated.freedom)
