@@ -26,7 +26,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, rows_of_boot, series_of_boot
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
-from mavdem.witnesses.height import trusted_height
+from mavdem.witnesses.height import reliable_height
 from mavdem.witnesses.sensors import FULL_STICK, throttle_stick
 
 LASTING_SECONDS = 0.3
@@ -320,7 +320,7 @@ def _has_left_ground(signals: Signals, boot: int, flights: Intervals, time: Arra
     is_off_ground = in_intervals(time, flights)
     for flight in flights:
         take_off, _ = flight
-        height_record = trusted_height(signals, boot, take_off)
+        height_record = reliable_height(signals, boot, take_off)
         if height_record is None or take_off == -inf:
             continue
         height = height_record.series

@@ -6,8 +6,8 @@ from mavdem.arrays import Array
 from mavdem.containers import Numbers
 from mavdem.fleet.row import FlightRow
 from mavdem.ingest.motors import MotorGeometry
-from mavdem.motors.balance_figures import BalanceFigures
 from mavdem.motors.healthy_flights import HealthFigures
+from mavdem.motors.motor_balance import MotorBalance
 from mavdem.motors.signatures import motor_signatures
 
 MAX_SATURATED_SHARE = 0.01
@@ -34,7 +34,7 @@ def health_figures(row: FlightRow) -> HealthFigures:
     balance = None
     signatures = None
     if row.balance is not None:
-        balance = BalanceFigures(
+        balance = MotorBalance(
             column_array(row.balance, 3),
             error=column_array(row.balance_error, 3),
             lean=column_array(row.balance_lean, 2),

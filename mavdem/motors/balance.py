@@ -1,6 +1,6 @@
 """Balance of the motors in steady flight: roll, pitch and yaw commands relative to the thrust, and the effect of lean.
 
-Wind that a vehicle leans against asks for a steady torque too: by the flapping of its rotors, by drag above or below
+Wind that a vehicle leans against requires a steady torque too: by the flapping of its rotors, by drag above or below
 its centre of mass, or by a load off the centre. How the balance is judged: docs/motors.md.
 """
 
@@ -19,7 +19,7 @@ from mavdem.dataset.segments import Segment, in_segments, settled_segments
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import steady_intervals
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
-from mavdem.motors.balance_figures import BalanceFigures
+from mavdem.motors.motor_balance import MotorBalance
 from mavdem.motors.signatures import MotorSignatures, motor_signatures
 
 BLOCK_SECONDS = 3.0
@@ -51,8 +51,8 @@ class SteadyRun:
 
 
 @cached_per_vehicle("axis", "inputs")
-def balance_of_steady_flight(signals: Signals) -> BalanceFigures | None:
-    """Measures the balance of a vehicle's motors in its steady flight: its torque commands relative to its thrust.
+def balance_of_steady_flight(signals: Signals) -> MotorBalance | None:
+    """Measures the balance of a vehicle's motors in all its steady flight: torque commands relative to the thrust.
 
     Each segment of settled flight gives one run: the samples of its steady intervals, concatenated.
 
@@ -60,7 +60,8 @@ def balance_of_steady_flight(signals: Signals) -> BalanceFigures | None:
         signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
-        The figures; None if there are no motor outputs, or too little steady flight.
+        The balance, with its standard errors and the effect of the lean; None if there are no motor outputs, or too
+        little steady flight.
     """
     motors = signals.motors
     if motors is None:
@@ -72,13 +73,13 @@ def balance_of_steady_flight(signals: Signals) -> BalanceFigures | None:
         intervals = intersection([(segment.start, segment.end)], steady)
         seconds += total_duration(intervals)
         runs.append(steady_run(signals, motors, segment, intervals))
-    return balance_figures(runs, motor_signatures(motors.geometry), seconds)
+    return motor_balance(runs, motor_signatures(motors.geometry), seconds)
 
 
 def steady_run(
     signals: Signals, motors: MotorOutputs, segment: Segment, intervals: Intervals
 ) -> SteadyRun:
-    """Collects the commands and the lean of a vehicle in intervals of one segment of flight.
+    """Collects the motor commands and the lean (roll and pitch) of a vehicle in intervals of one segment of flight.
 
     Args:
         signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -101,7 +102,7 @@ def run_around(
 ) -> SteadyRun | None:
     """Collects motor commands and lean around a time, from the segment of settled flight that contains it.
 
-    Other than in :func:`steady_run`, the flight within the interval may be unsteady.
+    Unlike in :func:`steady_run`, the flight within the interval need not be steady.
 
     Args:
         signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -141,22 +142,23 @@ def _lean_at(signals: Signals, segment: Segment, time: Array) -> Array:
     return lean
 
 
-def balance_figures(
+def motor_balance(
     runs: Sequence[SteadyRun], signatures: MotorSignatures, seconds: float
-) -> BalanceFigures | None:
-    """Measures the balance of motors from runs of steady flight.
+) -> MotorBalance | None:
+    """Measures the balance of motors (torque commands relative to the thrust) from runs of steady flight.
 
-    Commands and lean are averaged over blocks. The effect of the lean is the least-squares slope of the blocks' balance
-    on their lean. What the lean does not explain gives the standard errors; they allow for the correlation of
-    neighbouring blocks.
+    Commands and lean (roll and pitch) are averaged over blocks. The effect of the lean is the slope of a least-squares
+    regression of the blocks' balance on their lean. The residuals of the regression give the standard errors, which
+    allow for the correlation of neighbouring blocks.
 
     Args:
         runs: Runs of steady flight.
-        signatures: Mixer of the vehicle.
+        signatures: Mixer of the vehicle, with the axes that it controls.
         seconds: Duration of all runs, s.
 
     Returns:
-        The figures; None if the runs are too short, or no axis but thrust is known.
+        The balance; None if the runs are too short, or if the mixer controls no axis but thrust. Without a known lean,
+        or if the lean varies too little for a regression, the effect of the lean is NaN.
     """
     blocks = []
     for run in runs:
@@ -178,11 +180,12 @@ def balance_figures(
         effect_variance_factor = np.broadcast_to(np.diag(inverse_scatter), lean_effect.shape)
     # Each of roll, pitch and yaw has its own variance and correlation.
     inflation = [variance_inflation(residuals_of_axis) for residuals_of_axis in residuals.T]
-    # From few blocks the variance itself is uncertain, so that the errors follow a Student's t distribution. They are
-    # used as normal ones of the same variance, which is larger by freedom / (freedom - 2).
+    # The variance is estimated from few blocks, so that the errors follow Student's t distribution. Later they are used
+    # as normal ones. So they get the variance of Student's t with f degrees of freedom, which is f / (f − 2) times the
+    # estimate, squares / f.
     block_variance = (residuals**2).sum(axis=0) / (degrees_of_freedom - 2)
     variance = block_variance * inflation
-    return BalanceFigures(
+    return MotorBalance(
         mean=balance.mean(axis=0),
         error=np.sqrt(variance / len(blocks)),
         lean=lean.mean(axis=0),
@@ -195,7 +198,7 @@ def balance_figures(
 def block_means(
     run: SteadyRun, signatures: MotorSignatures, block_seconds: float = BLOCK_SECONDS
 ) -> list[Array]:
-    """Averages a run over blocks of equal length, ``block_seconds`` or a little more.
+    """Averages the torque commands and the lean of a run over blocks of equal length, ``block_seconds`` or a bit more.
 
     The torque commands of a block are divided by its thrust, so that neither climb nor battery changes the balance.
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.confidence import coverage_factor, half_width
-from mavdem.motors.balance_figures import BalanceFigures
 from mavdem.motors.healthy_flights import HealthFigures, HealthFlights
+from mavdem.motors.motor_balance import MotorBalance
 from mavdem.motors.signatures import MotorSignatures
 
 PRIOR_BALANCE_SD = np.array([0.010, 0.010, 0.008])
@@ -112,7 +112,7 @@ class LevelBalances:
     """(n, 3) variances of their errors."""
 
 
-def level_balances(flights: Sequence[BalanceFigures]) -> LevelBalances:
+def level_balances(flights: Sequence[MotorBalance]) -> LevelBalances:
     """Removes from the balances of flights what the lean explains: the effect of lean times the lean.
 
     Wind makes a vehicle lean and at the same time requires torque, so that without this step a windy flight would look
@@ -175,7 +175,7 @@ class ShrunkenEffects:
     """(n, 3, 2) variances of their errors, 1/rad²."""
 
 
-def shrunken_lean_effects(flights: Sequence[BalanceFigures]) -> ShrunkenEffects:
+def shrunken_lean_effects(flights: Sequence[MotorBalance]) -> ShrunkenEffects:
     """Estimates the effect of lean on the balance in each flight, by empirical-Bayes shrinkage.
 
     In a calm flight the lean hardly varies, and its effect is known only from the vehicle's other flights. So the

@@ -83,8 +83,8 @@ class Ramp(NamedTuple):
 
     start: int
     """Index of the block in which it begins."""
-    course: Array
-    """(N,) its course over the blocks, from 0 to 1."""
+    profile: Array
+    """(B,) fraction of the change that has happened in each block: 0 before the ramp, 1 after it."""
     before: Array
     """(a,) balance before it."""
     change: Array
@@ -93,13 +93,17 @@ class Ramp(NamedTuple):
     @property
     def length(self) -> int:
         """Number of blocks that the change takes, at least 1."""
-        return int(((self.course > 0) & (self.course < 1)).sum()) + 1
+        is_within_ramp = (self.profile > 0) & (self.profile < 1)
+        return int(is_within_ramp.sum()) + 1
 
 
 def gradual_loss(
     time: Array, commands: Array, lean: Array, geometry: MotorGeometry, boot: int = 0
 ) -> MotorChange | None:
     """Returns the alarm that one motor lost thrust in a run of settled flight, and did not regain it within the run.
+
+    The balance (the torque commands relative to the thrust) is averaged over blocks and fitted by a ramp. It is an
+    alarm if the change persists, is significant, and is explained by one motor much better than by any other cause.
 
     Args:
         time: (N,) s on the boot clock, ascending, of one run of settled flight without a landing.
@@ -130,22 +134,24 @@ def gradual_loss(
         return None
     balances = (block_commands / thrust[:, None]) @ model.torque_rows.T
     ramp = _best_ramp(balances, min_blocks_before)
-    if ramp.start > len(balances) - min_blocks_after:
-        # A gust, or the beginning of the descent: it is not known whether it persists.
+    begins_near_end = ramp.start > len(balances) - min_blocks_after
+    if begins_near_end:
+        # A gust, or the beginning of the descent: it is not known whether the change persists.
         return None
     variance = _variance_of_change(balances, ramp)
-    if (ramp.change**2 / variance).sum() < MIN_SIGNIFICANCE:
+    significance = (ramp.change**2 / variance).sum()
+    if significance < MIN_SIGNIFICANCE:
         return None
-    freedom = PRIOR_FREEDOM + len(balances) / BLOCKS_PER_FREEDOM
+    degrees_of_freedom = PRIOR_FREEDOM + len(balances) / BLOCKS_PER_FREEDOM
     lean_after = lean[time >= block_times[ramp.start]].mean(axis=0)
     is_slow = ramp.length * block_seconds > MAX_ONSET_ERROR
     loads_per_motor = SLOW_LOADS_PER_MOTOR if is_slow else LOADS_PER_MOTOR
     motor, log_odds = _motor_of_change(
-        ramp.change, variance, freedom, lean_after, loads_per_motor, model
+        ramp.change, variance, degrees_of_freedom, lean_after, loads_per_motor, model
     )
     if motor is None:
         return None
-    # Only the rise of this motor's command is estimated.
+    # Only the rise of this motor's command is estimated: the pattern of the rises is 1 for it and 0 for all others.
     rise_pattern = np.zeros(len(geometry.names))
     rise_pattern[motor] = 1.0
     estimate = model.estimated_rises(rise_pattern, ramp.before, ramp.before + ramp.change, variance)
@@ -196,25 +202,26 @@ def _best_ramp(balances: Array, min_blocks_before: int) -> Ramp:
     """Fits ramps of several lengths and beginnings to the balance, and returns the one of the highest likelihood.
 
     A ramp is constant, then changes linearly, then is constant again, at the same times on all axes. For each length
-    and beginning, its change is the least-squares slope of the balance on the ramp's course, which rises from 0 to 1.
+    and beginning, its change is the least-squares slope of the balance on the ramp's profile, which rises from 0 to 1.
     With independent normal noise of unknown variance on each axis, the log likelihood of the best fit is
     −B/2 Σ log(residual sum of squares) over the axes.
 
     Args:
-        balances: (B, a) balance of each block.
+        balances: (B, a) balance of each block about a axes: torque commands relative to the thrust.
         min_blocks_before: number of blocks before the earliest beginning of a ramp.
 
     Returns:
-        The ramp: its first block, its course over the blocks, the balance before it and the change of the balance.
+        The ramp: its first block, its profile over the blocks, the balance before it and the change of the balance.
     """
     block_count = len(balances)
     # The change needs at least two blocks.
     starts = np.arange(min_blocks_before, block_count - 2)
     fits = []
     for fraction in RAMP_FRACTIONS:
+        # A ramp that begins late is shortened, so that it ends within the flight.
         lengths = np.clip(round(fraction * block_count), 1, block_count - 1 - starts)
-        fits.append(_best_ramp_of_lengths(balances, starts, lengths))
-    # The shortest of equal ramps is the first.
+        fits.append(_likeliest_ramp(balances, starts, lengths))
+    # The fits are sorted by length, and ``min`` returns the first of equal ones: the shortest.
     return min(fits, key=lambda fit: fit.misfit).ramp
 
 
@@ -227,11 +234,11 @@ class _RampFit(NamedTuple):
     """Minus 2/B times its log likelihood, without a constant."""
 
 
-def _best_ramp_of_lengths(balances: Array, starts: Indices, lengths: Indices) -> _RampFit:
-    """Fits a ramp from each of s beginnings to the balance by least squares, and returns the likeliest one.
+def _likeliest_ramp(balances: Array, starts: Indices, lengths: Indices) -> _RampFit:
+    """Fits s ramps with given beginnings and lengths to the balance by least squares, and returns the likeliest one.
 
     Args:
-        balances: (B, a) balance of each block.
+        balances: (B, a) balance of each block about a axes: torque commands relative to the thrust.
         starts: (s,) first block of each ramp.
         lengths: (s,) number of blocks that each ramp takes, at least 1.
 
@@ -242,39 +249,40 @@ def _best_ramp_of_lengths(balances: Array, starts: Indices, lengths: Indices) ->
     mean_balance = balances.mean(axis=0)
     centred_balances = balances - mean_balance
     total_squares = (centred_balances**2).sum(axis=0)
-    # (s, B) courses of the ramps, from 0 to 1.
+    # (s, B) profiles of the ramps: 0 before the ramp, rising to 1 within it, 1 after it.
     block_numbers = np.arange(block_count)
-    courses = np.clip((block_numbers - starts[:, None]) / lengths[:, None], 0.0, 1.0)
-    centred_courses = courses - courses.mean(axis=1, keepdims=True)
-    course_squares = (centred_courses**2).sum(axis=1)
-    # (s, a) least-squares slopes, and the residual sums of squares.
-    changes = (centred_courses @ centred_balances) / course_squares[:, None]
-    residual_squares = total_squares - changes**2 * course_squares[:, None]
-    # The variance of the slow wander is added, since a balance that never changes has residuals of 0.
+    profiles = np.clip((block_numbers - starts[:, None]) / lengths[:, None], 0.0, 1.0)
+    centred_profiles = profiles - profiles.mean(axis=1, keepdims=True)
+    profile_squares = (centred_profiles**2).sum(axis=1)
+    # (s, a) changes, the slopes of the regression of the balance on each profile, and the residual sums of squares.
+    changes = (centred_profiles @ centred_balances) / profile_squares[:, None]
+    residual_squares = total_squares - changes**2 * profile_squares[:, None]
+    # The variance of slow changes of the balance is added, since the logarithm of residuals of 0 would be infinite.
     misfits = np.log(residual_squares / block_count + WANDER_SD**2).sum(axis=1)
-    best_row = int(np.argmin(misfits))
-    course = courses[best_row]
-    change = changes[best_row]
-    balance_before_ramp = mean_balance - change * course.mean()
-    ramp = Ramp(int(starts[best_row]), course, balance_before_ramp, change)
-    return _RampFit(ramp, misfit=float(misfits[best_row]))
+    best = int(np.argmin(misfits))
+    profile = profiles[best]
+    change = changes[best]
+    # The regression line passes through the means of balance and profile.
+    balance_before = mean_balance - change * profile.mean()
+    ramp = Ramp(int(starts[best]), profile, balance_before, change)
+    return _RampFit(ramp, misfit=float(misfits[best]))
 
 
 def _variance_of_change(balances: Array, ramp: Ramp) -> Array:
-    """Returns the variance of a ramp's change: the variance of a least-squares slope, plus the slow wander of balances.
+    """Returns the variance of a ramp's change: that of a least-squares slope, and that of slow changes of the balance.
 
     Residuals of neighbouring blocks are correlated, so their long-run variance is used: n times the variance of the
     mean of n blocks. It has a prior, since a short flight has few blocks.
 
     Args:
-        balances: (B, a) balance of each block about a axes, relative to the thrust.
+        balances: (B, a) balance of each block about a axes: torque commands relative to the thrust.
         ramp: the ramp that was fitted to them.
 
     Returns:
         (a,) variances, of the square of a balance.
     """
     block_count, axis_count = balances.shape
-    residuals = balances - ramp.before - ramp.course[:, None] * ramp.change
+    residuals = balances - ramp.before - ramp.profile[:, None] * ramp.change
     # One window with all blocks, the first of the result; residuals have the mean 0.
     residual_variance = long_run_variance(
         residuals,
@@ -283,9 +291,9 @@ def _variance_of_change(balances: Array, ramp: Ramp) -> Array:
         prior_variance=np.full(axis_count, PRIOR_BLOCK_SD**2),
         prior_freedom=PRIOR_FREEDOM,
     )[0]
-    # The change is the slope of a regression of the balance on the course.
-    centred_course = ramp.course - ramp.course.mean()
-    slope_variance = residual_variance / (centred_course @ centred_course)
+    # The change is the slope of a regression of the balance on the ramp's profile.
+    centred_profile = ramp.profile - ramp.profile.mean()
+    slope_variance = residual_variance / (centred_profile @ centred_profile)
     return np.asarray(slope_variance + WANDER_SD**2)
 
 
@@ -305,7 +313,7 @@ def _motor_of_change(
     Signatures are not exact; their error is added to the variance.
 
     Args:
-        change: (a,) change of the balance.
+        change: (a,) change of the balance (torque commands relative to the thrust) about a axes.
         variance: (a,) variance of the change.
         degrees_of_freedom: degrees of freedom of that variance, for Student's t distribution.
         lean: (2,) mean roll and pitch after the change, rad; NaN where they are not known.
@@ -321,7 +329,7 @@ def _motor_of_change(
     # (k,) rise of each motor's command that fits the change best, by weighted least squares, and the squared residuals.
     rises = weights @ change / (weights * model.signatures).sum(axis=1)
     misfits = ((change - rises[:, None] * model.signatures) ** 2 / variance).sum(axis=1)
-    # A motor whose command fell did not lose thrust.
+    # A motor whose command fell did not lose thrust: it must not be chosen.
     misfits[rises <= 0] = np.inf
     motor = int(np.argmin(misfits))
     evidence = _evidence_of_all_causes(change, variance, degrees_of_freedom, lean, model)
@@ -339,11 +347,11 @@ def _evidence_of_all_causes(
 ) -> CauseEvidence:
     """Computes the Bayes factors of all causes of a change of the balance: a weak motor, a shifted load, and others.
 
-    The functions of the test that runs during a flight are used. They take changes in several windows of time, and
-    get a single window here.
+    The factors are those of the test that runs during a flight (``loss_detection.py``). That test examines changes over
+    several windows of time. Here there is one window, the whole flight: all arrays get a first axis of length 1.
 
     Args:
-        change: (a,) change of the balance.
+        change: (a,) change of the balance (torque commands relative to the thrust) about a axes.
         variance: (a,) variance of the change.
         degrees_of_freedom: degrees of freedom of that variance, for Student's t distribution.
         lean: (2,) mean roll and pitch after the change, rad; NaN where they are not known.
@@ -355,5 +363,7 @@ def _evidence_of_all_causes(
         np.array([degrees_of_freedom]),
         block_variance=variance[None],
     )
-    no_change = log_t_density(changes, 0.0)
-    return cause_evidence(changes, no_change, model.signatures, lean[None], weak_motor_sizes={})
+    log_density_without_change = log_t_density(changes, 0.0)
+    return cause_evidence(
+        changes, log_density_without_change, model.signatures, lean[None], weak_motor_sizes={}
+    )

@@ -41,7 +41,7 @@ MIN_NAMED_PROBABILITY = 0.8
 
 
 class HealthAssessment(NamedTuple):
-    """What the figures of one flight say of its motors."""
+    """Assessment of the motors in one flight, with the evidence."""
 
     health: MotorHealth
     """Health of the motors.
@@ -105,7 +105,7 @@ def assess_motor_health(
             assessments[number] = HealthAssessment(MotorHealth.UNKNOWN, unknown_reason)
             continue
 
-        # A flight without a date has no next flight, and healthy flights do not belong to the sequence.
+        # A flight without a date has no next flight, and healthy flights are not part of the sequence.
         is_in_sequence = flight.date is not None and len(other_healthy_flights) == len(healthy)
         previous = latest_evidence.get(flight.geometry_key) if is_in_sequence else None
         evidence = _flight_evidence(flight, comparable_flights, previous)
@@ -266,8 +266,8 @@ def _flight_evidence(
     return _FlightEvidence(
         deviation=flight_deviation,
         hypotheses=hypotheses,
-        change=hypotheses.cause_probabilities(flight_deviation, balance_prior),
-        effort=effort_change(flight, healthy, effort_prior),
+        change=hypotheses.cause_probabilities(flight_deviation, previous=balance_prior),
+        effort=effort_change(flight, healthy, previous=effort_prior),
     )
 
 
@@ -409,13 +409,13 @@ def _drift_fact(
     """
     change = evidence.change
     effort = evidence.effort
-    balance_figures: JsonValues = {
+    change_values: JsonValues = {
         "shift": evidence.deviation.change,
         "usual": evidence.deviation.usual_half_widths,
         **comparison,
     }
     if change_probability < MIN_REPORTED_PROBABILITY:
-        return Fact(MotorsBetween.BALANCE_OUTSIDE, **balance_figures)
+        return Fact(MotorsBetween.BALANCE_OUTSIDE, **change_values)
     balance_probability = 1 - change.unchanged_probability
     # The effort is not known in every flight.
     if effort is not None and effort.probability > balance_probability:
@@ -426,14 +426,14 @@ def _drift_fact(
             effort=effort.relative_change,
             **comparison,
         )
-    return _balance_change(flight, change, change_probability, balance_figures)
+    return _balance_change(flight, change, change_probability, change_values)
 
 
 def _balance_change(
     flight: HealthFigures,
     change: ChangeProbabilities,
     change_probability: float,
-    figures: JsonValues,
+    further_values: JsonValues,
 ) -> Fact:
     """Returns the fact about a changed balance, with its likeliest cause.
 
@@ -444,7 +444,7 @@ def _balance_change(
         flight: Measured motor balance of the flight, and the names of its motors.
         change: Posterior probability of each cause of a change: a weak motor by motor, a shifted load, and others.
         change_probability: Probability that the balance or the effort changed at all.
-        figures: Further values of the fact: the change, the usual deviations, and the healthy flights.
+        further_values: Further values of the fact: the change, the usual deviations, and the healthy flights.
 
     Returns:
         The fact, with the likeliest cause as ``explanation``, and the mean and the ends of the 90 % interval of the
@@ -464,5 +464,5 @@ def _balance_change(
         explanation=likeliest,
         explanation_probability=cause_probabilities[likeliest],
         rise=change.rises[:, motor],
-        **figures,
+        **further_values,
     )

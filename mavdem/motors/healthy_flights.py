@@ -12,7 +12,7 @@ import numpy as np
 from mavdem.containers import Names, group_by
 from mavdem.facts import Fact
 from mavdem.facts.motors import HealthUnknown
-from mavdem.motors.balance_figures import BalanceFigures
+from mavdem.motors.motor_balance import MotorBalance
 from mavdem.motors.signatures import MotorSignatures
 
 MIN_HEALTHY_FLIGHTS = 2
@@ -41,7 +41,7 @@ class HealthFigures:
     """Names of the motors."""
     signatures: MotorSignatures | None = None
     """Mixer of the vehicle; None where its motors are not known."""
-    balance: BalanceFigures | None = None
+    balance: MotorBalance | None = None
     """Balance of the motors; None where steady flight was too short or was not recorded."""
     date: datetime | None = None
     """When the flight began; None where it is not known."""
@@ -69,7 +69,7 @@ class HealthFigures:
         return None
 
     @property
-    def known_balance(self) -> BalanceFigures:
+    def known_balance(self) -> MotorBalance:
         """Balance of a flight that lacks nothing (``missing``)."""
         assert self.balance is not None
         return self.balance
@@ -143,8 +143,8 @@ def healthy_flights(flights: HealthFlights, baseline: HealthFlights | None = Non
         return distinct_flights([flight for flight in baseline if not flight.missing])
     usable_flights = []
     for flight in flights:
-        # ``missing`` says what a flight lacks so that its motors can be judged.
-        if flight.sound and flight.date is not None and not flight.missing:
+        can_motors_be_judged = flight.missing is None
+        if flight.sound and flight.date is not None and can_motors_be_judged:
             usable_flights.append(flight)
     flights_by_date = sorted(distinct_flights(usable_flights), key=lambda flight: flight.start_time)
     flights_by_geometry = group_by(flights_by_date, lambda flight: flight.geometry_key)
@@ -166,12 +166,12 @@ def distinct_flights(flights: HealthFlights) -> list[HealthFigures]:
         The flights that are kept, in the given order.
     """
 
-    def size_of_error(flight: HealthFigures) -> float:
-        """Returns the error of a flight's balance, over all axes."""
+    def balance_error(flight: HealthFigures) -> float:
+        """Returns the standard error of a flight's balance: the root sum of squares over roll, pitch and yaw."""
         return float(np.linalg.norm(flight.known_balance.error))
 
     kept_flights: list[HealthFigures] = []
-    for flight in sorted(flights, key=size_of_error):
+    for flight in sorted(flights, key=balance_error):
         is_second_record = any(flight.overlaps(kept_flight) for kept_flight in kept_flights)
         if not is_second_record:
             kept_flights.append(flight)

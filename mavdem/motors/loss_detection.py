@@ -170,9 +170,9 @@ class MotorLossDetector:
         self._blocks = BalanceBlocks()
         # The loss of thrust that was detected a moment ago, and is not confirmed yet; None without one.
         self._unconfirmed_loss: LossConfirmation | None = None
-        # The long-run variance (a,) of a block has this prior, with its degrees of freedom.
-        self._noise = np.full(len(self._model.torque_rows), PRIOR_BLOCK_SD**2)
-        self._freedom = PRIOR_FREEDOM
+        # Prior of the long-run variance (a,) of a block's balance, and its degrees of freedom.
+        self._noise_variance = np.full(len(self._model.torque_rows), PRIOR_BLOCK_SD**2)
+        self._degrees_of_freedom = PRIOR_FREEDOM
 
     def update(
         self,
@@ -228,8 +228,8 @@ class MotorLossDetector:
         self._blocks.clear()
         self._unconfirmed_loss = None
         # The long-run variance of a block has its first prior again.
-        self._noise = np.full(len(self._model.torque_rows), PRIOR_BLOCK_SD**2)
-        self._freedom = PRIOR_FREEDOM
+        self._noise_variance = np.full(len(self._model.torque_rows), PRIOR_BLOCK_SD**2)
+        self._degrees_of_freedom = PRIOR_FREEDOM
         self.reference_time = None
         self.weak_motors.clear()
 
@@ -259,7 +259,7 @@ class MotorLossDetector:
         self._confirm_or_withdraw_loss()
         # After the change of a motor, the noise before it is the prior, with more degrees of freedom than the initial
         # one. So the noise is known, and a shorter reference is enough.
-        has_changed_before = self._freedom > PRIOR_FREEDOM
+        has_changed_before = self._degrees_of_freedom > PRIOR_FREEDOM
         reference_seconds = NEXT_REFERENCE_SECONDS if has_changed_before else REFERENCE_SECONDS
         reference_blocks = reference_seconds / BLOCK_SECONDS
         windows = [
@@ -312,20 +312,27 @@ class MotorLossDetector:
         """
         balances = np.array(self._blocks.balances)
         means = window_means(balances, windows)
-        # What is too small for any cause with the least variance is so with a larger one, which takes longer to
-        # estimate.
-        least = changes_with_least_variance(means, self._noise, self._freedom)
-        if not self._can_reach_threshold(least, log_t_density(least, 0.0)):
+        # A change that no cause explains with the least variance is not explained with a larger one, which takes longer
+        # to estimate.
+        most_certain_changes = changes_with_least_variance(
+            means, self._noise_variance, self._degrees_of_freedom
+        )
+        log_density = log_t_density(most_certain_changes, 0.0)
+        if not self._can_reach_threshold(most_certain_changes, log_density):
             return
-        changes = window_changes(balances, means, self._noise, self._freedom)
-        no_change = log_t_density(changes, 0.0)
-        if not self._can_reach_threshold(changes, no_change):
+        changes = window_changes(balances, means, self._noise_variance, self._degrees_of_freedom)
+        log_density_without_change = log_t_density(changes, 0.0)
+        if not self._can_reach_threshold(changes, log_density_without_change):
             return
         weak_motor_sizes = {motor: alarm.size for motor, alarm in self.weak_motors.items()}
         leans = np.array(self._blocks.leans)
         lean_in_windows = np.array([leans[-length:].mean(axis=0) for length in windows])
         evidence = cause_evidence(
-            changes, no_change, self._model.signatures, lean_in_windows, weak_motor_sizes
+            changes,
+            log_density_without_change,
+            self._model.signatures,
+            lean_in_windows,
+            weak_motor_sizes,
         )
         best_cause = int(np.argmax(evidence.motor_log_factors))
         log_odds = log_odds_of_motor_cause(evidence, best_cause)
@@ -341,16 +348,20 @@ class MotorLossDetector:
             largest_rises = evidence.rises[best_cause, -1]
             self._record_motor_change(largest_rises, change, log_odds)
 
-    def _can_reach_threshold(self, changes: WindowChanges, no_change: Array) -> bool:
+    def _can_reach_threshold(
+        self, changes: WindowChanges, log_density_without_change: Array
+    ) -> bool:
         """Returns whether any cause could explain the changes of the balance well enough for an alarm.
 
         Args:
             changes: Change of the balance for each of w windows.
-            no_change: (w,) log density of the changes where nothing changed.
+            log_density_without_change: (w,) log density of the changes if the balance did not change.
         """
         # The loss of each motor, and the recovery of each weak one.
         motor_cause_count = len(self._model.signatures) + len(self.weak_motors)
-        return can_reach_threshold(changes, no_change, motor_cause_count, self._threshold)
+        return can_reach_threshold(
+            changes, log_density_without_change, motor_cause_count, self._threshold
+        )
 
     def _test_for_torque_change(
         self, windows: Windows, changes: WindowChanges, evidence: CauseEvidence
@@ -384,7 +395,7 @@ class MotorLossDetector:
             Whether the evidence is strong enough.
         """
         is_lasting = windows * BLOCK_SECONDS >= REFERENCE_SECONDS
-        # Windows that are too short get a Bayes factor of 0, whose logarithm is −∞.
+        # Windows that are too short are left out: a Bayes factor of 0 has the logarithm −∞.
         load_log_factors = evidence.load_log_factors + np.where(is_lasting, 0.0, -inf)
         load_log_factor = log_sum(load_log_factors)
         # The last rival is that nothing changed, with a Bayes factor of 1.
@@ -463,15 +474,18 @@ class MotorLossDetector:
             Number of blocks since the change began.
         """
         balances = np.array(self._blocks.balances)
+        # Balances less their mean, in standard errors of the change.
         scaled = (balances - balances.mean(axis=0)) / np.sqrt(change.variance)
         count = len(balances)
         # Possible numbers of blocks since the change began. The next shorter window is half as long as that of the
         # change, and the next longer one twice.
         candidates = np.arange(change.block_count // 2, min(2 * change.block_count, count - 1) + 1)
+        # Row n − 1 of the cumulative sums, backward in time, is the sum of the last n blocks.
         sums_since = np.cumsum(scaled[::-1], axis=0)[candidates - 1]
         # With n blocks since the change and m before, the log likelihood is n m / (n + m) times half of the squared
         # difference of their means, summed over the axes. As all blocks have the mean 0, the sum of those before is the
-        # negative of the sum s of those since, and the difference of the means is s (n + m) / (n m).
+        # negative of the sum s of those since, and the difference of the means is s (n + m) / (n m). So the log
+        # likelihood is proportional to s² (n + m) / (n m).
         likelihoods = (sums_since**2).sum(axis=1) * count / (candidates * (count - candidates))
         block_count = int(candidates[np.argmax(likelihoods)])
         size = float(np.linalg.norm(change.size * self._model.tilt_axes))
@@ -549,8 +563,8 @@ class MotorLossDetector:
         # From now on, flight is compared with that since the change, once the vehicle has settled. The noise before the
         # change is the prior of the noise after it.
         self._blocks.keep_last(block_count - SETTLING_BLOCKS)
-        self._noise = change.changes.block_variance[change.window]
-        self._freedom = min(change.changes.freedom[change.window], MAX_PRIOR_FREEDOM)
+        self._noise_variance = change.changes.block_variance[change.window]
+        self._degrees_of_freedom = min(change.changes.freedom[change.window], MAX_PRIOR_FREEDOM)
 
     def _add_alarm(
         self,

@@ -19,7 +19,6 @@ from mavdem.motors.balance import (
     MIN_BLOCKS,
     balance_of_steady_flight,
 )
-from mavdem.motors.balance_figures import BalanceFigures
 from mavdem.motors.change_hypotheses import FAULT_RISE, ChangeHypotheses, ChangeProbabilities
 from mavdem.motors.deviation import (
     PRIOR_BALANCE_FREEDOM,
@@ -29,6 +28,7 @@ from mavdem.motors.deviation import (
     level_balances,
 )
 from mavdem.motors.health import MIN_NAMED_PROBABILITY, MIN_REPORTED_PROBABILITY
+from mavdem.motors.motor_balance import MotorBalance
 from mavdem.motors.signatures import motor_signatures
 from mavdem.motors.thrust_loss import lost_thrust
 
@@ -62,7 +62,7 @@ def trim_of_signals(signals: Signals) -> Fact | None:
     return trim_pattern(balance_of_steady_flight(signals), motors.geometry)
 
 
-def trim_pattern(balance: BalanceFigures | None, geometry: MotorGeometry) -> Fact:
+def trim_pattern(balance: MotorBalance | None, geometry: MotorGeometry) -> Fact:
     """Judges whether motors work unevenly in one flight, and by which pattern: one motor, yaw or centre of gravity.
 
     They work unevenly where the 90 % interval of some motor's deviation from the mean lies beyond ``FAULT_RISE``; of a

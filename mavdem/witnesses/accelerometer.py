@@ -125,15 +125,16 @@ class AccelerometerRecord:
         """
         start, end = interval
         whole_windows = max(int((end - start) // window_seconds), 0)
-        # The number of the window to which each sample belongs, from 0; outside the interval there is no such window.
+        # Number of the window in which each sample is, from 0. Samples before the interval have negative numbers.
         window_numbers = np.floor((self.time - start) / window_seconds)
         is_in_window = (window_numbers >= 0) & (window_numbers < whole_windows)
-        sampled_windows, peak_of_sample = np.unique(
+        # The windows that have samples, and for each sample the row of its window among them.
+        windows_with_samples, window_rows = np.unique(
             window_numbers[is_in_window], return_inverse=True
         )
-        peaks = np.full(len(sampled_windows), -np.inf)
-        # Each sample raises the peak of its own window, if it is larger.
-        np.maximum.at(peaks, peak_of_sample, self.magnitude[is_in_window])
+        peaks = np.full(len(windows_with_samples), -np.inf)
+        # Each sample raises the peak of its window if it is larger than that.
+        np.maximum.at(peaks, window_rows, self.magnitude[is_in_window])
         return peaks
 
     @property
@@ -156,7 +157,8 @@ def accelerometer_records(signals: Signals, boot: int) -> tuple[AccelerometerRec
     force_by_imu = dict(further_specific_forces(signals))
     main_force = specific_force(signals)
     if main_force is not None:
-        # ArduPilot logs the first IMU so. PX4 logs all IMUs by number, and here the one that it selects at each time.
+        # With PX4 this is the IMU that it selects at each time, and all IMUs are logged by number besides. With
+        # ArduPilot it is the first IMU, and only the others are logged by number.
         is_px4_selection = 1 in force_by_imu
         force_by_imu[SELECTED_IMU if is_px4_selection else 1] = main_force
     records = []
@@ -282,16 +284,17 @@ def _imu_of_primary_core(signals: Signals, boot: int) -> int | None:
     primary_core = series_of_boot(recorded_cores, boot)
     if primary_core is None or mask is None:
         return None
+    # Number of the IMU of each core, in the order of the cores.
     imu_of_core = []
     for bit in range(len(USE_PARAMETERS)):
         is_bit_set = bool(mask >> bit & 1)
         if is_bit_set:
             # IMUs are numbered from 1, and bits from 0.
             imu_of_core.append(bit + 1)
+    # The core that was the primary one for most of the boot.
     usual_core = int(np.median(primary_core.values))
-    if not 0 <= usual_core < len(imu_of_core):
-        return None
-    return imu_of_core[usual_core]
+    is_core_known = 0 <= usual_core < len(imu_of_core)
+    return imu_of_core[usual_core] if is_core_known else None
 
 
 @cached_per_vehicle()
@@ -358,46 +361,48 @@ def still_windows(signals: Signals, boot: int) -> StillWindows | None:
             rates.append(rate)
     if not rates or not any(np.ptp(rate.values) for rate in rates):
         return None
-    windows = _windows(rates[0].time)
-    is_still = np.ones(len(windows), dtype=bool)
+    window_starts = _window_starts(rates[0].time)
+    is_still = np.ones(len(window_starts), dtype=bool)
     for rate in rates:
-        is_still &= window_ranges(rate.time, rate.values, windows) < REST_RATE_RANGE
+        is_still &= window_ranges(rate.time, rate.values, window_starts) < REST_RATE_RANGE
     force = series_of_boot(specific_force(signals), boot)
     if force is not None:
-        ranges = window_ranges(force.time, np.linalg.norm(force.values, axis=1), windows)
-        # A window without samples of the force has the range NaN: there only the body rates decide.
-        is_still &= ~(ranges > REST_FORCE_RANGE)
-    return StillWindows(windows, is_still)
+        magnitude = np.linalg.norm(force.values, axis=1)
+        force_ranges = window_ranges(force.time, magnitude, window_starts)
+        # A window without samples of the force has the range NaN, which is not above the limit: there only the body
+        # rates decide.
+        is_still &= ~(force_ranges > REST_FORCE_RANGE)
+    return StillWindows(window_starts, is_still)
 
 
-def _windows(time: Array) -> Array:
-    """Returns the starts (W,) of windows of ``REST_SECONDS`` side by side that cover a record, s."""
+def _window_starts(time: Array) -> Array:
+    """Returns the starts (W,), s, of windows of ``REST_SECONDS``, side by side, that cover a record's times (N,), s."""
     return np.arange(time[0], time[-1], REST_SECONDS)
 
 
-def window_ranges(time: Array, values: Array, windows: Array) -> Array:
+def window_ranges(time: Array, values: Array, window_starts: Array) -> Array:
     """Returns the range of a signal in each window, its largest value less its smallest one.
 
     Args:
-        time: (N,) s.
+        time: (N,) times of the samples, s, ascending.
         values: (N,) samples.
-        windows: (W,) starts of windows of ``REST_SECONDS``, s, side by side.
+        window_starts: (W,) starts of windows of ``REST_SECONDS``, s, side by side.
 
     Returns:
-        (W,) ranges; NaN in windows with fewer than two samples.
+        (W,) ranges, in the unit of the samples; NaN in windows with fewer than two samples.
     """
-    window_starts = np.searchsorted(time, windows, side="left")
-    window_ends = np.searchsorted(time, windows + REST_SECONDS, side="left")
-    ranges = np.full(len(windows), np.nan)
-    has_two_samples = window_ends - window_starts >= 2
+    first_rows = np.searchsorted(time, window_starts, side="left")
+    end_rows = np.searchsorted(time, window_starts + REST_SECONDS, side="left")
+    ranges = np.full(len(window_starts), np.nan)
+    has_two_samples = end_rows - first_rows >= 2
     if not has_two_samples.any():
         return ranges
-    # NumPy's ``reduceat`` reduces from each start to the next one. The windows lie side by side, so that these are the
-    # windows themselves; only the last one needs an end, for which the samples after it are cut off.
-    values_in_windows = values[: window_ends[-1]]
-    reduced_starts = window_starts[has_two_samples]
-    window_maxima = np.maximum.reduceat(values_in_windows, reduced_starts)
-    window_minima = np.minimum.reduceat(values_in_windows, reduced_starts)
+    # NumPy's ``reduceat`` reduces from each first row to the next one. The windows lie side by side, so that these are
+    # the windows themselves; only the last one needs an end, for which the samples after it are cut off.
+    values_in_windows = values[: end_rows[-1]]
+    reduced_rows = first_rows[has_two_samples]
+    window_maxima = np.maximum.reduceat(values_in_windows, reduced_rows)
+    window_minima = np.minimum.reduceat(values_in_windows, reduced_rows)
     ranges[has_two_samples] = window_maxima - window_minima
     return ranges
 

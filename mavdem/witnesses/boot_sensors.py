@@ -35,9 +35,9 @@ from mavdem.witnesses.height import (
     MEAN_SECONDS,
     SLOPE_SECONDS,
     HeightComparison,
-    TrustedHeight,
-    trusted_height,
-    trusted_height_at,
+    ReliableHeight,
+    reliable_height,
+    reliable_height_at,
 )
 from mavdem.witnesses.sensor_facts import (
     ACCELEROMETER,
@@ -168,23 +168,23 @@ class BootSensors:
         return float(angle.time[-1])
 
     @cached_property
-    def trusted_height(self) -> TrustedHeight | None:
+    def reliable_height(self) -> ReliableHeight | None:
         """Height above the take-off by a source that can be trusted; None without any."""
-        return trusted_height(self.signals, self.boot, self.take_off)
+        return reliable_height(self.signals, self.boot, self.take_off)
 
     @property
     def height_above_take_off(self) -> TimeSeries | None:
         """Height (N,) above the take-off, m, by a source that can be trusted; None without any."""
-        return None if self.trusted_height is None else self.trusted_height.series
+        return None if self.reliable_height is None else self.reliable_height.series
 
     @property
     def height_source(self) -> HeightSource | None:
         """What measured the height above the take-off; None without any."""
-        return None if self.trusted_height is None else self.trusted_height.source
+        return None if self.reliable_height is None else self.reliable_height.source
 
     def height_at(self, time: float) -> float | None:
         """Returns the height above the take-off at a time, m, by a source that can be trusted; None without any."""
-        return trusted_height_at(self.signals, self.boot, self.take_off, time)
+        return reliable_height_at(self.signals, self.boot, self.take_off, time)
 
     def height_facts(self, min_height: float, time: float) -> tuple[Fact, ...]:
         """Returns a fact of each height sensor: whether it shows the vehicle above a height at some time.

@@ -79,8 +79,8 @@ def flight_check(signals: Signals, boot: int) -> FlightCheck:
         Whether the vehicle flew, None if that is not known, with these facts. If the motors were not recorded or never
         ran, it is not known and there are no facts.
     """
-    powered_spans = powered_intervals(signals, boot)
-    if not powered_spans:
+    powered = powered_intervals(signals, boot)
+    if not powered:
         return FlightCheck(None, (), had_power=False)
     barometer = height_comparison(signals, boot).barometer
     height_source = "barometer"
@@ -91,7 +91,7 @@ def flight_check(signals: Signals, boot: int) -> FlightCheck:
         height = series_of_boot(signals.height, boot)
     rise = None
     if height is not None:
-        rise = _largest_rise(height, _flown_spans(signals, boot, powered_spans))
+        rise = _largest_rise(height, _flown_intervals(signals, boot, powered))
     sensor_facts = (*_rise_facts(rise, height_source), *_rotation_facts(signals, boot))
     support = supporting_facts(sensor_facts)
     contradictions = contradicting_facts(sensor_facts)
@@ -197,27 +197,29 @@ def powered_intervals(signals: Signals, boot: int) -> Intervals:
     return true_intervals(collective.time, moving_average(collective) > min_collective)
 
 
-def _flown_spans(signals: Signals, boot: int, powered_spans: Intervals) -> Intervals:
-    """Returns the intervals with enough thrust to fly, and around them the time that is reported as flight.
+def _flown_intervals(signals: Signals, boot: int, powered: Intervals) -> Intervals:
+    """Returns the intervals in which a vehicle may have flown: with enough thrust, and what is reported around them.
 
     A light vehicle may need so little thrust that its motors exceed the limit of :func:`powered_intervals` only in
-    short climbs, which show but a small part of its rise.
+    short climbs, which show only a small part of its rise. So an interval that the autopilot or the estimate reports as
+    flight is added if it overlaps one of those.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
-        powered_spans: the intervals in it with enough thrust to fly, s since boot.
+        powered: the intervals in it with enough thrust to fly, s since boot.
 
     Returns:
         Intervals, s since boot.
     """
-    reported_spans = [
-        span for span in airborne_intervals(signals, boot) if intersection([span], powered_spans)
-    ]
-    return union(powered_spans, reported_spans)
+    reported_as_flight = []
+    for interval in airborne_intervals(signals, boot):
+        if intersection([interval], powered):
+            reported_as_flight.append(interval)
+    return union(powered, reported_as_flight)
 
 
-def _largest_rise(height: TimeSeries, flown_spans: Intervals) -> float | None:
+def _largest_rise(height: TimeSeries, flown: Intervals) -> float | None:
     """Returns the height by which the vehicle rose above the ground while its motors could carry it.
 
     The ground is the lower of the heights ``CONTEXT_SECONDS`` before and after the time under power: a log may have
@@ -226,14 +228,14 @@ def _largest_rise(height: TimeSeries, flown_spans: Intervals) -> float | None:
 
     Args:
         height: (N,) height, m, in one boot.
-        flown_spans: intervals as of :func:`_flown_spans`, s.
+        flown: intervals of :func:`_flown_intervals`, s since boot.
 
     Returns:
         Largest rise of all intervals, m, at least 0; None without samples under power.
     """
     mean_height = windowed_mean(height.time, height.values, MEAN_SECONDS)
     rises = []
-    for start, end in flown_spans:
+    for start, end in flown:
         is_under_power = in_intervals(height.time, [(start, end)])
         if not is_under_power.any():
             continue

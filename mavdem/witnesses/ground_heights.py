@@ -61,7 +61,8 @@ def ground_heights(
 ) -> GroundHeights | None:
     """Compares the heights at rest before a flight and after it, by barometer and satellites.
 
-    The ground does not move. If the barometer says that it did, and the satellites do not, the barometer drifted.
+    The ground does not move. If the barometer shows another height after the flight and the satellites do not, the
+    barometer drifted.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -122,6 +123,7 @@ def _frozen_since(barometer: TimeSeries, rest: TimeInterval) -> float | None:
     heights = barometer.values[is_before_end]
     last_height = heights[-1]
     different_readings = np.flatnonzero(heights != last_height)
+    # The equal readings begin after the last different one, or with the record if there is none.
     first_equal_index = different_readings[-1] + 1 if len(different_readings) else 0
     first_equal_time = float(times[first_equal_index])
     if first_equal_time >= rest_start - LANDING_SECONDS:
@@ -191,13 +193,13 @@ def _rests_around(rests: Intervals, flight_interval: TimeInterval) -> _RestsArou
         Start and end of both rests, s since boot; None for one that is missing.
     """
     take_off, landing = flight_interval
-    time_before = (take_off - MAX_WAIT_SECONDS, take_off)
+    interval_before = (take_off - MAX_WAIT_SECONDS, take_off)
     if isfinite(landing):
-        time_after = (max(landing - LANDING_SECONDS, take_off), landing + MAX_WAIT_SECONDS)
+        interval_after = (max(landing - LANDING_SECONDS, take_off), landing + MAX_WAIT_SECONDS)
     else:
-        time_after = (take_off + LANDING_SECONDS, inf)
-    rests_before = _long_enough(intersection(rests, [time_before]))
-    rests_after = _long_enough(intersection(rests, [time_after]))
+        interval_after = (take_off + LANDING_SECONDS, inf)
+    rests_before = _long_enough(intersection(rests, [interval_before]))
+    rests_after = _long_enough(intersection(rests, [interval_after]))
     rest_before = None
     rest_after = None
     if rests_before:

@@ -126,7 +126,7 @@ def is_usable_barometer(noise: float | None) -> bool:
 
 
 def barometer_noise(altitude: TimeSeries) -> float | None:
-    """Returns the noise of a barometer: the robust RMS of the second differences of its means over 1 s.
+    """Estimates the noise of a barometer: the robust RMS of the second differences of its means over 1 s.
 
     The second difference of an altitude over steps of 1 s is a vertical acceleration. No multirotor keeps up an
     acceleration above ``MAX_BAROMETER_NOISE``, so that a larger value is noise of the sensor. The RMS is robust because
@@ -181,15 +181,15 @@ def _climb_by_barometer(barometer: TimeSeries) -> TimeSeries | None:
     Returns:
         (M,) central differences; None if the record is not longer than ``SLOPE_SECONDS``.
     """
-    # Each slope reaches from half of the seconds before a time to half of them after it, within the record.
-    reach = SLOPE_SECONDS / 2
-    first_time = barometer.time[0] + reach
-    last_time = barometer.time[-1] - reach
+    # A slope at a time needs the altitude half of ``SLOPE_SECONDS`` before it and after it, within the record.
+    half_width = SLOPE_SECONDS / 2
+    first_time = barometer.time[0] + half_width
+    last_time = barometer.time[-1] - half_width
     if last_time <= first_time:
         return None
     time = np.arange(first_time, last_time, 1 / GRID_RATE)
-    altitude_after = np.interp(time + reach, barometer.time, barometer.values)
-    altitude_before = np.interp(time - reach, barometer.time, barometer.values)
+    altitude_after = np.interp(time + half_width, barometer.time, barometer.values)
+    altitude_before = np.interp(time - half_width, barometer.time, barometer.values)
     boot = np.full(len(time), barometer.boot[0])
     return TimeSeries(time, boot, (altitude_after - altitude_before) / SLOPE_SECONDS)
 
@@ -248,8 +248,8 @@ def _median_difference(
     return float(np.median(differences[is_estimate_known]))
 
 
-class TrustedHeight(NamedTuple):
-    """A height above the take-off, and what measured it."""
+class ReliableHeight(NamedTuple):
+    """A height above the take-off by a reliable source, and which source that is."""
 
     series: TimeSeries
     """Height (N,), m."""
@@ -257,8 +257,8 @@ class TrustedHeight(NamedTuple):
     """The barometer, or the autopilot's estimate."""
 
 
-def trusted_height(signals: Signals, boot: int, take_off: float) -> TrustedHeight | None:
-    """Returns the height above the take-off, by a source that can be trusted.
+def reliable_height(signals: Signals, boot: int, take_off: float) -> ReliableHeight | None:
+    """Returns the height above the take-off, by the more reliable one of two sources.
 
     That is the autopilot's estimate, unless a usable barometer contradicts it by more than ``MAX_HEIGHT_DIFFERENCE`` at
     any time; then it is the barometer.
@@ -270,19 +270,19 @@ def trusted_height(signals: Signals, boot: int, take_off: float) -> TrustedHeigh
             that above the autopilot's home, by the estimate alone.
 
     Returns:
-        The height (N,), m; None if neither source was recorded.
+        The height (N,), m, with its source; None if neither source was recorded.
     """
-    source = _trusted_source(signals, boot, take_off)
+    source = _reliable_source(signals, boot, take_off)
     if source is None:
         return None
     height = _recorded_height(signals, boot, source)
     if not isinf(take_off):
         height = _above_take_off(height, take_off)
-    return None if height is None else TrustedHeight(height, source)
+    return None if height is None else ReliableHeight(height, source)
 
 
-def trusted_height_at(signals: Signals, boot: int, take_off: float, time: float) -> float | None:
-    """Returns :func:`trusted_height` at one time, m; None if neither source was recorded.
+def reliable_height_at(signals: Signals, boot: int, take_off: float, time: float) -> float | None:
+    """Returns :func:`reliable_height` at one time, m; None if neither source was recorded.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -290,7 +290,7 @@ def trusted_height_at(signals: Signals, boot: int, take_off: float, time: float)
         take_off: time of the take-off, s since boot; minus infinity if the log begins in the air.
         time: s since boot.
     """
-    source = _trusted_source(signals, boot, take_off)
+    source = _reliable_source(signals, boot, take_off)
     if source is None:
         return None
     height = _recorded_height(signals, boot, source)
@@ -310,8 +310,8 @@ def _recorded_height(signals: Signals, boot: int, source: HeightSource) -> TimeS
 # The source alone is cached: a log of hours has a take-off for each of many flights, and their heights would take its
 # size in memory.
 @cached_per_vehicle()
-def _trusted_source(signals: Signals, boot: int, take_off: float) -> HeightSource | None:
-    """Chooses the source whose height :func:`trusted_height` returns: the autopilot's estimate or the barometer.
+def _reliable_source(signals: Signals, boot: int, take_off: float) -> HeightSource | None:
+    """Chooses the source whose height :func:`reliable_height` returns: the autopilot's estimate or the barometer.
 
     The estimate is preferred, except if it is ever farther than ``MAX_HEIGHT_DIFFERENCE`` from the barometer: then it
     has probably diverged.

@@ -106,7 +106,7 @@ def rotation_under_power(signals: Signals, boot: int) -> RotationUnderPower | No
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
-        The figures; None without attitude or motors, or with less than ``MIN_SECONDS`` under power.
+        The measured quantities; None without attitude or motors, or with less than ``MIN_SECONDS`` under power.
     """
     tracking = attitude_tracking(signals, boot)
     collective = series_of_boot(signals.collective, boot)
@@ -192,6 +192,7 @@ def _setpoint_response(
     slopes = []
     errors = []
     ignores_setpoint = []
+    # The columns are roll and pitch.
     for angle, setpoint in zip(angles[grid_samples].T, setpoints[grid_samples].T, strict=True):
         is_known = np.isfinite(setpoint) & np.isfinite(angle) & is_powered[grid_samples]
         if np.count_nonzero(is_known) < MIN_SECONDS * RESPONSE_RATE:
@@ -324,8 +325,8 @@ def _trapezoidal_integral(time: Array, values: Array) -> Array:
     Returns:
         (N,) integral from the first sample to each one, 0 at the first.
     """
-    means = (values[1:] + values[:-1]) / 2
-    return np.concatenate([[0.0], np.cumsum(np.diff(time) * means)])
+    mean_values = (values[1:] + values[:-1]) / 2
+    return np.concatenate([[0.0], np.cumsum(np.diff(time) * mean_values)])
 
 
 def _is_resolved(rate: Array) -> bool:

@@ -12,7 +12,7 @@ from pytest import approx, fixture, mark
 from recorded_flights import shared
 from scipy.ndimage import convolve1d
 
-from mavdem.motors.balance import SteadyRun, balance_figures
+from mavdem.motors.balance import SteadyRun, motor_balance
 from mavdem.motors.health import assess_motor_health
 from mavdem.motors.signatures import motor_signatures
 
@@ -34,7 +34,7 @@ def flight_in_gusts(seed, seconds=60.0):
 
 
 def figures(time, commands, lean, signatures=QUAD_X):
-    return balance_figures([SteadyRun(time, commands, lean)], signatures, time[-1] - time[0])
+    return motor_balance([SteadyRun(time, commands, lean)], signatures, time[-1] - time[0])
 
 
 @mark.slow

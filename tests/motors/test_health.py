@@ -10,7 +10,6 @@ from pytest import approx, mark
 
 from mavdem.facts import Level
 from mavdem.facts.motors import Explanation, HealthUnknown, MotorsBetween
-from mavdem.motors.balance_figures import BalanceFigures
 from mavdem.motors.change_hypotheses import (
     DETECTABLE_RISE,
     FAULT_RISE,
@@ -20,6 +19,7 @@ from mavdem.motors.change_hypotheses import (
 from mavdem.motors.deviation import Deviation
 from mavdem.motors.health import MIN_REPORTED_PROBABILITY, _weak_motor, assess_motor_health
 from mavdem.motors.healthy_flights import HealthFigures, distinct_flights, healthy_flights
+from mavdem.motors.motor_balance import MotorBalance
 from mavdem.motors.signatures import motor_signatures
 
 VEHICLES = 40
@@ -50,7 +50,7 @@ class MadeUpVehicle:
         mean = OFFSET + rng.normal(scale=0.008, size=3) + change + LEAN_EFFECT @ lean
         effect = LEAN_EFFECT + rng.normal(scale=EFFECT_ERROR, size=(3, 2))
         errors = np.full(3, ERROR), lean, effect, np.full((3, 2), EFFECT_ERROR)
-        balance = BalanceFigures(mean, *errors, 60.0)
+        balance = MotorBalance(mean, *errors, 60.0)
         self.flown += 1
         when = FIRST + timedelta(days=self.flown)
         return HealthFigures(f"flight {self.flown}", MOTORS, QUAD_X, balance, when, 0.5, 11.0)

@@ -6,8 +6,8 @@ from pytest import approx, mark
 
 from mavdem.facts.motors import TrimFact
 from mavdem.ingest.motors import PositionSource, name_without_place
-from mavdem.motors.balance_figures import BalanceFigures
 from mavdem.motors.change_hypotheses import FAULT_RISE
+from mavdem.motors.motor_balance import MotorBalance
 from mavdem.motors.signatures import motor_signatures
 from mavdem.motors.trim_pattern import trim_pattern
 from mavdem.report.templates import with_interval
@@ -18,7 +18,7 @@ QUAD = geometry()
 def trim(mean, coaxial_geometry=QUAD, lean=(0.0, 0.0), error=0.003):
     """Of a balance that the lean has not moved in this flight, as far as it shows."""
     errors = np.full(3, error), np.radians(lean), np.zeros((3, 2)), np.full((3, 2), 0.5)
-    return trim_pattern(BalanceFigures(np.array(mean), *errors, 60.0), coaxial_geometry)
+    return trim_pattern(MotorBalance(np.array(mean), *errors, 60.0), coaxial_geometry)
 
 
 @mark.parametrize(

@@ -13,7 +13,7 @@ from mavdem.facts.trust import TrustCheck
 from mavdem.facts.witnesses import SensorFact
 from mavdem.report.trust import trust_table
 from mavdem.witnesses import sensor_trust
-from mavdem.witnesses.height import trusted_height
+from mavdem.witnesses.height import reliable_height
 from mavdem.witnesses.sensors import barometer_altitude, throttle_stick
 
 GROUND_PRESSURE = 1000.0
@@ -127,17 +127,17 @@ def test_a_height_that_ran_away_gives_way_to_the_barometer():
     telemetry = flight()
     z = np.where(stamps(telemetry, "LOCAL_POSITION_NED") > 30.0, 3000.0, -height(telemetry))
     signals = Signals(changed(telemetry, "LOCAL_POSITION_NED", z=z), inputs="motors")
-    trusted = trusted_height(signals, 0, TAKE_OFF)
+    trusted = reliable_height(signals, 0, TAKE_OFF)
     assert trusted.source == "barometer"
     assert trusted.series.values.max() == approx(10.0, abs=0.5)
-    sound = trusted_height(Signals(telemetry, inputs="motors"), 0, TAKE_OFF)
+    sound = reliable_height(Signals(telemetry, inputs="motors"), 0, TAKE_OFF)
     assert sound.source == "estimate"
 
 
 def test_heights_above_each_of_many_take_offs_take_no_memory():
     signals = Signals(flight(), inputs="motors")
     for take_off in np.arange(TAKE_OFF, TAKE_OFF + 5.0):
-        assert trusted_height(signals, 0, float(take_off)).source == "estimate"
+        assert reliable_height(signals, 0, float(take_off)).source == "estimate"
     kept = [value for key, value in signals.cache.items() if key[-1] in np.arange(5) + TAKE_OFF]
     assert kept == ["estimate"] * 5
 

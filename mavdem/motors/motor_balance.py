@@ -1,11 +1,11 @@
-"""Figures of the balance of the motors in one flight, by which flights are compared with each other."""
+"""The balance of the motors in one flight: torque commands relative to the thrust, by which flights are compared."""
 
 from typing import NamedTuple
 
 from mavdem.arrays import Array
 
 
-class BalanceFigures(NamedTuple):
+class MotorBalance(NamedTuple):
     """Balance of the motors of a steady flight, in fractions of the mean command of all motors.
 
     Values that do not follow from the motors' geometry or the log are NaN. Errors are standard errors.
