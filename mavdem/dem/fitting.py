@@ -126,7 +126,8 @@ def generative_model(
         _require_regulated_order(settings, m)
     r = motors + 1 if scaling.constant else motors
     smoothness = _noise_smoothness(settings, record.dt)
-    q = p if settings.last_derivative_zero else p - 1
+    # Highest derivative of the process noise.
+    q = p if settings.models_highest_derivative else p - 1
     # One row for each derivative of the inputs; the constant input, if there is one, is the last column.
     input_precisions = np.full((d + 1, r), settings.input_precision)
     input_precisions[:, motors:] = CONSTANT_INPUT_PRECISION
@@ -156,20 +157,20 @@ def _require_regulated_order(settings: CompleteSettings, m: int) -> None:
     """Raises ValueError unless the data can determine a model with n states under the "regulated" prior.
 
     Under that prior (``priors.regulated_prior``) the first m states are the outputs. Each other state is hidden, and
-    acts only on the derivative of the state before it: the first hidden state is seen in the first derivative of the
-    last output, the second one in the second derivative, and so on. The model has p derivatives of the outputs, so
-    that there can be p hidden states.
+    acts only on the derivative of the state before it: the first hidden state affects the first derivative of the last
+    output, the second one the second derivative, and so on. The model has p derivatives of the outputs, so that there
+    can be p hidden states.
 
-    There can be more with ``last_derivative_zero``: the equation of motion then also holds for the highest derivative
-    of the states, so that it determines all of them together with the outputs.
+    There can be more if the equation of motion also holds for the highest derivative of the states
+    (``models_highest_derivative``): it then determines all of them together with the outputs.
 
     Args:
-        settings: order n, embedding order p and ``last_derivative_zero`` of the fit.
+        settings: order n, embedding order p and ``models_highest_derivative`` of the fit.
         m: number of outputs.
     """
     n = settings.order
     max_order = m + settings.p
-    exceeds_max_order = n > max_order and not settings.last_derivative_zero
+    exceeds_max_order = n > max_order and not settings.models_highest_derivative
     if n < m or exceeds_max_order:
         raise ValueError(
             f"order must be between {m} and {max_order} with {m} outputs and p = {settings.p}, not {n}"
@@ -223,7 +224,8 @@ def _parameter_prior(
     # Without dynamics of the highest derivative x has no prior. If C is free as well, nothing determines the scale of
     # x, and F̄ is highest at C = 0.
     C_precisions = unpack(np.diag(prior.precision), n, r, m).C
-    if not settings.last_derivative_zero and not (C_precisions >= KINEMATIC_PRECISION).all():
+    leaves_C_free = not (C_precisions >= KINEMATIC_PRECISION).all()
+    if leaves_C_free and not settings.models_highest_derivative:
         raise ValueError(
             'correlation must be "continuous" with a prior that leaves C free (a precision below '
             f'{KINEMATIC_PRECISION:g} in the units of scaling), not "sampled"'
@@ -238,7 +240,7 @@ def vehicle_parameter_indices(
     *,
     has_constant_input: bool,
 ) -> Indices:
-    """Returns where the vehicle's parameters are in θ, all entries of the matrices A, B and C that a fit estimates.
+    """Returns the indices of the vehicle's parameters in θ, which has all entries of A, B and C that a fit estimates.
 
     B's column for the constant input, which represents the trim, is left out: it is no parameter of the vehicle.
 
@@ -252,9 +254,12 @@ def vehicle_parameter_indices(
         Indices in θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], increasing.
     """
     r = motors + 1 if has_constant_input else motors
-    is_of_vehicle_B = np.ones((n, r), bool)
-    is_of_vehicle_B[:, motors:] = False
-    return np.flatnonzero(pack(np.ones((n, n), bool), is_of_vehicle_B, np.ones((m, n), bool)))
+    # Flags of the same shapes as A, B and C: only the column of the constant input is no parameter of the vehicle.
+    is_parameter_in_A = np.ones((n, n), bool)
+    is_parameter_in_B = np.ones((n, r), bool)
+    is_parameter_in_B[:, motors:] = False
+    is_parameter_in_C = np.ones((m, n), bool)
+    return np.flatnonzero(pack(is_parameter_in_A, is_parameter_in_B, is_parameter_in_C))
 
 
 def generalized_data(

@@ -137,9 +137,9 @@ class OrderChoice:
     def reason(self) -> Fact:
         """Why this order is chosen: how much free energy a higher order would gain at most, and how much it would need.
 
-        It is a fact, from which reports make a sentence. Its figures are the largest mean gain of a higher order over
-        the chosen one, nats (``None`` if no higher one was fitted), and the two limits that the gain would have to
-        exceed (:attr:`chosen`).
+        It is a fact, from which reports make a sentence. It contains the largest mean gain of a higher order over the
+        chosen one, nats (``None`` if no higher one was fitted), and the two limits that the gain would have to exceed
+        (:attr:`chosen`).
         """
         chosen = self.chosen
         largest_gain = None

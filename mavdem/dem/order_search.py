@@ -1,6 +1,6 @@
 """Fits of black-box models with 1, 2, … states to one flight, whose free energies can be compared between orders.
 
-docs/order.md says why they are comparable. All orders are fitted to the same data, which a Gaussian kernel filters, in
+docs/order.md shows why they are comparable. All orders are fitted to the same data, which a Gaussian kernel filters, in
 units of the flight's own: outputs, and all inputs together, of variance 1, and a unit of time in which the outputs
 change by their standard deviation. A prior of variance 1 then means the same for any flight. The effective sample size
 is counted, since noise of kernel width s is correlated over √(2π) s/dt samples, Σₖ ρ(k dt)².
@@ -421,6 +421,7 @@ def theta_from_data(data: BlackBoxData, order: int) -> Array:
         residual_derivative = y[k]
         residual_rate = y[k + 1]
         if k > 0:
+            # The inputs up to order k − 1, and their rates, which are the inputs of the orders 1 to k.
             regressors = np.vstack([states, *v[:k]])
             regressor_rates = np.vstack([rates, *v[1 : k + 1]])
             coefficients = _regress_with_ridge(data, y[k], regressors, ROUNDING_TOLERANCE)

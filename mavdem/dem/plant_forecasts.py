@@ -22,7 +22,7 @@ TEST_FORECASTS = 200
 """About how many forecasts of the training data the errors are estimated from, spread evenly over the flight."""
 
 FILTER_SETTLING_FRACTION = 4
-"""The filter runs for a horizon divided by this number before a test forecast begins, to find the hidden states."""
+"""The filter runs for a horizon divided by this number before a test forecast, so that its hidden states converge."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class PlantForecasts:
         return half_width(variance, level)
 
     def forecast_from_zero_state(self, inputs: Array) -> Array:
-        """Simulates the plant from state 0, with the outputs at their trim, as in the figures of the paper.
+        """Simulates the plant from state 0, with the outputs at their trim, as for the paper's figures.
 
         Args:
             inputs: Inputs after the training data, (H, r), in physical units.
@@ -96,35 +96,38 @@ class PlantForecasts:
     def rolling_forecast_known_inputs(
         self, steps: int, inputs: Array, outputs: Array, smooth: bool = False
     ) -> Forecast:
-        """Forecasts samples after the training data, where a new forecast begins at every ``steps``-th of them.
+        """Forecasts the H samples that follow the training data, with a new forecast at every ``steps``-th of them.
+
+        For example, with ``steps`` = 3 the samples 0, 1 and 2 are forecast from the training data, then the samples 3,
+        4 and 5 from all data up to sample 2, and so on.
 
         Args:
             steps: Number of samples from the beginning of one forecast to the next.
             inputs: Inputs after the training data, (H, r).
-            outputs: Outputs of the same samples, (H, m); each forecast uses those before its beginning.
-            smooth: Not used. The plant treats the inputs as causes of the motion, and later causes have no effect on
-                it.
+            outputs: Measured outputs of the same samples, (H, m); each forecast uses those before its beginning.
+            smooth: Not used; ``JointModel`` has the same arguments. The plant treats the inputs as causes of the
+                motion, and later causes have no effect on it.
 
         Returns:
             Forecast outputs and their expected squared errors, (H, m) each.
         """
-        # The state at the first sample to forecast follows from the filter over the last segment of the training data.
+        # The filter over the last segment of the training data gives the state at the first sample to forecast.
         last_inputs, last_outputs = self.record.segments[-1]
-        state = self.process.state_after(
+        first_state = self.process.state_after(
             self.scaling.scale_inputs(last_inputs), self.scaling.scale_outputs(last_outputs)
         )
         scaled_inputs = self.scaling.scale_inputs(inputs)
         scaled_outputs = self.scaling.scale_outputs(outputs)
-        stride = max(1, steps)
-        forecast = self.process.rolling_forecast(stride, state, scaled_inputs, scaled_outputs)
-        # Sample i is the (i mod stride)-th of its forecast, counted from 0 like the rows of the errors. Beyond the
-        # longest horizon with a known error, the error at that horizon is used.
-        number_in_forecast = np.arange(len(scaled_inputs)) % stride
-        last_row = len(self.mean_squared_errors) - 1
-        error_rows = np.minimum(number_in_forecast, last_row)
-        return Forecast(
-            self.scaling.physical_outputs(forecast), self.mean_squared_errors[error_rows]
+        forecast_length = max(1, steps)
+        scaled_forecast = self.process.rolling_forecast(
+            forecast_length, first_state, scaled_inputs, scaled_outputs
         )
+        # Row i of the mean squared errors is for i + 1 steps ahead. The first sample of each forecast is one step
+        # ahead. For samples further ahead than the last row, the last row is used.
+        rows = np.arange(len(scaled_inputs)) % forecast_length
+        last_row = len(self.mean_squared_errors) - 1
+        expected_squares = self.mean_squared_errors[np.minimum(rows, last_row)]
+        return Forecast(self.scaling.physical_outputs(scaled_forecast), expected_squares)
 
     @cached_property
     @may_overflow

@@ -223,42 +223,46 @@ class Settings:
         self._require_consistent()
 
     def _require_consistent(self) -> None:
-        """Checks the conditions that involve more than one setting.
+        """Checks that the settings do not contradict each other.
 
-        Two of them are on ``correlation``, which decides whether the error of the highest derivative of the states,
-        Dx̃ − Ãx̃ − B̃ṽ, counts as evidence ("continuous") or is left out.
+        The embedding orders p and d are the highest derivatives of the states and of the inputs. The equation of motion
+        ẋ = A x + B v is differentiated as often. Whether its highest derivative is part of the model is set by
+        ``correlation`` (:attr:`models_highest_derivative`).
 
         Raises:
             ValueError: A setting contradicts another; the message names it.
         """
-        is_continuous = self.last_derivative_zero
-        # A derivative of order k needs at least k + 1 samples.
-        min_window = max(self.p, self.d or 0) + 1
+        # A derivative of order k is computed from at least k + 1 samples. An open d is chosen later, and fits.
+        highest_derivative = max(self.p, self.d or 0)
+        min_window = highest_derivative + 1
         if self.window is not None and self.window < min_window:
-            raise self._contradiction("window", f"at least {min_window} for p and d")
-        # If the highest derivative is left out and C is free, nothing determines the scale of the states x: the larger
-        # they are, the smaller C, and the free energy F̄ is largest at C = 0.
-        if self.prior == "uniform" and not is_continuous:
-            raise self._contradiction(
-                "correlation", '"continuous" with the uniform prior, which leaves C free'
-            )
-        # With p = 0 the states have no derivatives, and leaving out the highest one leaves no equation of motion.
-        if self.p == 0 and not is_continuous:
-            raise self._contradiction("correlation", '"continuous" with p = 0')
+            raise self._value_error("window", f"at least {min_window} for p and d")
+        if not self.models_highest_derivative:
+            # The uniform prior leaves C free. Without the highest derivative, nothing then determines the scale of the
+            # states x: the larger they are, the smaller C, and the free energy F̄ is largest at C = 0.
+            if self.prior == "uniform":
+                raise self._value_error(
+                    "correlation", '"continuous" with the uniform prior, which leaves C free'
+                )
+            # With p = 0 the only equation of motion is the one that is left out.
+            if self.p == 0:
+                raise self._value_error("correlation", '"continuous" with p = 0')
+        # The mean of B is 0 under this prior, and only recorded inputs can change it.
         if self.prior == "regulated" and not self.known_inputs:
-            raise self._contradiction(
+            raise self._value_error(
                 "known_inputs", "True with the regulated prior, under which B would stay 0"
             )
 
-    def _contradiction(self, name: str, expected: str) -> ValueError:
-        """Returns the error that the setting of this ``name`` is not as ``expected``."""
+    def _value_error(self, name: str, expected: str) -> ValueError:
+        """Returns the error that the setting of this ``name`` does not have the ``expected`` value."""
         return ValueError(f"{name} must be {expected}, not {getattr(self, name)!r}")
 
     @property
-    def last_derivative_zero(self) -> bool:
-        """Whether the state's derivative above the highest order is assumed to be zero and counted as evidence.
+    def models_highest_derivative(self) -> bool:
+        """Whether the equation of motion of the states' highest derivative is part of the model.
 
-        Otherwise the highest derivative of the process noise is left out (setting ``correlation``).
+        It contains a derivative above the highest one, which is then assumed to be 0. Otherwise the equation is left
+        out, and with it the highest derivative of the process noise (setting ``correlation``).
         """
         return self.correlation == "continuous"
 

@@ -180,7 +180,7 @@ class Comparison:
         return tuple(sorted(summaries, key=itemgetter("relative")))
 
     def _summary(self, method: str, kind: ForecastKind, reference: str) -> JsonValues:
-        """Returns the summary of a method over all windows; :meth:`summaries` says what its keys mean.
+        """Returns the summary of a method over all windows; :meth:`summaries` explains its keys.
 
         Args:
             method: name of the method.
@@ -373,16 +373,16 @@ def overall_summary(method: str, flight_summaries: Sequence[JsonValues]) -> Json
     """Averages the summaries of one method over several flights, so that each flight counts the same.
 
     Error ratios are averaged geometrically, fractions of samples inside the 90 % band arithmetically, and numbers of
-    windows are added up. The paired test asks whether the method's error differs from the error of the reference, which
-    is the first method of the comparison, in flights in general: its pairs are flights and not windows, since windows
-    of one flight resemble each other.
+    windows are added up. The paired test is of whether the method's error differs from that of the reference, the first
+    method of the comparison, in flights in general: its pairs are flights and not windows, since windows of one flight
+    resemble each other.
 
     Args:
         method: name of the method.
         flight_summaries: its summaries, one for each flight, as :meth:`Comparison.summaries` returns them.
 
     Returns:
-        Values by name; :meth:`Comparison.over_flights` says what each is.
+        Values by name; :meth:`Comparison.over_flights` explains them.
     """
     # Flights sampled at different rates have different numbers of horizons. The last one is the whole test window in
     # each of them, so it is kept, with the shorter horizons that all flights have.

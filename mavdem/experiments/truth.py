@@ -33,10 +33,10 @@ class ComparedParameter(NamedTuple):
 
     name: str
     unit: str
-    """of estimate, half width and truth"""
+    """Unit of estimate, half width and truth."""
     estimate: float
     half_width: float
-    """of its 90 % interval; NaN where it is not identifiable"""
+    """Half width of the 90 % interval of the estimate; NaN where it is not identifiable."""
     truth: float
     status: Status = Status.REPORTED
 
@@ -52,53 +52,53 @@ class ComparedWind(NamedTuple):
     """The estimated wind torque and its truth, rad/s²."""
 
     correlation: float
-    """of the two courses; NaN where one of them is constant"""
+    """Correlation of the two torques over time; NaN where one of them is constant."""
     sd: float
-    """standard deviation of the estimate"""
+    """Standard deviation of the estimate."""
     true_sd: float
-    """standard deviation of the truth"""
+    """Standard deviation of the truth."""
     inside: float
-    """share of samples whose truth is in the 90 % band"""
+    """Share of samples whose truth is in the 90 % band."""
     resolved: bool
-    """whether the estimate is larger than its expected errors"""
+    """Whether the estimate is larger than its expected errors."""
     mean: ComparedParameter
-    """the steady part"""
+    """The steady part."""
 
 
 class TruthComparison(NamedTuple):
     """The estimates of a simulated flight and their truth."""
 
     source: str
-    """name of the truth file"""
+    """Name of the truth file."""
     parameters: tuple[ComparedParameter, ...]
-    """physical parameters; empty where there are none"""
+    """Physical parameters; empty where there are none."""
     wind: ComparedWind | None
-    """the wind torque; ``None`` where it was not estimated"""
+    """The wind torque; ``None`` where it was not estimated."""
 
 
 class Truth(NamedTuple):
     """One axis of a truth file of ``mavdem fly``: N rows, r motors."""
 
     source: str
-    """name of the file"""
+    """Name of the file."""
     time: Array
-    """(N,) s on the boot clock"""
+    """(N,) times of the rows, s on the boot clock."""
     rate: Array
-    """(N,) rad/s, as the autopilot knew it"""
+    """(N,) body rate as the autopilot measured it, rad/s."""
     disturbance: Array
-    """(N,) wind torque, rad/s²"""
+    """(N,) wind torque, rad/s²."""
     after_failure: Array
-    """(N,) 1 after a motor failed, else 0"""
+    """(N,) 1 after a motor failed, else 0."""
     effect: Array
-    """(r,) angular acceleration by each motor, rad/s² per µs"""
+    """(r,) angular acceleration by each motor, rad/s² per µs."""
     effect_after_failure: Array
-    """(r,) the same after a motor failed"""
+    """(r,) the same after a motor failed."""
     damping: float
-    """1/s"""
+    """Rate damping, 1/s."""
     lag: float
-    """motor time constant, s"""
+    """Motor time constant, s."""
     delay: float
-    """s"""
+    """Delay of the commands, s."""
 
     def effect_at(self, time: Array) -> Array:
         """Returns the effect of the motors in a part of the flight, with the failure if it lasted for most of it.
@@ -287,8 +287,8 @@ def compared_dynamics(physical: Physical, truth: Truth) -> Iterator[ComparedPara
     """Yields the rate damping (1/s), the motor time constant (s) and the delay (s), each with its true value.
 
     Args:
-        physical: the estimated parameters, with the half widths of their 90 % intervals. The status of a parameter says
-            whether its value may be reported: reported, biased (by closed-loop control), or not identifiable.
+        physical: the estimated parameters, with the half widths of their 90 % intervals. The status of each is
+            reported, biased (by closed-loop control), or not identifiable.
         truth: the values with which the flight was simulated.
 
     Yields:
@@ -339,7 +339,7 @@ def compared_wind(wind: WindTorque, truth: Truth, time: Array) -> ComparedWind:
     """
     # The simulator has its own sampling step.
     true_torque = np.interp(time, truth.time, truth.disturbance)
-    # A constant course, such as in calm air, has no correlation.
+    # A constant torque, such as in calm air, has no correlation.
     correlation = nan
     if true_torque.std() and wind.torque.std():
         correlation = float(np.corrcoef(wind.torque, true_torque)[0, 1])

@@ -32,7 +32,7 @@ from mavdem.plant.fitting import (
 from mavdem.plant.identifiability import (
     PARAMETERS,
     QUICK_FREQUENCY,
-    IdentifiabilityFigures,
+    IdentifiabilityMeasures,
     NotIdentifiable,
     OmissionErrors,
     identifiability,
@@ -287,12 +287,12 @@ def _physical_parameters(
 
     logarithm_slopes = _slopes_of_log_estimates(values)
     likelihood_sd = np.sqrt(np.diag(logarithm_slopes @ covariance @ logarithm_slopes.T))
-    figures = _identifiability_figures(fit, windows, likelihood_sd, spectrum_range, damping)
-    status, reasons = identifiability(figures)
+    measures = _identifiability_measures(fit, windows, likelihood_sd, spectrum_range, damping)
+    status, reasons = identifiability(measures)
     bias = 0.0
     if status["effect"] == Status.BIASED:
         bias = OmissionErrors.wind_bias
-        if figures.lag_unresolved:
+        if measures.lag_unresolved:
             bias = OmissionErrors.lag_bias
     effect_unknown = status["effect"] == Status.NOT_IDENTIFIABLE
     covariance = with_omission_errors(
@@ -302,7 +302,7 @@ def _physical_parameters(
         spectrum_range,
         bias,
         effect_unknown=effect_unknown,
-        figures=figures,
+        measures=measures,
     )
 
     # So far the unit of the inputs is their common standard deviation, and the effects are converted from it. Damping,
@@ -319,7 +319,7 @@ def _physical_parameters(
         status=status,
         reasons=reasons,
         bias=bias,
-        wind_share=figures.wind_share,
+        wind_share=measures.wind_share,
         components=tuple(
             map(WindComponent, model.wind, sizes.tolist(), model.wind_times(theta).tolist())
         ),
@@ -330,14 +330,14 @@ def _physical_parameters(
     return freeze(estimate)
 
 
-def _identifiability_figures(
+def _identifiability_measures(
     fit: GrayBoxFit,
     windows: FlightWindows,
     likelihood_sd: Array,
     spectrum_range: Array,
     damping: float,
-) -> IdentifiabilityFigures:
-    """Collects the figures of a fit that decide whether effect, damping and lag are identifiable.
+) -> IdentifiabilityMeasures:
+    """Collects the measures of a fit that decide whether effect, damping and lag are identifiable.
 
     They are the standard deviations of the three, how much they change with the assumed spectrum of the wind, and
     properties of the flight that bias them: the share of wind in the torque, of commands that the samples miss, and so
@@ -353,7 +353,7 @@ def _identifiability_figures(
         damping: estimated damping, 1/s.
 
     Returns:
-        The figures. The relative standard deviation of the damping contains the error by the curvature of the thrust
+        The measures. The relative standard deviation of the damping contains the error by the curvature of the thrust
         curve.
     """
     corrected_sd = OmissionErrors.likelihood_factor * likelihood_sd
@@ -361,7 +361,7 @@ def _identifiability_figures(
     # θ begins with the common effect of all motors; each motor's deviation from it follows.
     deviations = fit.theta[1 : fit.model.motors + 1]
     powers = _torque_powers(fit, windows)
-    figures = IdentifiabilityFigures(
+    measures = IdentifiabilityMeasures(
         wind_share=powers.wind_share,
         alias_share=_alias_share(fit, windows),
         sd=relative_sd,
@@ -375,8 +375,8 @@ def _identifiability_figures(
         motor_deviation=float(abs(deviations).max()),
         motor_deviation_sd=fit.model.deviation_sd,
     )
-    damping_sd = hypot(relative_sd["damping"], figures.thrust_curve_damping_error / damping)
-    return figures._replace(sd=relative_sd | {"damping": damping_sd})
+    damping_sd = hypot(relative_sd["damping"], measures.thrust_curve_damping_error / damping)
+    return measures._replace(sd=relative_sd | {"damping": damping_sd})
 
 
 def with_omission_errors(
@@ -387,7 +387,7 @@ def with_omission_errors(
     bias: float,
     *,
     effect_unknown: bool,
-    figures: IdentifiabilityFigures,
+    measures: IdentifiabilityMeasures,
 ) -> Array:
     """Adds to a covariance the errors by what the model leaves out (``OmissionErrors``).
 
@@ -398,7 +398,7 @@ def with_omission_errors(
         spectrum_range: range of the logarithms of mean effect, damping and lag over the assumed spectra (3,).
         bias: probable relative bias of the effect.
         effect_unknown: whether the effect is not identifiable.
-        figures: figures of the fit's identifiability.
+        measures: measures of the fit's identifiability.
 
     Returns:
         The covariance with these errors (r + 3, r + 3).
@@ -424,19 +424,19 @@ def with_omission_errors(
     ).tolist()
     # Relative variance of the error that the effects of all motors have in common.
     common_variance = effect_variance + errors.effect**2 + bias**2
-    common_variance += (errors.unpredicted_effect * figures.unpredicted_share) ** 2
-    common_variance += (errors.thrust_curve * figures.thrust_curve) ** 2
+    common_variance += (errors.unpredicted_effect * measures.unpredicted_share) ** 2
+    common_variance += (errors.thrust_curve * measures.thrust_curve) ** 2
     if effect_unknown:
         common_variance += errors.unidentified_effect**2
     covariance[:r, :r] += np.outer(effect, effect) * common_variance
 
     damping_error = errors.damping
-    if figures.lag_unresolved:
+    if measures.lag_unresolved:
         damping_error = errors.unresolved_lag_damping
     damping_variance = damping_spectrum_variance * damping**2 + damping_error**2
-    damping_variance += figures.thrust_curve_damping_error**2
+    damping_variance += measures.thrust_curve_damping_error**2
     lag_variance = lag_spectrum_variance + errors.lag**2
-    lag_variance += (errors.unpredicted_lag * figures.unpredicted_share) ** 2
+    lag_variance += (errors.unpredicted_lag * measures.unpredicted_share) ** 2
     lag_variance *= lag**2
     separate_variances = [
         *(effect * errors.motor) ** 2,

@@ -216,7 +216,7 @@ class LogPosterior(NamedTuple):
                 yield self.model.innovations(thetas, chunk)
 
     def _chunks(self) -> Iterator[FlightWindows]:
-        """Yields at most ``MAX_CHUNK`` of the windows at a time."""
+        """Yields the windows in chunks of at most ``MAX_CHUNK``, so that the errors of only one chunk are in memory."""
         for start in range(0, len(self.windows.rate), MAX_CHUNK):
             yield self.windows.select(slice(start, start + MAX_CHUNK))
 
@@ -267,10 +267,10 @@ def fit_gray_box(
     expansion_at_start = objective.expand(start)
     is_worth_fitting = expansion_at_start.predicted_gain >= min_gain
     max_steps = MAX_STEPS if is_worth_fitting else 0
-    expansions, _ = gauss_newton(
+    maximisation = gauss_newton(
         objective, expansion_at_start, damping, max_steps, corrects_curvature=True
     )
-    final_expansion = expansions[-1]
+    final_expansion = maximisation.expansions[-1]
     lower_bounds, upper_bounds = model.bounds
     is_at_bound = (final_expansion.point <= lower_bounds) | (final_expansion.point >= upper_bounds)
     if is_at_bound.any():
@@ -298,7 +298,7 @@ def best_start(model: GrayBoxModel, start: Array, windows: FlightWindows) -> Arr
     Args:
         model: the gray-box model: which refinements and which components of the wind torque it has.
         start: parameters θ (k,), with the prior means of wind torque and lag.
-        windows: fourier transforms of inputs and body rate in windows of the flight.
+        windows: Fourier transforms of inputs and body rate in windows of the flight.
 
     Returns:
         θ (k,); ``start`` if no point has a finite posterior.

@@ -74,7 +74,10 @@ def detect_gusts(
     min_duration: float = 0.0,
     is_wind: Flags | None = None,
 ) -> GustDetection:
-    """Detects the gusts in a course of wind torque.
+    """Detects the gusts in the wind torque over time.
+
+    A gust is an excursion from the running level of the torque. Its peak exceeds ``GUST_THRESHOLD`` robust standard
+    deviations, and it begins and ends at ``END_THRESHOLD_SHARE`` of that threshold.
 
     The rate of false gusts is that at which a Gaussian process with the same variance, and the same variance of its
     derivative, crosses the threshold on either side (S. O. Rice, "Mathematical analysis of random noise", 1944, sec.
@@ -96,8 +99,8 @@ def detect_gusts(
         is_wind = np.ones(len(torque), bool)
     # At other samples the torque is replaced by its usual level, which is not detected as a gust.
     torque = np.where(is_wind, torque, np.median(torque[is_wind]))
-    width = round(RUNNING_LEVEL_SECONDS / record.dt)
-    deviation = torque - _running_level(torque, record, width)
+    level_samples = round(RUNNING_LEVEL_SECONDS / record.dt)
+    deviation = torque - _running_level(torque, record, level_samples)
     sd = float(np.median(abs(deviation[is_wind]))) / coverage_factor(0.5)
     threshold = GUST_THRESHOLD * sd
     error_variance = np.mean((band[is_wind] / coverage_factor()) ** 2)
@@ -118,7 +121,7 @@ def detect_gusts(
         is_large = abs(deviation[peak]) > max(threshold, MIN_BAND_MULTIPLE * band[peak])
         if not is_large or duration < min_duration:
             continue
-        if _is_step_of_level(torque, start, stop, width // 2, threshold, record):
+        if _is_step_of_level(torque, start, stop, level_samples // 2, threshold, record):
             continue
         gusts.append(DetectedGust(start, start * record.dt, duration, deviation[peak]))
     return GustDetection(tuple(gusts), threshold, false_per_minute)
@@ -165,7 +168,7 @@ def _running_level(torque: Array, record: Record, width: int) -> Array:
 
 
 def _is_step_of_level(
-    torque: Array, start: int, stop: int, reach: int, threshold: float, record: Record
+    torque: Array, start: int, stop: int, samples_each_side: int, threshold: float, record: Record
 ) -> bool:
     """Returns whether an excursion of the wind torque is a lasting step of its level, and not a gust.
 
@@ -175,7 +178,8 @@ def _is_step_of_level(
         torque: wind torque (T,), rad/s².
         start: first sample of the excursion.
         stop: index of the first sample after the excursion.
-        reach: number of samples before and after the excursion whose medians are compared, within its segment.
+        samples_each_side: number of samples before the excursion, and after it, whose medians are compared; fewer at
+            the ends of its segment.
         threshold: difference of the medians that counts, rad/s².
         record: the flight, of which only the starts of the segments are used.
 
@@ -185,8 +189,8 @@ def _is_step_of_level(
     starts = record.segment_starts
     segment_start = starts[starts <= start].max()
     segment_end = starts[starts >= stop].min(initial=len(torque))
-    torque_before = torque[max(start - reach, segment_start) : start]
-    torque_after = torque[stop : min(stop + reach, segment_end)]
+    torque_before = torque[max(start - samples_each_side, segment_start) : start]
+    torque_after = torque[stop : min(stop + samples_each_side, segment_end)]
     # At an end of the segment there is nothing to compare with.
     if not len(torque_before) or not len(torque_after):
         return False

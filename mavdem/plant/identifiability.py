@@ -125,7 +125,7 @@ class OmissionErrors:
     """Error common to the effects by commands that nothing predicts, for each unit of their share of the variance.
 
     Noise of the gyro that a high gain turns into commands lasts for one cycle of the controller, and a log that has
-    only some of the cycles cannot tell. The fit takes such commands to last for a whole step. This figure, and that of
+    only some of the cycles cannot tell. The fit takes such commands to last for a whole step. This value, and that of
     the lag, were chosen on half of the simulated flights of ``tools/validation/parameter_coverage.py``.
     """
 
@@ -181,8 +181,8 @@ class NotIdentifiable(NamedTuple):
     """Reason why there are also none of the plant in its closed loop, if these were requested."""
 
 
-class IdentifiabilityFigures(NamedTuple):
-    """Figures of a fit that decide whether its parameters are identifiable; dictionaries by parameter name."""
+class IdentifiabilityMeasures(NamedTuple):
+    """Measures of a fit that decide whether its parameters are identifiable; dictionaries by parameter name."""
 
     wind_share: float
     """Share of the wind torque in the variance of its sum with the motors' torque, in the band of the motion."""
@@ -255,7 +255,7 @@ class Identifiability(NamedTuple):
 
 
 def identifiability(
-    figures: IdentifiabilityFigures,
+    measures: IdentifiabilityMeasures,
 ) -> Identifiability:
     """Judges which of effect, damping and lag a flight identifies.
 
@@ -263,7 +263,7 @@ def identifiability(
     Damping and lag get no better status than the effect, because a fit compensates a wrong effect by a wrong lag.
 
     Args:
-        figures: figures of the fit that are compared with the limits of this module.
+        measures: measures of the fit that are compared with the limits of this module.
 
     Returns:
         Status by parameter name; and reason by parameter name, None for a parameter that is reported.
@@ -274,7 +274,7 @@ def identifiability(
     effect_status = Status.REPORTED
     for name in PARAMETERS:
         failed_checks = []
-        for check in _checks_of_parameter(name, figures):
+        for check in _checks_of_parameter(name, measures):
             if check.status != Status.REPORTED:
                 failed_checks.append(check)
         failed_statuses = [check.status for check in failed_checks]
@@ -313,52 +313,52 @@ def _worst_status(failed_checks: list[_Check]) -> tuple[Status, Fact | None]:
     return status, Fact(ParameterDoubt.SEVERAL_DOUBTS, level, reason=doubts)
 
 
-def _checks_of_parameter(name: str, figures: IdentifiabilityFigures) -> Iterator[_Check]:
-    """Compares the figures of a fit with their limits, and yields the result of each check for one parameter.
+def _checks_of_parameter(name: str, measures: IdentifiabilityMeasures) -> Iterator[_Check]:
+    """Compares the measures of a fit with their limits, and yields the result of each check for one parameter.
 
     Args:
         name: the parameter, "effect", "damping" or "lag".
-        figures: figures of the fit.
+        measures: measures of the fit.
 
     Yields:
         Each check, with the status REPORTED if it is passed. Some checks are omitted if they cannot fail.
     """
-    rate = 1 / figures.dt
+    rate = 1 / measures.dt
 
-    wind_status = WIND_SHARE.status(figures.wind_share)
+    wind_status = WIND_SHARE.status(measures.wind_share)
     # Autopilots counteract the wind, so the motors seem to have less effect than they have, and the effect is estimated
     # too low.
     has_known_bias = wind_status == Status.BIASED and name == "effect"
     wind_doubt = Fact(
         ParameterDoubt.WIND_SHARE_HIGH,
-        share=figures.wind_share,
+        share=measures.wind_share,
         share_limit=WIND_SHARE.reported,
         bias=OmissionErrors.wind_bias if has_known_bias else None,
     )
     yield _Check(wind_status, wind_doubt)
 
     # Without quick inputs the motors answer slow wind only, and its torque cannot be told from theirs.
-    is_slow_motion = figures.quick_share < MIN_QUICK_SHARE
-    has_wind = figures.slow_wind_share > MAX_SLOW_WIND_SHARE
+    is_slow_motion = measures.quick_share < MIN_QUICK_SHARE
+    has_wind = measures.slow_wind_share > MAX_SLOW_WIND_SHARE
     if name == "effect" and is_slow_motion and has_wind:
         only_slow_inputs = Fact(
-            ParameterDoubt.INPUTS_TOO_SLOW, share=figures.quick_share, frequency=QUICK_FREQUENCY
+            ParameterDoubt.INPUTS_TOO_SLOW, share=measures.quick_share, frequency=QUICK_FREQUENCY
         )
         yield _Check(Status.NOT_IDENTIFIABLE, only_slow_inputs)
 
     # Commands that change faster than the sampling rate are not completely recorded, nor is the motion that they cause.
-    if figures.alias_share > MAX_ALIAS_SHARE:
+    if measures.alias_share > MAX_ALIAS_SHARE:
         too_fast_commands = Fact(
-            ParameterDoubt.COMMANDS_TOO_FAST, share=figures.alias_share, rate=rate
+            ParameterDoubt.COMMANDS_TOO_FAST, share=measures.alias_share, rate=rate
         )
         yield _Check(Status.NOT_IDENTIFIABLE, too_fast_commands)
 
     # Random error of the estimate.
-    relative_sd = figures.sd[name]
+    relative_sd = measures.sd[name]
     uncertain_estimate = Fact(ParameterDoubt.ESTIMATE_UNCERTAIN, share=relative_sd)
     yield _Check(RELATIVE_SD[name].status(relative_sd), uncertain_estimate)
 
-    spectrum_range = figures.spectrum_range[name]
+    spectrum_range = measures.spectrum_range[name]
     # The spectrum of the wind is assumed, so an estimate that depends on the assumption is uncertain. The fact states
     # the range of the logarithm as a relative change; beyond a factor of e it contains no number.
     relative_change = np.expm1(spectrum_range) if spectrum_range < 1 else None
@@ -367,24 +367,26 @@ def _checks_of_parameter(name: str, figures: IdentifiabilityFigures) -> Iterator
 
     # If the motor lag is too short to be resolved, delays by gyro filters are estimated as motor lag, which biases the
     # effect.
-    if name == "effect" and figures.lag_unresolved:
+    if name == "effect" and measures.lag_unresolved:
         filter_as_lag = Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=OmissionErrors.lag_bias)
         yield _Check(Status.BIASED, filter_as_lag)
 
     # The prior of the motors' effects is the mixer. Where a flight contradicts it, a motor does not answer its command,
     # or the model does not describe the axis: neither single effects nor their errors are right. An effect that is
     # biased by a filter that was taken for lag contradicts the mixer too, and shows nothing about the motors.
-    if name == "effect" and not figures.lag_unresolved:
-        is_contradicted = figures.motor_deviation > SIGNIFICANT_SIGMAS * figures.motor_deviation_sd
-        motors_differ = Fact(ParameterDoubt.MOTORS_DIFFER, share=figures.motor_deviation)
+    if name == "effect" and not measures.lag_unresolved:
+        is_contradicted = (
+            measures.motor_deviation > SIGNIFICANT_SIGMAS * measures.motor_deviation_sd
+        )
+        motors_differ = Fact(ParameterDoubt.MOTORS_DIFFER, share=measures.motor_deviation)
         yield _Check(Status.BIASED if is_contradicted else Status.REPORTED, motors_differ)
 
     # A lag shorter than RESOLVED_LAG time steps cannot be distinguished from a delay.
-    if name == "lag" and figures.lag < RESOLVED_LAG * figures.dt:
-        too_short_lag = Fact(ParameterDoubt.LAG_TOO_SHORT, time_step=figures.dt)
+    if name == "lag" and measures.lag < RESOLVED_LAG * measures.dt:
+        too_short_lag = Fact(ParameterDoubt.LAG_TOO_SHORT, time_step=measures.dt)
         yield _Check(Status.NOT_IDENTIFIABLE, too_short_lag)
 
     # At a low sampling rate a short motor lag cannot be distinguished from the delay, nor damping from both.
     is_slow = rate < MIN_RESOLVED_RATE
-    if name != "effect" and is_slow and figures.lag < SEPARABLE_LAG * figures.dt:
+    if name != "effect" and is_slow and measures.lag < SEPARABLE_LAG * measures.dt:
         yield _Check(Status.BIASED, Fact(ParameterDoubt.MIXED_WITH_DELAY, rate=rate))

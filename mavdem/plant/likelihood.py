@@ -227,15 +227,16 @@ class GrayBoxModel(NamedTuple):
     def bounds(self) -> ArrayPair:
         """Lower and upper bounds (k,) of the entries of θ, infinite for most.
 
-        The delay is at least 0, since no command acts before it is given. Jumps are at the start of their step at the
-        earliest. A fit that would have them earlier still is best at this bound: without advanced jumps the effect came
-        out up to 15 % too high, and damping, lag and delay too low.
+        The delay is at least 0, since no command acts before it is given. An input that jumps between two samples did
+        so at the earlier one at the earliest (refinement ``JUMPS``). Where a fit would move it even earlier, this bound
+        is better than a fit without the refinement, whose effect was up to 15 % too high, and damping, lag and delay
+        too low.
         """
         lower = np.full(len(self.prior[0]), -np.inf)
         upper = np.full(len(lower), np.inf)
         lower[self.delay_index] = 0.0
-        for name, index in zip(self.refinements, self.refinement_indices, strict=True):
-            if name is Refinement.JUMPS:
+        for refinement, index in zip(self.refinements, self.refinement_indices, strict=True):
+            if refinement is Refinement.JUMPS:
                 upper[index] = MAX_JUMP_ADVANCE
         return lower, upper
 
@@ -272,8 +273,8 @@ class GrayBoxModel(NamedTuple):
             The channels (channels, r, W, F).
         """
         channels = [INTERPOLATED_CHANNEL, HELD_CHANNEL]
-        for name in self.refinements:
-            channels.append(REFINEMENT_CHANNEL + REFINEMENTS.index(name))
+        for refinement in self.refinements:
+            channels.append(REFINEMENT_CHANNEL + REFINEMENTS.index(refinement))
         return windows.inputs[channels]
 
     def _channel_responses(self, thetas: Array, windows: FlightWindows) -> ComplexArray:

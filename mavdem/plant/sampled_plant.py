@@ -148,16 +148,15 @@ Four states are enough where the spectrum has power.
 
 
 def with_advanced_jumps(inputs: Array, jump_advance: float) -> Array:
-    """Advances the jumps of sampled inputs by a fraction of a sampling step.
+    """Changes sampled inputs so that their jumps act earlier by a fraction of a sampling step.
 
     An input may jump somewhere between two samples. Linear interpolation turns the jump into a ramp, which acts as if
-    the jump were in the middle of the sampling step. The inputs are changed so that their interpolation acts like
-    earlier jumps. A jump that is earlier by a fraction a of a step adds the integral a · jump · step. The same integral
-    is added by raising the sample at the end of the step by a · jump, since the interpolation of one raised sample is a
-    triangle two steps wide.
+    the jump were in the middle of the step. A jump of size j that comes earlier by a fraction a of a step of length dt
+    adds a · j · dt to the integral of the input. The same is added by raising the sample at the end of the step by
+    a · j, since the interpolation of one raised sample is a triangle two steps wide.
 
-    A jump is by how much a change between two samples exceeds the change before it in the same direction; where
-    the direction reverses, all of the change is a jump.
+    A steady ramp has no jumps. So the jump at a step is the part of its change that exceeds the change at the step
+    before, or all of its change if the direction reverses.
 
     Args:
         inputs: W windows of r inputs (W, N, r).
@@ -168,7 +167,7 @@ def with_advanced_jumps(inputs: Array, jump_advance: float) -> Array:
     """
     changes = np.diff(inputs, axis=1, prepend=inputs[:, :1])
     previous = np.concatenate([np.zeros_like(changes[:, :1]), changes[:, :-1]], axis=1)
-    # As far as a change is no larger than the previous one, it continues that. The rest is a jump.
+    # The part of a change that is no larger than the previous change, and in its direction, continues a ramp.
     lower = np.minimum(changes, 0.0)
     upper = np.maximum(changes, 0.0)
     jumps = changes - np.clip(previous, lower, upper)
@@ -299,19 +298,19 @@ def sampled_plant(
         The discrete model, of one axis or of several.
     """
     shape = np.shape(damping)
-    n = 2 + sum(len(colour.A) for colour, _, _ in components)
+    n = 2 + sum(len(spectrum.A) for spectrum, _, _ in components)
     A = np.zeros((*shape, n, n))
     intensity = np.zeros((*shape, n, n))
     B = np.zeros((*shape, n, 1))
     wind_output = np.zeros((*shape, n))
-    # The spectra are defined in units of their time constant, so all rates are divided by ``time``, in seconds.
+    # Each spectrum is defined for a time scale of 1. Its matrices are divided by the time scale of the component, s.
     first_state = 2
-    for colour, size, time in components:
-        states = slice(first_state, first_state + len(colour.A))
-        rate_of_time = 1 / np.asarray(time)[..., None, None]
-        A[..., states, states] = colour.A * rate_of_time
-        intensity[..., states, states] = colour.Q * rate_of_time
-        wind_output[..., states] = colour.C * np.asarray(size)[..., None]
+    for spectrum, sd, time in components:
+        states = slice(first_state, first_state + len(spectrum.A))
+        inverse_time = 1 / np.asarray(time)[..., None, None]
+        A[..., states, states] = spectrum.A * inverse_time
+        intensity[..., states, states] = spectrum.Q * inverse_time
+        wind_output[..., states] = spectrum.C * np.asarray(sd)[..., None]
         first_state = states.stop
     # The rate is driven by its damping, the motors' torque and the wind torque; the torque follows the command.
     A[..., 0, :] = wind_output

@@ -182,7 +182,7 @@ def estimate_wind_torque(
     left_out = float(np.sum(~is_wind) * record.dt)
     has_enough_wind = is_wind.sum() * record.dt >= MIN_WIND_SECONDS
     if not has_enough_wind:
-        # The figures are then computed for the whole flight; the reason says that they do not describe the wind alone.
+        # The results are then computed for the whole flight; the reason says that they do not describe the wind alone.
         is_wind = np.ones(len(torque), bool)
     sections = _sections_of_flight(torque, changes, is_wind, record.dt)
     deviation = _without_section_means(torque, sections.starts)
@@ -212,7 +212,7 @@ def estimate_wind_torque(
     )
     band = half_width(variance)
     min_duration = min_gust_duration(physical, record.dt)
-    gusts_of_torque = detect_gusts(torque, band, record, min_duration, is_wind)
+    detection = detect_gusts(torque, band, record, min_duration, is_wind)
     return WindTorque(
         torque=np.where(is_wind, torque, np.nan),
         band=np.where(is_wind, band, np.nan),
@@ -221,9 +221,9 @@ def estimate_wind_torque(
         sd=np.sqrt(power + smoother_variance[is_wind].mean()),
         scale_error=errors.scale_error,
         step=sections.step,
-        gusts=gusts_of_torque.gusts if is_resolved else (),
-        gust_threshold=gusts_of_torque.threshold,
-        false_gusts_per_minute=gusts_of_torque.false_per_minute,
+        gusts=detection.gusts if is_resolved else (),
+        gust_threshold=detection.threshold,
+        false_gusts_per_minute=detection.false_per_minute,
         spectrum=_torque_spectrum(torque, is_wind, record, physical),
         resolved=is_resolved,
         reason=reason,
@@ -488,7 +488,7 @@ def _smoothed_torque(
 ) -> Array:
     """Returns the smoothed wind torque in all segments, including its mean, for given physical parameters.
 
-    They are passed as a vector, so that derivatives can be computed by calls with changed parameters.
+    The parameters are passed as a vector, so that a caller can compute derivatives by finite differences.
 
     Args:
         theta: effects, damping, lag and delay (r + 3,), which replace the values of ``physical``.
@@ -511,11 +511,11 @@ def _smoothed_torque(
         commanded_torque = (inputs - trim) @ effect
         # The smoother models a wind torque of mean 0. A constant torque acts like a constant command, and is added to
         # it.
-        constant = mean_external_torque(rate, commanded_torque, damping, record.dt)
+        constant_torque = mean_external_torque(rate, commanded_torque, damping, record.dt)
         smoothed_wind = plant.smooth_wind_torque(
-            rate_filter, commanded_torque + constant, delay / record.dt, rate
+            rate_filter, commanded_torque + constant_torque, delay / record.dt, rate
         )
-        torques.append(smoothed_wind.mean + constant + trim_torque)
+        torques.append(smoothed_wind.mean + constant_torque + trim_torque)
     return np.concatenate(torques)
 
 
@@ -570,6 +570,8 @@ def mean_external_torque(
 def torque_balanced_by_trim(effect: Array, trim: Array, directions: Array | None) -> float:
     """Returns the steady wind torque that the mean inputs balance if the motors are equal.
 
+    It is the negative of the motors' mean torque. Only the part of the effects that rotates the vehicle counts.
+
     Args:
         effect: effect of each input (r,), rad/s² per unit.
         trim: mean inputs (r,).
@@ -580,13 +582,13 @@ def torque_balanced_by_trim(effect: Array, trim: Array, directions: Array | None
     Returns:
         The steady wind torque, rad/s².
     """
-    turning_effect = effect
+    rotating_effect = effect
     if directions is not None:
         # The projection of the effects on the mixer's direction.
-        turning_effect = directions * (directions @ effect) / (directions @ directions)
+        rotating_effect = directions * (directions @ effect) / (directions @ directions)
     elif len(effect) > 1:
-        turning_effect = effect - effect.mean()
-    return -float(trim @ turning_effect)
+        rotating_effect = effect - effect.mean()
+    return -float(trim @ rotating_effect)
 
 
 def _torque_spectrum(

@@ -94,30 +94,35 @@ class FlightWindows(NamedTuple):
     ) -> FlightWindows:
         """Transforms windows of samples to frequencies, with the inputs split into channels.
 
-        The gray-box model treats some signals in the inputs differently between samples, or scales them by a parameter
-        of its own. So each such signal is transformed separately, as a channel: the inputs without the controller's
-        immediate responses, these responses, and what each of the ``REFINEMENTS`` of the model adds to the inputs.
+        The gray-box model assumes a signal for each channel, and multiplies its transform by a frequency response:
+
+        1. The inputs without the controller's immediate responses. They are interpolated linearly between samples.
+        2. The immediate responses. Each is held until the next sample, since it begins only at its own sample.
+        3. One signal for each of the ``REFINEMENTS``: what it adds to the inputs if its parameter is 1. The model
+           multiplies that by the estimated parameter.
 
         Args:
             inputs: (W, N, r) deviations of the inputs from their trim, in ``unit``.
             rate: (W, N) body rate, rad/s.
-            responses: (W, N, r) the controller's immediate responses, in ``unit``: what of the inputs responds to the
-                innovation of the rate at the same sample.
+            responses: (W, N, r) the part of the inputs with which the controller responds to the gyro's value at the
+                same sample (:func:`responses_to_innovations`), in ``unit``.
             dt: time step, s.
             unit: common standard deviation of the inputs, in the record's unit.
 
         Returns:
             Transforms of W windows.
         """
-        additions = {
-            Refinement.JUMPS: with_advanced_jumps(inputs, 1.0) - inputs,
+        # The parameter of the first refinement is by how much earlier the inputs jump, as a fraction of a time step.
+        earlier_jumps = with_advanced_jumps(inputs, jump_advance=1.0)
+        added_signals = {
+            Refinement.JUMPS: earlier_jumps - inputs,
             # Thrust is not linear in the input u: with an effect 1 + c u, the torque is the integral u + c u² / 2. For
             # c = 1 the refinement adds the second term.
             Refinement.THRUST_CURVE: inputs**2 / 2,
         }
         channels = [inputs - responses, responses]
-        for name in REFINEMENTS:
-            channels.append(additions[name])
+        for refinement in REFINEMENTS:
+            channels.append(added_signals[refinement])
         # (channels, W, N, r) becomes (channels, r, W, N), since the last axis, time, is transformed.
         channels_over_time = np.moveaxis(np.array(channels), 3, 1)
         input_transforms = scipy.fft.rfft(channels_over_time)
@@ -165,31 +170,35 @@ def cut_windows(record: Record) -> FlightWindows:
         raise NotLearnable(NoPhysical.SAMPLED_TOO_SLOWLY, rate=1 / record.dt)
     column = rate_column(record)
     # Indices in the record of the N samples of each of W windows.
-    samples = _window_samples(record)
-    inputs = record.inputs[samples]
-    deviations = inputs - inputs.mean(axis=(0, 1))
+    sample_indices = _window_samples(record)
+    inputs = record.inputs[sample_indices]
+    trim = inputs.mean(axis=(0, 1))
+    deviations = inputs - trim
     unit = np.sqrt(np.mean(deviations**2))
     if not unit:
         raise NotLearnable(NoPhysical.MOTORS_STILL)
     scaled_inputs = deviations / unit
-    rate = record.outputs[samples, column]
+    rate = record.outputs[sample_indices, column]
     responses = responses_to_innovations(scaled_inputs, rate)
     # The fraction of the inputs' variance that the samples before do not predict: noise of the gyro, or jumps.
     _, input_innovations = _regression_innovations(scaled_inputs, rate)
     unpredicted_share = float(np.mean(input_innovations**2) / np.mean(scaled_inputs**2))
     # Thinned samples have a longer time step than the record.
-    dt = (samples[0, 1] - samples[0, 0]) * record.dt
+    stride = sample_indices[0, 1] - sample_indices[0, 0]
+    dt = stride * record.dt
     windows = FlightWindows.from_samples(scaled_inputs, rate, responses, dt, unit)
     return windows._replace(unpredicted_share=unpredicted_share)
 
 
 def responses_to_innovations(inputs: Array, rate: Array) -> Array:
-    """Returns what of the inputs is the controller's immediate response to the rate at the same sample.
+    """Estimates the part of the inputs with which the controller responds to the body rate at the same sample.
 
     A controller may respond to a gyro sample before the motors' outputs are logged with that sample. This response must
-    not be used to predict the sample, since it is its consequence. It follows from two regressions. The residuals of
-    the first one, of rate and inputs on the samples before, are the innovations: what cannot be predicted. The second
-    one, of the inputs' innovations on the rate's innovations, gives the gain of the response.
+    not be used to predict the sample, since it is its consequence. It follows from two linear regressions:
+
+    1. Rate and inputs are regressed on the samples before. The residuals are the innovations: what the past does not
+       predict.
+    2. The innovations of the inputs are regressed on those of the rate. The slopes are the gains of the response.
 
     Args:
         inputs: inputs (W, N, r) in W windows of N samples.
@@ -207,17 +216,17 @@ def responses_to_innovations(inputs: Array, rate: Array) -> Array:
 
 
 def _regression_innovations(inputs: Array, rate: Array) -> ArrayPair:
-    """Returns the innovations of rate and inputs: what the ``REGRESSION_LAGS`` samples before do not predict of them.
+    """Returns the innovations of rate and inputs: the errors of their linear prediction from the samples before.
 
-    The prediction is a linear regression over all windows.
+    Each sample is predicted from the ``REGRESSION_LAGS`` samples before it, by one regression over all windows.
 
     Args:
         inputs: inputs (W, N, r) in W windows of N samples.
         rate: body rate (W, N), rad/s.
 
     Returns:
-        Innovations of the rate (n,) and of the inputs (n, r), at the n samples of all windows that have that many
-        samples before them.
+        Innovations of the rate (n,) and of the inputs (n, r), at the n samples of all windows that are predicted: all
+        but the first ``REGRESSION_LAGS`` samples of each window.
     """
     # The rate comes first, the r inputs follow.
     signals = np.concatenate([rate[:, :, None], inputs], axis=2)

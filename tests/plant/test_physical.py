@@ -204,7 +204,7 @@ def test_a_motor_that_does_not_do_what_it_is_commanded_is_no_right_effect():
 
 SDS = dict.fromkeys(PARAMETERS, 0.05)
 SPREADS = dict.fromkeys(PARAMETERS, 0.02)
-SOUND = limits.IdentifiabilityFigures(0.1, 0.01, SDS, SPREADS, lag=0.03, dt=0.01)
+SOUND = limits.IdentifiabilityMeasures(0.1, 0.01, SDS, SPREADS, lag=0.03, dt=0.01)
 
 
 def test_an_effect_that_a_filter_biases_says_nothing_about_the_motors():
@@ -212,10 +212,10 @@ def test_an_effect_that_a_filter_biases_says_nothing_about_the_motors():
     assert [
         {
             check.doubt.code
-            for check in limits._checks_of_parameter("effect", figures)
+            for check in limits._checks_of_parameter("effect", measures)
             if check.status != Status.REPORTED
         }
-        for figures in (contradicting, contradicting._replace(lag=0.001))
+        for measures in (contradicting, contradicting._replace(lag=0.001))
     ] == [{ParameterDoubt.MOTORS_DIFFER}, {ParameterDoubt.FILTER_TAKEN_FOR_LAG}]
 
 
@@ -299,8 +299,8 @@ def test_at_a_slow_rate_a_short_lag_is_mixed_up_with_delay_and_damping(rate, ste
 def test_slow_inputs_determine_the_effect_only_with_little_wind(
     quick_share, slow_wind_share, status
 ):
-    figures = SOUND._replace(quick_share=quick_share, slow_wind_share=slow_wind_share)
-    statuses, reasons = identifiability(figures)
+    measures = SOUND._replace(quick_share=quick_share, slow_wind_share=slow_wind_share)
+    statuses, reasons = identifiability(measures)
     assert set(statuses.values()) == {status}
     if status is Status.NOT_IDENTIFIABLE:
         assert reasons["effect"].code is ParameterDoubt.INPUTS_TOO_SLOW
@@ -326,8 +326,8 @@ def test_smooth_gusts_are_not_taken_for_motors_where_nobody_steers(tmp_path, exc
 
 
 def test_several_doubts_are_one_reason():
-    figures = SOUND._replace(wind_share=0.5, alias_share=0.9)
-    statuses, reasons = identifiability(figures)
+    measures = SOUND._replace(wind_share=0.5, alias_share=0.9)
+    statuses, reasons = identifiability(measures)
     assert set(statuses.values()) == {Status.NOT_IDENTIFIABLE}
     assert reasons["effect"].code is ParameterDoubt.SEVERAL_DOUBTS
     wind, commands = reasons["effect"].figures["reason"]
@@ -424,8 +424,8 @@ ESTIMATES = np.array([40.0, -20.0, 1.5, 0.05, 0.01])
 """Two effects, damping, lag and delay."""
 
 
-def covariance_by_omissions(spectrum_range=(0.0, 0.0, 0.0), **figures):
-    """The covariance of the ``ESTIMATES`` by what the model leaves out alone, with these figures of the fit."""
+def covariance_by_omissions(spectrum_range=(0.0, 0.0, 0.0), **measures):
+    """The covariance of the ``ESTIMATES`` by what the model leaves out alone, with these measures of the fit."""
     return with_omission_errors(
         np.zeros((5, 5)),
         ESTIMATES,
@@ -433,7 +433,7 @@ def covariance_by_omissions(spectrum_range=(0.0, 0.0, 0.0), **figures):
         np.array(spectrum_range),
         0.0,
         effect_unknown=False,
-        figures=limits.IdentifiabilityFigures(0.1, 0.1, {}, {}, lag=0.05, dt=0.01, **figures),
+        measures=limits.IdentifiabilityMeasures(0.1, 0.1, {}, {}, lag=0.05, dt=0.01, **measures),
     )
 
 

@@ -402,8 +402,8 @@ def _mean_field_constant(posterior: Posterior) -> float:
     """Returns the constant in the mean-field term of F̄: what depends neither on errors nor on states.
 
     The mean-field term is what the uncertainty of the states X, of θ and of λ adds to F̄: for each of the three
-    ½ (tr(Σ H) + d), with its posterior covariance Σ, the second derivative H of the log joint density by it, which is
-    negative definite, and the number d of its entries.
+    ½ (tr(Σ H) + d). Here Σ is its posterior covariance, H is the second derivative of the log joint density with
+    respect to it, which is negative definite, and d is the number of its entries.
 
     For the states, H is the same at every sample, so that the whole term is constant. For θ and λ, H is −P, with the
     precision P of the prior, minus a matrix that the data determine. With −P the term is the constant ½ (d − tr(Σ P)).

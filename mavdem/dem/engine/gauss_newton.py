@@ -27,10 +27,10 @@ MIN_DAMPING = 1e-6
 """Smallest damping, as a fraction of the curvature's diagonal: below it, the steps are Gauss-Newton's own."""
 
 MIN_CURVATURE_RATIO = 1e-6
-"""Least eigenvalue of a corrected curvature, relative to the Fisher information: below, its steps are not trusted."""
+"""Least eigenvalue of a corrected curvature, relative to the Fisher information, with which the correction is used."""
 
 MIN_SECANT_COSINE = 1e-12
-"""Least cosine between a step and the change of the gradient that teaches a curvature: it must be positive."""
+"""Least cosine between a step and the change of the gradient by which a curvature is updated: it must be positive."""
 
 POOR_GAIN_FACTOR = 4
 """Factor by which the damping grows after a step that gained less than a fifth of what the expansion predicted."""
@@ -80,7 +80,7 @@ class Damping(NamedTuple):
     """Largest number of attempts, each damped more, at one step."""
 
     limit_step: Callable[[Array], Array] = np.asarray
-    """Shortens a step (f,) to a length at which the expansion can be trusted; by default the step is not changed."""
+    """Shortens a step (f,) to a length at which the expansion still holds; by default the step is not changed."""
 
     def after_step(self, damping: float, gain: float, predicted_gain: float) -> float:
         """Returns the damping of the next step, by how well the expansion predicted the gain of the last one.
@@ -105,23 +105,24 @@ class Damping(NamedTuple):
 
 
 class CurvatureCorrection:
-    """Secant correction of a curvature, as in NL2SOL: it makes up for the second derivatives that Gauss-Newton lacks.
+    """Secant correction of a curvature, as in NL2SOL: it estimates the second derivatives that Gauss-Newton lacks.
 
     The curvature of an expansion is mostly a Fisher information, which lacks the second derivatives of the residuals.
     If residuals are large, because no model is right, each step then covers only a fraction of the way. The secant
-    update of Dennis, Gay and Welsch learns what is missing from how the gradient changed along the steps (NL2SOL, ACM
-    Trans. Math. Software 7(3), 1981).
+    update of Dennis, Gay and Welsch estimates the missing part from the changes of the gradient along the steps
+    (NL2SOL, ACM Trans. Math. Software 7(3), 1981).
     """
 
     def __init__(self, size: int) -> None:
         """Begins without a correction, for a function of so many variables."""
-        self._matrix = np.zeros((size, size))
+        # The correction A (f, f), which is added to the curvature.
+        self._correction = np.zeros((size, size))
         self._is_used = False
 
     def curvature(self, expansion: QuadraticExpansion) -> Array:
-        """Returns the curvature of an expansion, with the correction if that improved the last prediction.
+        """Returns the curvature of an expansion, with the correction if it would have predicted the last gain better.
 
-        The correction is left out if the corrected curvature would not be positive definite.
+        The correction is left out as well if the corrected curvature would not be positive definite.
 
         Args:
             expansion: the expansion, in f dimensions.
@@ -131,12 +132,12 @@ class CurvatureCorrection:
         """
         if not self._is_used:
             return expansion.curvature
-        corrected_curvature = expansion.curvature + self._matrix
+        corrected_curvature = expansion.curvature + self._correction
+        # The variables may have different units: they are scaled so that the uncorrected curvature has a diagonal of 1.
         scale = np.sqrt(expansion.curvature.diagonal())
         least_eigenvalue = np.linalg.eigvalsh(corrected_curvature / np.outer(scale, scale))[0]
-        return (
-            corrected_curvature if least_eigenvalue > MIN_CURVATURE_RATIO else expansion.curvature
-        )
+        is_positive_definite = least_eigenvalue > MIN_CURVATURE_RATIO
+        return corrected_curvature if is_positive_definite else expansion.curvature
 
     def update(self, current: QuadraticExpansion, next_expansion: QuadraticExpansion) -> None:
         """Updates the correction by a step, along which the gradient changed by the true mean curvature.
@@ -153,16 +154,16 @@ class CurvatureCorrection:
         gradient_change = current.gradient - next_expansion.gradient
         missing_change = gradient_change - next_expansion.curvature @ step
         # If the earlier correction is larger along the step than what is missing now, it is scaled down.
-        corrected_along_step = float(step @ self._matrix @ step)
+        corrected_along_step = float(step @ self._correction @ step)
         if corrected_along_step:
             missing_along_step = float(step @ missing_change)
-            self._matrix *= min(1.0, abs(missing_along_step) / abs(corrected_along_step))
+            self._correction *= min(1.0, abs(missing_along_step) / abs(corrected_along_step))
         self._satisfy_secant_equation(step, gradient_change, missing_change)
 
         # It is used next if it would have predicted the gain of this step better.
         gain = next_expansion.value - current.value
         plain_prediction = predicted_gain(current, current.curvature, step)
-        corrected_prediction = plain_prediction - 0.5 * float(step @ self._matrix @ step)
+        corrected_prediction = plain_prediction - 0.5 * float(step @ self._correction @ step)
         self._is_used = abs(corrected_prediction - gain) < abs(plain_prediction - gain)
 
     def _satisfy_secant_equation(
@@ -187,12 +188,12 @@ class CurvatureCorrection:
         is_determined = change_along_step > MIN_SECANT_COSINE * lengths
         if not is_determined:
             return
-        residual = missing_change - self._matrix @ step
+        residual = missing_change - self._correction @ step
         residual_along_step = float(step @ residual)
         outer_product = np.outer(residual, gradient_change)
         outer_gradient = np.outer(gradient_change, gradient_change)
-        self._matrix += (outer_product + outer_product.T) / change_along_step
-        self._matrix -= residual_along_step / change_along_step**2 * outer_gradient
+        self._correction += (outer_product + outer_product.T) / change_along_step
+        self._correction -= residual_along_step / change_along_step**2 * outer_gradient
 
 
 def predicted_gain(expansion: QuadraticExpansion, curvature: Array, step: Array) -> float:
@@ -206,6 +207,19 @@ def predicted_gain(expansion: QuadraticExpansion, curvature: Array, step: Array)
     return float(expansion.gradient @ step - 0.5 * step @ curvature @ step)
 
 
+class Maximisation(NamedTuple):
+    """Result of a maximisation: all its iterates, of which the last is the maximum if it has converged."""
+
+    expansions: list[QuadraticExpansion]
+    """Expansions of the function about all iterates, from the starting point to the last."""
+
+    last_gain: float
+    """Gain of the last step, nats: at most ``CONVERGED_STEP_NATS`` if the maximisation has converged.
+
+    If no attempt at a further step increased the function, it is the gain that the last expansion predicts.
+    """
+
+
 def gauss_newton(
     objective: Objective,
     start: QuadraticExpansion,
@@ -214,7 +228,7 @@ def gauss_newton(
     stop: Callable[[QuadraticExpansion], bool] = lambda expansion: False,
     *,
     corrects_curvature: bool = False,
-) -> tuple[list[QuadraticExpansion], float]:
+) -> Maximisation:
     """Maximises a function by Levenberg and Marquardt's method.
 
     Each step maximises the expansion with a damped curvature, H + damping · diag(H). If a step does not increase the
@@ -231,37 +245,32 @@ def gauss_newton(
             steps if the curvature differs much from the second derivative.
 
     Returns:
-        The expansions about all iterates, ``start`` first, and the gain of the last step, nats, which is at most
-        ``CONVERGED_STEP_NATS`` if the search has converged. If no attempt at the last step increased the function, the
-        gain is the one that the last expansion predicts.
+        The expansions about all iterates, ``start`` first, and the gain of the last step, which shows whether the
+        search has converged.
     """
-    trace = [start]
+    expansions = [start]
     present_damping = damping.initial
     gain = np.inf
     # If the step before succeeded at the first attempt, the next one probably does as well.
-    is_likely = True
+    is_gain_likely = True
     correction = CurvatureCorrection(len(start.point)) if corrects_curvature else None
-    while gain > CONVERGED_STEP_NATS and len(trace) <= iterations and not stop(trace[-1]):
-        present_expansion = trace[-1]
-        curvature = (
-            present_expansion.curvature
-            if correction is None
-            else correction.curvature(present_expansion)
-        )
+    while gain > CONVERGED_STEP_NATS and len(expansions) <= iterations and not stop(expansions[-1]):
+        present = expansions[-1]
+        curvature = present.curvature if correction is None else correction.curvature(present)
         attempt = _attempt_step(
-            objective, present_expansion, curvature, damping, present_damping, is_likely=is_likely
+            objective, present, curvature, damping, present_damping, is_gain_likely=is_gain_likely
         )
         if attempt.expansion is None:
-            return trace, present_expansion.predicted_gain
-        is_likely = attempt.attempts == 1
-        gain = attempt.expansion.value - present_expansion.value
+            return Maximisation(expansions, present.predicted_gain)
+        is_gain_likely = attempt.attempts == 1
+        gain = attempt.expansion.value - present.value
         present_damping = damping.after_step(
-            attempt.damping, gain, predicted_gain(present_expansion, curvature, attempt.step)
+            attempt.damping, gain, predicted_gain(present, curvature, attempt.step)
         )
         if correction is not None:
-            correction.update(present_expansion, attempt.expansion)
-        trace.append(attempt.expansion)
-    return trace, gain
+            correction.update(present, attempt.expansion)
+        expansions.append(attempt.expansion)
+    return Maximisation(expansions, gain)
 
 
 class _StepAttempt(NamedTuple):
@@ -282,9 +291,9 @@ def _attempt_step(
     current: QuadraticExpansion,
     curvature: Array,
     damping: Damping,
-    present_damping: float,
+    first_damping: float,
     *,
-    is_likely: bool,
+    is_gain_likely: bool,
 ) -> _StepAttempt:
     """Takes one step from an iterate, with increasing damping until it increases the function.
 
@@ -295,13 +304,14 @@ def _attempt_step(
         current: its expansion about the iterate, a point with k coordinates.
         curvature: (k, k) curvature H to use, which may be a corrected one.
         damping: settings of the damping of steps.
-        present_damping: factor of the damping term in the first attempt.
-        is_likely: whether the first attempt will probably increase the function.
+        first_damping: damping of the first attempt, as a fraction of the curvature's diagonal.
+        is_gain_likely: whether the first attempt will probably increase the function.
 
     Returns:
-        The last attempt.
+        The successful attempt; the last one, without an expansion, if none was successful.
     """
     step = np.zeros(len(current.point))
+    present_damping = first_damping
     for attempt in range(damping.max_attempts):
         damped_curvature = curvature + present_damping * np.diag(current.curvature.diagonal())
         newton_step = np.asarray(np.linalg.solve(damped_curvature, current.gradient), float)
@@ -310,7 +320,7 @@ def _attempt_step(
             objective,
             point=current.point + step,
             present_value=current.value,
-            is_likely=is_likely and attempt == 0,
+            is_gain_likely=is_gain_likely and attempt == 0,
         )
         if expansion is not None:
             return _StepAttempt(expansion, step, present_damping, attempt + 1)
@@ -319,7 +329,7 @@ def _attempt_step(
 
 
 def _higher_expansion(
-    objective: Objective, point: Array, present_value: float, *, is_likely: bool
+    objective: Objective, point: Array, present_value: float, *, is_gain_likely: bool
 ) -> QuadraticExpansion | None:
     """Expands a function about the point after a step, if the step raises it.
 
@@ -331,13 +341,13 @@ def _higher_expansion(
         objective: function to maximise, with its gradient and curvature.
         point: (f,) the point after the step.
         present_value: value of the function before the step, nats.
-        is_likely: whether the step probably raises the function.
+        is_gain_likely: whether the step probably raises the function.
 
     Returns:
         Value, gradient and curvature at the point; None if the function is not higher there, or not defined.
     """
     # If the function is not defined, its value is NaN and the comparison false.
-    if not is_likely and not objective.value(point) > present_value:
+    if not is_gain_likely and not objective.value(point) > present_value:
         return None
     try:
         expansion = objective.expand(point)

@@ -94,7 +94,7 @@ def _scaled_to_unit_diagonal(matrix: Array) -> ArrayPair:
 
 
 def _raise_if_not_factorized(info: int) -> None:
-    """Raises ``LinAlgError`` where LAPACK's ``info`` says that Cholesky's factorization broke down."""
+    """Raises ``LinAlgError`` if Cholesky's factorization broke down: then LAPACK returns an ``info`` other than 0."""
     if info:
         raise LinAlgError("the matrix is not positive definite")
 
@@ -124,7 +124,8 @@ def normal_draws(mean: Array, covariance: Array, number: int, seed: int) -> Arra
     # rounding, eigenvalues of a singular covariance may be slightly negative.
     eigenvalues, eigenvectors = np.linalg.eigh((covariance + covariance.T) / 2)
     covariance_root = eigenvectors * np.sqrt(eigenvalues.clip(0)) @ eigenvectors.T
-    return mean + np.vstack([half_of_samples, -half_of_samples])[:number] @ covariance_root
+    standard_samples = np.vstack([half_of_samples, -half_of_samples])[:number]
+    return mean + standard_samples @ covariance_root
 
 
 def require_positive_definite(matrix: Array, name: str, size: int) -> None:
@@ -136,7 +137,7 @@ def require_positive_definite(matrix: Array, name: str, size: int) -> None:
         size: expected number of rows and columns.
 
     Raises:
-        ValueError: the argument lacks one of these properties; the message says which.
+        ValueError: the argument lacks one of these properties, which the message names.
     """
     if np.shape(matrix) != (size, size):
         raise ValueError(f"{name} must have shape ({size}, {size}), not {np.shape(matrix)}")

@@ -302,9 +302,9 @@ def regress(
     noise = squared_errors / row_count + noise_floor * np.eye(k)
     noise_precision = np.linalg.inv(noise)
     squared_deviation = np.sum(noise_precision * (deviation.T @ precision @ deviation))
-    # The gain is ln|posterior precision| − ln|prior precision| of the coefficients of one channel.
-    precision_gain = (
-        2 * (np.log(factor.diagonal()).sum())
+    # ln|posterior precision| − ln|prior precision| of the coefficients of one channel.
+    log_precision_ratio = (
+        2 * np.log(factor.diagonal()).sum()
         - k * np.linalg.slogdet(prior_precision)[1]
         - np.log(CONSTANT_RIDGE)
     )
@@ -312,10 +312,15 @@ def regress(
         "prediction errors": -0.5 * (np.sum(noise_precision * squared_errors) - squared_deviation),
         "noise entropy": -0.5 * row_count * np.linalg.slogdet(2 * np.pi * noise)[1],
         "parameter errors": -0.5 * squared_deviation,
-        "parameter entropy": -0.5 * k * precision_gain,
+        "parameter entropy": -0.5 * k * log_precision_ratio,
     }
-    freedom = max(row_count - effective_coefficients, MIN_RESIDUAL_FREEDOM)
-    return Regression(random_walk + deviation, covariance_root, squared_errors / freedom, terms)
+    degrees_of_freedom = max(row_count - effective_coefficients, MIN_RESIDUAL_FREEDOM)
+    return Regression(
+        mean=random_walk + deviation,
+        covariance_root=covariance_root,
+        innovation_covariance=squared_errors / degrees_of_freedom,
+        terms=terms,
+    )
 
 
 def _nearest_positive_semidefinite(matrix: Array) -> Array:

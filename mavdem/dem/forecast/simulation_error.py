@@ -482,15 +482,16 @@ def fit_simulation_error(
     )
     if not np.isfinite(objective.value(theta[free])):
         return None
-    trace, gain_of_last_step = gauss_newton(objective, objective.expand(theta[free]), DAMPING)
+    maximisation = gauss_newton(objective, objective.expand(theta[free]), DAMPING)
+    maximum = maximisation.expansions[-1]
     fitted_theta = theta.copy()
-    fitted_theta[free] = trace[-1].point
+    fitted_theta[free] = maximum.point
     effective_samples = objective.effective_samples
-    terms = [objective.terms(expansion) for expansion in trace]
+    terms = [objective.terms(expansion) for expansion in maximisation.expansions]
     # In the curvature the noise variance is the mean squared error, which is too small since the parameters were
     # fitted. The factor corrects it to the sum of squares divided by the degrees of freedom.
-    freedom = effective_samples - len(free)
-    covariance = inverse(trace[-1].curvature) * effective_samples / freedom
+    degrees_of_freedom = effective_samples - len(free)
+    covariance = inverse(maximum.curvature) * effective_samples / degrees_of_freedom
     return SimulationFit(
         theta=fitted_theta,
         free=free,
@@ -498,7 +499,7 @@ def fit_simulation_error(
         effective_samples=effective_samples,
         horizon=pieces.filter_steps,
         terms={name: np.array([row[name] for row in terms]) for name in terms[0]},
-        converged=gain_of_last_step <= CONVERGED_STEP_NATS,
+        converged=maximisation.last_gain <= CONVERGED_STEP_NATS,
     )
 
 

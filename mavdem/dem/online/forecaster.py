@@ -81,7 +81,7 @@ class PredictionMaps(NamedTuple):
 
 
 class NextPredictions(NamedTuple):
-    """What is predicted when the latest sample of a stream has come."""
+    """Predictions that are made when the latest sample of a stream has arrived."""
 
     expected: Array
     """(m,) the latest sample as predicted from those before it and from its own inputs; NaN without a prediction."""
@@ -155,7 +155,7 @@ class OnlineForecaster:
         self.errors.forget_predictions()
 
     def predict(self, memory: SampleMemory) -> NextPredictions:
-        """Predicts the next samples from the latest one, and keeps account of the errors of earlier predictions.
+        """Predicts the next samples from the latest one, and records the errors of earlier predictions.
 
         ``errors`` compares the latest sample with the earlier predictions of it. Then it stores the new predictions,
         which are compared with later samples.
@@ -222,7 +222,7 @@ class OnlineForecaster:
         else:
             new_blocks = [block]
         for new_block in new_blocks:
-            statistics = self._count_samples(new_block, self.axis_mixer, self._scaling)
+            statistics = self._updated_statistics(new_block, self.axis_mixer, self._scaling)
         is_due = self._samples_since_fit * self._dt >= REFIT_SECONDS and statistics.row_count >= 1
         if may_fit and is_due:
             # If the regression fails, it is repeated with the next samples.
@@ -261,10 +261,10 @@ class OnlineForecaster:
         # A channel that is constant at first may vary later, so it keeps its physical unit.
         return ChannelScaling(channels.mean(axis=0), np.where(deviation > 0, deviation, 1.0))
 
-    def _count_samples(
+    def _updated_statistics(
         self, block: MemoryBlock, axis_mixer: Array, scaling: ChannelScaling
     ) -> LagStatistics:
-        """Adds the samples of a block to the sums of the regression, and reduces the weight of earlier samples.
+        """Updates the sums of the regression with the samples of a block, and reduces the weight of earlier samples.
 
         The sums are second moments of each sample with the ``MAX_LAGS`` samples before it. With n new samples the old
         sums are multiplied by exp(−n dt / ``MEMORY_SECONDS``) before the new ones are added.

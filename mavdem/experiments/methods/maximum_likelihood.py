@@ -41,7 +41,7 @@ EM_CONVERGED_NATS = 0.1
 
 INITIAL_PROCESS_VARIANCE = 0.1
 """Variance that is added to each state's noise at the start of EM, in normalized units: EM converges slowly from a
-motion that is taken to be exact."""
+motion that is assumed to be exact."""
 
 
 def pem(train: TrainingData, order: int = 2) -> Identified:
@@ -79,12 +79,12 @@ def pem_fit(segments: Segments, order: int) -> NormalizedFit:
     start = subspace_fit(segments, order)
     likelihood = PredictionErrorLikelihood(start.model, start.starts, segments)
     expansion = likelihood.expand(likelihood.parameters)
-    trace, last_gain = gauss_newton(likelihood, expansion, DAMPING, MAX_ITERATIONS)
-    best_likelihood = likelihood.with_parameters(trace[-1].point)
+    maximisation = gauss_newton(likelihood, expansion, DAMPING, MAX_ITERATIONS)
+    best_likelihood = likelihood.with_parameters(maximisation.expansions[-1].point)
     iterations = None
-    if last_gain > CONVERGED_STEP_NATS:
-        # It has not converged. The trace begins with the start, which is no iteration.
-        iterations = len(trace) - 1
+    if maximisation.last_gain > CONVERGED_STEP_NATS:
+        # It has not converged. The first expansion is about the start, which is no iteration.
+        iterations = len(maximisation.expansions) - 1
     return NormalizedFit(best_likelihood.model, best_likelihood.starts, iterations)
 
 
@@ -95,11 +95,11 @@ class PredictionErrorLikelihood(NamedTuple):
     """
 
     model: StateSpace
-    """gives the shapes, and the trims, which are not varied"""
+    """Model whose parameters are varied; its trims are not."""
     starts: Array
-    """(segments, n) the state of each segment's first sample"""
+    """(segments, n) states at the first sample of each segment, which are varied too."""
     segments: Segments
-    """inputs (T, k) and outputs (T, m) of each segment"""
+    """Inputs (T, k) and outputs (T, m) of each segment, in normalized units."""
 
     @property
     def _parameter_arrays(self) -> tuple[Array, ...]:
@@ -182,8 +182,8 @@ class PredictionErrorLikelihood(NamedTuple):
         errors = self.errors(parameters)
         # Steps are relative for large parameters and absolute for small ones.
         steps = FINITE_DIFFERENCE_STEP * np.maximum(1.0, abs(parameters))
-        moved_errors = np.array([self.errors(parameters + step) for step in np.diag(steps)])
-        derivatives = (moved_errors - errors) / steps[:, None, None]
+        errors_after_steps = np.array([self.errors(parameters + step) for step in np.diag(steps)])
+        derivatives = (errors_after_steps - errors) / steps[:, None, None]
         precision = np.linalg.inv(error_covariance(errors))
         # Σ⁻¹ = L Lᵀ: derivatives and errors times L have unit weight, so that plain products of them suffice.
         precision_root = np.linalg.cholesky(precision)
@@ -275,11 +275,11 @@ class EMFit(NamedTuple):
     """The result of EM's iterations."""
 
     model: LinearGaussianModel
-    """the last model"""
+    """The model of the last iteration."""
     starts: Array
-    """(segments, n) means of the segments' first states"""
+    """(segments, n) means of the state at the first sample of each segment."""
     log_likelihoods: list[float]
-    """of each iteration, nats"""
+    """Log likelihood of the model before each iteration, nats."""
 
 
 def iterate_em(segments: Segments, order: int, iterations: int = MAX_ITERATIONS) -> EMFit:

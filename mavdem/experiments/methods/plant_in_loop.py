@@ -47,7 +47,7 @@ from mavdem.plant.closed_loop.state_space import (
 KNOWN_LOG_GAIN_SD = 0.1
 """Prior standard deviation of the logarithm of each gain that the autopilot's parameters state.
 
-Saturation, and a thrust curve that is not what the parameters say, change the gains by some per cent.
+Saturation, and a thrust curve that differs from the parameters' one, change the gains by some per cent.
 """
 
 MARGIN_DRAWS = 200
@@ -151,8 +151,8 @@ def recorded_controller(record: Record, mixer_row: Array) -> LoopController:
     if not controller.p > 0:
         name = controller.parameter_names["p"]
         raise NotLearnable(LoopFact.NO_PROPORTIONAL_GAIN, name=name, value=controller.p)
-    # The controller's gains are for its demand. Times the change of the combination per unit of demand, they are those
-    # for the combination.
+    # The output of the controller is a demand. Its gains times the change of the combination per unit of demand are the
+    # gains with which it drives the combination.
     combination_per_demand = float(mixer_row @ inputs_per_demand(controller, record))
     if not combination_per_demand > 0:
         raise NotLearnable(LoopFact.MIXER_REVERSED)
@@ -380,10 +380,12 @@ class ClosedLoop(ForecasterBase):
             samples=steps,
         )
         motors = inputs @ self.mixer - self.posterior.data.center[MOTORS_CHANNEL]
-        # The last forecast may reach beyond the samples; it repeats the last row there, and is cut off later.
-        rows = np.minimum(np.arange(len(starts) * steps), len(inputs) - 1).reshape(-1, steps)
-        forcing = np.zeros((*rows.shape, len(full_filter.A)))
-        states, innovations = motors_filter.filter(starts, forcing, motors[rows])
+        # Row of the motor samples at each step of each forecast, (S, steps). The last forecast may reach beyond the
+        # samples; it repeats the last row there, and is cut off later.
+        last_row = len(inputs) - 1
+        rows = np.minimum(np.arange(len(starts) * steps), last_row).reshape(-1, steps)
+        no_forcing = np.zeros((*rows.shape, len(full_filter.A)))
+        states, innovations = motors_filter.filter(starts, no_forcing, motors[rows])
         if smooth:
             smoothed_states = motors_filter.smooth(states, innovations)
             estimates = smoothed_states.means[:, :-1]
@@ -439,7 +441,7 @@ class ClosedLoop(ForecasterBase):
         return predicted_states[len(training_samples) :: steps]
 
     def _joined_forecast(self, means: Array, variances: Array, length: int) -> Forecast:
-        """Joins forecasts, one after the other, and cuts off what of the last one exceeds the samples.
+        """Joins forecasts, one after the other, and cuts off the part of the last one that is beyond the samples.
 
         Args:
             means: (S, steps, 3) means of the centred channels in S forecasts.
@@ -464,6 +466,7 @@ class ClosedLoop(ForecasterBase):
         Returns:
             Means and variances (…, 2) of angle and rate, in the order in which the record has these two outputs.
         """
+        # Channels 0 and 1 are angle and rate. If the record has the rate first, their order is reversed.
         order = np.argsort(self.angle_and_rate)
-        means = means + self.posterior.data.center
-        return Forecast(means[..., order], variances[..., order])
+        means_with_offset = means + self.posterior.data.center
+        return Forecast(means_with_offset[..., order], variances[..., order])

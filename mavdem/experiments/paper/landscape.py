@@ -83,7 +83,7 @@ def run(runner: Runner) -> ExperimentResult:
         runner: not needed; all experiments take one.
 
     Returns:
-        Checks, figures of F̄ᵒ over A and B, and the figures that the checks use as ``numbers``.
+        Checks, pictures of F̄ᵒ over A and B, and the values that the checks compare as ``numbers``.
     """
     settings = ScalarSettings()
     model = settings.model()
@@ -150,7 +150,7 @@ def _end_check(settings_name: str, spread: float) -> Check:
     """Checks that all ascents from the circle end at one point.
 
     Args:
-        settings_name: owner of the settings, for the text.
+        settings_name: whose settings they are, for the text: "our" or "the paper’s".
         spread: spread of the end points, in posterior standard deviations.
 
     Returns:

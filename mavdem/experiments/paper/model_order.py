@@ -206,7 +206,7 @@ def _calm_choices(runner: Runner) -> dict[int, OrderChoice]:
 
 
 def _sentence_on_calm_flights(choices: Mapping[int, OrderChoice]) -> str:
-    """Returns the sentence on orders without wind, which says where further states with wind come from.
+    """Returns the sentence on orders without wind, which explains the further states that are found with wind.
 
     Args:
         choices: choices of the model search without wind, by system.
@@ -261,8 +261,8 @@ def _values_by_system(values: Mapping[str, list[Any]]) -> JsonValues:
     """Names the values of each system, for the JSON document: lists become dictionaries by the name of the system.
 
     Args:
-        values: a list with one value for each of ``SYSTEMS``, by the key of ``SETTINGS_BY_INPUTS``, which says whether
-            the inputs are known.
+        values: a list with one value for each of ``SYSTEMS``, by whether the inputs are known: a key of
+            ``SETTINGS_BY_INPUTS``.
 
     Returns:
         Dictionaries by the same key, then by system.

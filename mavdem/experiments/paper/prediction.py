@@ -38,7 +38,7 @@ MAX_PRIOR_RATIO = 2.0
 
 
 def run(runner: Runner) -> ExperimentResult:
-    """Checks the paper's claims on DEM's predictions, on the experiment of its figures.
+    """Checks the paper's claims on DEM's predictions, by the experiment that its figures show.
 
     A model is learned with the paper's settings from the training part of the experiment. It predicts that part one
     step ahead, and the test part as a whole, from the filtered state and from state 0. How much the forecast depends on
@@ -166,10 +166,7 @@ def _convergence_checks(learned: Learned) -> tuple[Check, Check]:
     iteration = first_converged_iteration(learned.learning.theta)
     free_energy_steps = np.diff(learned.free_energy.total)
     never_decreases = bool((free_energy_steps >= 0).all())
-    if never_decreases:
-        course = "increases"
-    else:
-        course = "does not always increase"
+    trend = "increases" if never_decreases else "does not always increase"
     return (
         Check(
             f"after {MAX_ITERATIONS} iterations every parameter is within {percent(CONVERGED_FRACTION)} of the "
@@ -180,7 +177,7 @@ def _convergence_checks(learned: Learned) -> tuple[Check, Check]:
         Check(
             "F̄ decreases in no iteration",
             never_decreases,
-            f"F̄ {course} over {len(free_energy_steps)} iterations",
+            f"F̄ {trend} over {len(free_energy_steps)} iterations",
         ),
     )
 

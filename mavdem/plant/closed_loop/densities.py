@@ -394,47 +394,47 @@ class DensityModel:
             DensityComponent(
                 Source.WIND, unmodelled_torque, {"effect": 2.0, "lag": 2 * (lag_power - 1)}
             ),
-            self._first_order_wind("drift", parameters.drift_size, parameters.drift_time),
-            self._first_order_wind("eddy", parameters.eddy_size, parameters.eddy_time),
-            self._smooth_wind(parameters.gust_size, parameters.gust_time),
+            self._first_order_wind("drift", sd=parameters.drift_size, time=parameters.drift_time),
+            self._first_order_wind("eddy", sd=parameters.eddy_size, time=parameters.eddy_time),
+            self._smooth_wind(sd=parameters.gust_size, time=parameters.gust_time),
         ]
 
-    def _first_order_wind(self, name: str, size: float, time: float) -> DensityComponent:
+    def _first_order_wind(self, name: str, *, sd: float, time: float) -> DensityComponent:
         """Computes the spectral density of a first-order component of the wind torque, and its derivatives.
 
-        Its autocorrelation is size² exp(−|τ|/time), and its density φ = 2 size² time / (1 + (ω time)²). So
-        d ln φ / d ln size = 2, and d ln φ / d ln time = (1 − (ω time)²) / (1 + (ω time)²).
+        With the standard deviation σ and the correlation time T, its autocorrelation is σ² exp(−|τ|/T), and its density
+        φ = 2 σ² T / (1 + (ω T)²). So d ln φ / d ln σ = 2, and d ln φ / d ln T = (1 − (ω T)²) / (1 + (ω T)²).
 
         Args:
-            name: name of the component, "drift" or "eddy", which its two parameters begin with.
-            size: its standard deviation, rad/s².
-            time: its correlation time, s.
+            name: name of the component, "drift" or "eddy"; its parameters are the name with ``_size`` and ``_time``.
+            sd: standard deviation σ, rad/s².
+            time: correlation time T, s.
 
         Returns:
             The density with these two derivatives.
         """
         squared_ratio = (self._angular_frequency * time) ** 2
-        density = FIRST_ORDER.density(self._angular_frequency, size, time) * self._in_range
+        density = FIRST_ORDER.density(self._angular_frequency, sd, time) * self._in_range
         time_slope = (1 - squared_ratio) / (1 + squared_ratio)
         return DensityComponent(
             Source.WIND, density, {f"{name}_size": 2.0, f"{name}_time": time_slope}
         )
 
-    def _smooth_wind(self, size: float, time: float) -> DensityComponent:
+    def _smooth_wind(self, *, sd: float, time: float) -> DensityComponent:
         """Computes the spectral density of the smooth component of the wind torque, and its derivatives.
 
-        Its autocorrelation is size² exp(−τ²/(4 time²)), and its density φ = 2 √π size² time exp(−(ω time)²). So
-        d ln φ / d ln size = 2, and d ln φ / d ln time = 1 − 2 (ω time)².
+        With the standard deviation σ and the time scale T, its autocorrelation is σ² exp(−τ²/(4 T²)), and its density
+        φ = 2 √π σ² T exp(−(ω T)²). So d ln φ / d ln σ = 2, and d ln φ / d ln T = 1 − 2 (ω T)².
 
         Args:
-            size: its standard deviation, rad/s².
-            time: its time scale, s.
+            sd: standard deviation σ, rad/s².
+            time: time scale T, s.
 
         Returns:
             The density with these two derivatives.
         """
         squared_ratio = (self._angular_frequency * time) ** 2
-        density = 2 * np.sqrt(np.pi) * size**2 * time * self._in_range * np.exp(-squared_ratio)
+        density = 2 * np.sqrt(np.pi) * sd**2 * time * self._in_range * np.exp(-squared_ratio)
         return DensityComponent(
             Source.WIND, density, {"gust_size": 2.0, "gust_time": 1 - 2 * squared_ratio}
         )
@@ -628,13 +628,16 @@ class DensityModel:
     def _step_time_gradient(
         self, parameters: LoopParameters, loop: ClosedLoopResponse, steps: SynchronousSteps
     ) -> ComplexArray:
-        """Returns the derivative of the density by ln(``step_time_odds``), the odds of the steps' time.
+        """Returns the derivative of the density with respect to θ = ln(``step_time_odds``).
 
-        A synchronous step comes p T before a message, with the share p of the surplus interval T (the message interval
-        less one controller cycle). Alias k of the steps has the amplitude e^(2πj k f_s p T) times a constant. As
-        dp / d ln odds = p (1 − p), the derivative of its logarithm is 2πj k f_s T p (1 − p). The alias shares are these
-        amplitudes over their sum, so that the mean of these derivatives is subtracted. The density S q qᴴ of the
-        steps, with their responses q, then changes by S (dq qᴴ + q dqᴴ).
+        The parameter is the time p T from a synchronous step of the reference to the next message, where T is the
+        surplus interval: the message interval less one controller cycle. It is given by the odds p / (1 − p), so that
+        dp/dθ = p (1 − p).
+
+        Alias k of the steps has the amplitude a_k = c_k e^(2πj k f_s p T) with a constant c_k, so that
+        d ln a_k / dθ = 2πj k f_s T p (1 − p). The alias share is a_k / Σ a. The derivative of its logarithm is that of
+        ln a_k minus the mean of these over all aliases, weighted by the shares. The density S q qᴴ of the steps, with
+        the sampled response q, then changes by S (dq qᴴ + q dqᴴ).
 
         Args:
             parameters: the parameters of the loop.
@@ -645,7 +648,7 @@ class DensityModel:
             Derivative (J, C, C).
         """
         p = _share_from_odds(parameters.step_time_odds)
-        # Derivatives of the logarithms of the amplitudes (F,), and their mean over the aliases (J, 1).
+        # Derivatives of the logarithms of the amplitudes (F,), and their weighted mean over the aliases (J, 1).
         log_amplitude_slopes = self._alias_s * (self.surplus_interval * p * (1 - p))
         mean_slope = (steps.alias_shares * log_amplitude_slopes).sum(axis=-1, keepdims=True)
         alias_share_slopes = steps.alias_shares * (log_amplitude_slopes - mean_slope)

@@ -417,16 +417,16 @@ def fit_closed_loop(posterior: LoopPosterior) -> QuadraticExpansion:
     for plant in STARTING_PLANTS:
         try:
             start = _stable_start(posterior, plant)
-            trace, _ = gauss_newton(posterior, posterior.expand(start), damping, FIRST_STEPS)
+            ascent = gauss_newton(posterior, posterior.expand(start), damping, FIRST_STEPS)
         except LinAlgError:
             # The loop with this plant is unstable.
             continue
-        ends_of_first_steps.append(trace[-1])
+        ends_of_first_steps.append(ascent.expansions[-1])
     if not ends_of_first_steps:
         raise LinAlgError("no starting plant has a stable closed loop")
     highest_end = max(ends_of_first_steps, key=lambda expansion: expansion.value)
-    trace, _ = gauss_newton(posterior, highest_end, damping, MAX_ASCENT_STEPS)
-    return trace[-1]
+    ascent = gauss_newton(posterior, highest_end, damping, MAX_ASCENT_STEPS)
+    return ascent.expansions[-1]
 
 
 def _stable_start(posterior: LoopPosterior, plant: InitialPlant) -> Array:

@@ -109,6 +109,7 @@ def filter_segment(kalman_filter: KalmanFilter, samples: Array) -> FilteredSegme
     n = len(kalman_filter.A)
     _, innovations = kalman_filter.filter(np.zeros(n), np.zeros((T, n)), samples)
     rows = kalman_filter.gain_rows(T)
+    # The filter has one row for each step until it is steady, and the steady one for all later steps.
     gains = kalman_filter.gains[rows]
     precisions = kalman_filter.innovation_precisions[rows]
     # Cᵀ F⁻¹ e of each sample t, as rows.

@@ -370,17 +370,17 @@ def _ascend(
         max_attempts=MAX_DAMPING_ATTEMPTS,
         limit_step=_limited_step,
     )
-    trace, _ = gauss_newton(
+    maximisation = gauss_newton(
         posterior, posterior.expand(start), damping, max_steps, is_near_known_mode
     )
-    return trace[-1]
+    return maximisation.expansions[-1]
 
 
 def _limited_step(step: Array) -> Array:
     """Shortens a step of the parameters θ, in its direction, so that no entry changes by more than its limit.
 
-    The limit is the prior standard deviation of the entry, at most ``MAX_PARAMETER_STEP``: beyond it, the quadratic
-    expansion of the posterior is not trusted.
+    The limit is the prior standard deviation of the entry, at most ``MAX_PARAMETER_STEP``: beyond it, the posterior may
+    differ much from its quadratic expansion.
 
     Args:
         step: (k,) change of the parameters θ.

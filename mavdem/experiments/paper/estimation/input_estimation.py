@@ -135,45 +135,46 @@ def measured_states(window: RollWindow) -> Array:
     return np.hstack([window.outputs, window.states[:, 1:]])
 
 
-class SplitModel(NamedTuple):
-    """A window's discrete model x⁺ = Φ x + Γ v + g d, with the hidden command d and the known ones v."""
+class HiddenCommandModel(NamedTuple):
+    """Discrete model x⁺ = Φ x + Γ v + g d of the states x, with the hidden command d and the known commands v."""
 
     Phi: Array
-    """(2, 2) state transition matrix."""
+    """(2, 2) state transition matrix Φ."""
 
     known_forcing: Array
-    """(T, 2) effect Γ v of the known commands on the next state."""
+    """(T, 2) contribution Γ v of the known commands to the next state, at each sample."""
 
-    g: Array
-    """(2,) effect of the hidden command on the next state."""
+    hidden_effect: Array
+    """(2,) effect g of the hidden command on the next state."""
 
 
-def split_model(window: RollWindow) -> SplitModel:
-    """Splits the inputs of a window's discrete model into the hidden command and the known ones.
+def hidden_command_model(window: RollWindow) -> HiddenCommandModel:
+    """Returns the discrete model of a window, in which the hidden command is separated from the known ones.
 
     Args:
         window: T samples of states and commands.
 
     Returns:
-        Transition Φ (2, 2), the effect of the known commands on the next state (T, 2), and the effect g (2,) of the
-        hidden command.
+        The model, with what the known commands contribute to each sample, and the effect of the hidden one.
     """
-    # The discrete model is x⁺ = Φ x + Γ u, with the states x and all commands u.
+    # The discrete model of the window is x⁺ = Φ x + Γ u, with all commands u.
     Phi, Gamma = window.transition
     known_columns = np.delete(np.arange(Gamma.shape[1]), UNKNOWN_INPUT)
     known_commands = window.inputs[:, known_columns]
-    effect_of_known = known_commands @ Gamma[:, known_columns].T
-    effect_of_hidden = Gamma[:, UNKNOWN_INPUT]
-    return SplitModel(Phi, effect_of_known, effect_of_hidden)
+    return HiddenCommandModel(
+        Phi,
+        known_forcing=known_commands @ Gamma[:, known_columns].T,
+        hidden_effect=Gamma[:, UNKNOWN_INPUT],
+    )
 
 
 def proportional_integral_input(window: RollWindow) -> Array:
     """Estimates the hidden command by the proportional-integral observer of the authors' scripts.
 
-    In x⁺ = Φ x + Γ v + g d the hidden command d acts on the state x with the known effect g. The observer predicts the
-    measured states y as s + g d, where s is the predicted state without the effect of d. With the innovation
-    e = y − (s + g d) it corrects both: d⁺ = d + γ gᵀ e and s⁺ = Φ (s + g d) + Γ v + L e, with the gains
-    γ = ``UIO_INPUT_GAIN`` and L = ``UIO_STATE_SHARE`` Φ.
+    In x⁺ = Φ x + Γ v + g d the hidden command d acts on the state x with the known effect g, and so do the known
+    commands v. The observer predicts the measured states y as s + g d, where s is the predicted state without the
+    effect of d. With the innovation e = y − (s + g d) it corrects both: d⁺ = d + γ gᵀ e and
+    s⁺ = Φ (s + g d) + Γ v + L e, with the gains γ = ``UIO_INPUT_GAIN`` and L = ``UIO_STATE_SHARE`` Φ.
 
     Args:
         window: T samples of states and commands.
@@ -181,17 +182,17 @@ def proportional_integral_input(window: RollWindow) -> Array:
     Returns:
         (T,) estimates of the hidden command at each sample.
     """
-    model = split_model(window)
+    model = hidden_command_model(window)
     outputs = measured_states(window)
-    gain = UIO_STATE_SHARE * model.Phi
+    state_gain = UIO_STATE_SHARE * model.Phi
     state_without_command = outputs[0]
     command = FIRST_INPUT
     commands = np.zeros(len(outputs))
     for t in range(len(outputs)):
-        state = state_without_command + model.g * command
+        state = state_without_command + model.hidden_effect * command
         innovation = outputs[t] - state
-        state_without_command = model.Phi @ state + model.known_forcing[t] + gain @ innovation
-        command += UIO_INPUT_GAIN * float(model.g @ innovation)
+        state_without_command = model.Phi @ state + model.known_forcing[t] + state_gain @ innovation
+        command += UIO_INPUT_GAIN * float(model.hidden_effect @ innovation)
         commands[t] = command
     # The states of a sample show the command of the sample before, so that the estimates are moved by one sample.
     return np.append(commands[1:], commands[-1])
@@ -213,16 +214,17 @@ def minimum_variance_input(window: RollWindow) -> Array:
     Returns:
         (T,) estimates; the last one, which has no next sample, repeats the one before.
     """
-    model = split_model(window)
+    model = hidden_command_model(window)
     outputs = measured_states(window)
     measurement_noise = MEASUREMENT_VARIANCE * np.eye(2)
     noise_variances = window.process_noise.var(axis=0, ddof=1)
+    # The residuals contain the process noise, and the measurement noise of both samples.
     residual_covariance = (
         np.diag(noise_variances) + measurement_noise + model.Phi @ measurement_noise @ model.Phi.T
     )
-    weights = np.linalg.solve(residual_covariance, model.g)
+    weights = np.linalg.solve(residual_covariance, model.hidden_effect)
     residuals = outputs[1:] - outputs[:-1] @ model.Phi.T - model.known_forcing[:-1]
-    commands = residuals @ weights / float(weights @ model.g)
+    commands = residuals @ weights / float(weights @ model.hidden_effect)
     return np.append(commands, commands[-1])
 
 
@@ -237,12 +239,12 @@ def random_walk_input(window: RollWindow) -> Array:
     Returns:
         (T,) estimates.
     """
-    model = split_model(window)
+    model = hidden_command_model(window)
     known_commands = np.delete(window.inputs, UNKNOWN_INPUT, axis=1)
     step_variance = max(float(np.diff(known_commands, axis=0).var()), INPUT_WALK_FLOOR)
     Phi = np.eye(3)
     Phi[:2, :2] = model.Phi
-    Phi[:2, 2] = model.g
+    Phi[:2, 2] = model.hidden_effect
     Q = np.diag([*window.process_noise.var(axis=0, ddof=1), step_variance])
     # The known commands enter as their effect on the two states.
     augmented_model = DiscreteModel(
