@@ -102,7 +102,7 @@ def wind_command(
     parameters_to_set = drag_settings(wind.drag, signals.telemetry)
     document = Wind.from_results(
         assessment.judgement,
-        wind.identified_figures,
+        wind.without_unidentified_speeds,
         parameters=parameters_to_set,
         identity=identity,
     )

@@ -153,4 +153,4 @@ class Wind(Judged, WindVelocity):
 
 def reported_wind(assessment: Assessment) -> WindEstimate | None:
     """Returns the wind of a flight without the figures that are not identifiable; None if there is no estimate."""
-    return None if assessment.wind is None else assessment.wind.identified_figures
+    return None if assessment.wind is None else assessment.wind.without_unidentified_speeds

@@ -306,10 +306,10 @@ def wind_tables(wind: WindVelocity, max_rows: int | None = None) -> list[Table]:
     Returns:
         Up to two tables; none if the data does not determine the wind speed.
     """
-    identified_figures = wind.identified_figures
+    identified_wind = wind.without_unidentified_speeds
     mean_winds_of_tables = (
-        _MeanWinds("Time (s)", ("start", "end"), identified_figures.minutes),
-        _MeanWinds("Height (m)", ("height",), identified_figures.profile),
+        _MeanWinds("Time (s)", ("start", "end"), identified_wind.minutes),
+        _MeanWinds("Height (m)", ("height",), identified_wind.profile),
     )
     tables = []
     for mean_winds in mean_winds_of_tables:

@@ -43,7 +43,7 @@ def notch_advice(
     filtered: Spectrum | None,
     crossover: float | None,
 ) -> Fact:
-    """Advises a notch filter on the strongest line of motors or frame in the gyro's spectrum, or says why none.
+    """Advises a notch filter on the strongest line of motors or frame in the gyro's spectrum, or states why none.
 
     A notch adds phase lag, which takes from the phase margin. So one is advised only for a line that makes at least
     ``MIN_NOISE_SHARE`` of the noise after the present filters. Noise is what lies above all frequencies at which rate
@@ -96,7 +96,7 @@ def notch_advice(
 def _phase_cost(
     controller: Controller, with_notch: Controller, crossover: float | None
 ) -> float | None:
-    """Returns the phase lag that a notch adds at the crossover of the rate loop: so much phase margin is lost.
+    """Returns the phase lag that a notch adds at the crossover of the rate loop, which the phase margin loses.
 
     Args:
         controller: controller with the present filters of the gyro.

@@ -118,7 +118,7 @@ def find_spectral_lines(spectrum: Spectrum) -> tuple[SpectralLine, ...]:
             if frequency[peak] >= MIN_LINE_FREQUENCY:
                 candidates.append(_line_near(spectrum, windows, frequency[peak]))
     # The same line may be found with several exponents.
-    lines = _distinct(candidates)
+    lines = _distinct_lines(candidates)
     ratio_of_strongest_named_line = 0.0
     for line in lines:
         if line.cause is not LineCause.UNNAMED:
@@ -163,7 +163,7 @@ def prominent_peaks(values: Array, min_prominence: float) -> list[int]:
     return peaks
 
 
-def _distinct(candidates: Sequence[SpectralLine]) -> list[SpectralLine]:
+def _distinct_lines(candidates: Sequence[SpectralLine]) -> list[SpectralLine]:
     """Selects the distinct lines among candidates.
 
     A candidate is left out if its ratio does not exceed ``MIN_LINE_RATIO``, or if its relative distance from a stronger
@@ -180,6 +180,7 @@ def _distinct(candidates: Sequence[SpectralLine]) -> list[SpectralLine]:
         is_separate = True
         for stronger_line in distinct_lines:
             relative_distance = abs(candidate.frequency / stronger_line.frequency - 1)
+            # The negated comparison also leaves out a distance of NaN.
             if not relative_distance > MIN_SEPARATION:
                 is_separate = False
         if is_separate and candidate.ratio > MIN_LINE_RATIO:
@@ -368,10 +369,9 @@ def _line_near(spectrum: Spectrum, windows: _LogSpectra, frequency: float) -> Sp
 
 
 def _bins_above(track: _Track, threshold: float) -> int:
-    """Measures the width of a spectral line where its spectrum exceeds a threshold.
+    """Measures the width of a spectral line: the number of bins around its top that exceed a threshold.
 
-    The bins above the threshold that include the line's top are counted: they lie between the last bin below it before
-    the top, and the first one after the top.
+    These are the bins between the last bin at or below the threshold before the top, and the first such bin after it.
 
     Args:
         track: track of the line, with the mean logarithmic spectrum, and the bin of the line's top in it.
@@ -385,6 +385,7 @@ def _bins_above(track: _Track, threshold: float) -> int:
     last_bin_below = np.flatnonzero(is_below).max(initial=0)
     # A line may extend to the highest frequency. A bin of −∞ is appended there, which ends it.
     spectrum_from_line_on = np.append(track.mean[last_bin_below + 1 :], -np.inf)
+    # The index of the first bin that is not above the threshold is the number of bins before it.
     return int(np.argmax(spectrum_from_line_on <= threshold))
 
 

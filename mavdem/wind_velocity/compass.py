@@ -47,7 +47,7 @@ MIN_DIVISOR = 1e-9
 
 
 class PolarWind(NamedTuple):
-    """A course of wind as speed and direction, with half widths of their bands."""
+    """Wind over time as speed and direction, with half widths of their bands."""
 
     speed: Array
     """Speed (T,), m/s."""
@@ -109,8 +109,8 @@ def speed_and_direction(
 
     Returns:
         (T,) speed, m/s, and direction, degrees, with their half widths. North and east components are taken as
-        independent. The half width along the wind is the speed's. The half width across the wind, seen at the
-        distance of the speed, is the angle by which the direction is uncertain.
+        independent. The half width along the wind is the speed's. The arctangent of the half width across the wind
+        over the speed is the half width of the direction.
     """
     speed = np.hypot(*velocity.T)
     unit_along_wind = velocity / np.maximum(speed, MIN_DIVISOR)[:, None]

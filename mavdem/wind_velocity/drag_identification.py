@@ -1,8 +1,8 @@
 """Identification of the drag: from a flight's own manoeuvres, or from a known wind.
 
-Gusts change the velocity of a vehicle as well, so its velocity is correlated with the wind and says little of the drag.
-The likelihood's information on the drag is therefore scaled by how much of the force opposes the velocity, as drag does
-in manoeuvres.
+Gusts change the velocity of a vehicle as well, so its velocity is correlated with the wind and shows little of the
+drag. The likelihood's information on the drag is therefore scaled by how much of the force opposes the velocity, as
+drag does in manoeuvres.
 
 The scaled parameters (10,) that are identified are the six entries of ``Drag.mean``, and logarithms of the wind's
 parameters times the drag, so that these are accelerations: the gusts' standard deviation (m/s²), their time (s), the
@@ -222,7 +222,7 @@ def identify_drag(grid: MotionGrid, drag: Drag) -> DragPosterior:
         # A drag is less probable if the mean force would then mean an improbable wind. This holds without manoeuvres as
         # well.
         speed_slope = expansion.speed_slope * (1 - steered_fraction)
-        speed_pull = expansion.prior_gradient * (1 - steered_fraction)
+        force_prior_gradient = expansion.prior_gradient * (1 - steered_fraction)
         covariance = np.linalg.inv(
             precision + discount @ information + np.outer(speed_slope, speed_slope)
         )
@@ -235,7 +235,7 @@ def identify_drag(grid: MotionGrid, drag: Drag) -> DragPosterior:
         if _has_converged(log_posteriors):
             break
         gradient = discount @ (information_fractions * expansion.gradient)
-        step = covariance @ (gradient + speed_pull - precision @ deviation)
+        step = covariance @ (gradient + force_prior_gradient - precision @ deviation)
         mean = np.clip(
             mean + np.clip(step, -MAX_STEP, MAX_STEP),
             prior_mean - max_deviation,

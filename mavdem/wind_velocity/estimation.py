@@ -1,5 +1,6 @@
 """Estimation of the wind velocity of one flight from the attitude and the velocity of the vehicle."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ from mavdem.arrays import Array
 from mavdem.confidence import half_width
 from mavdem.dataset.axes import DOWN, HORIZONTAL
 from mavdem.dem.engine.linalg import one_thread
+from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
 from mavdem.facts.online import DragSource
 from mavdem.wind_velocity.advised_flight import WindErrors, advised_flight
@@ -26,6 +28,7 @@ from mavdem.wind_velocity.identifiability import (
 )
 from mavdem.wind_velocity.mean_wind import (
     MIN_SPEED,
+    MeanWind,
     independent_count,
     mean_wind_by_minute,
     mean_wind_of_steps,
@@ -54,7 +57,7 @@ def estimate_wind(
        specific force that no wind causes. The spread of the N winds is the error by uncertain drag and lean, and the
        smoother's variance is the error by noise.
     3. From these follow the mean wind with its intervals, gusts, the wind by minute and by height.
-    4. Figures that the flight does not determine well are marked as biased or not identifiable, with the reason, and
+    4. Estimates that the flight does not determine well are marked as biased or not identifiable, with the reason, and
        with what to fly to know them better.
 
     Args:
@@ -65,7 +68,7 @@ def estimate_wind(
         height: height (T,), m, for the wind by height; None if it is not known.
 
     Returns:
-        The wind with its intervals, gusts, course over time, and the drag.
+        The wind: its mean, gusts and time series with their intervals, and the drag.
 
     Raises:
         ValueError: an array has another shape, the time does not ascend, or the drag is not a ``Drag``.
@@ -112,18 +115,7 @@ def estimate_wind(
     for doubt in doubts:
         status[doubt.figure] = doubt.status
     lowest_speed = lower_speed_bound(whole_flight.low, whole_flight.high)
-    advice = None
-    if status["speed"] is not Status.REPORTED or status["direction"] is not Status.REPORTED:
-        has_uncertain_direction = lowest_speed > 0 and status["direction"] is not Status.REPORTED
-        direction_error = np.radians(whole_flight.direction_half_width)
-        errors = WindErrors(
-            whole_flight.speed,
-            speed_error=(whole_flight.high - lowest_speed) / 2,
-            direction_error=direction_error if has_uncertain_direction else None,
-            noise_sd=whole_flight.noise_sd,
-            drag_sd=drag_sd,
-        )
-        advice = advised_flight(errors, flight_drag)
+    advice = _flight_advice(whole_flight, lowest_speed, status, drag_sd, flight_drag)
 
     gust_steps = max(round(GUST_SECONDS / fine.step), 1)
     # Speeds (T, N) in each posterior sample, and the variance (N,) of their error by noise, the mean over the flight.
@@ -171,3 +163,40 @@ def estimate_wind(
         reasons={doubt.figure: doubt.reason for doubt in doubts},
         advice=advice,
     )
+
+
+def _flight_advice(
+    mean_wind: MeanWind,
+    lowest_speed: float,
+    status: Mapping[str, Status],
+    drag_sd: float,
+    drag: Drag,
+) -> Fact | None:
+    """Returns what to fly so that the wind is known better, if its speed or direction is not reported.
+
+    Args:
+        mean_wind: mean wind of the whole flight.
+        lowest_speed: lower end of the 90 % interval of its speed, m/s; 0 if the air may be still.
+        status: status of "speed" and "direction".
+        drag_sd: relative standard deviation of the drag at the air speed of the flight.
+        drag: the drag by this flight, with the lean.
+
+    Returns:
+        The advice as a fact; None if both are reported, or no flight would help much.
+    """
+    is_speed_reported = status["speed"] is Status.REPORTED
+    is_direction_reported = status["direction"] is Status.REPORTED
+    if is_speed_reported and is_direction_reported:
+        return None
+    direction_error = None
+    # The direction means nothing if the air may be still.
+    if lowest_speed > 0 and not is_direction_reported:
+        direction_error = np.radians(mean_wind.direction_half_width)
+    errors = WindErrors(
+        mean_wind.speed,
+        speed_error=(mean_wind.high - lowest_speed) / 2,
+        direction_error=direction_error,
+        noise_sd=mean_wind.noise_sd,
+        drag_sd=drag_sd,
+    )
+    return advised_flight(errors, drag)

@@ -202,14 +202,14 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
     motion = None
     boot = 0
     has_left_out_time = False
-    for candidate in np.unique(ground_motion.boot).tolist():
-        motion_of_boot = _free_flight(signals, angles, ground_motion, candidate)
-        if motion_of_boot is None:
+    for candidate_boot in np.unique(ground_motion.boot).tolist():
+        candidate_motion = _free_flight(signals, angles, ground_motion, candidate_boot)
+        if candidate_motion is None:
             continue
-        has_left_out_time |= bool(motion_of_boot.left_out)
-        if motion is None or len(motion_of_boot.time) > len(motion.time):
-            motion = motion_of_boot
-            boot = candidate
+        has_left_out_time |= bool(candidate_motion.left_out)
+        if motion is None or len(candidate_motion.time) > len(motion.time):
+            motion = candidate_motion
+            boot = candidate_boot
     if motion is None or len(motion.time) < MIN_SAMPLES:
         if has_left_out_time:
             raise NotLearnable(
@@ -226,7 +226,7 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
     if velocity_is_constant and _lacks_fix(telemetry):
         # If another sensor of velocity is configured, it did not measure either.
         raise NotLearnable(NoWind.NO_POSITION_FIX, satellites=most_satellites(telemetry))
-    _require_usable(motion, _longest_stuck(signals.position, boot, motion))
+    _require_usable(motion, _longest_time_stuck(signals.position, boot, motion))
     if drag is None:
         drag = Drag.from_parameters(telemetry.autopilot, telemetry.parameters)
     times_of_flight = motion.time[0], motion.time[-1]
@@ -270,7 +270,7 @@ def _settled_seconds(signals: Signals, ground_motion: TimeSeries) -> float:
 
 
 def _require_position_source(telemetry: Telemetry, ground_motion: TimeSeries) -> None:
-    """Checks that a sensor such as GPS measured velocity or position: otherwise the estimator's velocity is made up.
+    """Checks that a sensor such as GPS measured velocity or position: otherwise the estimated velocity is arbitrary.
 
     Args:
         telemetry: messages of the vehicle.
@@ -384,7 +384,7 @@ def _free_flight(
     is_usable &= measures_velocity(signals.telemetry, boot, time)
     motion = interpolated(time, velocity_time, ground_values[:, : HEIGHT + 1])
     is_usable &= np.linalg.norm(motion[:, HORIZONTAL], axis=1) <= MAX_GROUND_SPEED
-    lost_control = intervals.intersection(flights, _setpoint_not_followed(signals, boot))
+    lost_control = intervals.intersection(flights, _intervals_of_lost_control(signals, boot))
     is_lost = intervals.in_intervals(time, lost_control)
     left_out = lost_control if (is_usable & is_lost).any() else []
     is_usable &= ~is_lost
@@ -397,7 +397,7 @@ def _free_flight(
     )
 
 
-def _setpoint_not_followed(signals: Signals, boot: int) -> intervals.Intervals:
+def _intervals_of_lost_control(signals: Signals, boot: int) -> intervals.Intervals:
     """Returns when roll or pitch did not follow its setpoint, with a margin of ``INDEPENDENT_SECONDS`` on both sides.
 
     In a loss of control the vehicle's lean and acceleration do not show the wind, and would count as a gust. The wind
@@ -414,10 +414,13 @@ def _setpoint_not_followed(signals: Signals, boot: int) -> intervals.Intervals:
     if error is None:
         return []
     is_lost = error.has_setpoint & (error.magnitude > MAX_SETPOINT_ERROR)
-    lost = intervals.merge_close_intervals(
+    # Intervals whose margins would overlap are merged.
+    lost_intervals = intervals.merge_close_intervals(
         intervals.true_intervals(error.time, is_lost), gap=2 * INDEPENDENT_SECONDS
     )
-    return [(start - INDEPENDENT_SECONDS, end + INDEPENDENT_SECONDS) for start, end in lost]
+    return [
+        (start - INDEPENDENT_SECONDS, end + INDEPENDENT_SECONDS) for start, end in lost_intervals
+    ]
 
 
 def _has_valid_velocity(telemetry: Telemetry, boot: int, time: Array) -> Flags:
@@ -454,7 +457,7 @@ def horizontal_velocity_valid(flags: Any) -> Any:
     return flags & (VELOCITY_VALID_FLAG | STANDSTILL_ASSUMED) == VELOCITY_VALID_FLAG
 
 
-def _longest_stuck(position: TimeSeries | None, boot: int, motion: _FlightMotion) -> float:
+def _longest_time_stuck(position: TimeSeries | None, boot: int, motion: _FlightMotion) -> float:
     """Returns the longest time for which the vehicle leaned far and did not move.
 
     A free vehicle that leans far accelerates. If it does not, something holds it, so that its lean does not show the
@@ -505,10 +508,10 @@ def _settled_flights(
     if signals.collective is not None or signals.landed_state is not None:
         return phases.settled_intervals(signals, boot)
     min_height = np.nanmin(height) + MIN_FLIGHT_HEIGHT
-    armed_spans = flight_states.armed_intervals(signals, boot)
+    armed = flight_states.armed_intervals(signals, boot)
     above_ground = intervals.true_intervals(time, height > min_height)
     flights = []
-    for candidate in intervals.intersection(armed_spans, above_ground):
+    for candidate in intervals.intersection(armed, above_ground):
         flight = phases.without_transients(candidate, None)
         if flight is not None:
             flights.append(flight)

@@ -1,9 +1,9 @@
 """Tilt (lean) that an autopilot measures on the ground, because the ground slopes or the autopilot is misaligned.
 
 A misaligned autopilot reads the same roll and pitch on level ground as in a hover in still air, where they look like
-wind. Ground that slopes leans the vehicle, and then the hover is level. One stand does not tell these apart, so both
-count as equally likely. Of two stands, before the flight and after it, only the part of the lean that both share can be
-of the autopilot.
+wind. Ground that slopes tilts the vehicle, and then the hover is level. One place does not distinguish these, so that
+both count as equally likely. Of the lean before the flight and after it, only the part that both have in common can be
+that of the autopilot.
 """
 
 from collections.abc import Sequence
@@ -96,9 +96,11 @@ def lean_on_ground(
     if not take_offs or not landings:
         return None
     stand_end = take_offs[0] - TRANSITION_SECONDS
-    lean_before_flight = _lean_of_stand(angles, boot, (stand_end - STAND_SECONDS, stand_end))
+    lean_before_flight = _lean_while_standing(angles, boot, (stand_end - STAND_SECONDS, stand_end))
     stand_start = landings[-1] + TRANSITION_SECONDS
-    lean_after_flight = _lean_of_stand(angles, boot, (stand_start, stand_start + STAND_SECONDS))
+    lean_after_flight = _lean_while_standing(
+        angles, boot, (stand_start, stand_start + STAND_SECONDS)
+    )
     if lean_before_flight is None or lean_after_flight is None:
         return None
     # The smaller of two values with the same sign was there both times. Opposite signs have no common part.
@@ -109,13 +111,15 @@ def lean_on_ground(
     return np.where(has_same_sign, common_part, 0.0)
 
 
-def _lean_of_stand(angles: Sequence[Attitude], boot: int, stand: TimeInterval) -> Array | None:
+def _lean_while_standing(
+    angles: Sequence[Attitude], boot: int, interval: TimeInterval
+) -> Array | None:
     """Returns the lean of a vehicle that stands on the ground, as the specific force of wind that causes it in flight.
 
     Args:
         angles: roll and pitch that the autopilot recorded.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
-        stand: start and end of the time in which it may stand, s since boot.
+        interval: start and end of the time in which it should stand, s since boot.
 
     Returns:
         Force (2,) along body x and y, m/s². ``None`` if there are too few samples, the angles vary by more than
@@ -124,7 +128,7 @@ def _lean_of_stand(angles: Sequence[Attitude], boot: int, stand: TimeInterval) -
     median_angles = []
     for angle in angles:
         series = angle.angle_series.of_boot(boot)
-        angles_on_ground = series.values[in_intervals(series.time, [stand])]
+        angles_on_ground = series.values[in_intervals(series.time, [interval])]
         if len(angles_on_ground) < MIN_STAND_SAMPLES:
             return None
         # A tenth of the samples on either side may be disturbed, as when the vehicle is set down.

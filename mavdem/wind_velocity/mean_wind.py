@@ -66,8 +66,8 @@ class MeanWind(NamedTuple):
     """Standard deviation by noise alone, along one direction, m/s."""
 
     @property
-    def figures(self) -> dict[str, float]:
-        """The figures that are reported of a part of a flight: ``speed``, ``low``, ``high`` and ``direction``."""
+    def reported_values(self) -> dict[str, float]:
+        """What is reported of a part of a flight: ``speed``, ``low`` and ``high``, m/s, and ``direction``, degrees."""
         return {
             "speed": self.speed,
             "low": self.low,
@@ -77,9 +77,18 @@ class MeanWind(NamedTuple):
 
 
 def running_means(values: Array, steps: int) -> Array:
-    """Returns the means of each column of values (T, N) over successive ``steps``, as (T − steps + 1, N)."""
-    sums = np.cumsum(np.vstack([np.zeros(values.shape[1]), values]), axis=0)
-    return (sums[steps:] - sums[:-steps]) / steps
+    """Returns the running means of each column of values.
+
+    Args:
+        values: (T, N) values.
+        steps: number of successive rows that are averaged.
+
+    Returns:
+        (T − steps + 1, N) means, of the first ``steps`` rows first.
+    """
+    # The sum of some rows is the difference of two cumulative sums.
+    cumulative_sums = np.cumsum(np.vstack([np.zeros(values.shape[1]), values]), axis=0)
+    return (cumulative_sums[steps:] - cumulative_sums[:-steps]) / steps
 
 
 def speed_interval(speeds: Array, noise_variance: float | Array, speed: float) -> Interval:
@@ -132,7 +141,7 @@ def mean_wind_by_minute(
         mean_wind = mean_wind_of_steps(winds[rows], variances[rows], step)
         wind_of_parts.append(
             {
-                **mean_wind.figures,
+                **mean_wind.reported_values,
                 "start": float(time[rows[0]]),
                 "end": float(time[rows[-1]]),
             }
@@ -163,11 +172,11 @@ def wind_profile(
     for rows in _layer_rows(heights):
         if len(rows) * step < INDEPENDENT_SECONDS:
             continue
-        mean = mean_wind_of_steps(winds[rows], variances[rows], step)
+        mean_wind = mean_wind_of_steps(winds[rows], variances[rows], step)
         layers.append(
             {
                 "height": float(heights[rows].mean()),
-                **mean.figures,
+                **mean_wind.reported_values,
             }
         )
     if len(layers) < 2:
@@ -227,12 +236,14 @@ def mean_wind_of_steps(winds: Array, variances: Array, step: float) -> MeanWind:
     speed = projected / max(np.hypot(north, east), MIN_SPEED)
     speed = max(speed, 0.0)
 
-    # The quotient of two winds as complex numbers has the angle between them.
-    mean_direction = north + 1j * east
-    if mean_direction == 0:
-        mean_direction = 1.0
-    angles = np.angle((samples @ [1, 1j]) / mean_direction)
-    half_width_by_samples = np.degrees(np.quantile(abs(angles), 0.9))
+    # The angle between two winds is that of the quotient of two complex numbers, north + j east.
+    complex_mean = north + 1j * east
+    if complex_mean == 0:
+        # Still air has no direction. Any number other than 0 will do as divisor.
+        complex_mean = 1.0
+    complex_samples = samples @ [1, 1j]
+    angles_from_mean = np.angle(complex_samples / complex_mean)
+    half_width_by_samples = np.degrees(np.quantile(abs(angles_from_mean), 0.9))
     direction_half_width = np.hypot(half_width_by_samples, coverage_factor() * HEADING_SD)
     if half_width_by_samples > MAX_DIRECTION_OF_WIND:
         # Speeds of scattered velocities are above 0 even if their mean is still air.

@@ -1,4 +1,4 @@
-"""The wind velocity of one flight: its mean, course and gusts, with their intervals and what is doubtful about them."""
+"""The wind velocity of one flight: its mean, time series and gusts, with intervals and what is doubtful about them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -21,8 +21,8 @@ from mavdem.wind_velocity.compass import (
 from mavdem.wind_velocity.mean_wind import running_means
 from mavdem.wind_velocity.vehicle_drag import Drag
 
-COURSE_FIELDS = ("time", "velocity", "band", "minutes", "profile")
-"""Fields of ``WindVelocity`` with courses, which are empty if the speed is not identifiable."""
+SERIES_FIELDS = ("time", "velocity", "band", "minutes", "profile")
+"""Fields of ``WindVelocity`` with the wind by time or height, which are empty if the speed is not identifiable."""
 
 
 class WindTurn(NamedTuple):
@@ -163,7 +163,7 @@ class WindVelocity(ImmutableResult):
         less than the speed of every minute, no wind of that speed ever blew, and a report must say so. None also if
         direction or speed are not identifiable.
         """
-        minutes = self.identified_figures.minutes
+        minutes = self.without_unidentified_speeds.minutes
         if not self.direction_identifiable or len(minutes) < 2:
             return None
         speeds = [minute["speed"] for minute in minutes]
@@ -190,7 +190,7 @@ class WindVelocity(ImmutableResult):
 
     @property
     def polar(self) -> PolarWind:
-        """The course of the wind as speed and direction, each (T,), with half widths of their bands."""
+        """The wind over time as speed and direction, each (T,), with half widths of their bands."""
         return self.as_polar(self.velocity, self.band)
 
     def as_polar(self, velocity: Array, band: Array) -> PolarWind:
@@ -210,11 +210,11 @@ class WindVelocity(ImmutableResult):
         return speed_and_direction(velocity, band, mean_direction)
 
     @property
-    def identified_figures(self) -> Self:
+    def without_unidentified_speeds(self) -> Self:
         """This wind without speeds that the flight does not identify: they are NaN, and time series are empty."""
         if self.speed_identifiable:
             return self
-        empty_courses: Any = dict.fromkeys(COURSE_FIELDS, ())
+        empty_series: Any = dict.fromkeys(SERIES_FIELDS, ())
         return replace(
             self,
             speed=nan,
@@ -223,5 +223,5 @@ class WindVelocity(ImmutableResult):
             mean_speed_interval=(nan, nan),
             gust=nan,
             gust_interval=(nan, nan),
-            **empty_courses,
+            **empty_series,
         )

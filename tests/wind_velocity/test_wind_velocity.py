@@ -220,7 +220,7 @@ def test_hover_takes_the_drag_of_another_flight():
     assert alone.status["speed"] != "reported"
     alone = replace(alone, status=alone.status | {"speed": Status.NOT_IDENTIFIABLE})
     assert "m/s" not in wind_blocks(WindEvidence(alone, None, None))[0].text
-    blocks = alone.identified_figures
+    blocks = alone.without_unidentified_speeds
     assert np.isnan(blocks.speed) and not blocks.velocity
     assert {doubt.code for doubt in alone.reasons.values()} == set(WindDoubt)
     assert alone.drag.source == "population" and all(map(str, alone.reasons.values()))

@@ -73,8 +73,9 @@ def analyse(
         axis: "roll" or "pitch"; "all" for a model of roll, and the physical parameters of roll, pitch and yaw.
         options: choices of the user; None for the defaults.
         progress: shows the steps of the work.
-        other_axis: an earlier analysis of the vehicle, of another axis or without a model. Its figures of the vehicle
-            are not computed again, nor its physical parameters of this axis, if they are of the same flights.
+        other_axis: an earlier analysis of the vehicle, of another axis or without a model. Its results that are the
+            same for all axes are not computed again, nor its physical parameters of this axis if they are of the same
+            flights.
         estimates_of_other_axes: returns estimates of pitch and yaw by axis that another process has computed meanwhile;
             results that it does not return are computed here.
 
@@ -97,6 +98,7 @@ def analyse(
         analysis = _analysis_without_model(
             log, signals, learnability, other_axis, with_motors=options.with_motors
         )
+    # In tier "b" the messages are too slow for a full model, but fast enough for one of the slow motion.
     is_slow = analysis.tier.tier == "b" and signals.axis in TILT_AXES
     if is_slow:
         segments, slow_learnability = usable_segments(signals, log.components, MIN_SLOW_MOTION_RATE)
@@ -107,8 +109,9 @@ def analyse(
     try:
         trained_model = train_and_test(segments, options, progress, is_slow=is_slow)
     except NotLearnable as error:
-        has_chosen_lengths = options.start or options.train or options.test
-        if isinstance(error, TooFewSamples) and has_chosen_lengths:
+        has_chosen_durations = options.start or options.train or options.test
+        if isinstance(error, TooFewSamples) and has_chosen_durations:
+            # The user has chosen durations that do not fit into the flight: that is an error, and no result.
             raise
         if is_slow:
             return _with_reason_of_no_slow_model(analysis, error.fact)
@@ -152,9 +155,8 @@ def _with_trained_model(
     learned = _with_physical_parameters(
         learned, signals, flights, analysis, axis_estimates, is_slow=is_slow
     )
-    learned = with_vehicle_made_torque_marked(
-        learned, vehicle_made_torque=analysis.condition.oscillation is not None
-    )
+    is_oscillating = analysis.condition.oscillation is not None
+    learned = with_vehicle_made_torque_marked(learned, vehicle_made_torque=is_oscillating)
     held_out = replace(trained_model.held_out, model=learned.forecast_model)
     analysis = replace(analysis, flights=flights, learned=learned, held_out=held_out)
     if options.truth is not None:
@@ -204,8 +206,8 @@ def _analysis_without_model(
         log: the log of a flight, with the messages of each vehicle.
         signals: logged time series of the vehicle, with angle, rate and setpoints of one axis.
         learnability: whether a full model of the axis can be learned.
-        other_axis: analysis of another axis of the same vehicle, whose figures of the vehicle itself, which are the
-            same for all axes, are not computed again; None for the first axis.
+        other_axis: analysis of another axis of the same vehicle, whose results that are the same for all axes are not
+            computed again; None for the first axis.
         with_motors: whether the flight is searched for weak motors and oscillations.
 
     Returns:

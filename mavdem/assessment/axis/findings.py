@@ -150,11 +150,11 @@ def _finding_lowered_by_override(finding: Finding, override: Fact) -> Finding:
 
     A grade of GOOD is lowered to LIMITED, any other grade is kept. There are two cases for the reason:
 
-    - If the vehicle oscillates, the figures of the model mean nothing: the reason is the oscillation alone.
+    - If the vehicle oscillates, the estimates of the model mean nothing: the reason is the oscillation alone.
     - Otherwise the model's own reason for the grade stays. The fault of the flight is added if it lowered the grade.
 
     Args:
-        finding: the finding by the figures of the model alone.
+        finding: the finding on the model alone.
         override: the fault that makes the flight doubtful, however good its model is.
 
     Returns:

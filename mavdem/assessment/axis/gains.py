@@ -40,12 +40,15 @@ AUTOTUNE_RESULT = re.compile(r"\b([PID]):(\d+\.?\d*)")
 GainValues = tuple[tuple[str, float], ...]
 """Names and values of the control parameters of one axis."""
 
+BOOT_BEFORE_LOG = -1
+"""Stands for the number of the boot where gains are from before the log."""
+
 
 class GainSet(NamedTuple):
     """The gains of one axis from a time on."""
 
     boot: int
-    """Number of the boot; -1 for the gains from before the log."""
+    """Number of the boot; ``BOOT_BEFORE_LOG`` for the gains from before the log."""
     time: float
     """Time on the boot clock, s; minus infinity for the gains from before the log."""
     values: GainValues
@@ -216,35 +219,51 @@ class _GainReport(NamedTuple):
 def gain_history(signals: Signals) -> list[GainSet]:
     """Returns the sets of gains that the controller of one axis had in a log, one after another.
 
+    Every change of a gain's value adds a set. The first set is valid from before the log on: it has the value of each
+    gain that was reported first.
+
     Args:
         signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
 
     Returns:
-        Sets of gains in the order of the log, each with the boot and time from which on it was valid. The first is from
-        before the log (boot −1): each gain's first value in it. Every change of a value adds a set.
+        Sets of gains in the order of the log, each with the boot and the time from which on it is valid. There is at
+        least the first set, which is empty if the log has no gains.
     """
-    telemetry = signals.telemetry
-    columns = telemetry.messages.get("PARAM_VALUE")
-    if columns is None:
-        return [GainSet(-1, -inf, ())]
-    names_and_values = decoded_parameters(columns, telemetry.autopilot)
-    reports = []
-    for message, (name, value) in enumerate(names_and_values):
-        if _is_gain_of_axis(name, signals.axis) and isfinite(value):
-            boot = columns["boot"][message].item()
-            time = columns["time"][message].item()
-            reports.append(_GainReport(boot, time, name, value))
-    # Each gain had its first reported value before the log. Going backwards, the first value overwrites later ones.
+    reports = _gain_reports(signals)
+    # Going backwards through the reports, the first value of each gain overwrites all later ones.
     gains = {}
     for report in reversed(reports):
         gains[report.name] = report.value
-    history = [GainSet(-1, -inf, tuple(gains.items()))]
+    history = [GainSet(BOOT_BEFORE_LOG, -inf, tuple(gains.items()))]
     for report in reports:
         is_repetition = gains[report.name] == report.value
         if not is_repetition:
             gains[report.name] = report.value
             history.append(GainSet(report.boot, report.time, tuple(gains.items())))
     return history
+
+
+def _gain_reports(signals: Signals) -> list[_GainReport]:
+    """Returns all values of the gains of one axis that the autopilot reported in a log.
+
+    Args:
+        signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
+
+    Returns:
+        The values, in the order of the log; empty if it has no parameters.
+    """
+    telemetry = signals.telemetry
+    columns = telemetry.messages.get("PARAM_VALUE")
+    if columns is None:
+        return []
+    reports = []
+    names_and_values = decoded_parameters(columns, telemetry.autopilot)
+    for row, (name, value) in enumerate(names_and_values):
+        if _is_gain_of_axis(name, signals.axis) and isfinite(value):
+            boot = columns["boot"][row].item()
+            time = columns["time"][row].item()
+            reports.append(_GainReport(boot, time, name, value))
+    return reports
 
 
 def _is_gain_of_axis(name: str, axis: str) -> bool:
@@ -338,10 +357,10 @@ def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
     end_time = max(moment.time for moment in moments if moment.boot == start.boot)
     history = gain_history(signals)
     gains_before = dict(_gains_at(history, start))
-    gains_after = gains_before | _reported_gains(texts, signals.axis)
-    # Parameters at the end of the log that were changed are used instead of the texts.
+    # Parameters at the end of the log that differ from those before AutoTune were saved by it.
     saved_gains = {name: value for name, value in history[-1].values if gains_before[name] != value}
-    gains_after |= saved_gains
+    # Saved gains replace those that AutoTune reported in its texts.
+    gains_after = gains_before | _reported_gains(texts, signals.axis) | saved_gains
     changes = _changed_gains(gains_before, gains_after)
     fact = Fact(
         LoopFact.AUTOTUNED,
@@ -360,7 +379,7 @@ def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
     if not ratings:
         return fact
     _, rating_after = ratings
-    # If margins are small, the level is at most "watch", since the gains may not have been flown.
+    # Margins that are bad are only to be watched, since the gains may not have been flown. Levels ascend in ``Level``.
     level = min(rating_after.level, Level.WATCH, key=list(Level).index)
     return fact.replace(level, ratings=ratings)
 

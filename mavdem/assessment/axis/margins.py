@@ -67,7 +67,7 @@ class AxisMargins:
 
     @property
     def is_loop_doubtful(self) -> bool:
-        """Whether a measured response contradicts the identified loop, so that its margins must not be trusted."""
+        """Whether the loop is not known, or a measured response contradicts it, so that its margins may be wrong."""
         return not isinstance(self.loop, Loop) or self.contradiction is not None
 
     @cached_property
@@ -364,10 +364,10 @@ def resonance_fact(resonance: Resonance) -> Fact:
 
 
 def _peak_fact(code: MarginsLight, level: Level | None, resonance: Resonance) -> Fact:
-    """Returns a fact that states the peak of a response or spectrum with its figures.
+    """Returns a fact that states the height and the frequency of the peak of a response or spectrum.
 
     Args:
-        code: code that says what the fact states; its sentence is found by it.
+        code: code of the fact, by which reports find its sentence.
         level: its level; None for the usual level of the code.
         resonance: peak of a measured response or spectrum.
 

@@ -62,11 +62,11 @@ class _Turn(NamedTuple):
 
 
 def reached_rate(signals: Signals, segments: Segments) -> ReachedRate | None:
-    """Returns the rate and its setpoint in the turn that is typical of a flight, and whether motors were at a limit.
+    """Returns the largest rate and setpoint in a typical turn of a flight, and how long motors were at a limit.
 
     A turn about the axis of ``signals`` is a time of at least ``MIN_TURN_SECONDS`` in which the setpoint has one sign
-    and exceeds half of the largest setpoint of the flight. Turns are ordered by the fraction of the setpoint that the
-    rate reaches, and the one in the middle is typical.
+    and exceeds half of the largest setpoint of the flight. The typical turn is the median one by the fraction of its
+    setpoint that the rate reaches.
 
     Args:
         signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
@@ -85,9 +85,9 @@ def reached_rate(signals: Signals, segments: Segments) -> ReachedRate | None:
     if not turns:
         return None
     turns.sort(key=lambda turn: turn.rates.share)
-    typical_turn = turns[len(turns) // 2]
+    median_turn = turns[len(turns) // 2]
     at_limit_share = _fraction_of_time_at_limit(signals, [turn.segment for turn in turns])
-    return typical_turn.rates._replace(at_limit_share=at_limit_share)
+    return median_turn.rates._replace(at_limit_share=at_limit_share)
 
 
 def _find_turns(rate: TimeSeries, setpoint: TimeSeries, segments: Segments) -> list[_Turn]:
@@ -115,13 +115,15 @@ def _find_turns(rate: TimeSeries, setpoint: TimeSeries, segments: Segments) -> l
         is_turning = is_judged & (direction * setpoint.values > largest_setpoint / 2)
         for segment in _long_intervals(setpoint, is_turning):
             segment_with_rise = Segment(segment.boot, segment.start, segment.end + RISE_SECONDS)
+            # Rates and setpoints of the turn, positive in its direction.
             rates = direction * rate.values[in_segments(rate, segment_with_rise)]
             if not rates.size:
                 continue
             setpoints = direction * setpoint.values[in_segments(setpoint, segment)]
             # A rate in the other direction reaches nothing of the setpoint.
             largest_rate = max(rates.max(), 0.0)
-            turns.append(_Turn(segment, ReachedRate(setpoints.max(), largest_rate, None)))
+            reached = ReachedRate(setpoints.max(), largest_rate, at_limit_share=None)
+            turns.append(_Turn(segment, reached))
     return turns
 
 

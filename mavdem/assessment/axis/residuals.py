@@ -69,7 +69,7 @@ class Residuals(NamedTuple):
 
 
 def residuals(learned: Learned, output: int = -1) -> Residuals:
-    """Returns the residuals of an output of the training data, with their correlations.
+    """Computes the one-step residuals of an output in the training data, and their correlations.
 
     Residuals of a model without missing dynamics are white: they do not correlate with each other, nor with past
     commands. Both are tested as in L. Ljung, System Identification, 2nd ed., sec. 16.6.
@@ -132,7 +132,7 @@ def lagged_correlation(earlier_series: Array, later_series: Array, max_lag: int)
 
 
 def input_directions(learned: Learned) -> Array:
-    """Returns how strongly, and in which direction, each input of a model turns the vehicle, relative to the others.
+    """Returns how strongly, and in which direction, each input of a model rotates the vehicle, relative to the others.
 
     Residuals are correlated with one command, to which the inputs are combined by these numbers
     (:func:`command_weights`). They are the row of the mixer if it is known, otherwise the estimated effects of the
@@ -164,11 +164,11 @@ def input_directions(learned: Learned) -> Array:
 def command_weights(directions: Array) -> Array:
     """Returns the weights with which the inputs sum to the command of an axis.
 
-    The command is the weighted mean of the inputs that turn the vehicle in the positive direction, minus the weighted
-    mean of the inputs that turn it in the negative one. So it has the unit of the inputs, however many there are.
+    The command is the weighted mean of the inputs that rotate the vehicle in the positive direction, minus the weighted
+    mean of the inputs that rotate it in the negative one. So it has the unit of the inputs, however many there are.
 
     Args:
-        directions: (r,) how each of r inputs turns the vehicle, positive or negative, in any unit.
+        directions: (r,) how strongly each of r inputs rotates the vehicle, positive or negative, in any unit.
 
     Returns:
         (r,) weights; the positive ones sum to 1, and the negative ones to -1, if there are such inputs.

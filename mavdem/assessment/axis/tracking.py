@@ -71,14 +71,14 @@ of at most a quarter of it, or of 3°.
 """
 
 YAW_JUMP = np.radians(20.0)
-"""Change of yaw's setpoint from one sample to the next, rad, that is a new destination and no course to follow.
+"""Change of yaw's setpoint from one sample to the next, rad, that is a new heading to turn to, and not one to follow.
 
 Autopilots that let the setpoint turn with the vehicle change it by at most 60° (ATC_SLEW_YAW) in a second. Older ones
 set the heading of the next leg of a mission at once, and the vehicle turns there at its own rate.
 """
 
 SLOWEST_TURN = np.radians(10.0)
-"""Rate, rad/s, at which a vehicle turns to such a destination at least: half of the slowest default (20°/s,
+"""Rate, rad/s, at which a vehicle turns to such a heading at least: half of the slowest default (20°/s,
 MPC_YAWRAUTO_MAX of older PX4)."""
 
 TURN_MARGIN_SECONDS = 2.0

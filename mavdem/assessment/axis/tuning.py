@@ -78,7 +78,7 @@ class Tuning(NamedTuple):
     judgement: Judgement
     """The judgement of the flight, whose next step is to load the new gains, unless something else is bad."""
     doubtful_axes: frozenset[str] = frozenset()
-    """The axes whose measured response contradicts the identified loop, so that its margins must not be trusted."""
+    """The axes whose measured response contradicts the identified loop, so that its margins may be wrong."""
     no_loop: Fact | None = None
     """Why the loop of no axis is known; None if that of one is."""
 
@@ -157,7 +157,7 @@ def tune_loops(
     judgement = assessment.judgement
     reasons_of_vehicle = _reasons_against_higher_gains(evidence, judgement)
     notch = assessment.noise.notch if filters and not reasons_of_vehicle else None
-    # The fact about the notch filter contains the parameters to set, or says why there is no filter.
+    # The fact about the notch filter contains the parameters to set; a fact that states why there is none has none.
     notch_parameters = dict(notch.figures.get("settings", ())) if notch else {}
     advice_by_axis = _advice_on_axes(
         assessment,
@@ -373,7 +373,7 @@ def _next_step_with_new_gains(
     """
     changed_loops = _advice_on_changed_loops(advice_on_loops)
     if not any(advice.is_sound for advice in changed_loops):
-        # The most certain advice says which flight is needed, and the fact names all axes.
+        # The most certain advice determines which flight is needed, and the fact names all axes.
         most_certain = max(
             changed_loops,
             key=lambda advice: max(advice.sure, advice.fraction_without_margins_before),
