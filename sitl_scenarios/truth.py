@@ -51,19 +51,19 @@ IMPULSE_CYCLES = 4096
 """Cycles of a rate controller's impulse response; after as many it no longer changes."""
 
 NEGLIGIBLE_RESPONSE = 1e-12
-"""Increment of an impulse response that is left out, by its largest."""
+"""Largest increment of an impulse response that is left out, relative to the largest of all."""
 
 MIN_LOOP_FREQUENCY = 0.05
 """Lowest frequency of the loops' responses, Hz: position control is slower."""
 
 MAX_LOOP_FREQUENCY = 0.499
-"""Highest frequency of the loops' responses, by the autopilot's loop rate: just below a half."""
+"""Highest frequency of the loops' responses, as a fraction of the autopilot's loop rate: just below a half."""
 
 LOOP_FREQUENCIES = 4000
 """Number of frequencies of the loops' responses, evenly spaced on a logarithmic scale."""
 
 MIN_MARGIN_FREQUENCY = 0.3
-"""Lowest frequency at which margins are taken, by the highest gain crossover: a choice.
+"""Lowest frequency at which margins are taken, relative to the highest gain crossover; a choice.
 
 Below it, drag above the centre of mass lets the gain of a light vehicle rise through 1, and the phase through 180°: the
 vehicle drifts there, which the control of velocity and pilots prevent.
@@ -76,10 +76,10 @@ LINEARISATION_STEPS = {"position": 1e-3, "velocity": 1e-5, "angles": 1e-5, "rate
 """Steps, up and down, that linearise the dynamics: m, m/s, rad and rad/s; small against the scale of the curvature."""
 
 COMMAND_STEP = 1e-5
-"""Step of a motor's command, up and down, that linearises the dynamics, by the full command."""
+"""Step of a motor's command, up and down, that linearises the dynamics, as a fraction of the full command."""
 
 ROTOR_SPEED_STEP = 1e-5
-"""Step of a rotor's speed, up and down, that linearises the dynamics, by the speed itself."""
+"""Step of a rotor's speed, up and down, that linearises the dynamics, as a fraction of the speed itself."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,8 +102,8 @@ class LinearModel:
 def linearised_model(vehicle: VehicleSpec) -> LinearModel:
     """Linearises the simulated dynamics of a vehicle about hover in still air, without the lag of its rotors.
 
-    States and commands are joined to one vector. The function of it that gives the derivatives of the states is
-    differentiated in hover by central differences; its Jacobian is [A B].
+    States and commands are joined in one vector, of which the derivatives of the states are a function. The Jacobian of
+    that function in hover, by central differences, is [A B].
 
     Args:
         vehicle: airframe of a scenario's vehicle without damage, with its drag, rotor lag and inertia.
@@ -195,15 +195,16 @@ def truth(scenario: Scenario, motion: Motion) -> Arrays:
 
         - ``scenario``: the scenario as JSON text.
         - ``trim`` (4,): PWM pulses in hover, µs.
-        - ``roll_A`` (2, 2) and ``roll_B`` (2, 4): model of angle (rad) and rate (rad/s) without lag, by µs from trim.
+        - ``roll_A`` (2, 2) and ``roll_B`` (2, 4): model of angle (rad) and rate (rad/s) without lag; its inputs are the
+          pulses less ``trim``, µs.
         - ``roll_lag_A`` (3, 3) and ``roll_lag_B`` (3, 4): the same with the rotors' angular acceleration, rad/s², as
           third state; only with a lag.
         - ``lag`` (3,): time constants of the rotors, s: mean, rising, falling.
         - ``delay``: mean delay from the motion to the motors' output, s, with the delay of the gyro's filters at low
           frequencies, which the logged rates have too.
         - ``roll_disturbance`` (N,): angular acceleration of the disturbance, rad/s², without the damping in A.
-        - ``roll_effect`` (4,): angular acceleration by each motor in the flight's wind, rad/s² per µs, and
-          ``roll_effect_weak`` the same after all damage.
+        - ``roll_effect`` (4,): effect of each motor on the angular acceleration in the flight's wind, rad/s² per µs,
+          and ``roll_effect_weak`` the same after all damage.
         - ``weak`` (N,): whether all damage acts.
         - The responses and margins of :func:`loops`.
     """
@@ -241,7 +242,7 @@ def truth(scenario: Scenario, motion: Motion) -> Arrays:
 
 
 def _scenario_text(scenario: Scenario) -> str:
-    """Returns a scenario as JSON; what only flights with instruments have is left out of all others."""
+    """Returns a scenario as JSON. Flights without instruments leave out the keys that concern instruments only."""
     if scenario.has_instruments:
         return scenario.model_dump_json()
     return scenario.model_dump_json(exclude={"mishap": True, "stream": {"instruments"}})
@@ -311,7 +312,7 @@ def true_loops(scenario: Scenario, axis_number: int, effect: Array) -> Arrays:
     Args:
         scenario: Scenario of the flight: vehicle, wind, excitation, sensors and faults.
         axis_number: 0 for roll, 1 for pitch, 2 for yaw.
-        effect: (4,) angular acceleration by each motor's output, rad/s² per µs.
+        effect: (4,) effect of each motor's output on the angular acceleration, rad/s² per µs.
 
     Returns:
         Arrays by name, as docs/scenarios.md explains them: frequencies (Hz), responses, and margins as in
@@ -324,25 +325,26 @@ def true_loops(scenario: Scenario, axis_number: int, effect: Array) -> Arrays:
     s = 2j * pi * frequency
     # The controller works in cycles, so its frequencies are in radians per cycle.
     phase = s * cycle
-    demand_by_rate = _rate_controller_response(scenario, axis_number, phase, is_setpoint=False)
-    demand_by_setpoint = _rate_controller_response(scenario, axis_number, phase, is_setpoint=True)
+    demand_per_rate = _rate_controller_response(scenario, axis_number, phase, is_setpoint=False)
+    demand_per_setpoint = _rate_controller_response(scenario, axis_number, phase, is_setpoint=True)
 
     # From the demand to the body rate: zero-order hold over one cycle, lag of the rotors, and the body.
-    acceleration_gain = _acceleration_per_demand(scenario, controller, axis_number, effect)
+    acceleration_per_demand = _acceleration_per_demand(scenario, controller, axis_number, effect)
     zero_order_hold = (1 - np.exp(-phase)) / phase
-    rate_by_acceleration = _rate_by_acceleration(scenario.vehicle, axis, s)
     mean_rotor_lag = sum(airframe(scenario.vehicle).rotor_lags) / 2
-    ideal_rate_by_demand = acceleration_gain * zero_order_hold * rate_by_acceleration
-    rate_by_demand = ideal_rate_by_demand / (mean_rotor_lag * s + 1)
+    rate_per_acceleration = _rate_per_acceleration(scenario.vehicle, axis, s)
+    rate_without_lag = acceleration_per_demand * zero_order_hold * rate_per_acceleration
+    rate_per_demand = rate_without_lag / (mean_rotor_lag * s + 1)
 
     # The controller's response to the measured rate is negative: an open loop is defined for negative feedback.
     delay_response = np.exp(-s * scenario.sensors.delay)
     gyro_response = gyro_for(controller).response(frequency)
-    rate_loop = -demand_by_rate * rate_by_demand * delay_response * gyro_response
-    # An error of the angle is a rate setpoint for the closed rate loop, and the rate is integrated to the angle.
+    rate_loop = -demand_per_rate * rate_per_demand * delay_response * gyro_response
+    # An error of the angle, times the attitude gain, is the setpoint of the closed rate loop; the angle is the integral
+    # of the rate.
     attitude_gain = controller.attitude_gains[axis_number]
-    rate_by_angle_error = attitude_gain * demand_by_setpoint * rate_by_demand / (1 + rate_loop)
-    attitude_loop = rate_by_angle_error * delay_response / s
+    rate_per_angle_error = attitude_gain * demand_per_setpoint * rate_per_demand / (1 + rate_loop)
+    attitude_loop = rate_per_angle_error * delay_response / s
     return {
         "loop_frequency": frequency,
         f"{axis}_rate_loop": rate_loop,
@@ -364,7 +366,7 @@ def _acceleration_per_demand(
         scenario: Scenario of the flight: vehicle, wind, excitation, sensors and faults.
         controller: Controller of that flight.
         axis_number: 0 for roll, 1 for pitch, 2 for yaw.
-        effect: Angular acceleration by each motor's output, rad/s² per µs; (4,).
+        effect: Effect of each motor's output on the angular acceleration, rad/s² per µs; (4,).
 
     Returns:
         Angular acceleration, rad/s², per demand of 1.
@@ -387,11 +389,11 @@ def _demand_tuple(demands: Array) -> Vector4:
     return tuple(demands.tolist())
 
 
-def _rate_by_acceleration(vehicle: VehicleSpec, axis: Axis, s: NDArray[Any]) -> NDArray[Any]:
+def _rate_per_acceleration(vehicle: VehicleSpec, axis: Axis, s: NDArray[Any]) -> NDArray[Any]:
     """Returns the frequency response of a body rate to an angular acceleration about the same axis.
 
-    With the A of all states it is the diagonal element of (s I − A)⁻¹ that belongs to the rate; for a body without drag
-    it would be 1/s.
+    It is the diagonal element of (s I − A)⁻¹ that belongs to the rate, with the matrix A of all states. For a body
+    without drag it would be 1/s.
 
     Args:
         vehicle: Airframe of a scenario's vehicle, with its drag, rotor lag and inertia.
@@ -403,18 +405,20 @@ def _rate_by_acceleration(vehicle: VehicleSpec, axis: Axis, s: NDArray[Any]) -> 
     """
     rate = STATES.index(f"{axis} rate")
     identity = np.eye(len(STATES))
-    characteristic = s[:, None, None] * identity - linearised_model(vehicle).A
-    responses = np.linalg.solve(characteristic, identity[:, [rate]])
-    return responses[:, rate, 0]
+    # s I − A at each of the N frequencies, (N, n, n).
+    matrices = s[:, None, None] * identity - linearised_model(vehicle).A
+    # Of each inverse only the column that belongs to the rate is computed.
+    response_columns = np.linalg.solve(matrices, identity[:, [rate]])
+    return response_columns[:, rate, 0]
 
 
 def _rate_controller_response(
     scenario: Scenario, axis_number: int, phase: NDArray[Any], *, is_setpoint: bool
 ) -> NDArray[Any]:
-    """Returns the frequency response of the rate controller, measured on the controller that flies.
+    """Returns the frequency response of the rate controller, measured on the code that flies.
 
-    The controller is run on an impulse, and its impulse response is transformed. So the response belongs to the code
-    that flies, and no second description of the controller can differ from it.
+    The controller is given an impulse, and its impulse response is transformed. Formulas for the response could differ
+    from the code.
 
     Args:
         scenario: Scenario of the flight: vehicle, wind, excitation, sensors and faults.
@@ -432,7 +436,7 @@ def _rate_controller_response(
         setpoint = impulse if is_setpoint else 0.0
         rate = 0.0 if is_setpoint else impulse
         demands.append(controller.rate_demand(axis_number, setpoint, rate, is_flying=True))
-    # The integrator keeps the impulse forever, so that the demands cannot be summed. Their increments fade away.
+    # The integrator keeps the impulse forever, so that a sum over the demands does not converge. Their increments fade.
     increments = np.diff(demands, prepend=0.0)
     threshold = NEGLIGIBLE_RESPONSE * abs(increments).max()
     significant_cycles = np.flatnonzero(abs(increments) > threshold)
@@ -453,15 +457,15 @@ def margins(frequency: Array, loop: Complex) -> Array:
     Returns:
         (4,) gain crossover, Hz, phase margin, °, gain margin, dB, and Ms, the largest sensitivity.
     """
-    crossover = _loop_figures(frequency, loop)["crossover"][0]
+    crossover = _loop_characteristics(frequency, loop)["crossover"][0]
     # Without a crossover the comparison with NaN is false for all frequencies, which are then all kept.
     is_about_crossover = ~(frequency < MIN_MARGIN_FREQUENCY * crossover)
-    figures = _loop_figures(frequency[is_about_crossover], loop[is_about_crossover])
+    characteristics = _loop_characteristics(frequency[is_about_crossover], loop[is_about_crossover])
     names = ("crossover", "phase_margin", "gain_margin", "ms")
-    return np.array([figures[name][0] for name in names])
+    return np.array([characteristics[name][0] for name in names])
 
 
-def _loop_figures(frequency: Array, loop: Complex) -> Mapping[str, Array]:
+def _loop_characteristics(frequency: Array, loop: Complex) -> Mapping[str, Array]:
     """Returns crossover and stability margins of one open loop by name, as ``OpenLoop`` computes them.
 
     Args:
@@ -472,7 +476,7 @@ def _loop_figures(frequency: Array, loop: Complex) -> Mapping[str, Array]:
         Arrays (1,) by name: Hz, degrees, dB, or without unit.
     """
     # ``OpenLoop`` holds the responses of several plants, (plants, N): here there is one.
-    return OpenLoop(frequency, loop[None]).open_loop_figures
+    return OpenLoop(frequency, loop[None]).open_loop_characteristics
 
 
 class HoverPhase(NamedTuple):
@@ -492,7 +496,7 @@ def _motor_effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
         motion: True states, rotor speeds and motor outputs of the flight, cycle by cycle.
 
     Returns:
-        Angular accelerations by each motor's output, rad/s² per µs, (4,) each, by name. ``roll_effect``,
+        Effects of the motors' outputs on the angular accelerations, rad/s² per µs, (4,) each, by name. ``roll_effect``,
         ``pitch_effect`` and ``yaw_effect`` belong to the hover before all damage, and ``roll_effect_weak`` and so on to
         the hover after all damage. If the vehicle was damaged during the whole hover, its only effects have the first
         names. A flight without hover has none.
@@ -522,8 +526,9 @@ def _motor_effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
 def _mean_motor_effects(vehicle: VehicleSpec, motion: Motion, damage: Damage) -> Array:
     """Returns the effects of the motors' outputs on the angular accelerations, at the mean of an interval of a flight.
 
-    By the chain rule an effect is the slope of angular acceleration by rotor speed, at the mean rotor speeds and the
-    mean air, times the slope of rotor speed by output, which damage and a sagging battery reduce.
+    By the chain rule an effect is a product of two derivatives: of the angular acceleration with respect to the rotor
+    speed, at the mean rotor speeds in the mean wind, and of the rotor speed with respect to the output, which damage
+    and a sagging battery reduce.
 
     Args:
         vehicle: Airframe of the scenario's vehicle, with its drag, rotor lag and inertia.
@@ -531,7 +536,7 @@ def _mean_motor_effects(vehicle: VehicleSpec, motion: Motion, damage: Damage) ->
         damage: Damage of the vehicle in it.
 
     Returns:
-        (3, 4) angular acceleration about the axes by each motor's output, rad/s² per µs.
+        (3, 4) effect of each motor's output on the angular acceleration about each axis, rad/s² per µs.
     """
     body = airframe(vehicle)
     attitudes = Rotation.from_quat(motion.attitude, scalar_first=True)
@@ -551,7 +556,7 @@ def _mean_motor_effects(vehicle: VehicleSpec, motion: Motion, damage: Damage) ->
 def _rotor_speed_effects(
     vehicle: VehicleSpec, rotor_speeds: Array, air: Array, damage: Damage
 ) -> Array:
-    """Returns the slopes of a vehicle's angular accelerations by its rotor speeds, in steady flight.
+    """Returns the derivatives of a vehicle's angular accelerations with respect to its rotor speeds, in steady flight.
 
     The dynamics are evaluated for a level vehicle at rest, and the wind is given in body axes: only the air relative to
     the vehicle matters.
@@ -563,7 +568,7 @@ def _rotor_speed_effects(
         damage: Damage of the vehicle.
 
     Returns:
-        (3, 4) angular acceleration about the axes by each rotor's speed, rad/s² per rad/s.
+        (3, 4) effect of each rotor's speed on the angular acceleration about each axis, rad/s² per rad/s.
     """
     dynamics = vehicle_dynamics(vehicle, damage)
     level = (1.0, 0.0, 0.0, 0.0)

@@ -94,7 +94,7 @@ class Advice(ImmutableResult):
     flights: int
     """Number of steps, with a flight after each, until the design is set; 0 if no gains change."""
     notes: Facts
-    """What of the gains is unusual, and why: the ratios of the rate controller's gains."""
+    """What is unusual about the gains, and why: the ratios of the rate controller's gains."""
 
     @property
     def parameters(self) -> Parameters:
@@ -215,7 +215,8 @@ def advise(
     Args:
         loop: rate and attitude loop of one axis, with N draws of the plant.
         tune: name of the required margins, a key of ``MARGIN_TARGETS``.
-        doubts: reasons not to trust the flight; if there is any, no gains are advised.
+        doubts: reasons why the flight shows too little for advice, such as an oscillation; if there is any, no gains
+            are advised.
         raises_sound_gains: whether the gains of a loop that has its margins are raised, to make it faster.
 
     Returns:
@@ -333,8 +334,8 @@ def _unknown_stability(loop: Loop) -> Fact | None:
 
     Returns:
         The fractions of unstable draws and of draws with all margins, as a fact (coded finding). None if at most 5 % of
-        the draws are unstable, or if at most 5 % have all margins: then these are surely too small, however uncertain
-        they are.
+        the draws are unstable, or if at most 5 % have all margins: then the margins are uncertain, but surely too
+        small.
     """
     scores = margin_scores(MARGIN_TARGETS["default"], loop.rate, loop.attitude)[DRAWS]
     unstable_fraction = float(np.mean(np.isneginf(scores)))

@@ -239,12 +239,14 @@ def _gyro_notches(parameters: Parameters, prefix: str) -> Iterator[Notch]:
     frequency, bandwidth, attenuation = required_parameters(
         parameters, f"{prefix}FREQ", f"{prefix}BW", f"{prefix}ATT"
     )
-    least_center = max(frequency, MIN_CENTER_PER_BANDWIDTH * bandwidth)
-    if least_center <= 0:
+    # ArduPilot raises a centre that is too low for the bandwidth.
+    configured_center = max(frequency, MIN_CENTER_PER_BANDWIDTH * bandwidth)
+    if configured_center <= 0:
         return
-    center = least_center * hover_center_ratio(parameters, prefix)
+    center_in_hover = configured_center * hover_center_ratio(parameters, prefix)
     harmonics = int(parameters.get(f"{prefix}HMNCS", 1.0))
-    for notch in harmonic_notches(center, bandwidth / least_center, attenuation, harmonics):
+    relative_bandwidth = bandwidth / configured_center
+    for notch in harmonic_notches(center_in_hover, relative_bandwidth, attenuation, harmonics):
         for _ in range(notch_source_count(parameters, prefix)):
             yield notch
 
@@ -264,7 +266,8 @@ def hover_center_ratio(parameters: Parameters, prefix: str) -> float:
         The ratio, without a unit; 1 if the notch does not follow the throttle.
     """
     reference_throttle = parameters.get(f"{prefix}REF", 0.0)
-    if parameters.get(f"{prefix}MODE", 0.0) != NotchMode.THROTTLE or reference_throttle <= 0:
+    follows_throttle = parameters.get(f"{prefix}MODE", 0.0) == NotchMode.THROTTLE
+    if not follows_throttle or reference_throttle <= 0:
         return 1.0
     hover_throttle = parameters.get("MOT_THST_HOVER", reference_throttle)
     throttle_ratio = max(hover_throttle / reference_throttle, 0.0)
@@ -275,6 +278,9 @@ def hover_center_ratio(parameters: Parameters, prefix: str) -> float:
 def notch_source_count(parameters: Parameters, prefix: str) -> int:
     """Counts the notches that a harmonic notch filter has at each harmonic: one for each source that it follows.
 
+    With the option ``MULTI_SOURCE_OPTION`` the sources are the motors, whose speeds the ESCs report, or the highest
+    peaks of the spectrum. Otherwise there is a single one.
+
     Args:
         parameters: parameters of the log, by name.
         prefix: beginning of the filter's parameters, one of ``GYRO_NOTCH_PREFIXES``.
@@ -282,12 +288,15 @@ def notch_source_count(parameters: Parameters, prefix: str) -> int:
     Returns:
         The number, at least 1.
     """
+    options = int(parameters.get(f"{prefix}OPTS", 0.0))
     mode = parameters.get(f"{prefix}MODE", 0.0)
-    if int(parameters.get(f"{prefix}OPTS", 0.0)) & MULTI_SOURCE_OPTION:
-        if mode == NotchMode.ESC_TELEMETRY:
-            return MOTOR_COUNT
-        if mode == NotchMode.SPECTRUM:
-            return SPECTRUM_PEAKS
+    has_one_source = not options & MULTI_SOURCE_OPTION
+    if has_one_source:
+        return 1
+    if mode == NotchMode.ESC_TELEMETRY:
+        return MOTOR_COUNT
+    if mode == NotchMode.SPECTRUM:
+        return SPECTRUM_PEAKS
     return 1
 
 

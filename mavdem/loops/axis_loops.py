@@ -74,7 +74,7 @@ AXIS_PARAMETER_PREFIXES = ("ATC_RAT_", "ATC_ANG_", "MC_ROLL", "MC_PITCH", "MC_YA
 class Loop(Margins):
     """Rate and attitude loop of one axis, of the estimated plant and of draws from its posterior.
 
-    Its own figures, such as ``phase_margin``, describe the rate loop.
+    Its characteristics, such as ``phase_margin``, are those of the rate loop.
     """
 
     axis: str
@@ -90,7 +90,7 @@ class Loop(Margins):
     dynamics: Array
     """Damping, 1/s, motor lag, s, and delay, s, of each plant (N, 3), without the gyro's filters, in the same order."""
     cautions: Facts = ()
-    """Known errors that the intervals of the figures do not allow for."""
+    """Known errors that the intervals of the margins do not allow for."""
     measured: MeasuredResponse | None = None
     """The response of the rate in flight, if the log has setpoints."""
     grid: FrequencyGrid = FINE_GRID
@@ -134,9 +134,9 @@ class Loop(Margins):
         return self.attitude if name == "attitude" else self.rate
 
     @property
-    def figures(self) -> Mapping[str, Array]:
-        """Values (N,) of each figure of the rate loop, such as "phase_margin", by its name."""
-        return self.rate.figures
+    def characteristics(self) -> Mapping[str, Array]:
+        """Values (N,) of each characteristic of the rate loop, such as "phase_margin", by its name."""
+        return self.rate.characteristics
 
     def __repr__(self) -> str:
         margins = f"phase_margin={self.phase_margin:.0f}, gain_margin={self.gain_margin:.1f}"
@@ -195,10 +195,10 @@ class Loop(Margins):
             grid: frequencies at which the loop's responses are computed.
 
         Returns:
-            The loop with E · P plants, where P is one more than the number of ``rows``: all plants with the first
+            The loop with E · P plants, where P is one more than the number of ``draws``: all plants with the first
             factor, then all with the second, and so on.
         """
-        # The estimate must come first again, since the figures of a loop are taken from row ``ESTIMATE``.
+        # The estimate must come first again, since the margins of a loop are taken from row ``ESTIMATE``.
         plant_rows = np.append(ESTIMATE, np.arange(len(self.effectiveness))[draws])
         effectiveness = np.outer(effectiveness_factors, self.effectiveness[plant_rows]).ravel()
         # Damping, lag and delay do not depend on the factor: their rows are repeated in the same order.
@@ -256,8 +256,8 @@ class Loop(Margins):
     def angle_deviation(self, torque_density: Array) -> float:
         """Returns the standard deviation σ of the angle that a wind torque causes.
 
-        It is σ² = ∫ |G(jω)|² S df by the trapezoidal rule, with the response G of the closed attitude loop from the
-        wind torque to the angle, by the estimated plant.
+        Its square is σ² = ∫ |G(jω)|² S df, by the trapezoidal rule, with the response G of the closed attitude loop of
+        the estimated plant from the wind torque to the angle.
 
         Args:
             torque_density: density S (F,) of the wind torque at the loop's frequencies, (rad/s²)²/Hz.
@@ -333,7 +333,7 @@ def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) 
         LoopFact.MARGIN_RATING,
         level,
         subject=weaker_name,
-        lacking=min(ratios, key=lambda figure: ratios[figure][ESTIMATE]),
+        lacking=min(ratios, key=lambda margin: ratios[margin][ESTIMATE]),
         share=max(scores[ESTIMATE], LOWEST_SCORE),
         phase_margin=weaker_loop.phase_margin,
         phase_margin_interval=weaker_loop.phase_margin_interval,
@@ -376,13 +376,13 @@ def margin_ratios(target: MarginTarget, loop: OpenLoop) -> dict[str, Array]:
         loop: the open loop, of N plants.
 
     Returns:
-        Ratios (N,) by the name of the figure: "phase_margin", "gain_margin" and "ms".
+        Ratios (N,) by the name of the margin: "phase_margin", "gain_margin" and "ms".
     """
-    figures = loop.open_loop_figures
+    margins = loop.open_loop_characteristics
     return {
-        "phase_margin": figures["phase_margin"] / target.phase_margin,
-        "gain_margin": figures["gain_margin"] / target.gain_margin,
-        "ms": target.ms / figures["ms"],
+        "phase_margin": margins["phase_margin"] / target.phase_margin,
+        "gain_margin": margins["gain_margin"] / target.gain_margin,
+        "ms": target.ms / margins["ms"],
     }
 
 

@@ -1,8 +1,8 @@
 """Choice of new gains, in the order of manual tuning: first P and D of the rate, then the angle's gain, in small steps.
 
 Stage 1 chooses P and D of the rate controller; I follows P in a fixed ratio. For each ratio of D to P that is near the
-autopilot's own, the largest P is chosen with which the rate loop keeps its margins. Of the designs whose
-bandwidth is nearly the highest, the one that leans least in wind is chosen. Stage 2 chooses the largest gain of the
+autopilot's own, the largest P is chosen with which the rate loop keeps its margins. Of the designs whose bandwidth is
+nearly the highest, the one whose angle deviates least in wind is chosen. Stage 2 chooses the largest gain of the
 attitude controller with which the attitude loop keeps its margins. The change from flight to flight is bounded.
 
 ArduPilot's manual tuning, QuickTune and AutoTune (https://ardupilot.org/copter/docs/tuning.html) and PX4's guide
@@ -80,7 +80,7 @@ MAX_RATIO_CHANGE = 2.0
 A choice: ArduPilot's and PX4's own tuners stay within it on common vehicles. Logged gains outside keep their ratio.
 """
 RATIO_TOLERANCE = 1.02
-"""Factor beyond ``MAX_RATIO_CHANGE`` that three digits of a gain explain."""
+"""Factor by which gains that are rounded to three digits may exceed ``MAX_RATIO_CHANGE``."""
 MAX_ANGLE_GAIN = {"roll": 12.0, "pitch": 12.0, "yaw": 5.0}
 """Largest gain of the attitude controller, 1/s, that PX4 takes; ArduPilot recommends at most 12 for all axes."""
 
@@ -95,6 +95,8 @@ MAX_DESIGN_FACTOR = 4.0
 """Factor by which P of the design may differ from the logged one, over several flights: a choice."""
 GAIN_ROUNDING = 0.005
 """Largest relative error of a gain of three digits."""
+STEP_COUNT_TOLERANCE = 0.02
+"""Part of a step that does not count as another step. Rounding a gain to three digits adds up to 0.012 of a step."""
 MIN_GAIN_CHANGE = 1.05
 """Factor from which on a gain is worth a change: less is within what batteries and weather do to the loop."""
 EFFECTIVENESS_FACTORS = (1.0, 0.8, 1.2)
@@ -141,7 +143,7 @@ class GainStep(NamedTuple):
     flights: int
     """Number of steps, with a flight after each, until the design is set; 0 if no gain changes."""
     notes: Facts
-    """What of the gains is unusual, and why."""
+    """What is unusual about the gains, and why."""
 
 
 NO_STEP = GainStep(Stage.RATE, {}, {}, 0, ())
@@ -149,7 +151,7 @@ NO_STEP = GainStep(Stage.RATE, {}, {}, 0, ())
 
 
 class _RateDesign(NamedTuple):
-    """Gains of the rate controller with the figures that designs are compared by."""
+    """Gains of the rate controller, with bandwidth and angle error, by which designs are compared."""
 
     derivative_ratio: float
     """D over P, s."""
@@ -203,8 +205,9 @@ class GainSearch:
     def models(self) -> Loop:
         """The loops of at most ``SEARCH_DRAWS`` of the plants that choose gains, evenly spread: all would take long."""
         half = len(self.loop.effectiveness) // 2
-        every_stride_th_draw = slice(1, half, ceil(half / SEARCH_DRAWS))
-        return self.loop.with_draws(every_stride_th_draw, EFFECTIVENESS_FACTORS, SEARCH_GRID)
+        stride = ceil(half / SEARCH_DRAWS)
+        evenly_spread_draws = slice(1, half, stride)
+        return self.loop.with_draws(evenly_spread_draws, EFFECTIVENESS_FACTORS, SEARCH_GRID)
 
     @cached_property
     def gyro_noise(self) -> GyroNoise:
@@ -306,13 +309,13 @@ class GainSearch:
     def _rate_design_of(
         self, loop: Loop, derivative_ratio: float, factors: tuple[float, ...]
     ) -> _RateDesign:
-        """Computes the two figures by which designs of the rate controller are compared: bandwidth, and error in wind.
+        """Computes bandwidth and angle deviation in wind, by which designs of the rate controller are compared.
 
         Args:
             loop: loops with the gains of the design, for the plant models of the search.
             derivative_ratio: ratio of D to P of the design, s.
-            factors: factor of the design on the logged P, followed by the smaller ones, which are tried if this one
-                lacks margin with further plant models.
+            factors: factor by which P of the design exceeds the logged P. The smaller factors of the search follow:
+                they are tried if the loop lacks margin with this one, once it is checked with all plant models.
 
         Returns:
             The design with the bandwidth of its rate loop, Hz, and the standard deviation of the angle in wind,
@@ -450,7 +453,7 @@ class GainSearch:
         return ratios
 
     def _rate_gains(self, factor: float, derivative_ratio: float) -> Parameters:
-        """Computes P, I and D of the rate controller from P and the ratio of D to P.
+        """Computes P, I and D of the rate controller from a factor on the logged P and the ratio of D to P.
 
         I is P times the autopilot's default ratio. Gains that the log does not have, or that are 0, are left out.
 
@@ -484,7 +487,7 @@ class GainSearch:
         logged = self.loop.controller.parameters
         integral_name = self.loop.controller.parameter_names["i"]
         for name, value in design.items():
-            is_large = _change(value, logged[name]) >= log(MIN_GAIN_CHANGE)
+            is_large = _log_change(value, logged[name]) >= log(MIN_GAIN_CHANGE)
             if is_large and name != integral_name:
                 return design
         return {}
@@ -579,12 +582,13 @@ class GainSearch:
     def _flights_to(self, design: Parameters) -> int:
         """Returns how many steps of at most ``MAX_GAIN_STEP`` lead from the logged gains to a design."""
         logged = self.loop.controller.parameters
-        changes = [_change(value, logged[name]) for name, value in design.items()]
-        # Three digits of a gain may make a change a little larger than a whole number of steps.
-        return ceil(max(changes, default=0.0) / log(MAX_GAIN_STEP) - 0.02)
+        log_changes = [_log_change(value, logged[name]) for name, value in design.items()]
+        steps = max(log_changes, default=0.0) / log(MAX_GAIN_STEP)
+        # Rounding of gains to three digits may make a change a little larger than a whole number of steps.
+        return ceil(steps - STEP_COUNT_TOLERANCE)
 
     def _bound_on_higher_gains(self, stage: Stage, design: Parameters) -> Facts:
-        """Finds out why the search chose no higher gains: their range, the gyro's noise, or the stability margins.
+        """Determines what kept the search from higher gains: their range, the gyro's noise, or the stability margins.
 
         The gains are raised by one step of the search's factors, and compared with each bound of the search in turn.
 
@@ -597,10 +601,13 @@ class GainSearch:
             gain, so that the search stopped at no bound, or if the raised gains exceed none of them: they lie between
             two factors that the search tried.
         """
-        name = self.loop.controller.parameter_names["p" if stage is Stage.RATE else "angle_gain"]
+        main_gain = "p" if stage is Stage.RATE else "angle_gain"
+        name = self.loop.controller.parameter_names[main_gain]
         logged = self.loop.controller.parameters
-        if design.get(name, 0.0) <= logged.get(name, 0.0):
+        raises_main_gain = design.get(name, 0.0) > logged.get(name, 0.0)
+        if not raises_main_gain:
             return ()
+        # Ratio of neighbouring factors of the search.
         factor = FACTORS[0] / FACTORS[1]
         higher_gains = {gain_name: factor * value for gain_name, value in design.items()}
         scores = []
@@ -685,6 +692,7 @@ class GainSearch:
                 continue
             relative_ratio = gains[name] / gains[p_name] / default_ratio
             factor = max(relative_ratio, 1 / relative_ratio)
+            # Rounding of the gains must not cause a note.
             if factor > MAX_RATIO_CHANGE * RATIO_TOLERANCE:
                 yield Fact(
                     GainFact.RATIO_UNUSUAL,
@@ -746,6 +754,6 @@ def _attitude_loops_alone(models: Loop) -> OpenLoop:
     return replace(models.attitude, is_inner_stable=None)
 
 
-def _change(value: float, logged: float) -> float:
-    """Returns the size of the change of a gain from its logged value, as the natural logarithm of their ratio."""
+def _log_change(value: float, logged: float) -> float:
+    """Returns the absolute natural logarithm of the factor between a gain and its logged value."""
     return abs(log(value / logged))

@@ -355,7 +355,8 @@ def _saturated_power_fraction(messages: _LoopMessages, window_starts: Array) -> 
     power = power_at_limit = 0.0
     for start in window_starts:
         rows_in_window = _rows_of_window(output, start)
-        squares = np.square(output.values[rows_in_window] - output.values[rows_in_window].mean())
+        demand = output.values[rows_in_window]
+        squares = np.square(demand - demand.mean())
         power += squares.sum()
         # The weights are 1 where an output was at a limit, otherwise 0.
         power_at_limit += squares @ messages.at_limit.values[rows_in_window]

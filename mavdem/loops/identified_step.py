@@ -13,12 +13,12 @@ from numpy.random import default_rng
 from mavdem.arrays import Array
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.margins import Complex, OpenLoop
-from mavdem.loops.step_figures import IntervalEstimate, rise_times, with_interval
+from mavdem.loops.step_characteristics import IntervalEstimate, rise_times, with_interval
 
 FREQUENCY_STEP = 0.05
 """Step of the integral over a predicted frequency response, Hz."""
 MAX_UNEXPLAINED_OUTPUT = 0.05
-"""Largest share of the output that the controller does not explain, with which its response to setpoints is trusted.
+"""Largest share of the output that the controller does not explain, with which its response to setpoints is used.
 
 A wrong controller shows there. Of the flights 0 to 15 of ``tools/validation/step_response.py`` at 100 Hz, seven fly the
 controller of their parameters and have 0.010 to 0.034. Nine fly another, of which eight have 0.097 to 0.22.
@@ -33,7 +33,7 @@ STEP_SECONDS = {"rate": 0.5, "attitude": 2.0}
 PREDICTED_POINTS = 250
 """Points of a predicted step from which overshoot and rise time are computed: every 2 ms of 0.5 s."""
 GAIN_SEED = 37
-"""Seed of the draws of that error, so that the same flight has the same figures."""
+"""Seed of the draws of that error, so that the same flight has the same step response."""
 
 
 def identified_steps(loop: Loop, time: Array, count: int) -> Array | None:
@@ -90,7 +90,7 @@ def step_from_frequency_response(
 
 
 class PredictedStep(NamedTuple):
-    """Figures of the step response that an identified loop predicts, with their 90 % intervals."""
+    """Characteristics of the step response that an identified loop predicts, with their 90 % intervals."""
 
     overshoot: IntervalEstimate
     """Largest value of the step less 1; 0 or more."""
@@ -99,23 +99,28 @@ class PredictedStep(NamedTuple):
 
 
 def predicted_step(loop: OpenLoop, duration: float) -> PredictedStep | None:
-    """Computes overshoot and rise time of the predicted step response of a closed loop, with intervals from draws.
+    """Computes overshoot and rise time of the step response that an identified loop predicts, with 90 % intervals.
+
+    Both are computed with the estimated plant and with each draw from its posterior. The intervals follow from the
+    draws; those with an unstable loop, whose step response grows without limit, are left out.
 
     Args:
-        loop: the rate or attitude loop; its responses are of the estimate first, then of draws.
-        duration: duration of the response, s.
+        loop: the rate or attitude loop, with the estimated plant first, then with draws.
+        duration: duration of the step response, s.
 
     Returns:
-        The figures; None if the estimated loop is unstable.
+        Overshoot and rise time, each with its interval; None if the loop with the estimated plant is unstable.
     """
     if not loop.is_stable:
         return None
     time = np.linspace(0.0, duration, PREDICTED_POINTS)
-    steps = steps_from_frequency_responses(
-        loop.frequency, loop.closed_loop_response[loop.stable], time
-    )
+    stable_responses = loop.closed_loop_response[loop.stable]
+    # Step responses (N, K) of the N stable loops: the first one is still that with the estimated plant.
+    steps = steps_from_frequency_responses(loop.frequency, stable_responses, time)
     overshoots = np.maximum(steps.max(axis=1) - 1, 0.0)
-    return PredictedStep(with_interval(overshoots), with_interval(rise_times(time, steps)))
+    return PredictedStep(
+        overshoot=with_interval(overshoots), rise_time=with_interval(rise_times(time, steps))
+    )
 
 
 def steps_from_frequency_responses(
@@ -135,8 +140,9 @@ def steps_from_frequency_responses(
         Step responses (N, K).
     """
     midpoints = _midpoints(frequency[-1])
+    # (N, M) real parts of the responses at the M midpoints.
     real_parts = np.array(
-        [np.interp(midpoints, frequency, row.real) for row in closed_loop_responses]
+        [np.interp(midpoints, frequency, response.real) for response in closed_loop_responses]
     )
     kernel = _sine_kernel(frequency[-1], tuple(time.tolist()))
     return np.asarray(real_parts @ kernel * FREQUENCY_STEP * 2 / np.pi)

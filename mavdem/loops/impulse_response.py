@@ -9,7 +9,7 @@ from noise without smoothing them, and shows in the covariance what the setpoint
 Nicolao, A new kernel-based approach for linear system identification, Automatica 46(1), 2010).
 
 Wind moves a rate's setpoint r as well, by the attitude controller: r = x − G φ, of gain G and angle φ. So the
-instrument is not r itself but what of r follows x, the command of pilot or navigation: x / (1 + G T / s) with
+instrument is not r itself but the part of r that follows x, the command of pilot or navigation: x / (1 + G T / s) with
 x = r + G φ and the T of the pass before (L. Ljung, System Identification, 2nd ed., secs. 7.6 and 13.5).
 """
 
@@ -101,8 +101,8 @@ class ImpulseResponse(NamedTuple):
         # The impulse response is a sum of hat functions, each a weighted sum of three ramps max(lag, 0) that begin at
         # neighbouring knots (:func:`second_differences`). So its integral is a sum of the ramps' integrals.
         lags = self.sampling_rate * time[:, None] - self.knots
-        integrals = np.maximum(lags, 0.0) ** 2 / 2
-        hat_integrals = integrals @ second_differences(self.knots)
+        ramp_integrals = np.maximum(lags, 0.0) ** 2 / 2
+        hat_integrals = ramp_integrals @ second_differences(self.knots)
         return np.asarray(values @ hat_integrals.T)
 
     def frequency_responses(self, values: Array, frequency: Array) -> Complex:
@@ -136,14 +136,15 @@ def response_knots(taps: int, steps_per_sample: int) -> Array:
     Returns:
         Lags (K + 2,), in samples, ascending.
     """
+    # Lags are counted in steps until they are converted to samples.
     last_lag = taps * steps_per_sample
     lag = 0
-    knots = [lag]
+    lags = [lag]
     while lag < last_lag:
         spacing = max(1, round(NODE_SPACING_RATIO * lag))
         lag = min(lag + spacing, last_lag)
-        knots.append(lag)
-    return np.array(knots) / steps_per_sample
+        lags.append(lag)
+    return np.array(lags) / steps_per_sample
 
 
 def second_differences(knots: Array) -> Array:
@@ -202,11 +203,11 @@ def estimate_impulse_response(
         windows cannot be computed from the noise, or if values are so large that their products overflow.
     """
     taps = round(seconds * sampling_rate)
-    size = 3 * taps
+    window_size = 3 * taps
     steps_per_sample = max(ceil(1 / (sampling_rate * resolution) - ROUNDING), 1)
     knots = response_knots(taps, steps_per_sample)
-    setpoint = _overlapping_windows([piece[0] for piece in pieces], taps, size)
-    signal = _overlapping_windows([piece[1] for piece in pieces], taps, size)
+    setpoint = _overlapping_windows([piece[0] for piece in pieces], taps, window_size)
+    signal = _overlapping_windows([piece[1] for piece in pieces], taps, window_size)
     if not np.ptp(setpoint, axis=1).any():
         return None
     decay = np.exp(-INITIAL_DECAY * knots[1:-1] / taps)
@@ -223,7 +224,7 @@ def estimate_impulse_response(
                     )
                     for piece in pieces
                 ]
-                instrument = _overlapping_windows(undisturbed, taps, size)
+                instrument = _overlapping_windows(undisturbed, taps, window_size)
             response = np.tensordot(response_at_knots, setpoint_convolutions, axes=1)
             residuals = signal[:, taps:] - response
             variation = np.ptp(residuals, axis=1)
@@ -326,7 +327,7 @@ def _sampled_response(values: Array, knots: Array) -> Array:
 def _setpoint_without_wind(
     piece: Array, angle_gain: float, values: Array, knots: Array, sampling_rate: float
 ) -> Array:
-    """Returns what of a rate setpoint follows pilot or navigation, and not the wind: x / (1 + G T / s).
+    """Returns the part of a rate setpoint that follows pilot or navigation, and not the wind: x / (1 + G T / s).
 
     With the rate setpoint r and the angle φ, x = r + G φ is the command of pilot or navigation, and 1 / (1 + G T / s)
     the closed attitude loop from x to r, which is applied in the frequency domain. The rest of r is caused by wind,

@@ -39,7 +39,6 @@ def injected_loop(signals: Signals, segments: Segments) -> OpenLoop | None:
         signal was injected, if the autopilot's gains are not known, or if the gain does not cross 1 at these
         frequencies.
     """
-    injection_index, rate_index, demand_index = 0, 1, 2
     demand = signals.demand
     controller = controller_if_known(signals)
     if (
@@ -57,6 +56,8 @@ def injected_loop(signals: Signals, segments: Segments) -> OpenLoop | None:
     )
     rate, _ = signals.rate_and_setpoint
     spectra = welch_spectra((longest_signal, rate, demand_series), segments)
+    # Indices of the three signals in the spectra.
+    injection_index, rate_index, demand_index = 0, 1, 2
     if spectra is None:
         return None
     is_measured = spectra.coherence >= MIN_COHERENCE

@@ -87,7 +87,7 @@ class Oscillation(NamedTuple):
     """A limit cycle: an oscillation of an axis that the vehicle's own controller keeps up."""
 
     axis: str
-    """"roll", "pitch" or "yaw": the one that turns fastest."""
+    """"roll", "pitch" or "yaw": the one with the largest body rate."""
     frequency: float | None
     """Frequency, Hz; ``None`` if messages come so slowly that it may be an alias."""
     rate: float
@@ -99,20 +99,20 @@ class Oscillation(NamedTuple):
     seconds: float
     """Duration, s."""
     other_axes: tuple[Oscillation, ...] = ()
-    """The limit cycles of other axes, which turn more slowly."""
+    """The limit cycles of other axes, which have smaller body rates."""
     at_both_limits: float = 0.0
     """Fraction of that time with one motor at its upper limit while another is at its lower limit."""
 
     @property
     def figures(self) -> JsonValues:
-        """Axis, frequency (Hz) and body rate (rad/s) by name, as sentences about a limit cycle in a report need them.
+        """Values by name for a fact about the limit cycle, from which a report makes a sentence.
 
-        "subject" is the axis, "frequency" its frequency, and "turn_rate" its body rate, which is converted from
-        degrees: figures of sentences are in rad/s. "axes" has the same three of every axis that oscillates.
+        "subject" is the axis, "frequency" its frequency, Hz, and "turn_rate" its body rate, which is converted to
+        rad/s, as values of facts are. "axes" has a tuple of these three for every axis that oscillates.
         """
-        axes = [
-            (cycle.axis, cycle.frequency, radians(cycle.rate)) for cycle in (self, *self.other_axes)
-        ]
+        axes = []
+        for cycle in (self, *self.other_axes):
+            axes.append((cycle.axis, cycle.frequency, radians(cycle.rate)))
         return {
             "subject": self.axis,
             "frequency": self.frequency,
@@ -325,7 +325,7 @@ def _motor_series(motors: MotorOutputs) -> list[TimeSeries]:
     # Whether any motor is at its upper or its lower limit, (N,) each.
     is_at_upper = motor_at_upper.any(axis=1)
     is_at_lower = motor_at_lower.any(axis=1)
-    # The mean of all motors is thrust, which does not turn the vehicle.
+    # The mean of all motors is thrust, which does not rotate the vehicle.
     differential = range_fractions - range_fractions.mean(axis=1, keepdims=True)
     # Booleans are resampled like the outputs, as 0 and 1, so that their means are fractions of time.
     columns = [*differential.T, is_at_upper & is_at_lower, is_at_upper | is_at_lower]

@@ -37,7 +37,7 @@ from mavdem.plant.parameters import (
 POSTERIOR_DRAWS = 400
 """Number of draws from the posterior of the plant: a choice."""
 DRAWS_SEED = 31
-"""Seed of these draws, so that the same flight has the same figures."""
+"""Seed of these draws, so that the same flight has the same margins."""
 DELAY_SEED = 32
 """Seed of the draws of a delay that the flight leaves open."""
 SAMPLING_DELAY_DEVIATION = 0.25
@@ -76,7 +76,7 @@ def loop_from_learned(learned: Learned, controller: Controller | None = None) ->
 
 
 def loop_from_plant(plant: Physical, record: Record, controller: Controller | None = None) -> Loop:
-    """Builds the rate and attitude loop of an identified plant, with cautions about its figures.
+    """Builds the rate and attitude loop of an identified plant, with cautions about its margins.
 
     If the log has setpoints, the measured response of the rate is compared with the loop's. It is not compared if
     gains changed in flight, since the measured response is then a mean over several loops.
@@ -278,9 +278,11 @@ def inputs_per_demand(controller: Controller, record: Record) -> Array:
         return np.ones(1)
     if len(trim) != MOTOR_COUNT or len(record.input_range) != 2:
         raise NotLearnable(ControllerFact.MIXER_UNKNOWN, autopilot=None, motors=len(trim))
-    low, high = record.input_range
-    trim_shares = ((trim - low) / (high - low)).tolist()
-    return (high - low) * np.array(controller.outputs_per_demand(trim_shares))
+    lowest, highest = record.input_range
+    trim_fractions = ((trim - lowest) / (highest - lowest)).tolist()
+    # Change of each output, as a fraction of its range, per unit of demand.
+    outputs_per_demand = np.array(controller.outputs_per_demand(trim_fractions))
+    return (highest - lowest) * outputs_per_demand
 
 
 class _PlantDraws(NamedTuple):
@@ -305,7 +307,7 @@ def _plant_draws(plant: Physical, filter_delay: float, dt: float) -> _PlantDraws
         dt: time step of the record, s.
 
     Returns:
-        Effects of the inputs, and lag, damping and delay, of each drawn plant.
+        Effects of the inputs, and damping, lag and delay, of the estimate and of each drawn plant.
     """
     if plant.filtered:
         draws = _draws_without_filters(plant, filter_delay, dt)

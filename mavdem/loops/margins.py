@@ -4,7 +4,7 @@
 
 P is the identified plant and C the known controller: an open loop estimated from the spectra of a flight's outputs and
 inputs would be biased, since wind acts on both. Intervals follow from draws from the posterior of the plant.
-Figures are defined as by K. J. Åström and R. M. Murray, Feedback Systems, 2nd ed., secs. 10.3 and 12.1.
+Margins are defined as by K. J. Åström and R. M. Murray, Feedback Systems, 2nd ed., secs. 10.3 and 12.1.
 """
 
 from __future__ import annotations
@@ -47,38 +47,44 @@ MAX_FREQUENCY_RATIO = 0.45
 HALF_POWER_GAIN = 2**-0.5
 """Gain at which a response has half of the power, −3 dB: the end of the bandwidth."""
 SIGNED_MARGINS = ("phase_margin", "gain_margin", "delay_margin")
-"""Figures that are negative if a loop is unstable."""
+"""Characteristics that are negative if a loop is unstable."""
 DECIBELS_PER_NEPER = 20 / np.log(10)
 """What natural logarithms of a gain are multiplied by for decibels."""
 
 
 @dataclass(frozen=True)
-class FigureEstimate:
-    """Descriptor: attribute of :class:`Margins` that is a figure of the estimated plant."""
+class EstimatedCharacteristic:
+    """Descriptor: attribute of :class:`Margins` with a characteristic of the loop, such as its phase margin.
+
+    Its value is that of the loop with the estimated plant.
+    """
 
     name: str
-    """The key in ``Margins.figures``."""
+    """The key in ``Margins.characteristics``."""
 
     def __get__(self, loop: Any, owner: type | None = None) -> float:
-        """Returns the figure of the estimated plant."""
-        return float(loop.figures[self.name][ESTIMATE])
+        """Returns the characteristic of the loop with the estimated plant."""
+        return float(loop.characteristics[self.name][ESTIMATE])
 
 
 @dataclass(frozen=True)
-class FigureInterval:
-    """Descriptor: attribute of :class:`Margins`, the 90 % interval (low, high) of a figure over draws of the plant."""
+class CharacteristicInterval:
+    """Descriptor: attribute of :class:`Margins` with the 90 % interval (low, high) of a characteristic of the loop.
+
+    The interval is that of the values over draws of the plant.
+    """
 
     name: str
-    """The key in ``Margins.figures``."""
+    """The key in ``Margins.characteristics``."""
 
     def __get__(self, loop: Any, owner: type | None = None) -> Interval:
-        """Returns the lower and upper end of the figure's 90 % interval.
+        """Returns the lower and upper end of the 90 % interval of the characteristic.
 
         A margin below 0 belongs to an unstable loop. If the estimate is stable, so was the loop that flew: the interval
         of its margins ends at the limit of stability.
         """
         # The method "nearest" takes values as they are: interpolation between infinite margins would give NaN.
-        values = loop.figures[self.name]
+        values = loop.characteristics[self.name]
         low, high = np.quantile(values, INTERVAL_QUANTILES, method="nearest").tolist()
         if self.name in SIGNED_MARGINS and values[ESTIMATE] >= 0:
             low = max(low, 0.0)
@@ -86,33 +92,33 @@ class FigureInterval:
 
 
 class Margins(ImmutableResult):
-    """Stability margins and other figures of a loop, each with its 90 % interval.
+    """Stability margins and other characteristics of a loop, each with its 90 % interval.
 
-    If the response crosses a limit several times, the smallest margin counts. A subclass has ``figures``: by name, the
-    values (N,) of each figure, of the estimated plant first, then of draws from its posterior.
+    If the response crosses a limit several times, the smallest margin counts. A subclass has ``characteristics``: by
+    name, the values (N,) of each, with the estimated plant first, then with draws from its posterior.
     """
 
-    crossover = FigureEstimate("crossover")
+    crossover = EstimatedCharacteristic("crossover")
     """Gain crossover: the highest frequency at which |L| = 1, Hz."""
-    crossover_interval = FigureInterval("crossover")
-    phase_margin = FigureEstimate("phase_margin")
+    crossover_interval = CharacteristicInterval("crossover")
+    phase_margin = EstimatedCharacteristic("phase_margin")
     """Phase margin, degrees; negative if the loop is unstable."""
-    phase_margin_interval = FigureInterval("phase_margin")
-    gain_margin = FigureEstimate("gain_margin")
+    phase_margin_interval = CharacteristicInterval("phase_margin")
+    gain_margin = EstimatedCharacteristic("gain_margin")
     """Gain margin, dB; infinite where L does not cross the negative real axis."""
-    gain_margin_interval = FigureInterval("gain_margin")
-    delay_margin = FigureEstimate("delay_margin")
+    gain_margin_interval = CharacteristicInterval("gain_margin")
+    delay_margin = EstimatedCharacteristic("delay_margin")
     """Delay margin, s: the further delay by which the loop becomes unstable."""
-    delay_margin_interval = FigureInterval("delay_margin")
-    ms = FigureEstimate("ms")
+    delay_margin_interval = CharacteristicInterval("delay_margin")
+    ms = EstimatedCharacteristic("ms")
     """Maximum sensitivity Ms, the largest |S|."""
-    ms_interval = FigureInterval("ms")
-    bandwidth = FigureEstimate("bandwidth")
+    ms_interval = CharacteristicInterval("ms")
+    bandwidth = EstimatedCharacteristic("bandwidth")
     """Bandwidth: the frequency up to which the closed loop is at least −3 dB, Hz."""
-    bandwidth_interval = FigureInterval("bandwidth")
-    rejection = FigureEstimate("rejection")
+    bandwidth_interval = CharacteristicInterval("bandwidth")
+    rejection = EstimatedCharacteristic("rejection")
     """The largest response of rate or angle to a torque, as an angular acceleration: s or s²."""
-    rejection_interval = FigureInterval("rejection")
+    rejection_interval = CharacteristicInterval("rejection")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -179,15 +185,15 @@ class OpenLoop(Margins):
 
     @cached_property
     def max_sensitivity(self) -> Array:
-        """Maximum sensitivity Ms of each loop (N,), the largest |S|, as it is among the ``figures``."""
+        """Maximum sensitivity Ms of each loop (N,), the largest |S|; one of the ``characteristics``."""
         return freeze(1 / np.abs(1 + self.response).min(axis=1))
 
     @cached_property
-    def figures(self) -> Mapping[str, Array]:
-        """Values (N,) of each figure of :class:`Margins`, by its name.
+    def characteristics(self) -> Mapping[str, Array]:
+        """Values (N,) of each characteristic of the N loops, in the units of :class:`Margins`, by its name there.
 
         The bandwidth is the lowest frequency at which the closed loop crosses −3 dB, interpolated as the crossings of
-        the open loop are (``open_loop_figures``); without a crossing it is NaN.
+        the open loop are (``open_loop_characteristics``); without a crossing it is NaN.
         """
         half_power_crossings = _ZeroCrossings.of_rows(
             np.abs(self.closed_loop_response) - HALF_POWER_GAIN
@@ -195,16 +201,16 @@ class OpenLoop(Margins):
         log_bandwidth = half_power_crossings.minimum_by_row(
             half_power_crossings.interpolate(np.log(self.frequency))
         )
-        figures = {
-            **self.open_loop_figures,
+        characteristics = {
+            **self.open_loop_characteristics,
             "bandwidth": np.exp(log_bandwidth),
             "rejection": np.abs(self.disturbance).max(axis=1),
         }
-        return freeze(figures)
+        return freeze(characteristics)
 
     @cached_property
-    def open_loop_figures(self) -> Mapping[str, Array]:
-        """Values (N,) of the ``figures`` that follow from the open loop alone: crossover, margins and Ms.
+    def open_loop_characteristics(self) -> Mapping[str, Array]:
+        """Values (N,) of the ``characteristics`` that follow from the open loop alone: crossover, margins and Ms.
 
         They follow from crossings of the response: with the unit circle (crossover, phase and delay margin) and with
         the negative real axis (gain margin). Crossings are interpolated linearly between frequencies, in the logarithms
@@ -217,7 +223,7 @@ class OpenLoop(Margins):
         phase_margin = _phase_margins(self.response, gain_crossings)
         log_gain_margin = _log_gain_margins(self.response)
         delay_margin = phase_margin / (2 * np.pi * crossover)
-        figures = {
+        characteristics = {
             # The highest crossover, as the negative of the smallest negative one.
             "crossover": -gain_crossings.minimum_by_row(-crossover),
             "phase_margin": np.degrees(
@@ -229,8 +235,10 @@ class OpenLoop(Margins):
         }
         if self.is_inner_stable is not None:
             for name in SIGNED_MARGINS:
-                figures[name] = np.where(self.is_inner_stable, figures[name], -np.inf)
-        return freeze(figures)
+                characteristics[name] = np.where(
+                    self.is_inner_stable, characteristics[name], -np.inf
+                )
+        return freeze(characteristics)
 
 
 class _ZeroCrossings(NamedTuple):
@@ -312,7 +320,7 @@ def _log_gain_margins(response: Complex) -> Array:
     """Returns the natural logarithm of the gain margin of each loop: the factor on L with which L passes through −1.
 
     That is the inverse of |L| at a crossing with the negative real axis. The logarithm is negative for a loop that
-    becomes unstable by less gain. Of several crossings, the one nearest to −1 is used.
+    becomes unstable if its gain is lowered. Of several crossings, the one nearest to −1 is used.
 
     Args:
         response: (N, F) open-loop responses L.
@@ -324,11 +332,13 @@ def _log_gain_margins(response: Complex) -> Array:
     is_negative_axis = crossings.interpolate(response.real) < 0
     log_gain = crossings.interpolate(np.log(np.abs(response)))
     log_margin = np.where(is_negative_axis, -log_gain, np.nan)
-    margin_nearest_to_0 = crossings.minimum_by_row(np.abs(log_margin))
-    # The absolute value has lost its sign, which is restored if the nearest crossing has a negative margin.
-    is_negative_margin = log_margin == -margin_nearest_to_0[crossings.rows]
-    margin_nearest_to_0[crossings.rows[is_negative_margin]] *= -1
-    return margin_nearest_to_0
+    # The absolute value of the margin of each loop (N,), at its crossing nearest to −1.
+    least_size = crossings.minimum_by_row(np.abs(log_margin))
+    # The margin is negative if the crossing with this absolute value has a negative one.
+    is_negative_margin = log_margin == -least_size[crossings.rows]
+    signs = np.ones(len(least_size))
+    signs[crossings.rows[is_negative_margin]] = -1
+    return signs * least_size
 
 
 def _infinite_if_nan(values: Array) -> Array:

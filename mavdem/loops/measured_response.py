@@ -323,7 +323,7 @@ def interpolated_setpoint(setpoint: Array) -> Array:
 
     A record holds the value of the last message, so that the setpoint has steps, while the true one moved smoothly.
     Each change of the value is assumed to be a message. If the value is constant for longer than the usual time between
-    messages, the setpoint did not move: such a plateau ends one usual step before the next change.
+    messages, the setpoint did not move: such a plateau ends one usual interval before the next change.
 
     Args:
         setpoint: samples of the held setpoint (T,), in any unit.
@@ -331,8 +331,10 @@ def interpolated_setpoint(setpoint: Array) -> Array:
     Returns:
         Interpolated samples (T,), in the same unit.
     """
+    # Indices of the samples at which the value is another than before; the first sample is one of them.
     changes = np.flatnonzero(np.diff(setpoint, prepend=np.nan))
-    usual_step = int(np.median(np.diff(changes))) if len(changes) > 1 else 1
-    ends_of_plateaus = np.maximum(changes[1:] - usual_step, 0)
-    nodes = np.union1d(changes, ends_of_plateaus)
-    return np.interp(np.arange(len(setpoint)), nodes, setpoint[nodes])
+    usual_interval = int(np.median(np.diff(changes))) if len(changes) > 1 else 1
+    ends_of_plateaus = np.maximum(changes[1:] - usual_interval, 0)
+    # Where changes follow each other at the usual interval, the end of a plateau is the change before it.
+    known_samples = np.union1d(changes, ends_of_plateaus)
+    return np.interp(np.arange(len(setpoint)), known_samples, setpoint[known_samples])

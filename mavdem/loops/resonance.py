@@ -2,8 +2,8 @@
 
 The response from setpoint r to rate p is estimated as T = S_rp / S_rr by Welch's method. Where the wind and not the
 pilot moves the vehicle, the setpoint only responds to the rate through the attitude controller, r = −K p / s, and the
-estimate would be −s / K however coherent both are. So frequencies are left out at which x = r + K p / s, what pilot or
-navigation ask for, has less than half of the power of r.
+estimate would be −s / K however coherent both are. So frequencies are left out at which x = r + K p / s, the command of
+pilot or navigation, has less than half of the power of r.
 
 With the known controller C_r from the setpoint and C_p from the rate, L / (1 + L) = T C_p / C_r is the complementary
 sensitivity without the controller's filters, and S = 1 − L / (1 + L) the sensitivity.
@@ -147,8 +147,8 @@ def _steered_rows(spectra: WelchSpectra, frequency: Array, angle_gain: float) ->
     Only there a response of the rate to its setpoint shows the rate loop. The attitude controller computes the rate
     setpoint r = x − K p / s from the command x of pilot or navigation, and from the angle p / s. So r also changes with
     the wind, which rotates the vehicle. The commanded fraction is the power of x = r + K p / s relative to that of r.
-    With the response T from r to the rate p, what of p follows r contributes |1 + K T / s|² to this fraction. The rest
-    of p contributes |K / s|² times the ratio of its power to the power of r.
+    With the response T from r to the rate p, the part of p that is coherent with r contributes |1 + K T / s|² to this
+    fraction. The rest of p contributes |K / s|² times the ratio of its power to the power of r.
 
     Args:
         spectra: cross-spectra of the setpoint r (index 0) and the rate p (index 1).

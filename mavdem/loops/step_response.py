@@ -1,8 +1,8 @@
 """Step responses of the closed rate and attitude loop as a flight shows them, at any rate of its messages.
 
-The impulse response is estimated as in ``impulse_response``; steps, frequency responses and their figures follow from
-it, with 90 % intervals from draws of its values. A rate loop that rises within a few messages has the step response of
-the identified loop instead (``identified_step``).
+The impulse response is estimated as in ``impulse_response``. Step response, frequency response and their
+characteristics follow from it, with 90 % intervals from draws of its values. A rate loop that rises within a few
+messages has the step response of the identified loop instead (``identified_step``).
 """
 
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ from mavdem.loops.impulse_response import (
 )
 from mavdem.loops.margins import Complex
 from mavdem.loops.resonance import DEFAULT_ANGLE_GAIN, MAX_FREQUENCY_RATIO, controller_if_known
-from mavdem.loops.step_figures import IntervalEstimate, rise_times, step_figures
+from mavdem.loops.step_characteristics import IntervalEstimate, rise_times, step_characteristics
 from mavdem.loops.welch import (
     MIN_COHERENCE,
     MIN_WINDOWS,
@@ -95,10 +95,10 @@ By chance a tenth does.
 MIN_PIECE_RESPONSES = 4
 """Least length of a piece of flight, in durations of the response."""
 DRAWS_SEED = 31
-"""Seed of the draws of impulse responses, so that the same flight has the same figures."""
+"""Seed of the draws of impulse responses, so that the same flight has the same intervals."""
 
-FIGURES = ("overshoot", "rise_time", "settling", "delay", "peak", "peak_frequency")
-"""Figures of a :class:`StepResponse`, by the names of its attributes."""
+CHARACTERISTICS = ("overshoot", "rise_time", "settling", "delay", "peak", "peak_frequency")
+"""Characteristics of a :class:`StepResponse`, by the names of its attributes."""
 
 _SETPOINT, _RATE, _ANGLE, _ANGLE_SETPOINT = range(4)
 """Rows of the signals of a rate loop in a piece of flight, as far as they were recorded."""
@@ -157,14 +157,14 @@ class StepResponse(ImmutableResult):
 
     @property
     def fact(self) -> Fact:
-        """The figures of the response as a :class:`Fact`, from which reports and documents make one sentence.
+        """The characteristics of the response as a :class:`Fact`, from which reports and documents make one sentence.
 
         A fact is a code with figures by name, and with a subject that it is about, here the loop, such as "roll rate".
-        Each of ``FIGURES`` (overshoot, rise time and so on) has the name and the unit of its attribute. Overshoot and
-        peak also come with their 90 % intervals; ``highest`` is the highest frequency at which the loop was measured,
-        Hz.
+        Each of ``CHARACTERISTICS`` (overshoot, rise time and so on) has the name and the unit of its attribute.
+        Overshoot and peak also come with their 90 % intervals; ``highest`` is the highest frequency at which the loop
+        was measured, Hz.
         """
-        estimates = {name: getattr(self, name).value for name in FIGURES}
+        estimates = {name: getattr(self, name).value for name in CHARACTERISTICS}
         return Fact(
             StepResponseFact.STEP_MEASURED,
             subject=f"{self.axis} {self.loop}",
@@ -340,7 +340,7 @@ def _measured_step_response(
     )
     if impulse_response is None:
         return setpoint_moves_too_little
-    return _step_response_with_figures(
+    return _described_response(
         signals.axis, loop, impulse_response, timing_error, spectra, rate_loop
     )
 
@@ -401,7 +401,8 @@ def decimated_pieces(pieces: list[Array], decimation: int) -> list[Array]:
     low_pass /= low_pass.sum()
     thinned_pieces = []
     for piece in pieces:
-        # Beyond both ends the piece is extended by the line through its ends, so that the filter sees no step there.
+        # The filter is linear and keeps straight lines. So only the deviation from the line through both ends is
+        # filtered, which is 0 at both ends and is extended there by zeros without a step.
         sample_numbers = np.arange(-half_length, piece.shape[1] + half_length)
         slope = (piece[:, -1:] - piece[:, :1]) / (piece.shape[1] - 1)
         end_to_end_line = piece[:, :1] + slope * sample_numbers
@@ -409,6 +410,7 @@ def decimated_pieces(pieces: list[Array], decimation: int) -> list[Array]:
         deviation[:, half_length:-half_length] = (
             piece - end_to_end_line[:, half_length:-half_length]
         )
+        # The samples that enter each output sample of the filter, of which only every ``decimation``-th is needed.
         windows = sliding_window_view(deviation, len(low_pass), axis=1)[:, ::decimation]
         thinned_pieces.append(
             windows @ low_pass + end_to_end_line[:, half_length:-half_length:decimation]
@@ -511,13 +513,14 @@ def _step_and_frequency_responses(
     values = np.vstack([estimate.values, draws])
     steps = estimate.step_responses(values, time)
     shifts = default_rng(DRAWS_SEED).uniform(-timing_error, timing_error, RESPONSE_DRAWS)
+    # Row 0 is the estimate, which is not shifted.
     for row, shift in enumerate(shifts.tolist(), start=1):
         steps[row] = np.interp(time - shift, time, steps[row])
     responses = estimate.frequency_responses(values, frequency)
     return _Responses(time, steps, frequency, responses)
 
 
-def _step_response_with_figures(
+def _described_response(
     axis: str,
     loop: str,
     estimate: ImpulseResponse,
@@ -525,12 +528,12 @@ def _step_response_with_figures(
     spectra: WelchSpectra,
     rate_loop: Loop | None,
 ) -> StepResponse | Fact:
-    """Describes an estimated impulse response by its step and frequency response, with figures and 90 % intervals.
+    """Describes an estimated impulse response by its step and frequency response, with 90 % intervals.
 
-    Step and frequency responses are computed for the estimate and for random draws from its normal distribution. A half
-    width is the standard deviation of the draws times a factor. The frequency response ends at the highest frequency at
-    which the setpoint varies enough. The identified loop is used only for the step, so that the measured frequency
-    response remains a test of the loop.
+    Both responses are computed for the estimate and for random draws from its normal distribution. A half width is the
+    standard deviation of the draws times a factor. The frequency response ends at the highest frequency at which the
+    setpoint varies enough. The identified loop is used only for the step, so that the measured frequency response
+    remains a test of the loop.
 
     Args:
         axis: "roll", "pitch" or "yaw".
@@ -545,7 +548,7 @@ def _step_response_with_figures(
         The step response. If fewer than two frequencies are known or the interval of the step is too wide, the fact
         that setpoints varied too little.
     """
-    # Angle setpoints may not have their own time stamps, so only half of the usual band is trusted for them.
+    # Angle setpoints may not have their own time stamps, so that only the lower half of the usual band is used.
     nyquist_frequency = estimate.sampling_rate / 2
     usable_frequency = nyquist_frequency if loop == "rate" else nyquist_frequency / 2
     responses = _step_and_frequency_responses(
@@ -569,7 +572,8 @@ def _step_response_with_figures(
         return Fact(StepResponseFact.TOO_LITTLE_ASKED, subject=f"{axis} {loop}")
     frequency = responses.frequency[:known_count]
     gains = gains[:, :known_count]
-    figures = step_figures(responses.time, steps, frequency, gains)
+    characteristics = step_characteristics(responses.time, steps, frequency, gains)
+    peak_frequency = characteristics["peak_frequency"].value
     return StepResponse(
         axis=axis,
         loop=loop,
@@ -581,9 +585,9 @@ def _step_response_with_figures(
         gain_half=coverage_factor() * gains[DRAWS].std(axis=0),
         max_frequency=frequency[-1],
         windows=estimate.windows,
-        coherence=np.interp(figures["peak_frequency"].value, spectra.frequency, coherence),
+        coherence=np.interp(peak_frequency, spectra.frequency, coherence),
         is_identified=is_identified,
-        **figures,
+        **characteristics,
     )
 
 

@@ -147,25 +147,26 @@ def resampled_signals(
         The pieces and their rate; None if a signal is slower than ``min_rate``, or no piece lasts ``min_seconds``.
     """
     # Signals that are columns of one message share their time stamps: of these one shows rate and gaps of all.
+    # They are distinguished by the identity of the array of stamps, not by its values.
     signal_of_stamps = {id(signal.time): signal for signal in signals}
     rate = min(max_rate, *map(rate_between_outages, signal_of_stamps.values()))
     if rate < min_rate:
         return None
     pieces = []
     for segment in segments:
-        gapless_spans = [(segment.start, segment.end)]
+        gapless_intervals = [(segment.start, segment.end)]
         rows_of_stamps = {}
         for stamps, signal in signal_of_stamps.items():
             rows_in_segment = rows_of_segment(signal, segment)
             rows_of_stamps[stamps] = rows_in_segment
             time = signal.time[rows_in_segment]
             is_gap = np.diff(time) > MAX_GAP_STEPS / min_rate
-            gapless_spans = intersection(gapless_spans, split_at_gaps(time, is_gap))
+            gapless_intervals = intersection(gapless_intervals, split_at_gaps(time, is_gap))
         stamps_and_values = []
         for signal in signals:
             rows_in_segment = rows_of_stamps[id(signal.time)]
             stamps_and_values.append((signal.time[rows_in_segment], signal.values[rows_in_segment]))
-        for start, end in gapless_spans:
+        for start, end in gapless_intervals:
             grid = np.arange(start, end, 1 / rate)
             if len(grid) > rate * min_seconds:
                 pieces.append(

@@ -44,7 +44,7 @@ def share_with_margins(loop, target):
     has_margins = np.ones(len(plants), dtype=bool)
     for factor in EFFECTIVENESS_FACTORS:
         response = factor * loop.effectiveness[1:, np.newaxis] * plants
-        figures = OpenLoop(frequency, response).figures
+        figures = OpenLoop(frequency, response).characteristics
         has_margins &= figures["phase_margin"] + 0.1 >= target.phase_margin
         has_margins &= figures["gain_margin"] + 0.02 >= target.gain_margin
         has_margins &= figures["ms"] * 0.999 <= target.ms

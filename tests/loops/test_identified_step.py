@@ -68,7 +68,7 @@ def test_intervals_of_margins_end_at_the_limit_of_stability():
     sound = made_up(2.5)
     unsure = sound.plant._replace(covariance=30 * sound.plant.covariance)
     loop = loop_from_plant(unsure, sound.record)
-    assert np.quantile(loop.figures["phase_margin"], 0.05) < 0 < loop.phase_margin
+    assert np.quantile(loop.characteristics["phase_margin"], 0.05) < 0 < loop.phase_margin
     assert loop.phase_margin_interval[0] == loop.gain_margin_interval[0] == 0
 
 

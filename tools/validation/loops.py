@@ -92,7 +92,7 @@ PULSE_RANGE = MAX_PULSE - MIN_PULSE
 """Range of a motor's output, as a PWM pulse width, µs."""
 
 MARGINS = ("crossover", "phase_margin", "gain_margin", "ms")
-"""Figures of a loop that are compared, by their keys in ``OpenLoop.figures``: Hz, degrees, dB, and the largest |S|."""
+"""Characteristics of a loop that are compared, by their keys in ``OpenLoop.characteristics``: Hz, degrees, dB, |S|."""
 
 LOOPS = ("rate", "attitude")
 """Loops of an axis, whose names begin the names of their figures, such as "rate_gain_margin"."""
@@ -306,7 +306,7 @@ def figures_of_plants(
     figures = dict(zip(AxisPlant._fields, (effectiveness, *dynamics.T), strict=True))
     for loop_name, loop in zip(LOOPS, (rate, attitude), strict=True):
         for margin in MARGINS:
-            figures[f"{loop_name}_{margin}"] = loop.figures[margin]
+            figures[f"{loop_name}_{margin}"] = loop.characteristics[margin]
     return figures
 
 

@@ -13,7 +13,7 @@ from mavdem.facts import Fact
 from mavdem.facts.lights import Light
 from mavdem.loops.advice import Advice, AdviceByAxis
 from mavdem.loops.axis_loops import Loop
-from mavdem.loops.step_figures import IntervalEstimate
+from mavdem.loops.step_characteristics import IntervalEstimate
 from mavdem.loops.step_response import StepResponse
 from mavdem.report.blocks import Blocks, Sentence, Table, caution
 from mavdem.report.charts.chart import Group

@@ -22,7 +22,7 @@ from mavdem.facts import Fact
 from mavdem.facts.loops import StepResponseFact
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.controllers import controller_from_parameters
-from mavdem.loops.step_figures import IntervalEstimate
+from mavdem.loops.step_characteristics import IntervalEstimate
 from mavdem.loops.step_response import StepResponse
 from mavdem.report.charts import model_charts
 from mavdem.report.charts.chart import TIME, Axis, Chart, Group, Line, LineStyle

@@ -1,4 +1,4 @@
-"""Figures of a step response and of its frequency response, such as overshoot and rise time, with 90 % intervals."""
+"""Characteristics of a step response and its frequency response, such as overshoot and rise time, with intervals."""
 
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ SETTLING_BAND = 0.05
 
 
 class IntervalEstimate(NamedTuple):
-    """A figure with its 90 % interval."""
+    """An estimated number with its 90 % interval."""
 
     value: float
     """The estimate."""
@@ -28,12 +28,12 @@ class IntervalEstimate(NamedTuple):
         return self.low, self.high
 
 
-def step_figures(
+def step_characteristics(
     time: Array, steps: Array, frequency: Array, gains: Array
 ) -> dict[str, IntervalEstimate]:
-    """Computes each figure of a step response, such as the rise time, with its 90 % interval.
+    """Computes the characteristics of a step response, such as the rise time, each with its 90 % interval.
 
-    A figure is computed for the estimate and for each draw, and the interval follows from the draws. All figures are
+    Each is computed for the estimate and for each draw, and its interval follows from the draws. All of them are
     attributes of :class:`mavdem.loops.step_response.StepResponse`.
 
     Args:
@@ -43,7 +43,7 @@ def step_figures(
         gains: gains |T| (N, F), with rows in the same order.
 
     Returns:
-        Figures by name; times in s, frequencies in Hz.
+        Characteristics by name; times in s, frequencies in Hz.
     """
     half_times = _first_times(time, steps, 0.5)
     # A step settles at the last time at which it is outside the band around 1.
@@ -57,7 +57,7 @@ def step_figures(
         "peak": gains.max(axis=1),
         "peak_frequency": frequency[gains.argmax(axis=1)],
     }
-    return {name: with_interval(figure) for name, figure in values.items()}
+    return {name: with_interval(estimate_and_draws) for name, estimate_and_draws in values.items()}
 
 
 def rise_times(time: Array, steps: Array) -> Array:
