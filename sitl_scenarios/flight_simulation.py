@@ -40,7 +40,7 @@ Row = dict[str, Any]
 
 
 class DisturbedState(NamedTuple):
-    """What the disturbance of one cycle follows from besides the row of ``Motion``."""
+    """What determines the disturbance of one cycle, besides the row of ``Motion``."""
 
     air: AirState
     """The air at the vehicle."""
@@ -59,10 +59,13 @@ def tumbles(state: State) -> bool:
 class Simulation:
     """A simulation of a scenario's flights that is advanced by cycles of the autopilot.
 
-    A flight is: two seconds on the ground, arming, the flight, disarming, one second more. The next flight follows.
-    Every number follows from the scenario: flown again, all are the same, bit by bit. ``scenario`` is what is flown,
-    ``cycle`` the period of the autopilot's loop and of the rows of ``Motion``, s, and ``armed`` says whether the motors
-    may turn.
+    Each of the scenario's flights has five parts: two seconds on the ground, arming, the flight itself, disarming, and
+    one second on the ground. All numbers follow from the scenario alone: flown again, they are the same to the bit.
+
+    Attributes:
+        scenario: The scenario that is flown.
+        cycle: Period of the autopilot's loop and of the rows of ``Motion``, s.
+        armed: Whether the motors may turn.
     """
 
     motion_type: type[Motion] = Motion

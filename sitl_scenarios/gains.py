@@ -80,7 +80,7 @@ class HoverThrust(NamedTuple):
 
 
 def _hover_thrust(vehicle: VehicleSpec, range_start: float) -> HoverThrust:
-    """Returns a vehicle's thrust curve, and the change of a motor's command by a small change of thrust in hover.
+    """Returns a vehicle's thrust curve, and how much a motor's command changes per change of thrust in hover.
 
     The simulation's mixer puts out commands, while the autopilots' mixers put out thrusts and convert them into
     commands by the inverse thrust curve. The slope of that curve in hover converts gains of the simulation's mixer into
@@ -92,7 +92,7 @@ def _hover_thrust(vehicle: VehicleSpec, range_start: float) -> HoverThrust:
         range_start: Normalised command, 0 to 1, at which the motors' range begins; it ends at 1.
 
     Returns:
-        Expo f of the curve, and slope of the command by the thrust.
+        Expo f of the curve, and slope of the command as a function of the thrust.
     """
     expo = vehicle.quadratic_thrust or 0.0
     body = airframe(vehicle)
@@ -114,7 +114,7 @@ def _px4_parameters(vehicle: VehicleSpec, gains: Sequence[LoopGains]) -> dict[st
 
     Args:
         vehicle: Airframe of a scenario's vehicle, with its drag, rotor lag and inertia.
-        gains: Gains of roll, pitch and yaw, by demands to the simulation's own mixer.
+        gains: Gains of roll, pitch and yaw, whose outputs are demands to the simulation's own mixer.
 
     Returns:
         Values by name, in PX4's units: gains per rad/s and the like, cut-offs in Hz, positions in m.
@@ -199,7 +199,7 @@ def _ardupilot_parameters(vehicle: VehicleSpec, gains: Sequence[LoopGains]) -> d
 
     Args:
         vehicle: Airframe of a scenario's vehicle, with its drag, rotor lag and inertia.
-        gains: Gains of roll, pitch and yaw, by demands to the simulation's own mixer.
+        gains: Gains of roll, pitch and yaw, whose outputs are demands to the simulation's own mixer.
 
     Returns:
         Values by name, in ArduPilot's units: gains per rad/s and the like, cut-offs (FLTT, FLTE, FLTD) in Hz, 0 for a

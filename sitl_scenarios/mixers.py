@@ -20,7 +20,7 @@ MAX_CENTRED_THRUST = 0.5
 """Collective thrust above which ArduPilot's mixer counts the room for yaw as at half thrust."""
 
 MIN_RELATIVE_ELEMENT = 1e-6
-"""Smallest element of a column of the mixer by its largest that is no error of rounding."""
+"""Smallest element of a mixer's column, relative to its largest, that is not a rounding error."""
 
 MIN_DENOMINATOR = 1e-9
 """Smallest divisor of the collective thrust: with no thrust and no demand at all, it would be zero."""
@@ -32,19 +32,20 @@ def ardupilot_columns(frame: RotorFrame) -> Array:
 
 
 def px4_columns(frame: RotorFrame, moment_ratio: float) -> Array:
-    """Computes PX4's mixer of a frame: the scaled pseudo-inverse of the matrix of the motors' effects.
+    """Returns PX4's mixer of a frame: the pseudo-inverse of the effects of its motors, scaled as PX4 scales it.
 
-    As ``ControlAllocationPseudoInverse.cpp`` does, the columns of roll and pitch are divided by one common scale: the
-    larger of |column| √(2/n), with n motors that the column moves. Yaw is divided by its largest element.
+    Each column of the pseudo-inverse holds the motor thrusts that turn the vehicle about one axis only. As in
+    ``ControlAllocationPseudoInverse.cpp``, the columns of roll and pitch are divided by the same scale: the larger of
+    |column| √(2/m), where m is the number of motors that the column moves. Yaw is divided by its largest element.
 
     Args:
-        frame: Positions and directions of rotation.
-        moment_ratio: Torque of a rotor by its thrust, m: the size of CA_ROTORn_KM.
+        frame: Positions and directions of rotation of n rotors.
+        moment_ratio: Torque of a rotor per unit of its thrust, m: the size of CA_ROTORn_KM.
 
     Returns:
-        (3, n) effects of roll, pitch and yaw demands on the n motors.
+        (3, n) what demands of roll, pitch and yaw add to the thrusts of the motors.
     """
-    # (4, n) torque about roll, pitch and yaw, and thrust, by a thrust of 1 of each motor.
+    # Rows: torque about roll, pitch and yaw, and thrust, that a thrust of 1 of each motor gives the vehicle; (4, n).
     effects = np.array(
         [
             [-right for right in frame.right],
@@ -54,13 +55,15 @@ def px4_columns(frame: RotorFrame, moment_ratio: float) -> Array:
         ]
     )
     roll, pitch, yaw, _ = np.linalg.pinv(effects).T
-    tilt_scales = []
-    for column in (roll, pitch):
-        # A rotor on the axis has an element that is not zero only because of rounding.
-        moved_motors = np.count_nonzero(abs(column) > MIN_RELATIVE_ELEMENT * abs(column).max())
-        tilt_scales.append(np.linalg.norm(column) / np.sqrt(moved_motors / 2))
-    tilt_scale = max(tilt_scales)
+    tilt_scale = max(_tilt_scale(roll), _tilt_scale(pitch))
     return np.array([roll / tilt_scale, pitch / tilt_scale, yaw / yaw.max()])
+
+
+def _tilt_scale(column: Array) -> float:
+    """Returns PX4's scale |column| √(2/m) of a column of roll or pitch that moves m motors."""
+    # The element of a rotor on the axis would be zero without rounding.
+    moved_motors = np.count_nonzero(abs(column) > MIN_RELATIVE_ELEMENT * abs(column).max())
+    return float(np.linalg.norm(column) / np.sqrt(moved_motors / 2))
 
 
 def ardupilot_thrusts(columns: Array, demands: Vector4) -> Array:

@@ -168,7 +168,7 @@ def total_seconds(scenario: Scenario) -> float:
     return scenario.flights * (BOOT_SECONDS + scenario.duration + AFTER_SECONDS)
 
 
-class CourseRow(NamedTuple):
+class CourseSetpoints(NamedTuple):
     """Setpoints of a course in one cycle."""
 
     north: float
@@ -213,7 +213,7 @@ class FlightPlan:
             hover_cycles = round((self._times.landing - self._times.hover) / self._cycle)
             demands = _stick_demands(scenario, scenario.excitation, hover_cycles)
         elif isinstance(scenario.excitation, Course):
-            lap = [CourseRow(*row) for row in _course_rows(scenario.excitation, self._cycle)]
+            lap = _course_lap(scenario.excitation, self._cycle)
             excitation_seconds = self._times.landing - self._times.hover - 2 * SETTLE_SECONDS
             # There are as many whole laps as the time allows; the tolerance keeps rounding from losing one.
             laps = int(excitation_seconds / (len(lap) * self._cycle) + 1e-9)
@@ -265,7 +265,7 @@ class FlightPlan:
             final_seconds = time - smooth_seconds
             return final_height - LANDING_SPEED * final_seconds, -LANDING_SPEED
         smooth_height = self._height - final_height
-        # The rate at the end of the smooth descent, as the fraction of its height by the fraction of its time.
+        # Rate at the end of the smooth descent: descended fraction of its height per passed fraction of its duration.
         final_rate = LANDING_SPEED * smooth_seconds / smooth_height
         fraction, rate = _smooth_transition(time / smooth_seconds, final_rate)
         return self._height - smooth_height * fraction, -smooth_height * rate / smooth_seconds
@@ -299,15 +299,15 @@ class FlightPlan:
             case Course():
                 # After the last lap the vehicle stays where the course ended.
                 row = min(round(time / self._cycle), len(self._course) - 1)
-                course = self._course[row]
+                setpoints = self._course[row]
                 return Reference(
                     IN_AIR,
-                    height=self._height + course.up,
-                    climb_rate=course.climb_rate,
-                    north=course.north,
-                    east=course.east,
-                    velocity=(course.north_speed, course.east_speed),
-                    attitude_demand=(0.0, 0.0, course.yaw_rate),
+                    height=self._height + setpoints.up,
+                    climb_rate=setpoints.climb_rate,
+                    north=setpoints.north,
+                    east=setpoints.east,
+                    velocity=(setpoints.north_speed, setpoints.east_speed),
+                    attitude_demand=(0.0, 0.0, setpoints.yaw_rate),
                 )
             case None:
                 return hover
@@ -347,47 +347,46 @@ def move_timing(move: Move) -> MoveTiming:
     return MoveTiming(max_speed, leg_seconds, max(leg_seconds, turn_seconds), move.hover)
 
 
-def _course_rows(course: Course, cycle: float) -> list[list[float]]:
+def _course_lap(course: Course, cycle: float) -> list[CourseSetpoints]:
     """Returns the setpoints of one lap of a course: its moves one after another, each from where the last one ended.
 
     Args:
         course: Moves of the course.
-        cycle: Period of the rows, s.
+        cycle: Period of the autopilot's loop, s.
 
     Returns:
-        For each cycle, the seven values of a ``CourseRow``.
+        Setpoints in each cycle of the lap.
     """
     start = np.zeros(3)
-    moves = []
+    lap: list[CourseSetpoints] = []
     for move in course.moves:
-        displacement = np.array([move.north, move.east, move.up])
-        moves.append(_move_rows(move, start, cycle))
-        start = start + displacement
-    return np.concatenate(moves).tolist()
+        lap += map(CourseSetpoints._make, _move_setpoints(move, start, cycle).tolist())
+        start = start + np.array([move.north, move.east, move.up])
+    return lap
 
 
-def _move_rows(move: Move, start: Array, cycle: float) -> Array:
+def _move_setpoints(move: Move, start: Array, cycle: float) -> Array:
     """Returns the setpoints of one move and the hover after it.
 
     Args:
         move: Distances north, east and up, the turn, and the hover after it.
         start: Position at its beginning, north, east and up, m; (3,).
-        cycle: Period of the rows, s.
+        cycle: Period of the autopilot's loop, s.
 
     Returns:
-        (n, 7) values of ``CourseRow`` for each cycle: position (3), m, velocity (3), m/s, and yaw rate, rad/s.
+        (n, 7) fields of ``CourseSetpoints`` in each of n cycles: position, m, velocity, m/s, and yaw rate, rad/s.
     """
     displacement = np.array([move.north, move.east, move.up])
     timing = move_timing(move)
     cycles = round((timing.move_seconds + timing.hover_seconds) / cycle)
     time = cycle * np.arange(cycles)
     length = hypot(*displacement)
-    # The speed rises evenly during the ramp, stays, and falls evenly during a ramp before the leg's end. Each of these
-    # phases has lasted for so many seconds at a time.
-    ramp = timing.max_speed / MOVE_ACCELERATION
-    seconds_of_rise = np.minimum(time, ramp)
-    seconds_of_fall = np.clip(time - timing.leg_seconds + ramp, 0.0, ramp)
-    seconds_after_rise = np.clip(time - ramp, 0.0, timing.leg_seconds - ramp)
+    # The speed rises evenly, stays, and falls evenly. Rise and fall each take ``ramp_seconds``. How long each phase has
+    # lasted at a time:
+    ramp_seconds = timing.max_speed / MOVE_ACCELERATION
+    seconds_of_rise = np.minimum(time, ramp_seconds)
+    seconds_of_fall = np.clip(time - timing.leg_seconds + ramp_seconds, 0.0, ramp_seconds)
+    seconds_after_rise = np.clip(time - ramp_seconds, 0.0, timing.leg_seconds - ramp_seconds)
     # The distance is the integral of the speed: as if it stayed after the rise, less what the fall takes from it.
     distance = (
         MOVE_ACCELERATION / 2 * (seconds_of_rise**2 - seconds_of_fall**2)
@@ -535,14 +534,15 @@ def _smooth_transition(time_fraction: float, final_rate: float = 0.0) -> Pair:
     Speed and acceleration are zero at the beginning, and the acceleration at the end.
 
     Args:
-        time_fraction: Time since the movement's beginning by its duration, 0 to 1.
+        time_fraction: Passed fraction of the movement's duration, 0 to 1.
         final_rate: Rate at the end.
 
     Returns:
-        Travelled fraction, 0 to 1, and its derivative by ``time_fraction``.
+        Travelled fraction, 0 to 1, and its derivative with respect to ``time_fraction``.
     """
     s = time_fraction
-    # The polynomials of fifth order that end with the values (1, 0) and (0, 1) of fraction and rate.
+    # The sum of two polynomials of fifth order: one ends at a fraction of 1 with a rate of 0, the other at a fraction
+    # of 0 with ``final_rate``.
     travelled_fraction = s**3 * (10 - 15 * s + 6 * s**2) - final_rate * s**3 * (1 - s) * (4 - 3 * s)
     rate = 30 * s**2 * (1 - s) ** 2 - final_rate * s**2 * (12 - 28 * s + 15 * s**2)
     return travelled_fraction, rate

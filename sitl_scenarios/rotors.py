@@ -92,7 +92,7 @@ def rotor_count(shape: Shape) -> int:
 
 
 def rotor_frame(shape: Shape, arm: Pair) -> RotorFrame:
-    """Returns the positions of a frame's rotors, and its mixer: the effect of each demand on each motor.
+    """Returns the positions of a frame's rotors, and its mixer: what each demand adds to each motor's command.
 
     Args:
         shape: Arrangement of the rotors.

@@ -18,9 +18,8 @@ def shortened(text: str, max_length: int = 60) -> str:
 MAX_SECONDS = 7200.0
 """Longest flight, s: a choice, far above the endurance of multirotors."""
 
-Positive = Annotated[
-    float, Field(gt=0, le=MAX_SECONDS)
-]  # It bounds figures that are no times, too.
+# The limit also holds for values that are not times.
+Positive = Annotated[float, Field(gt=0, le=MAX_SECONDS)]
 NotNegative = Annotated[float, Field(ge=0, le=MAX_SECONDS)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Size = Annotated[float, Field(ge=0, le=1000)]  # A size of a disturbance, in any unit.

@@ -217,7 +217,10 @@ def _frames_by_tick(
 def _take_arrived_frames(in_transit: deque[TimedFrame], now: float) -> list[bytes]:
     """Removes the frames that arrive until ``now`` (s of the flight) from those in transit, and returns them."""
     arrived_frames = []
-    while in_transit and in_transit[0][0] <= now:
-        _, frame = in_transit.popleft()
+    while in_transit:
+        arrival_time, frame = in_transit[0]
+        if arrival_time > now:
+            break
         arrived_frames.append(frame)
+        in_transit.popleft()
     return arrived_frames

@@ -34,7 +34,7 @@ TimedFrame = tuple[float, bytes]
 """The time at which a frame is sent or received, s of the flight, and its bytes."""
 
 EARLY_SECONDS = 0.5e-6
-"""Seconds before it is due that a message may be sent: half of what times are rounded to, so that none is a tie."""
+"""Seconds before it is due that a message may be sent: half the step to which times are rounded, to avoid ties."""
 
 
 class MessageStream(NamedTuple):
@@ -141,7 +141,7 @@ class Schedule:
                 return no_cycle
             self._requested_once.discard(name)
             return np.zeros(1, dtype=np.intp)
-        # A message whose time rounding has put just after a cycle belongs to this cycle.
+        # If rounding moved the time of a message to just after a cycle, the message still belongs to this cycle.
         periods = np.floor((times + EARLY_SECONDS - stream.first_time) / stream.interval)
         due_counts = np.maximum(periods + 1, 0)
         newly_due = np.diff(due_counts, prepend=self._sent_counts[name])

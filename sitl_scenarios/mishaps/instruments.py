@@ -30,7 +30,7 @@ CLIPPING_LEVEL = 45.0
 """Vibration, m/s², from which on samples of the accelerometer exceed its range."""
 
 CLIPS_PER_VIBRATION = 3.0
-"""Clipped samples per second and m/s² of vibration above that."""
+"""Clipped samples per second, for each m/s² of vibration above ``CLIPPING_LEVEL``."""
 
 CLIPPING_IMPACT = 140.0
 """Acceleration of an impact, m/s², from which on the accelerometer clips."""
@@ -42,7 +42,7 @@ PROP_WASH_HEIGHT = 0.6
 """Height, m, that the rotors' air takes from the barometer's reading near the ground."""
 
 PROP_WASH_REACH = 1.0
-"""Height above ground, m, up to which that is so."""
+"""Height above ground, m, up to which the rotors' air changes the barometer's reading."""
 
 FIX_NOISE = 0.15
 """Standard deviation of the satellites' position from cycle to cycle, m."""
@@ -66,10 +66,10 @@ BOARD_VOLTAGE = 5.05
 """Supply of the autopilot's board, V."""
 
 BOARD_NOISE = 0.01
-"""Standard deviation of that, V."""
+"""Standard deviation of the supply of the autopilot's board, V."""
 
 SOUND_RATIO = 0.12
-"""Usual innovation of a measurement by what the filter accepts."""
+"""Usual innovation of a measurement, divided by the largest innovation that the filter accepts."""
 
 SOUND_RATIO_SPREAD = 0.2
 """Standard deviation of that innovation from cycle to cycle, relative to it; a choice."""
@@ -139,7 +139,8 @@ class InstrumentedMotion(Motion):
     satellites: NDArray[np.int64]
     """(N,) satellites that are used."""
     ratios: Array
-    """(N, 4) innovations of velocity, horizontal position, height and compass by what the filter accepts."""
+    """(N, 4) innovations of velocity, horizontal position, height and compass, each divided by the largest that the
+    filter accepts."""
     is_glitching: Flags
     """(N,) whether the filter reports that the satellites' position jumped."""
     battery_voltage: Array
@@ -157,7 +158,7 @@ class InstrumentedMotion(Motion):
     text: NDArray[np.str_]
     """(N,) text that the autopilot sends in each cycle; empty in most cycles."""
     severity: NDArray[np.int64]
-    """(N,) MAV_SEVERITY of that."""
+    """(N,) MAV_SEVERITY of the text."""
 
 
 class Instruments:
