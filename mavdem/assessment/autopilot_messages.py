@@ -14,6 +14,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.events import ReportedEvent
 from mavdem.files import load_adjacent_toml
 from mavdem.ingest.telemetry import Columns, Telemetry
+from mavdem.ingest.vocabulary import NO_SEVERITY
 
 
 class TextPattern(NamedTuple):
@@ -161,6 +162,39 @@ def _text_chunks(columns: Columns) -> Iterator[_TextChunk]:
         yield _TextChunk(*values)
 
 
+def autopilot_messages(telemetry: Telemetry) -> list[StatusText]:
+    """Returns all that the autopilot wrote for its users: its texts and, of DataFlash logs, its errors (ERR).
+
+    An error is written as numbers, with the name of its subsystem in ArduPilot's source: "ERR: Subsys 16 (EKFCHECK),
+    ECode 2". It has the severity of an error, except with the code 0, by which the subsystem reports that it is over.
+
+    Args:
+        telemetry: messages of the vehicle.
+
+    Returns:
+        The messages in the order of time; those of an old firmware, whose severities have another scale, without
+        severity.
+    """
+    messages = status_texts(telemetry)
+    if _has_old_severities(messages):
+        messages = [text._replace(severity=NO_SEVERITY) for text in messages]
+    for error in _error_messages(telemetry):
+        subsystem = f"{error.subsystem}"
+        if 1 <= error.subsystem <= len(_MEANINGS["subsystems"]):
+            name, _, _ = _MEANINGS["subsystems"][error.subsystem - 1]
+            subsystem = f"{error.subsystem} ({name})"
+        is_over = error.error_code == 0 and error.subsystem != PRIMARY_FILTER_SUBSYSTEM
+        severity = NO_SEVERITY if is_over else SEVERITIES.index(ERROR_SEVERITY)
+        text = f"ERR: Subsys {subsystem}, ECode {error.error_code}"
+        messages.append(StatusText(error.time, error.boot, severity, text))
+    return sorted(messages, key=lambda message: (message.boot, message.time))
+
+
+def _has_old_severities(texts: Iterable[StatusText]) -> bool:
+    """Returns whether the texts are of ArduPilot before 3.4, whose severities have another scale than MAV_SEVERITY."""
+    return any(text.text in _MEANINGS["old_scale"] for text in texts)
+
+
 def reported_problems(telemetry: Telemetry) -> list[Fact]:
     """Collects what the autopilot itself reports as a problem, in texts and in DataFlash's errors and events.
 
@@ -228,7 +262,7 @@ def _problems_of_texts(telemetry: Telemetry) -> Iterator[Fact]:
     """
     message_name = telemetry.name_in_source("STATUSTEXT")
     texts = status_texts(telemetry)
-    has_old_scale = any(text.text in _MEANINGS["old_scale"] for text in texts)
+    has_old_scale = _has_old_severities(texts)
     for text in texts:
         severity = None
         # Severities count from 0, an emergency. ``SEVERITIES`` are the names of those that are a warning or worse.
@@ -300,8 +334,7 @@ def _problems_of_errors(telemetry: Telemetry) -> Iterator[Fact]:
     Args:
         telemetry: messages of the vehicle.
     """
-    rows = _rows_of_message(telemetry, "ERR", "Subsys", "ECode")
-    messages = [_ErrorMessage(*row) for row in rows]
+    messages = _error_messages(telemetry)
     for message in messages:
         is_lane_change = message.subsystem == PRIMARY_FILTER_SUBSYSTEM
         if message.error_code == 0 and not is_lane_change:
@@ -324,6 +357,12 @@ def _problems_of_errors(telemetry: Telemetry) -> Iterator[Fact]:
         )
 
 
+def _error_messages(telemetry: Telemetry) -> list[_ErrorMessage]:
+    """Returns the ERR messages of a DataFlash log in their order; empty for other logs."""
+    rows = _rows_of_message(telemetry, "ERR", "Subsys", "ECode")
+    return [_ErrorMessage(*row) for row in rows]
+
+
 def _event_of_subsystem(subsystem: int) -> tuple[str, str]:
     """Returns as which event an error of one of ArduPilot's subsystems is reported, and what the event is about.
 
@@ -336,7 +375,7 @@ def _event_of_subsystem(subsystem: int) -> tuple[str, str]:
     """
     subsystems = _MEANINGS["subsystems"]
     if 1 <= subsystem <= len(subsystems):
-        event_code, subject = subsystems[subsystem - 1]
+        _, event_code, subject = subsystems[subsystem - 1]
         return event_code, subject
     return ReportedEvent.AUTOPILOT_ERROR, f"{subsystem}"
 

@@ -83,6 +83,22 @@ class Linked(str):
         return cell
 
 
+class Moment(str):
+    """The text of a table's cell that is a time of the flight, to which the plots of its page move by a click.
+
+    Attributes:
+        seconds: the time on the clock of the plots, s.
+    """
+
+    seconds: float
+
+    def __new__(cls, text: str, seconds: float) -> Moment:
+        """Returns a cell with a text and its time, s."""
+        cell = super().__new__(cls, text)
+        cell.seconds = seconds
+        return cell
+
+
 class Table(NamedTuple):
     """A table of formatted cells, whose first column names the rows."""
 

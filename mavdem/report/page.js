@@ -52,9 +52,9 @@
       }
     }
     if (time != null && flight()) {
-      // Events within a hundredth of what is shown.
+      // Events within a hundredth of what is shown; the autopilot's messages, which have no sentence, are not among them.
       const near = (flight().charts[0].scales.x.max - flight().charts[0].scales.x.min) / 100;
-      const events = eventRows().filter(row => Math.abs(row.dataset.at - time) <= near).map(row => [row.querySelector(".number")?.textContent, row.querySelector(".sentence").textContent]);
+      const events = eventRows().filter(row => row.querySelector(".sentence") && Math.abs(row.dataset.at - time) <= near).map(row => [row.querySelector(".number")?.textContent, row.querySelector(".sentence").textContent]);
       // An event may be in both lists: the brief one comes first.
       words.push(...events.filter(([number], i) => events.findIndex(other => other[0] === number) === i).map(event => event.join(" ")));
     }

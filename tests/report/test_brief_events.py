@@ -85,6 +85,21 @@ def test_the_event_of_the_headline_is_in_the_short_list_without_its_cause():
     assert lost.brief == str(caused)
 
 
+def test_what_failed_first_by_the_headline_is_in_the_short_list():
+    """The headline's cause is a report of the autopilot, an event to be watched before four worse kinds."""
+    report = Fact(ReportedEvent.MOTORS_STOPPED, Level.WATCH, time=29.0, boot=0)
+    repeated = supporting_fact(SensorFact.AUTOPILOT_REPORTED, cause=report)
+    cause = Fact(FailedFirst.ALL_OFF_FIRST, time=29.1, witnesses=(repeated,))
+    lost = LOST.replace(cause=cause)
+    worse = [
+        LEFT.replace(Level.BAD, time=31.0 + number, subject=f"motor {number}")
+        for number in range(4)
+    ]
+    events = _numbered_events((report, lost, *worse), None, headline=lost)
+    brief_events = Head(Level.BAD, {}, events).brief_events
+    assert [event.number for event in brief_events] == [1, 2, 3, 4, 5]
+
+
 def test_a_page_lists_the_worst_events_in_order_of_time():
     sunk = Fact(MotionEvent.CLIPPED, Level.WATCH, time=31.0, end_time=32.0, count=9, boot=0)
     head = Head(Level.BAD, {}, _numbered_events((*CLIPS[1:], LOST, sunk, HIT), None))

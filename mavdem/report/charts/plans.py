@@ -163,8 +163,8 @@ def frame_plan(
                 "name": number + 1,
                 "x": round(right, 1),
                 "y": round(-forward, 1),
-                # The disc's area, not its radius, is proportional to the command.
-                "relative_radius": float(drawn.commands[number]) ** 0.5,
+                # An arc of the rim is as long, in % of the turn, as the command in % of the range.
+                "arc": round(100 * min(max(float(drawn.commands[number]), 0.0), 1.0), 1),
                 "command": f"{100 * drawn.commands[number]:.0f} %",
                 "remark": drawn.remarks[number],
                 "level": levels[number],

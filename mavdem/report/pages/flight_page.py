@@ -56,6 +56,7 @@ from mavdem.report.pages.loop_chapters import (
     responses_chapter,
     tuning_chapter,
 )
+from mavdem.report.pages.message_chapter import messages_chapter
 from mavdem.report.pages.noise_chapters import (
     controller_spectra_chapter,
     fastest_loop,
@@ -199,6 +200,10 @@ def log_page(
             timeline = timeline._replace(event_labels=_labels_in_charts(events, timeline))
         chapters = [*_flight_chapters(name, assessment, timeline, advice, is_full=is_full)]
         chapters += _model_chapters(assessment)
+        if assessment.evidence is not None:
+            telemetry = assessment.evidence.signals.telemetry
+            charts_boot = None if timeline is None else timeline.boot
+            chapters.append(messages_chapter(telemetry, charts_boot))
         if contents is not None:
             chapters.append(Chapter(LOG_TITLE, log_blocks(contents), folded=True))
         chapters = [*unfold_chapters_of_warnings(chapters, assessment.lights, assessment.headline)]
@@ -247,7 +252,7 @@ def _margin_sentences(assessment: Assessment) -> list[Sentence]:
 def unfold_chapters_of_warnings(
     chapters: Sequence[Chapter], lights: NamedFacts, headline: Fact
 ) -> Iterator[Chapter]:
-    """Yields the chapters of a page with their levels; those that explain the worst status lights are open.
+    """Yields the chapters of a page with their levels; the bad ones are open, or else the one of a warning.
 
     A status light is the judgement of one part of the vehicle, such as its motors, with a level. The level of a chapter
     is the worst one of the lights that it explains. All other chapters are folded, so that the page is short.
@@ -272,46 +277,39 @@ def _titles_to_open(
 ) -> Collection[str]:
     """Returns the titles of the chapters that are open when a page is loaded.
 
-    These are all chapters with a bad status light. If no light is bad, there are two, so that the page stays short: a
+    These are all chapters in which something is bad. If nothing is, there are two, so that the page stays short: a
     chapter with a light to be watched (the one in the headline if there is one), and the row of pictures by which a
-    tuning is judged at a glance. The chapter of the log is never open, since its light says everything.
+    tuning is judged at a glance. The chapter of the log opens only where it is bad, since its light says everything.
 
     Args:
         chapters: the chapters, with the levels of their sections.
         lights: the judgement of each part of the vehicle by name, a fact (a coded finding) with a level.
         headline: the fact in the headline, which is about a light or an event.
     """
-    vehicle_levels = {fact.level for name, fact in lights.items() if name != Light.LOG}
-    worst_level = Level.BAD if Level.BAD in vehicle_levels else Level.WATCH
-    titles_with_worst_level = _titles_with_level(chapters, lights, worst_level)
-    if worst_level is Level.BAD:
-        return titles_with_worst_level
+    bad_titles = _titles_with_level(chapters, lights, Level.BAD)
+    if bad_titles:
+        return bad_titles
+    watched_titles = [
+        title for title in _titles_with_level(chapters, lights, Level.WATCH) if title != LOG_TITLE
+    ]
     # The headline may also be an event, or a fact of the log, which none of these chapters explains.
-    watched_titles = titles_with_worst_level[:1]
-    for title in titles_with_worst_level:
+    opened_titles = watched_titles[:1]
+    for title in watched_titles:
         if _explains_headline(title, lights, headline):
-            watched_titles = [title]
+            opened_titles = [title]
             break
-    return [*watched_titles, TUNING_TITLE]
+    return [*opened_titles, TUNING_TITLE]
 
 
 def _titles_with_level(chapters: Sequence[Chapter], lights: NamedFacts, level: Level) -> list[str]:
-    """Returns the titles of the chapters in which something has a certain level, without the chapter of the log.
+    """Returns the titles of the chapters in which something has a certain level.
 
     Args:
         chapters: the chapters, with the levels of their sections.
         lights: the judgement of each part of the vehicle by name, a fact (a coded finding) with a level.
         level: the level, bad or to be watched.
     """
-    unexplained_lights = _lights_without_repeated_facts(lights)
-    titles = []
-    for chapter in chapters:
-        # The levels of the lights are counted below. A section that repeats the fact of a light is not counted again.
-        sections = [section for section in chapter.sections if section.fact not in lights.values()]
-        levels = _levels_of_chapter(chapter._replace(sections=sections), unexplained_lights)
-        if level in levels and chapter.title != LOG_TITLE:
-            titles.append(chapter.title)
-    return titles
+    return [chapter.title for chapter in chapters if level in _levels_of_chapter(chapter, lights)]
 
 
 def _explains_headline(title: str, lights: NamedFacts, headline: Fact) -> bool:
@@ -328,32 +326,11 @@ def _explains_headline(title: str, lights: NamedFacts, headline: Fact) -> bool:
     return False
 
 
-def _lights_without_repeated_facts(lights: NamedFacts) -> NamedFacts:
-    """Returns the status lights that need an open chapter of the page to explain them.
-
-    Several lights may have the same fact, such as how the flight was lost: only the first of them is returned. After a
-    loss the light of the attitude tracking is left out too, since the charts above the chapters show roll and pitch.
-
-    Args:
-        lights: the judgement of each part of the vehicle by name, a fact (a coded finding) with a level.
-    """
-    selected_lights = {}
-    stated_facts = set()
-    for name, fact in lights.items():
-        # Facts about the same thing at the same time may differ in what they add for their light.
-        identity = (fact.code, fact.subject, fact.time)
-        is_shown_above = name == Light.TRACKING and fact.code in Ending
-        if identity not in stated_facts and not is_shown_above:
-            selected_lights[name] = fact
-        stated_facts.add(identity)
-    return selected_lights
-
-
 def _levels_of_chapter(chapter: Chapter, lights: NamedFacts) -> set[Level]:
     """Returns the levels, such as good or bad, of all judgements that a chapter of the page explains.
 
     These are the levels of status lights, each the judgement of one part of the vehicle such as its motors, and the
-    worst level of the chapter's own sections, which judge what has no light.
+    chapter's own level, that of what has no light.
 
     Args:
         chapter: the chapter. If it has sections, ``chapter.level`` is the worst of their levels.
@@ -366,9 +343,8 @@ def _levels_of_chapter(chapter: Chapter, lights: NamedFacts) -> set[Level]:
     for light, title in CHAPTER_OF_LIGHT.items():
         if title == chapter.title and light in lights:
             levels.add(lights[light].level)
-    for section in chapter.sections:
-        if section.fact.level is chapter.level:
-            levels.add(section.fact.level)
+    if chapter.level is not None:
+        levels.add(chapter.level)
     return levels
 
 
@@ -405,6 +381,9 @@ def _numbered_events(
     page_events = []
     number = 0
     texts_above = {evidence_of_headline}
+    causes = set()
+    if headline is not None:
+        causes = {(cause.code, cause.time, cause.subject) for cause in _named_causes(headline)}
     for fact in with_saturations_counted(events):
         if fact.remedy in next_step:
             texts_above.add(fact.remedy)
@@ -413,7 +392,10 @@ def _numbered_events(
             (fact.code, fact.time, fact.subject) == (headline.code, headline.time, headline.subject)
         )
         page_event = PageEvent(
-            Event(nan, fact), is_headline=is_headline, repeated=frozenset(texts_above)
+            Event(nan, fact),
+            is_headline=is_headline,
+            is_cause_of_headline=(fact.code, fact.time, fact.subject) in causes,
+            repeated=frozenset(texts_above),
         )
         if fact.time is not None:
             number += 1
@@ -428,6 +410,20 @@ def _numbered_events(
         texts_above.add(fact.remedy)
         texts_above.update(evidence_texts(fact))
     return page_events
+
+
+def _named_causes(headline: Fact) -> list[Fact]:
+    """Returns the facts that a headline on a loss names as its cause: what failed first, and reports of the autopilot.
+
+    Args:
+        headline: the headline. Its figures ``cause`` and ``word`` are facts, if it has any; the ``witnesses`` of its
+            cause may repeat a report of the autopilot, which is then their figure ``cause``.
+    """
+    named_facts = [headline.figures.get("cause"), headline.figures.get("word")]
+    if isinstance(named_facts[0], Fact):
+        for witness in named_facts[0].figures.get("witnesses", ()):
+            named_facts.append(witness.figures.get("cause"))
+    return [fact for fact in named_facts if isinstance(fact, Fact)]
 
 
 def _labels_in_charts(events: Sequence[PageEvent], timeline: Timeline) -> Names:

@@ -92,7 +92,11 @@ class Chapter(NamedTuple):
     """What of the flight the level is about, where that is not all of it."""
 
     searchable: Table | None = None
-    """A long table below the rest, with a field to search its rows, which is not printed; None without."""
+    """A long table above the rest, with a field to search its rows; None without.
+
+    If it is printed, paper has only its rows with a rated cell, such as warnings. A row whose first cell is a
+    :class:`Moment` moves the plots there.
+    """
 
     notch_trial: NotchTrial | None = None
     """A notch filter whose settings a reader tries, which is not printed; None without."""
@@ -135,6 +139,9 @@ class PageEvent(NamedTuple):
 
     is_headline: bool = False
     """Whether the headline of the page states it."""
+
+    is_cause_of_headline: bool = False
+    """Whether it is what failed first by the headline, or the autopilot's report of that."""
 
     is_over: bool = False
     """Whether it is an alarm of a live session that does not last any more."""
@@ -319,8 +326,8 @@ class Head(NamedTuple):
 
         For a flight that is over it has at most ``MAX_BRIEF_EVENTS``: the worst ones in the order of time, where events
         of the same kind are shown once, with their number as ``total``. The event that the headline states is always
-        among them. For a live session that goes on, it has all events, the newest first. Events on the session's own
-        state are left out.
+        among them, and the causes that it names come in addition. For a live session that goes on, it has all events,
+        the newest first. Events on the session's own state are left out.
         """
         events_of_flight = [shown for shown in self.events if not shown.event.is_session_state]
         if self.is_newest_first or len(events_of_flight) <= MAX_BRIEF_EVENTS:
@@ -335,9 +342,13 @@ class Head(NamedTuple):
                     important_indices.remove(index)
                 important_indices.insert(0, index)
                 break
+        shown_indices = set(important_indices[:MAX_BRIEF_EVENTS])
+        for index, page_event in enumerate(events_of_flight):
+            if page_event.is_cause_of_headline:
+                shown_indices.add(index)
         brief_events = []
         # Sorted by their indices, they are in the order of time.
-        for index in sorted(important_indices[:MAX_BRIEF_EVENTS]):
+        for index in sorted(shown_indices):
             brief_events.append(events_of_flight[index]._replace(total=counts.get(index, 1)))
         return brief_events
 

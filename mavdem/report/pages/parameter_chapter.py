@@ -31,12 +31,12 @@ MEANINGS = {
     re.compile(pattern): meaning
     for pattern, meaning in load_adjacent_toml(__file__, "../parameter_meanings.toml").items()
 }
-"""What parameters set or are about, by a pattern of their whole name; the first that fits counts."""
+"""What parameters set, by a pattern of their whole name; the first that fits counts."""
 
 
 @cache
 def meaning_of(name: str) -> str:
-    """Returns what a parameter sets or is about, in a few words; empty if ``parameter_meanings.toml`` lacks it."""
+    """Returns what a parameter sets, in a few words; empty if ``parameter_meanings.toml`` lacks it."""
     for pattern, meaning in MEANINGS.items():
         if pattern.fullmatch(name):
             return meaning
@@ -165,7 +165,8 @@ def _all_parameters(telemetry: Telemetry) -> Table:
         if has_changed_in_flight:
             remark = Rated(remark, Level.WATCH)
         rows.append([name, parameter_value_text(value), remark, meaning_of(name)])
-    return Table(["parameter", "value", "remark", "about"], rows, words=True)
+    header = ["parameter", "value", "remark", "about"]
+    return Table(header, rows, words=True, is_printed=False)
 
 
 def _control_parameter_tables(telemetry: Telemetry) -> Blocks:

@@ -34,6 +34,7 @@ from mavdem.report.blocks import Table, headline_sentence
 from mavdem.report.charts.chart import Group, Line, over_time
 from mavdem.report.charts.timeline import Timeline, assessment_timeline, live_timeline
 from mavdem.report.pages.flight_page import (
+    LOG_TITLE,
     flight_page,
     live_page,
     log_page,
@@ -606,28 +607,26 @@ def test_of_chapters_to_be_watched_the_one_of_the_headline_is_open():
     assert sum(not chapter.folded for chapter in opened) == 3
 
 
-def test_of_bad_lights_with_one_fact_the_first_has_its_chapter_open():
-    lost = Fact(MotionEvent.POSITION_LOST, Level.BAD, time=22.0, duration=14.0)
-    lights = {Light.MOTORS: lost, Light.TRACKING: lost, Light.WIND: Fact(Unjudged.NOT_JUDGED)}
-    chapters = [Chapter(title) for title in ("Three axes", "Motors", "Wind")]
-    opened = [*unfold_chapters_of_warnings(chapters, lights, lost)]
-    assert [chapter.title for chapter in opened if not chapter.folded] == ["Motors"]
-    assert [chapter.level for chapter in opened][:2] == [Level.BAD, Level.BAD]
-
-
-def test_what_a_chart_or_light_above_shows_opens_no_chapter():
+def test_every_chapter_in_which_something_is_bad_is_open():
+    """Bad are two lights of one fact, the log, and what a chapter without a light judges by itself."""
     lost = Fact(Ending.CRASHED, Level.BAD, time=2.0)
-    vibration = Fact(VibrationLight.VIBRATION_MEASURED, Level.BAD)
-    lights = {Light.TRACKING: lost, Light.VIBRATION: vibration}
-    section = Section("Vibration", vibration)
+    lights = {
+        Light.MOTORS: lost,
+        Light.TRACKING: lost,
+        Light.WIND: Fact(Unjudged.NOT_JUDGED, Level.WATCH),
+        Light.LOG: Fact(Unjudged.NOT_JUDGED, Level.BAD),
+    }
     chapters = [
         Chapter("Three axes"),
-        Chapter("Vibration"),
-        Chapter("Hardware", level=Level.BAD, sections=[section]),
+        Chapter("Motors"),
+        Chapter("Wind"),
+        Chapter("Hardware", level=Level.BAD),
+        Chapter(LOG_TITLE),
     ]
     opened = [*unfold_chapters_of_warnings(chapters, lights, lost)]
-    assert [chapter.title for chapter in opened if not chapter.folded] == ["Vibration"]
-    assert [chapter.level for chapter in opened] == 3 * [Level.BAD]
+    closed = [chapter.title for chapter in opened if chapter.folded]
+    assert closed == ["Wind"]
+    assert [chapter.level for chapter in opened if not chapter.folded] == 4 * [Level.BAD]
 
 
 def test_the_row_of_pictures_of_the_tuning_is_open_where_nothing_is_bad():

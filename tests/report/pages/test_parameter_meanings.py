@@ -20,7 +20,9 @@ from mavdem.report.pages.parameter_chapter import (
         ("INS_HNTC2_FREQ", "notch"),
         ("BAT1_N_CELLS", "cells"),
         ("LOG_BITMASK", "logged"),
-        # No pattern fits a part of a name alone.
+        ("MPC_THR_MIN", "least"),
+        # The group of a parameter is no meaning, and no pattern fits a part of a name alone.
+        ("MPC_VELD_LP", ""),
         ("XMC_ROLL_P", ""),
         ("MC_ROLL_PX", ""),
     ],
