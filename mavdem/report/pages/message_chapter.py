@@ -25,7 +25,7 @@ class RepeatedMessage(NamedTuple):
     message: StatusText
     """The first one."""
 
-    count: int
+    total: int
     """How many there are in the row."""
 
     @property
@@ -71,9 +71,9 @@ def _without_repetitions(messages: Sequence[StatusText]) -> list[RepeatedMessage
     counted_messages: list[RepeatedMessage] = []
     for message in messages:
         if counted_messages:
-            previous, count = counted_messages[-1]
+            previous, total = counted_messages[-1]
             if message._replace(time=previous.time) == previous:
-                counted_messages[-1] = RepeatedMessage(previous, count + 1)
+                counted_messages[-1] = RepeatedMessage(previous, total + 1)
                 continue
         counted_messages.append(RepeatedMessage(message, 1))
     return counted_messages
@@ -97,7 +97,7 @@ def _message_table(messages: Sequence[RepeatedMessage], charts_boot: int | None)
     """
     boots = {entry.message.boot for entry in messages}
     has_levels = any(entry.message.severity < len(SEVERITY_NAMES) for entry in messages)
-    has_repetitions = any(entry.count > 1 for entry in messages)
+    has_repetitions = any(entry.total > 1 for entry in messages)
     header = ["time"]
     if has_levels:
         header.append("level")
@@ -111,7 +111,7 @@ def _message_table(messages: Sequence[RepeatedMessage], charts_boot: int | None)
             row.append(_level(entry))
         row.append(entry.message.text)
         if has_repetitions:
-            row.append(f"{entry.count} times" if entry.count > 1 else "")
+            row.append(f"{entry.total} times" if entry.total > 1 else "")
         rows.append(row)
     return Table(header, rows, words=True)
 
