@@ -89,6 +89,9 @@ def split_at_gaps(time: Array, is_gap: Flags) -> Intervals:
 def intersection(first: Intervals, second: Intervals) -> Intervals:
     """Returns the times that are in both sets of intervals.
 
+    >>> intersection([(0.0, 3.0), (5.0, 8.0)], [(2.0, 6.0)])
+    [(2.0, 3.0), (5.0, 6.0)]
+
     Args:
         first: intervals (start, end) in s, ascending and without overlap.
         second: intervals of the other set, likewise.
@@ -123,6 +126,9 @@ def union(first: Intervals, second: Intervals) -> Intervals:
 def merge_close_intervals(intervals: Intervals, gap: float) -> Intervals:
     """Merges intervals that begin less than ``gap`` seconds after the end of the interval before.
 
+    >>> merge_close_intervals([(0.0, 1.0), (1.5, 2.0), (5.0, 6.0)], gap=1.0)
+    [(0.0, 2.0), (5.0, 6.0)]
+
     Args:
         intervals: intervals (start, end), s, in ascending order.
         gap: shortest gap that separates two intervals, s.
@@ -143,6 +149,9 @@ def merge_close_intervals(intervals: Intervals, gap: float) -> Intervals:
 
 def complement(intervals: Intervals) -> Intervals:
     """Returns the complement of a set of intervals: all times outside of them.
+
+    >>> complement([(1.0, 2.0), (4.0, 5.0)])
+    [(-inf, 1.0), (2.0, 4.0), (5.0, inf)]
 
     Args:
         intervals: intervals (start, end) in s, by their start; they may overlap, and ends may be infinite.

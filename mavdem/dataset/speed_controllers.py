@@ -312,8 +312,12 @@ def _controllers_of_group(columns: Columns, first_number: int) -> Iterator[Speed
     """Yields the speed controllers of one ESC_TELEMETRY message of ArduPilot, as far as they measured anything.
 
     Args:
-        columns: columns of the message, with the speed.
+        columns: columns (N, 4) of the message, with the speed ``rpm`` of each of its four controllers; if they were
+            sent, also the counter of packets ``count``, ``current``, cA, and ``temperature``, °C.
         first_number: number of its first controller, from 1.
+
+    Yields:
+        Controllers in the order of their numbers; samples without a new packet from the controller are left out.
     """
     packet_counts = columns.get("count")
     for index, motor_speeds in enumerate(_values_by_controller(columns, "rpm")):

@@ -298,7 +298,7 @@ def _axis_values(assessment: Assessment) -> JsonValues:
         resonances[margins.axis] = margins.response or margins.peak
     values_by_axis = {}
     for axis, loop in assessment.loops.items():
-        rate_response, attitude_response = _values_of_responses(assessment, axis)
+        rate_response = _values_of_response(assessment, axis, "rate")
         decision = assessment.loop_decisions.get(axis)
         values_by_axis[axis] = {
             "loop": None if loop.refusal else loop,
@@ -309,31 +309,28 @@ def _axis_values(assessment: Assessment) -> JsonValues:
             # An older key of the measured rate response, which is also in "rate".
             "step_response": rate_response["measured"],
             "rate": rate_response,
-            "attitude": attitude_response,
+            "attitude": _values_of_response(assessment, axis, "attitude"),
         }
     return values_by_axis
 
 
-def _values_of_responses(assessment: Assessment, axis: str) -> tuple[JsonValues, JsonValues]:
-    """Returns the values of the rate response and of the attitude response of an axis.
+def _values_of_response(assessment: Assessment, axis: str, loop_name: str) -> JsonValues:
+    """Returns the values of the document ``Responses``: the measured and predicted response of a loop, and its facts.
 
     Args:
-        assessment: assessment of the vehicle. If it has no responses of the axis, its headline is the reason.
+        assessment: assessment of the vehicle, with the responses of its loops.
         axis: "roll", "pitch" or "yaw".
+        loop_name: "rate" or "attitude".
+
+    Returns:
+        Values by key. Without a measured response, "measured" is None and the facts are the reason.
     """
-    unknown_response = LoopResponse(assessment.headline)
     responses = assessment.responses.get(axis)
     if responses is None:
-        responses = {"rate": unknown_response, "attitude": unknown_response}
-    return _response_values(responses["rate"]), _response_values(responses["attitude"])
-
-
-def _response_values(response: LoopResponse) -> JsonValues:
-    """Returns the values of the model ``Responses``: the measured and predicted response of a loop, and its facts.
-
-    Args:
-        response: the response; its measured part is a fact with the reason if there is none.
-    """
+        # No response of the axis was measured, for a reason that the headline states.
+        response = LoopResponse(assessment.headline)
+    else:
+        response = responses[loop_name]
     measured_response = response.measured
     measured_document = None
     if not isinstance(measured_response, Fact):

@@ -153,7 +153,7 @@ def _motion_system(damping: float, lag: float, *, output_count: int) -> control.
     """
     import control
 
-    # States: angle, rate and torque.
+    # States: angle, rate and torque. Without the output of the angle, its state is left out.
     angle_rate_torque = np.array([[0, 1, 0], [0, -damping, 1], [0, 0, -1 / lag]])
     first_state = MAX_PLANT_OUTPUTS - output_count
     A = angle_rate_torque[first_state:, first_state:]

@@ -106,14 +106,17 @@ def convert_stream(source: Path, out: Path) -> JsonValues:
         raise ValueError(f"{source} is a {ending} already: choose another format")
     with atomic_write(out) as file:
         frames_written = STREAM_WRITERS[ending](file, stream)
-    # MCAP has nanoseconds in 64 bits. The writer fills stamps that are too large, as it fills missing ones.
-    is_missing = stream.stamps == 0
-    is_too_large = stream.stamps > MAX_NANOSECOND_STAMP if ending == ".mcap" else np.False_
+    stamps = stream.stamps
+    # The writer fills missing stamps.
+    is_filled = stamps == 0
+    if ending == ".mcap":
+        # It also replaces stamps that are too large for MCAP, which has nanoseconds in 64 bits.
+        is_filled |= stamps > MAX_NANOSECOND_STAMP
     return {
         "frames": frames_written,
         "left_out": len(stream.frames) - frames_written,
         "unread": int(np.count_nonzero(stream.frames.checksum != CHECKSUM_MATCHES)),
-        "stamps_filled": int(np.count_nonzero(is_missing | is_too_large)),
+        "stamps_filled": int(np.count_nonzero(is_filled)),
         "bytes_skipped": stream.bytes_skipped,
         "repairs": [str(repair) for repair in stream.repairs],
     }

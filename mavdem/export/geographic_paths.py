@@ -13,7 +13,7 @@ from mavdem.dataset.time_series import float_column
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.sources import SourceFact
-from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.telemetry import Columns, Telemetry
 from mavdem.ingest.vocabulary import MILLIMETRES_PER_METRE
 
 POSITION_MESSAGES = ("GLOBAL_POSITION_INT", "GPS_RAW_INT")
@@ -57,24 +57,35 @@ def geographic_paths(vehicle: Telemetry) -> list[GeographicPath]:
     # The autopilot's estimate is preferred to the fixes of the receiver.
     for message in POSITION_MESSAGES:
         columns = vehicle.messages.get(message, {})
-        if "lat" not in columns or "lon" not in columns:
-            continue
-        degrees, is_fix = global_positions(columns)
-        # Maps have the longitude first.
-        positions = np.round(degrees[:, ::-1], DEGREE_DECIMALS)
-        if "alt" in columns:
-            altitude = float_column(columns, "alt") / MILLIMETRES_PER_METRE
-            positions = np.column_stack([positions, np.round(altitude, SECOND_DECIMALS)])
-        paths = []
-        for boot in np.unique(columns["boot"]):
-            # Positions without a fix, and those that are not finite, are left out.
-            is_selected = is_fix & (columns["boot"] == boot) & np.isfinite(positions).all(axis=1)
-            if np.count_nonzero(is_selected) > 1:
-                time = np.round(columns["time"][is_selected], SECOND_DECIMALS)
-                paths.append(GeographicPath(int(boot), time, positions[is_selected]))
-        if paths:
-            return paths
+        if "lat" in columns and "lon" in columns:
+            paths = _paths_in_message(columns)
+            if paths:
+                return paths
     raise Unreadable(Fact(SourceFact.NO_GEOGRAPHIC_POSITION))
+
+
+def _paths_in_message(columns: Columns) -> list[GeographicPath]:
+    """Returns the paths in one message with geographic positions, one for each boot with at least two of them.
+
+    Positions without a fix, and those that are not finite, are left out.
+
+    Args:
+        columns: fields of the message, N rows, with ``lat`` and ``lon``; the altitude ``alt`` may be missing.
+    """
+    degrees, is_fix = global_positions(columns)
+    # Maps have the longitude first.
+    positions = np.round(degrees[:, ::-1], DEGREE_DECIMALS)
+    if "alt" in columns:
+        altitude = float_column(columns, "alt") / MILLIMETRES_PER_METRE
+        positions = np.column_stack([positions, np.round(altitude, SECOND_DECIMALS)])
+    is_usable = is_fix & np.isfinite(positions).all(axis=1)
+    paths = []
+    for boot in np.unique(columns["boot"]):
+        is_selected = is_usable & (columns["boot"] == boot)
+        if np.count_nonzero(is_selected) > 1:
+            time = np.round(columns["time"][is_selected], SECOND_DECIMALS)
+            paths.append(GeographicPath(int(boot), time, positions[is_selected]))
+    return paths
 
 
 def valid_name(name: str) -> str:

@@ -387,7 +387,7 @@ class _RecordScan:
         if self._has_wrong_header_only(offset, next_sound):
             start = offset
         records_before = [record for record in latest_offsets if record < start]
-        records_after = self._data_offsets(next_sound, section_end)
+        records_after = self._next_data_offsets(next_sound, section_end)
         lost_seconds = self._seconds_between(records_before, records_after)
         self._add_loss(damaged_places=1, lost_bytes=next_sound - start, lost_seconds=lost_seconds)
         return slice(start, next_sound)
@@ -456,13 +456,13 @@ class _RecordScan:
         right_header = HEADER.pack(right_length, DATA) + subscription_number
         return self.definitions.data_length(right_header) == record_bytes
 
-    def _data_offsets(self, offset: int, section_end: int) -> list[int]:
-        """Returns the offsets of the first data records from an offset on.
+    def _next_data_offsets(self, offset: int, section_end: int) -> list[int]:
+        """Returns the offsets of the next data records from an offset on.
 
         Records of other types are passed over; damage ends the search.
 
         Args:
-            offset: Offset of the first record.
+            offset: Offset of the first record that is looked at.
             section_end: Offset at which the section of the file ends.
 
         Returns:

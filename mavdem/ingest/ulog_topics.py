@@ -60,12 +60,14 @@ def parse_records(records: SoundRecords, *, has_all_fields: bool = False) -> Par
     for subscription, layout in definitions.topics.items():
         if subscription not in rows_of_subscription:
             continue
+        # A topic that mavdem does not read has no columns.
         columns: Columns = {}
         if has_all_fields or layout.name in TOPIC_FIELDS:
             fields = definitions.formats.number_fields(layout.name)
             if not has_all_fields:
                 fields = _fields_to_read(layout.name, fields)
-            body_offsets = data_offsets[rows_of_subscription[subscription]] + DATA_HEADER.size
+            offsets_of_topic = data_offsets[rows_of_subscription[subscription]]
+            body_offsets = offsets_of_topic + DATA_HEADER.size
             columns = _decoded_columns(content, body_offsets, layout, fields)
         topics.append(LoggedTopic(layout.name, definitions.instances[subscription], columns))
     other_records = read_other_records(records, records.offsets[~is_data], data_offsets)

@@ -76,6 +76,7 @@ def battery_status(tables: Tables) -> NamedMessage:
     battery_ids: set[int] = set()
     for battery_message in BATTERY_MESSAGES:
         for number in range(1, MAX_BATTERIES + 1):
+            # Messages of the second battery and so on are named "BAT2" and so on.
             name = battery_message if number == 1 else f"{battery_message}{number}"
             logged_columns = messages_with_fields(tables, name, ("Volt",))
             if not logged_columns:
@@ -83,9 +84,13 @@ def battery_status(tables: Tables) -> NamedMessage:
             logged_names.append(name)
             for battery_id, rows in _rows_by_battery(logged_columns, number - 1).items():
                 battery_ids.add(battery_id)
-                voltage, fields = _battery_measurements(rows)
-                id_column = np.full(len(voltage), battery_id, np.uint8)
-                fields |= {"id": id_column, "voltages": voltage[:, None]}
+                voltage, other_measurements = _battery_measurements(rows)
+                fields = {
+                    **other_measurements,
+                    "id": np.full(len(voltage), battery_id, np.uint8),
+                    # In MAVLink the voltage of the whole battery may stand in the first of its elements for cells.
+                    "voltages": voltage[:, None],
+                }
                 tables_of_batteries.append(with_stamps(rows, fields))
         # Old versions of ArduPilot log CURR, new ones BAT; a log has one of them.
         if tables_of_batteries:

@@ -313,12 +313,12 @@ class _KeptMessages(NamedTuple):
 def _without_old_blocks(
     recording: DataflashRecording, logged_tables: dict[str, MessageTable], content: FileContent
 ) -> _KeptMessages:
-    """Leaves out the blocks of a log that belong to another recording (``other_recordings``), such as an older file.
+    """Leaves out the blocks of a log that belong to another recording, such as an older file on the same memory card.
 
     Args:
         recording: The log, whose messages are located.
         logged_tables: Its translated messages, by name.
-        content: The bytes of the file; empty for a text log.
+        content: The bytes of the file, by which repeated blocks are found; empty for a text log.
 
     Returns:
         The messages outside these blocks, with their clock, and a fact that reports what was left out.

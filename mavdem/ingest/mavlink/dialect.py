@@ -54,20 +54,24 @@ class MessageDefinition:
 
 
 def _numpy_field(field: str) -> tuple[str, str]:
-    """Converts a field of a definition to one of a structured type.
+    """Converts a field of a definition to one of a NumPy structured type.
+
+    >>> _numpy_field("uint8_t type"), _numpy_field("float[4] q"), _numpy_field("char[50] text")
+    (('type', 'uint8'), ('q', '(4,)float32'), ('text', 'S50'))
 
     Args:
-        field: Type and name: "uint8_t type", "float[4] q", "char[50] text".
+        field: MAVLink's type and the name of the field.
 
     Returns:
-        Name and NumPy's type: "uint8" for a number, "(4,)float32" for an array of four, "S50" for a text of 50 bytes.
+        Name and NumPy's type: a number, an array of numbers, or a text of some bytes.
     """
-    wire_type, name = field.split()
-    c_type, _, length = wire_type.rstrip("]").partition("[")
-    if c_type == "char":
+    mavlink_type, name = field.split()
+    # The length is empty for a single number or character.
+    element_type, _, length = mavlink_type.rstrip("]").partition("[")
+    if element_type == "char":
         return name, f"S{length or 1}"
-    numpy_type = c_type.removesuffix("_t").replace("float", "float32")
-    return name, f"({length},){numpy_type}" if length else numpy_type
+    number_type = element_type.removesuffix("_t").replace("float", "float32")
+    return name, f"({length},){number_type}" if length else number_type
 
 
 class _Dialect(NamedTuple):

@@ -56,11 +56,12 @@ class FrameStream:
 
         A frame without a stamp gets the stamp of the last stamped frame before it; 0 if there is no such frame.
         """
-        has_stamp = self.stamps > 0
-        rows = np.arange(len(self.stamps))
+        # Read once, since they may have to be read from the file.
+        stamps = self.stamps
+        rows = np.arange(len(stamps))
         # For stamped frames their own row, for the others that of the last stamped frame before them.
-        last_stamped_row = np.maximum.accumulate(np.where(has_stamp, rows, 0))
-        known_stamps = self.stamps[last_stamped_row].tolist()
+        last_stamped_row = np.maximum.accumulate(np.where(stamps > 0, rows, 0))
+        known_stamps = stamps[last_stamped_row].tolist()
         frame_starts = self.frames.start.tolist()
         frame_ends = self.frames.end.tolist()
         # NumPy's view of the memory: slicing it is cheaper than slicing the array.

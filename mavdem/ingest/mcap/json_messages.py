@@ -9,6 +9,7 @@ characters. Numbers are those of JSON5; plain JSON has null for NaN. Source: the
 
 import json
 import re
+from collections.abc import Mapping
 from functools import lru_cache
 from math import nan
 from typing import Any, NamedTuple
@@ -61,6 +62,20 @@ def read_json_message(body: bytes, definition: MessageDefinition) -> JsonMessage
             fields["type"] = fields["mavtype"]
     if not isinstance(fields, dict) or fields.keys().isdisjoint(definition.fields):
         return JsonMessage(None, sequence)
+    return JsonMessage(_encoded_payload(fields, definition), sequence)
+
+
+def _encoded_payload(fields: Mapping[str, Any], definition: MessageDefinition) -> bytes | None:
+    """Encodes fields of a JSON document as the payload of a MAVLink message.
+
+    Args:
+        fields: Values in JSON by name of the field. Those that the message does not have are left out, and those that
+            it has besides get their defaults.
+        definition: MAVLink's definition of the message: names, types and order of its fields.
+
+    Returns:
+        The payload; None if a value does not fit its field.
+    """
     message = _message_without_fields(definition).copy()
     try:
         with np.errstate(over="raise", invalid="ignore"):
@@ -68,12 +83,12 @@ def read_json_message(body: bytes, definition: MessageDefinition) -> JsonMessage
                 default = message[name][0].tolist()
                 message[name] = _field_value(fields[name], definition.payload_type[name], default)
     except (TypeError, ValueError, ArithmeticError):
-        return JsonMessage(None, sequence)
+        return None
     if definition.name == "PARAM_VALUE" and np.isnan(message["param_value"][0]):
         # PX4 sends an integer as the bits of a float; those of a small negative integer are a NaN. JSON has only one
         # NaN, so that the value is lost. As a float the parameter remains NaN, and does not become a wrong integer.
         message["param_type"] = mavlink_constant("MAV_PARAM_TYPE_REAL32")
-    return JsonMessage(message.tobytes(), sequence)
+    return message.tobytes()
 
 
 def _sequence_number(header: Any) -> int | None:

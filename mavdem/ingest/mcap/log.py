@@ -345,7 +345,7 @@ def _json_repairs(unknown_messages: Counter[str], undecodable_topics: Counter[st
     )
 
 
-def _no_mavlink_fact(source: str, recording: McapRecording, candidates: int) -> Fact:
+def _no_mavlink_fact(source: str, recording: McapRecording, similar_messages: int) -> Fact:
     """Returns the fact that explains why no MAVLink was read from a recording, and what the recording seems to be.
 
     The most specific reason comes first:
@@ -359,13 +359,13 @@ def _no_mavlink_fact(source: str, recording: McapRecording, candidates: int) -> 
     Args:
         source: Name of the file, for error messages and the report.
         recording: The recording, which was read.
-        candidates: Number of messages that look like MAVLink, but cannot be read.
+        similar_messages: Number of messages that look like MAVLink, but cannot be read.
 
     Returns:
         The fact for the user.
     """
-    if candidates:
-        return Fact(SourceFact.DIALECT_UNKNOWN, path=source, count=candidates, recording=True)
+    if similar_messages:
+        return Fact(SourceFact.DIALECT_UNKNOWN, path=source, count=similar_messages, recording=True)
     topic_names = {channel.topic for channel in recording.channels.values()}
     has_mavlink_topics = any(name.lstrip("/").startswith("mavlink/") for name in topic_names)
     code = SourceFact.MCAP_WITHOUT_FLIGHT

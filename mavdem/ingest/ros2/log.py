@@ -274,8 +274,7 @@ def _px4_telemetry(
     """Translates the topics that PX4 publishes to ROS 2 to MAVLink messages, by the translation for PX4's own logs.
 
     That translation assumes a single boot, as in a log of PX4. A recording may have several, with a clock that starts
-    anew in each. So all boots are first put on one clock, ``BOOT_INTERVAL`` seconds apart. After the translation, time
-    and boot of each row are recovered as the remainder and the quotient of a division by that interval.
+    anew in each. So all boots are first put on one clock, and separated again after the translation.
 
     Args:
         tables: PX4's topics by name.
@@ -286,19 +285,16 @@ def _px4_telemetry(
         The vehicle with its messages; None if the topics hold no flight.
     """
     topics, repairs = _on_boot_clock(tables, receive_times, STAMP_UNITS[PX4_BRIDGE])
-    topics_on_one_clock = {}
-    for name, columns in topics.items():
-        time = columns["time"] + BOOT_INTERVAL * columns["boot"]
-        time_order = np.argsort(time, kind="stable")
-        # Each topic has one instance, number 0.
-        topics_on_one_clock[name] = {0: selected_rows({**columns, "time": time}, time_order)}
+    # Each topic has one instance, number 0.
+    topics_on_one_clock = {
+        name: {0: _on_clock_of_all_boots(columns)} for name, columns in topics.items()
+    }
     translation = messages_of_topics(topics_on_one_clock, parameters={})
     if not translation.messages:
         return None
-    messages = {}
-    for name, fields in translation.messages.items():
-        boot = (fields["time"] // BOOT_INTERVAL).astype(np.int64)
-        messages[name] = {**fields, "time": fields["time"] - BOOT_INTERVAL * boot, "boot": boot}
+    messages = {
+        name: _on_clocks_of_boots(columns) for name, columns in translation.messages.items()
+    }
     status = topics.get("vehicle_status", {})
     return Telemetry(
         system=_most_frequent_id(status, "system_id", default=0),
@@ -311,6 +307,27 @@ def _px4_telemetry(
         translated_from=PX4_BRIDGE,
         source_names=translation.topic_names,
     )
+
+
+def _on_clock_of_all_boots(columns: Columns) -> Columns:
+    """Puts the messages of all boots on one clock, ``BOOT_INTERVAL`` seconds apart, in the order of time.
+
+    Args:
+        columns: Columns (N,) with ``time``, s since boot, and ``boot``.
+    """
+    time = columns["time"] + BOOT_INTERVAL * columns["boot"]
+    time_order = np.argsort(time, kind="stable")
+    return selected_rows({**columns, "time": time}, time_order)
+
+
+def _on_clocks_of_boots(columns: Columns) -> Columns:
+    """Returns messages with their times since boot and their boots: the inverse of :func:`_on_clock_of_all_boots`.
+
+    Args:
+        columns: Columns (N,) with ``time``, s, on the clock of all boots.
+    """
+    boot = (columns["time"] // BOOT_INTERVAL).astype(np.int64)
+    return {**columns, "time": columns["time"] - BOOT_INTERVAL * boot, "boot": boot}
 
 
 def _mavros_telemetry(
