@@ -20,6 +20,7 @@ from mavdem.cli.output import print_json, print_screen, progress
 from mavdem.cli.output_files import check_output_folder, write_texts
 from mavdem.cli.sources import assess_without_model
 from mavdem.cli.streams import print_to_stderr
+from mavdem.containers import Names
 from mavdem.dataset.axes import AXES
 from mavdem.documents.loops import tune_document
 from mavdem.loops.axis_loops import MARGIN_TARGETS
@@ -111,19 +112,23 @@ def tune_command(
             raises_sound_gains=more,
             filters=filters,
         )
+    file_names: Names = ()
     if out:
-        _write_tuning(out, source, tuning, assessment, evidence)
+        file_names = _write_tuning(out, source, tuning, assessment, evidence)
     if as_json:
         print_json(tune_document(source, margins, tuning))
     else:
         _print_tuning(tuning, out, verbose=verbose)
+    if file_names:
+        # What was found comes before the files in which it is kept.
+        print_to_stderr(f"Written: {', '.join(file_names)}. Nothing was sent to the vehicle.")
     if tuning.refusal:
         raise click.exceptions.Exit(EXIT_UNSUPPORTED)
 
 
 def _write_tuning(
     folder: Path, source: str, tuning: Tuning, assessment: Assessment, evidence: Evidence
-) -> None:
+) -> Names:
     """Writes the page and, if gains are advised, the parameter files for ground stations.
 
     Args:
@@ -132,6 +137,9 @@ def _write_tuning(
         tuning: The gains to set.
         assessment: Assessment of the log, which the page is made from.
         evidence: Evidence of the log, with the parameters that the vehicle has now.
+
+    Returns:
+        Names of the files.
     """
     text_by_name = {PAGE_FILE: tune_page(Path(source).name, tuning, assessment)}
     vehicle = evidence.signals.telemetry
@@ -142,7 +150,7 @@ def _write_tuning(
     for ending, text in parameter_texts.items():
         text_by_name[f"gains{ending}"] = text
     write_texts(folder, text_by_name, GAIN_FILES)
-    print_to_stderr(f"Written: {', '.join(text_by_name)}. Nothing was sent to the vehicle.")
+    return tuple(text_by_name)
 
 
 def _print_tuning(tuning: Tuning, folder: Path | None, *, verbose: bool) -> None:

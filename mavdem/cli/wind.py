@@ -106,6 +106,7 @@ def wind_command(
         parameters=parameters_to_set,
         identity=identity,
     )
+    written = ""
     if out:
         texts = {
             PAGE_FILE: wind_page(
@@ -115,9 +116,11 @@ def wind_command(
             **_drag_file_texts(parameters_to_set, signals.telemetry),
         }
         write_texts(out, texts, DRAG_FILES)
-        print_to_stderr(f"Written: {', '.join(texts)}. Nothing was sent to the vehicle.")
+        written = f"Written: {', '.join(texts)}. Nothing was sent to the vehicle."
     if as_json:
         print_json(document)
+        if written:
+            print_to_stderr(written)
         return
     tables: Blocks = [*wind_tables(wind, None if verbose else MAX_COURSE_ROWS)]
     if verbose or parameters_to_set:
@@ -135,6 +138,9 @@ def wind_command(
         ],
         verbose=verbose,
     )
+    if written:
+        # What was found comes before the files in which it is kept.
+        print_to_stderr(written)
 
 
 def _drag_file_texts(

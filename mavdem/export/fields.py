@@ -13,7 +13,7 @@ from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps
 CLOCK_COLUMNS = ("time", "boot")
 """Columns that every message has besides the fields of its definition: when it was sent, and after which boot."""
 
-INSTANCE_COLUMNS = ("instance", "Instance", "I", "C", "port", "id", "axis")
+INSTANCE_COLUMNS = ("instance", "Instance", "Inst", "I", "IMU", "C", "port", "id", "axis")
 """Fields that say which of several equal sensors, outputs or axes a message is of, as MAVLink's and ArduPilot's
 definitions mark them; the first that a message has is taken."""
 

@@ -71,6 +71,8 @@ class ListingOrder(StrEnum):
     """By the largest height above the take-off, the highest first."""
     VEHICLE = "vehicle"
     """By the vehicle, the newest flight of each first."""
+    URGENCY = "urgency"
+    """By how urgently the flight needs a look, a crash first."""
     WIND = "wind"
     """By the mean speed of the wind, the strongest first."""
 

@@ -37,7 +37,7 @@ from mavdem.units import (
     with_unit,
 )
 
-SCHEMA_VERSION = 16
+SCHEMA_VERSION = 17
 """Version of the columns and of what they mean: logs whose rows have another version are read again."""
 
 UNKNOWN = "unknown"
@@ -269,6 +269,8 @@ class FlightRow:
     """the worst that was found, or how the flight was lost, one sentence"""
     headline_level: OptionalText = report_column("headline_fact.level")
     """good, watch, bad or unknown"""
+    headline_rank: OptionalInteger = None
+    """order among headlines of one level: 0 the vehicle was lost, 1 another event, 2 or more what its parts show"""
     next_step: OptionalText = report_column("next_step")
     """what to do next by this log alone, one sentence"""
     light_motors: OptionalText = report_column("lights.motors.level")

@@ -21,6 +21,7 @@ from mavdem.assessment.flown_flights import (
     total_time,
 )
 from mavdem.assessment.record import NoLoop
+from mavdem.assessment.severity import severity_rank
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.signals import Signals
@@ -118,8 +119,10 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
     any_axis = AXES[0]
     signals = assessment.evidence.signals.for_axis(any_axis, inputs="motors")
     judgement = assessment.judgement_values | {"headline_fact": assessment.headline}
+    _, headline_rank = severity_rank(assessment.headline)
     columns = {
         "file": file,
+        "headline_rank": headline_rank,
         "component": signals.telemetry.component,
         "failed_motor": failed_motor(assessment),
         **_flown_columns(assessment),

@@ -46,6 +46,7 @@ BRIEF_COLUMNS = (
     "wind_direction",
     "headline",
     "headline_level",
+    "headline_rank",
     "next_step",
     *(f"light_{light}" for light in Light),
     "health",

@@ -19,7 +19,8 @@ from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution
 from mavdem.report.numbers import listed
 from mavdem.report.templates import render_section, rounded_up
 from mavdem.wind_velocity.compass import compass_text, meteorological_direction
-from mavdem.wind_velocity.from_log import WindEvidence
+from mavdem.wind_velocity.from_log import WindEvidence, is_certain_setting
+from mavdem.wind_velocity.mean_wind import INDEPENDENT_SECONDS
 from mavdem.wind_velocity.vehicle_drag import (
     DRAG_PARAMETER_NAMES,
     LEAN_SD,
@@ -244,6 +245,7 @@ def _wind_estimate_sentences(
     return render_section(
         "wind",
         wind=wind,
+        margin=INDEPENDENT_SECONDS,
         typical_drag=typical_drag,
         lean_allowance=lean_allowance,
         autopilot_wind=_autopilot_wind(evidence, wind),
@@ -377,15 +379,26 @@ def drag_blocks(drag: Drag, autopilot: str, settings: Mapping[str, ParameterValu
         rows.append([name, f"{quantity.value:.3g}", f"{quantity.low:.3g}", f"{quantity.high:.3g}"])
     header = [f"Drag, from {DRAG_SOURCES[drag.source]}", "value", "from", "to"]
     blocks: Blocks = [Table(header, rows)]
-    missing_names = []
+    values_in_range = drag.autopilot_parameters(autopilot)
+    names_out_of_range = []
+    uncertain_names = []
     if settings:
-        for axis in "XY":
-            if f"{ballistic_prefix}{axis}" not in settings:
-                missing_names.append(f"{ballistic_prefix}{axis}")
-    if missing_names:
-        blocks.append(
-            Sentence(f"This flight does not show {listed(missing_names)}.", lead="Unknown:")
+        for name in (momentum_name, f"{ballistic_prefix}X", f"{ballistic_prefix}Y"):
+            if name not in values_in_range:
+                names_out_of_range.append(name)
+            elif is_certain_setting(values_in_range[name]):
+                # The flight shows it. The log has no such parameter, or the vehicle has the value already.
+                continue
+            elif name not in settings:
+                uncertain_names.append(name)
+    if names_out_of_range:
+        text = (
+            f"{listed(names_out_of_range)}: the autopilot does not take the value of this vehicle."
         )
+        blocks.append(Sentence(text, lead="Not set:"))
+    if uncertain_names:
+        text = f"This flight does not show {listed(uncertain_names)}."
+        blocks.append(Sentence(text, lead="Unknown:"))
     return blocks
 
 

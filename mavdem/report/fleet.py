@@ -6,9 +6,9 @@ from typing import NamedTuple
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorHealth
+from mavdem.facts.urgency import Urgency, urgency_of_headline
 from mavdem.facts.vehicle import autopilot_of_system_id_name
 from mavdem.fleet.flights import (
-    HEALTHS,
     AxisRows,
     Flights,
     has_shared_name,
@@ -49,12 +49,13 @@ AUTOPILOT_NAMES = {"ARDUPILOTMEGA": "ArduPilot", "PX4": "PX4"}
 NOT_USED = "not used"
 """What is shown in the place of the health of a log without a flight."""
 
-MAX_URGENT_RANK = 2
-"""Ranks of :func:`urgency` below this one need a look: a fault, a bad headline, or a drift."""
-
-BAD_HEADLINE_RANK = 0.5
-"""Rank of a vehicle whose latest flight has a bad headline, such as a crash: after a fault, which has 0, before a
-drift, which has 1."""
+URGENCY_OF_HEALTHS = {
+    MotorHealth.FAULT: Urgency.BAD,
+    MotorHealth.DRIFT: Urgency.DRIFT,
+    MotorHealth.OK: Urgency.GOOD,
+    MotorHealth.UNKNOWN: Urgency.UNKNOWN,
+}
+"""Urgency of a vehicle by the health of its motors."""
 
 
 def light_level(flight: AxisRows, light: Light) -> Level:
@@ -89,11 +90,11 @@ def motors_level(level_of_log: Level, health_level: Level) -> Level:
     return health_level
 
 
-class Urgency(NamedTuple):
+class UrgencyAndAge(NamedTuple):
     """What vehicles are sorted by, the most urgent first."""
 
-    rank: float
-    """Rank of the health, 0 for a fault; below ``MAX_URGENT_RANK`` the vehicle needs a look."""
+    urgency: Urgency
+    """How urgently the vehicle needs a look."""
 
     age: float
     """Minus the UNIX time of the latest flight, s; 0 where it has no date."""
@@ -263,12 +264,11 @@ def badge_level(flights: Flights) -> Level:
     return badge_text.level if isinstance(badge_text, Rated) else Level.UNKNOWN
 
 
-def urgency(flights: Flights) -> Urgency:
+def urgency_and_age(flights: Flights) -> UrgencyAndAge:
     """Returns the key by which vehicles are sorted, so that a list begins with the one that needs attention most.
 
-    Vehicles are ranked by the health of their motors, the worst first. A vehicle whose latest flight has a bad headline
-    ranks at least directly after those with a fault of the motors, and one with a headline that is to be watched
-    directly after those that need a look. Of vehicles with the same rank the one with the latest flight comes first.
+    The more urgent of two judgements counts: the headline of the latest flight, and the health of the motors. Of
+    vehicles that are as urgent the one with the latest flight comes first.
 
     Args:
         flights: flights of the vehicle in order of date, at least one.
@@ -276,18 +276,15 @@ def urgency(flights: Flights) -> Urgency:
     Returns:
         The key, which sorts in ascending order.
     """
-    # ``HEALTHS`` begins with the worst health.
-    rank: float = HEALTHS.index(MotorHealth(vehicle_health(flights)))
-    if rank >= MAX_URGENT_RANK:
-        # A headline that is to be watched has the first rank of those that need no look.
-        is_watched = log_row(flights[-1]).headline_level == Level.WATCH
-        rank = MAX_URGENT_RANK if is_watched else rank + 1
-    if bad_headline(flights):
-        rank = min(rank, BAD_HEADLINE_RANK)
-    latest_date = log_row(flights[-1]).past_date
+    latest_row = log_row(flights[-1])
+    urgency_of_health = URGENCY_OF_HEALTHS[MotorHealth(vehicle_health(flights))]
+    urgency = min(
+        urgency_of_health, urgency_of_headline(latest_row.headline_level, latest_row.headline_rank)
+    )
+    latest_date = latest_row.past_date
     # A later date sorts before an earlier one. A flight without a date sorts last.
     negative_time = -latest_date.timestamp() if latest_date else 0.0
-    return Urgency(rank, negative_time)
+    return UrgencyAndAge(urgency, negative_time)
 
 
 def vehicle_texts(flights: Flights) -> VehicleTexts:

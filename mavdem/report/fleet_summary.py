@@ -13,8 +13,8 @@ from mavdem.fleet.flights import HEALTHS
 from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.fleet.row import UNKNOWN
 from mavdem.report.blocks import Blocks, Table
-from mavdem.report.fleet import ANOMALOUS_HEALTHS, MAX_URGENT_RANK, truncated, vehicle_label
-from mavdem.report.numbers import abbreviated_list, listed
+from mavdem.report.fleet import ANOMALOUS_HEALTHS, truncated, vehicle_label
+from mavdem.report.numbers import MAX_LISTED_NAMES, abbreviated_list, listed
 from mavdem.report.templates import as_clause, capitalize_first, render_section
 from mavdem.report.vehicle_summary import UnusedRow, VehicleFlights, VehicleSummary
 
@@ -250,8 +250,9 @@ class HealthSummary(NamedTuple):
     reason: str
     """Why the motors of the most urgent vehicle are judged as they are; empty where a list follows that says it."""
 
-    next_step: str
-    """What to do next about the most urgent vehicle, which is named unless it is the only one; empty for nothing."""
+    next_steps: list[str]
+    """What to do next about each urgent vehicle that the headline names, the most urgent first; of each the label
+    stands before it, unless the fleet has no other vehicle."""
 
 
 def _health_summary(
@@ -272,23 +273,23 @@ def _health_summary(
     """
     urgent_texts: list[str] = []
     reason = ""
-    next_step = ""
+    next_steps: list[str] = []
     watched_count = 0
     recovered_labels = []
     healthy_count = 0
     # The most urgent vehicle is named first; of equally urgent ones the first in the alphabet.
-    for name in sorted(vehicles, key=lambda name: (vehicles[name].urgency, name)):
+    for name in sorted(vehicles, key=lambda name: (vehicles[name].urgency_and_age, name)):
         vehicle = vehicles[name]
         is_shared = name in shared_names
         label = vehicle_label(name, vehicle.last.frame, names, is_shared=is_shared)
-        if vehicle.urgency.rank < MAX_URGENT_RANK:
+        if vehicle.needs_look:
             is_most_urgent = not urgent_texts
             # The only vehicle of a fleet need not be named.
             subject = "" if len(vehicles) == 1 else f"{label}: "
             if is_most_urgent and vehicle.texts.reason and not lists_follow:
                 reason = subject + vehicle.texts.reason
-            if is_most_urgent and vehicle.texts.next_step:
-                next_step = subject + vehicle.texts.next_step
+            if vehicle.texts.next_step:
+                next_steps.append(subject + vehicle.texts.next_step)
             # A list that follows has the reasons.
             why = "" if lists_follow else f" ({as_clause(vehicle.texts.latest_flight)})"
             urgent_texts.append(f"{label}{why}")
@@ -300,6 +301,7 @@ def _health_summary(
                 recovered_labels.append(label)
     if lists_follow and len(urgent_texts) > MAX_NAMED_BEFORE_LIST:
         urgent_list = f"first {urgent_texts[0]}"
+        next_steps = next_steps[:1]
     else:
         urgent_list = abbreviated_list(urgent_texts)
     return HealthSummary(
@@ -309,7 +311,7 @@ def _health_summary(
         recovered_list=abbreviated_list(sorted(recovered_labels)),
         healthy_count=healthy_count,
         reason=reason,
-        next_step=next_step,
+        next_steps=next_steps[:MAX_LISTED_NAMES],
     )
 
 

@@ -32,13 +32,13 @@ from mavdem.fleet.row import UNKNOWN, FlightRow, FlightRows
 from mavdem.report.fleet import (
     ANOMALOUS_HEALTHS,
     NOT_USED,
-    Urgency,
+    UrgencyAndAge,
     VehicleTexts,
     badge,
     badge_level,
     has_section,
     light_level,
-    urgency,
+    urgency_and_age,
     vehicle_health,
     vehicle_texts,
 )
@@ -139,7 +139,7 @@ class VehicleFlights(NamedTuple):
     has_section: bool
     """Whether the page has a section on it; otherwise its name may be that of several vehicles."""
 
-    urgency: Urgency
+    urgency_and_age: UrgencyAndAge
     """By which vehicles are sorted."""
 
     health: str
@@ -159,6 +159,11 @@ class VehicleFlights(NamedTuple):
 
     last: LastFlight
     """Its latest flight."""
+
+    @property
+    def needs_look(self) -> bool:
+        """Whether it needs a look: its latest flight was bad, or its motors have a fault or a drift."""
+        return self.urgency_and_age.urgency.needs_look
 
 
 @dataclass(frozen=True)
@@ -330,7 +335,7 @@ def _vehicle_flights(name: str, flights: Flights) -> VehicleFlights:
     )
     return VehicleFlights(
         has_section=has_section(name, flights),
-        urgency=urgency(flights),
+        urgency_and_age=urgency_and_age(flights),
         health=vehicle_health(flights),
         had_anomaly=any(worst_health(flight) in ANOMALOUS_HEALTHS for flight in flights),
         texts=vehicle_texts(flights),

@@ -13,6 +13,7 @@ from mavdem.assessment.flown_flights import FlownFlight
 from mavdem.containers import JsonValues
 from mavdem.facts.lights import Light
 from mavdem.facts.serve import ListingOrder, Sharing, Stage
+from mavdem.facts.urgency import URGENCY_OF_LEVELS, Urgency, urgency_of_headline
 from mavdem.fleet.names import content_hash, same_content_sql
 from mavdem.fleet.row import GIVEN_BASIS, SYSTEM_ID_BASIS, UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.workers import KEY_HASH_DIGITS
@@ -93,6 +94,8 @@ class LibraryEntry:
     """The most important result of the flight, one sentence."""
     level: str = ""
     """Level of the headline: good, watch, bad or unknown; empty before the log is judged."""
+    urgency: int = Urgency.UNKNOWN
+    """How urgently the flight needs a look, a value of ``Urgency``."""
     next_step: str = ""
     """What the pilot should do next, one sentence."""
     motors: str = ""
@@ -196,11 +199,12 @@ SQL_ORDERS = {
     ListingOrder.TIME: "flight_time desc, received desc, rowid desc",
     ListingOrder.DISTANCE: "distance desc, received desc, rowid desc",
     ListingOrder.HEIGHT: "height desc, received desc, rowid desc",
+    ListingOrder.URGENCY: "urgency, received desc, rowid",
     ListingOrder.VEHICLE: "vehicle desc, date desc, received desc, rowid desc",
     ListingOrder.WIND: "wind_speed desc, received desc, rowid desc",
 }
-"""SQL of each order, the newest or largest first. An unknown date or vehicle is an empty text, and an unknown number
-null, which come last."""
+"""SQL of each order, the newest, largest or most urgent first. An unknown date or vehicle is an empty text, and an
+unknown number null, which come last."""
 
 INDEXES_SQL = Path(__file__).with_suffix(".sql").read_text(encoding="utf-8")
 """SQL that creates the table's indexes."""
@@ -228,6 +232,10 @@ def create_or_update_table(db: sqlite3.Connection) -> None:
     db.executescript(INDEXES_SQL)
     if existing_columns and "vehicle_basis" not in existing_columns:
         _fill_vehicle_columns(db)
+    if existing_columns and "urgency" not in existing_columns:
+        for level, urgency in URGENCY_OF_LEVELS.items():
+            db.execute("update entries set urgency = ? where level = ?", [urgency, level])
+        db.execute("update entries set urgency = ? where level = ''", [Urgency.UNKNOWN])
 
 
 def _fill_vehicle_columns(db: sqlite3.Connection) -> None:
@@ -362,6 +370,7 @@ def columns_of_flight(rows: Sequence[FlightRow]) -> JsonValues:
         "gains": first_row.control_parameters or "{}",
         "headline": first_row.headline or "",
         "level": first_row.headline_level or "",
+        "urgency": int(urgency_of_headline(first_row.headline_level, first_row.headline_rank)),
         "motor": _motor_with_fault(rows),
         "wind_speed": first_row.wind_speed,
         "wind_low": wind_low,

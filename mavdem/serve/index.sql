@@ -10,6 +10,7 @@ create index if not exists by_vehicle_and_date on entries (vehicle, date, receiv
 create index if not exists by_flight_time on entries (flight_time, received);
 create index if not exists by_distance on entries (distance, received);
 create index if not exists by_height on entries (height, received);
+create index if not exists by_urgency on entries (urgency, received desc);
 create index if not exists by_wind_speed on entries (wind_speed, received);
 create index if not exists by_digest on entries (digest);
 create index if not exists by_recording on entries (recording_stage);

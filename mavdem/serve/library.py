@@ -411,13 +411,17 @@ class Library:
             values: values of the condition.
             limit: largest number of entries that are returned.
             offset: number of entries that are skipped.
-            order: the order in which entries are returned and skipped.
+            order: the order in which entries are returned and skipped. Logs that could not be read come last in all.
 
         Returns:
             The entries, and the number of all matches.
         """
         id_query = f"select rowid from entries where {condition} order by {SQL_ORDERS[order]}"
         matching_ids = [id for (id,) in self.db.execute(id_query, list(values))]
+        unread_query = "select rowid from entries where stage = ?"
+        unread_ids = {id for (id,) in self.db.execute(unread_query, [Stage.FAILED])}
+        # The sort is stable: both groups stay in the wanted order.
+        matching_ids.sort(key=lambda id: id in unread_ids)
         returned_ids = matching_ids[offset : offset + limit]
         query = "select rowid, * from entries where rowid in (select value from json_each(?))"
         rows = self.db.execute(query, [json.dumps(returned_ids)])

@@ -518,6 +518,11 @@ def _settled_flights(
     return flights
 
 
+def is_certain_setting(value: ParameterValue) -> bool:
+    """Returns whether the interval of a parameter of the drag model is narrow enough to set it (MAX_SETTING_RATIO)."""
+    return value.high <= MAX_SETTING_RATIO * value.low
+
+
 def drag_settings(drag: Drag, telemetry: Telemetry) -> dict[str, ParameterValue]:
     """Returns the parameters of the autopilot's own drag model that should be set to make its wind estimate better.
 
@@ -537,8 +542,7 @@ def drag_settings(drag: Drag, telemetry: Telemetry) -> dict[str, ParameterValue]
     has_all_parameters = telemetry.translated_from == "DataFlash"
     settings = {}
     for name, value in drag.autopilot_parameters(telemetry.autopilot).items():
-        is_certain = value.high <= MAX_SETTING_RATIO * value.low
         may_be_in_firmware = name in telemetry.parameters or not has_all_parameters
-        if is_certain and may_be_in_firmware:
+        if is_certain_setting(value) and may_be_in_firmware:
             settings[name] = value
     return settings

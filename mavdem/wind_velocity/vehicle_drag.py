@@ -120,6 +120,9 @@ MAX_BALLISTIC_COEFFICIENTS = {"ARDUPILOTMEGA": 1000.0, "PX4": 200.0}
 A vehicle with more has so little quadratic drag that this part of the drag model is to be left switched off.
 """
 
+MAX_MOMENTUM_COEFFICIENT = 1.0
+"""Largest momentum drag coefficient, 1/s, that both autopilots' documentation of their parameters allows."""
+
 FACTORY_VALUES = {
     "EKF2_MCOEF": (0.15,),
     "EKF2_BCOEF_X": (25.0, 100.0),
@@ -359,7 +362,8 @@ class Drag(ImmutableResult):
 
         Returns:
             Value with its 90 % interval by name of the parameter; empty for an autopilot without such a model. A
-            ballistic coefficient beyond ``MAX_BALLISTIC_COEFFICIENTS`` is left out: the autopilot does not take it.
+            coefficient beyond ``MAX_MOMENTUM_COEFFICIENT`` or ``MAX_BALLISTIC_COEFFICIENTS`` is left out, since the
+            autopilot does not take it.
         """
         if autopilot not in DRAG_PARAMETER_NAMES:
             return {}
@@ -367,7 +371,9 @@ class Drag(ImmutableResult):
         # The interval of the common coefficient is the mean of the intervals of both axes.
         low, high = self.interval("linear").mean(axis=1).tolist()
         momentum = float(np.exp(self.mean[LOG_LINEAR]))
-        parameters = {momentum_name: ParameterValue(momentum, low, high)}
+        parameters = {}
+        if momentum <= MAX_MOMENTUM_COEFFICIENT:
+            parameters[momentum_name] = ParameterValue(momentum, low, high)
         # A ballistic coefficient is inverse to the drag, so that the ends of the interval are exchanged.
         quadratic_low, quadratic_high = self.interval("quadratic")
         values = HALF_AIR_DENSITY / self.quadratic

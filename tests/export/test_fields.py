@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pymavlink
-from pytest import fixture, raises
+from pytest import fixture, mark, raises
 
 from mavdem.export.fields import (
     UNSET_VALUES,
@@ -56,6 +56,15 @@ def test_messages_are_listed_with_numeric_fields_and_instances(telemetry):
     assert attitude.instances == () and attitude.name_in_source == "ATT/AHR2"
     assert escs.fields == ("Instance", "RPM") and escs.instances == (0, 1)
     assert (escs.messages, escs.rate, escs.first_time, escs.last_time) == (4, 2, 1, 1.5)
+
+
+@mark.parametrize("name", ["I", "IMU", "Inst", "Instance", "C"])
+def test_dataflash_numbers_instances_by_fields_of_several_names(telemetry, name):
+    """VIBE has IMU, BAT has Inst or Instance, XKF1 has C, and most others have I."""
+    columns = dict(telemetry.messages["ESC"])
+    columns[name] = columns.pop("Instance")
+    (escs,) = numeric_messages(replace(telemetry, messages={"ESC": columns}))
+    assert escs.instances == (0, 1)
 
 
 def test_samples_are_those_of_one_instance_and_boot(telemetry):

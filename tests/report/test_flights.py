@@ -36,10 +36,10 @@ def fleet_counts(rows):
     return fleet_summary.fleet_counts(vehicle_summaries(rows))
 
 
-def test_the_next_step_of_a_fleet_is_that_of_its_most_urgent_vehicle():
+def test_a_fleet_has_the_next_step_of_each_vehicle_that_needs_a_look():
     """One vehicle has a weak motor, another oscillates, a third fell.
 
-    The most urgent one gives the next step, with its reason.
+    Each gives its next step, the most urgent one first and with its reason.
     """
     inspect = "Inspect motor 2 and its propeller before the next flight."
     weak = flight_row("beta", 0, health="fault", suspect_motor=2, next_step="Fly longer.")
@@ -56,7 +56,8 @@ def test_the_next_step_of_a_fleet_is_that_of_its_most_urgent_vehicle():
     assert (motors["health"], motors["sentence"]) == ("unknown", "It fell.")
     cycle = {"headline": "Oscillates.", "headline_level": "bad", "next_step": "Lower the gains."}
     rows = [flight_row("alpha", 0, **cycle), weak]
-    assert f"Next: beta: {inspect}" in plain_text(fleet_blocks(rows))
+    steps = f"Next: alpha: Lower the gains. beta: {inspect}"
+    assert steps in plain_text(fleet_blocks(rows))
     assert vehicle_texts([[rows[0]]]).next_step == "Lower the gains."
     lost = flight_row("beta", 1, **cycle, health="fault", suspect_motor=2)
     assert vehicle_texts([[weak], [lost]]).next_step == f"Lower the gains. {inspect}"
@@ -78,7 +79,7 @@ def test_vehicles_in_trouble_come_first_and_the_worst_before_others():
         flight_row("mended", 1),
     ]
     text = plain_text(fleet_blocks(rows))
-    worst = "beta (motor 2: fault), board (oscillates), newer (drift) and alpha (drift)"
+    worst = "board (oscillates), beta (motor 2: fault), newer (drift) and alpha (drift)"
     assert text.startswith(f"4 of 5 vehicles need a look: {worst}.")
     # Several vehicles may have flown under no name, or under one system id.
     unnamed = [

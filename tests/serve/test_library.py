@@ -23,11 +23,12 @@ from standin_logs import fleet_of, rows_of_log
 
 from mavdem.assessment.flown_flights import FlownFlight
 from mavdem.errors import Unreadable
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.facts.fleet import ReadingFact
 from mavdem.facts.lights import Light
 from mavdem.facts.serve import ListingOrder, Stage, StartFailure
 from mavdem.facts.sources import SourceFact
+from mavdem.facts.urgency import urgency_of_headline
 from mavdem.fleet.names import GivenNames
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.stored_rows import read_rows
@@ -477,6 +478,29 @@ def test_flights_are_listed_by_upload_or_by_date_with_undated_ones_last(library)
     assert [entry.id for entry in by_upload] == [ids[1], ids[0]] and total == 3
     by_flight, _ = library.find(*ALL, 3, order=ListingOrder.FLIGHT)
     assert [entry.id for entry in by_flight] == [ids[2], ids[0], ids[1]]
+
+
+def test_the_most_urgent_flights_come_first_and_unread_logs_last_in_every_order(library):
+    """A library of an earlier version has the levels of headlines only."""
+    levels = (Level.GOOD, Level.BAD, Level.WATCH)
+    ids = []
+    for number, level in enumerate(levels):
+        entry = stored_entry(library, f"{number}.")
+        urgency = urgency_of_headline(level, None)
+        columns = {"stage": Stage.DONE, "level": level, "urgency": urgency}
+        ids.append(library.change(entry.id, **columns, received=float(number)).id)
+    unread = stored_entry(library, "unread.")
+    library.change(unread.id, stage=Stage.FAILED, received=9.0)
+    for order, expected in (
+        (ListingOrder.URGENCY, [ids[1], ids[2], ids[0], unread.id]),
+        (ListingOrder.UPLOAD, [ids[2], ids[1], ids[0], unread.id]),
+    ):
+        assert [entry.id for entry in library.find(*ALL, 4, order=order).entries] == expected
+    library.db.execute("drop index by_urgency")
+    library.db.execute("alter table entries drop column urgency")
+    create_or_update_table(library.db)
+    by_urgency = library.find(*ALL, 4, order=ListingOrder.URGENCY).entries
+    assert [entry.id for entry in by_urgency] == [ids[1], ids[2], ids[0], unread.id]
 
 
 def test_flights_are_sorted_and_found_by_flight_time_distance_and_height(library):

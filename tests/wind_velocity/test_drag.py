@@ -81,6 +81,9 @@ def test_what_somebody_set_in_the_autopilot_takes_the_place_of_the_populations_d
     drag_by_parameters = Drag.from_parameters("ARDUPILOTMEGA", coefficients)
     assert (usual.source, drag_by_parameters.source) == ("population", "parameters")
     written = drag_by_parameters.autopilot_parameters("ARDUPILOTMEGA")
+    # Both autopilots take a momentum coefficient of up to 1/s.
+    draggy = Drag.from_parameters("ARDUPILOTMEGA", coefficients | {"EK3_DRAG_MCOEF": 1.2})
+    assert list(draggy.autopilot_parameters("ARDUPILOTMEGA")) == [*names[1:]]
     assert {name: round(written[name][0], 6) for name in names} == coefficients
     for name, quadratic in (("EK3_DRAG_BCOEF_X", 0), ("EK3_DRAG_BCOEF_Y", 1)):
         low, high = drag_by_parameters.interval("quadratic")[:, quadratic]

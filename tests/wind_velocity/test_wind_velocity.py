@@ -326,7 +326,7 @@ def test_a_loss_of_control_is_no_gust():
     # The attitude of this flight misses its setpoint from 352 s on, by up to 50°.
     assert start < 352 < end and estimate.time[-1] <= start
     text = plain_text(wind_blocks(WindEvidence(estimate, None, None)))
-    assert text.count(f"{start:.0f} to {end:.0f} s, since the attitude was") == 1
+    assert text.count(f"{start:.0f} to {end:.0f} s, within 10 s of an attitude far") == 1
 
 
 def test_what_is_no_free_flight_is_refused():

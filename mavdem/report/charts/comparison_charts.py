@@ -27,7 +27,7 @@ PITCH_RATE = "Pitch rate (°/s)"
 HEIGHT = "Height (m)"
 MEAN_MOTOR_OUTPUT = "Mean motor output (%)"
 BATTERY_VOLTAGE = "Battery voltage (V)"
-VIBRATION = "Vibration of the worst axis (m/s²)"
+VIBRATION = "Vibration of IMU 1, worst axis (m/s²)"
 
 MAX_MOTORS = 12
 """Motors that charts have names for: those of the largest frames."""
@@ -106,8 +106,8 @@ def flight_series(signals: Signals) -> FlightSeries:
     Returns:
         Roll, pitch and how far each is from its setpoint, °; their rates, °/s; height, m; mean output of all motors,
         and of each motor the means over ``MEAN_SECONDS``, % of the range; voltage of the first battery, V; and
-        vibration of the worst axis, m/s². Each is an array (2, N) of times since take-off, s, and values. Empty if the
-        vehicle never flew.
+        vibration of the first IMU along its worst axis, m/s². Each is an array (2, N) of times since take-off, s, and
+        values. Empty if the vehicle never flew.
     """
     flight = longest_flight(signals)
     if flight is None:
@@ -176,7 +176,9 @@ def _recorded_series(signals: Signals) -> dict[str, TimeSeries]:
     vibration = reported_vibration(signals)
     if vibration is not None:
         levels = vibration.levels
-        recorded_series[VIBRATION] = TimeSeries(levels.time, levels.boot, levels.values.max(axis=1))
+        # IMUs are mounted in different ways, so that two flights are compared by the same one.
+        first_imu = vibration.largest_of_axes(levels.values)[:, 0]
+        recorded_series[VIBRATION] = TimeSeries(levels.time, levels.boot, first_imu)
     return recorded_series
 
 

@@ -4,9 +4,17 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
+from mavdem.facts.margins import MarginsLight
 from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.parameter_changes import axes_of_parameter
-from mavdem.fleet.quantities import LOOP_KINDS
+from mavdem.fleet.quantities import (
+    ATTITUDE_GAIN_MARGIN,
+    ATTITUDE_PHASE_MARGIN,
+    GAIN_MARGIN,
+    LOOP_KINDS,
+    MAX_SENSITIVITY,
+    PHASE_MARGIN,
+)
 from mavdem.fleet.random_effects import QuantityChange
 from mavdem.fleet.report_columns import value_at
 from mavdem.report.blocks import Blocks, Sentence
@@ -32,6 +40,15 @@ from mavdem.report.difference.quantity_texts import change_text
 from mavdem.report.difference.reviewed import ReviewedDifference
 from mavdem.report.numbers import listed
 from mavdem.report.templates import render_section, without_full_stop
+
+KINDS_OF_MARGINS = {
+    ("rate", "phase_margin"): PHASE_MARGIN,
+    ("rate", "gain_margin"): GAIN_MARGIN,
+    ("rate", "ms"): MAX_SENSITIVITY,
+    ("attitude", "phase_margin"): ATTITUDE_PHASE_MARGIN,
+    ("attitude", "gain_margin"): ATTITUDE_GAIN_MARGIN,
+}
+"""Kinds of compared quantities, by the loop and the figure that the light on margins names."""
 
 MAX_HEADLINE_GAINS = 4
 """Largest number of changed gains that the headline names: a choice."""
@@ -65,7 +82,7 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
     if difference.is_of_same_flight:
         return render_section("difference_same_flight", flights=difference.flights.before)
     lights = bad_lights(reviewed.reviews)
-    light_sentences = _sentences_on_bad_lights(lights)
+    light_sentences = _sentences_on_bad_lights(lights, reviewed)
     if not any(light.name == Light.MOTORS for light in lights):
         light_sentences += _sentence_on_watched_motors(reviewed)
     light_sentences = with_evidence(light_sentences, reviewed.motors, difference)
@@ -74,7 +91,9 @@ def headline_of_comparison(reviewed: ReviewedDifference) -> list[Sentence]:
     changed_axes = {
         change.quantity.axis for change in changes if change.quantity.kind in LOOP_KINDS
     }
-    gain_sentences = _sentences_on_gains(reviewed, changes, bad_axes | changed_axes)
+    gain_sentences = _sentences_on_gains(
+        reviewed, changes, bad_axes | changed_axes, light_sentences
+    )
     watched = sentences_on_watched_lights(reviewed.reviews)
     result = result_sentences(reviewed, changes, has_watched_light=bool(watched))
     sentences: list[Sentence] = []
@@ -93,6 +112,7 @@ def _sentences_on_gains(
     reviewed: ReviewedDifference,
     changes: Sequence[QuantityChange],
     relevant_axes: Collection[str],
+    light_sentences: Sequence[Sentence],
 ) -> list[Sentence]:
     """Returns the sentence of the headline on changed gains, and on the changes of quantities that follow from them.
 
@@ -101,6 +121,7 @@ def _sentences_on_gains(
         changes: the changed quantities, the most relevant first.
         relevant_axes: axes of loops with a bad margin or a changed quantity, whose gains are named; if none of these
             changed, all changed gains are.
+        light_sentences: sentences on the lights, which stand above: changes that they state are not repeated.
 
     Returns:
         A list with one sentence; empty if no parameter changed.
@@ -114,10 +135,13 @@ def _sentences_on_gains(
     axes_of_gains = set[str]()
     for gain in gains:
         axes_of_gains.update(axes_of_parameter(gain.name))
+    texts_above = " ".join(sentence.text for sentence in light_sentences)
     effects = []
     for change in changes:
         if difference.follows_from_gains(change) and change.quantity.axis in axes_of_gains:
-            effects.append(change_text(change, difference))
+            text = change_text(change, difference)
+            if text not in texts_above:
+                effects.append(text)
     return render_section(
         "difference_gains",
         gains=shown_gains,
@@ -127,25 +151,63 @@ def _sentences_on_gains(
     )
 
 
-def _sentences_on_bad_lights(lights: Iterable[BadLight]) -> list[Sentence]:
+def _sentences_on_bad_lights(
+    lights: Iterable[BadLight], reviewed: ReviewedDifference
+) -> list[Sentence]:
     """Returns one sentence for each status light that is bad: its levels in both logs, and the reason.
 
     One reason, such as a crash, may make several lights bad. It is written out for the first of them only, and the
-    others refer to it.
+    others refer to it. The reason of bad margins is the margin in both logs, if it is known of both.
 
     Args:
         lights: the bad lights, in the order of their sentences.
+        reviewed: comparison of the two states, with the margins of both.
     """
     sentences = []
     stated_reasons = set[str]()
     for light in lights:
-        if light.reason in stated_reasons:
+        change_of_margin = _change_of_bad_margin(light, reviewed)
+        if change_of_margin:
+            text = f"{light.levels}: {change_of_margin}."
+        elif light.reason in stated_reasons:
             text = f"{light.levels}, for the cause stated above."
         else:
             text = f"{light.levels}. {light.reason}"
             stated_reasons.add(light.reason)
         sentences.append(Sentence(text, lead=f"{light.name.capitalize()}:"))
     return sentences
+
+
+def _change_of_bad_margin(light: BadLight, reviewed: ReviewedDifference) -> str:
+    """Returns the margin that makes the light on margins bad, in A and in B, such as "phase margin on roll 29 → 12°".
+
+    Args:
+        light: a bad light.
+        reviewed: comparison of the two states, with the margins of both.
+
+    Returns:
+        The change; empty for another light, if both logs lack different margins, if a margin is in doubt, or if it is
+        not known of both.
+    """
+    if light.name != Light.MARGINS:
+        return ""
+    lights_by_side = lights_of_both(reviewed.reviews)[light.name]
+    margins = set[tuple[str, str, str]]()
+    for side in light.bad_sides:
+        bad_light = lights_by_side[side]
+        is_margin = bad_light.get("code") == MarginsLight.LOOP_MARGINS
+        if not is_margin or value_at(bad_light, "figures.reason"):
+            return ""
+        figures = bad_light["figures"]
+        margins.add((bad_light["subject"], figures["lacking"], figures["axis"]))
+    if len(margins) > 1:
+        return ""
+    ((loop_name, figure_name, axis),) = margins
+    kind = KINDS_OF_MARGINS.get((loop_name, figure_name))
+    for change in reviewed.difference.changes:
+        if change.quantity.kind == kind and change.quantity.axis == axis:
+            return change_text(change, reviewed.difference)
+    return ""
 
 
 def with_evidence(
@@ -235,13 +297,18 @@ def headline_blocks(
         comparison_headline: the sentences above, which head the comparison of both logs.
 
     Returns:
-        A sentence for each side whose headline the comparison does not contain already.
+        A sentence for each side whose headline the comparison does not contain already; one for both sides with the
+        same headline.
     """
-    blocks = Blocks()
+    sides_by_headline = dict[str, list[str]]()
     for side, headline in headlines.items():
         if not headline:
             continue
         is_stated_above = any(headline in sentence.text for sentence in comparison_headline)
         if not is_stated_above:
-            blocks.append(Sentence(headline, lead=f"{side} by itself:"))
+            sides_by_headline.setdefault(headline, []).append(side)
+    blocks = Blocks()
+    for headline, sides in sides_by_headline.items():
+        lead = f"{sides[0]} by itself:" if len(sides) == 1 else "Each by itself:"
+        blocks.append(Sentence(headline, lead=lead))
     return blocks

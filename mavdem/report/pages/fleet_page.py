@@ -21,7 +21,6 @@ from mavdem.report.charts.plans import MIN_ROSE_FLIGHTS, dots_of_flights, rose_o
 from mavdem.report.charts.vehicle_charts import vehicle_groups
 from mavdem.report.fleet import (
     ANOMALOUS_HEALTHS,
-    MAX_URGENT_RANK,
     NOT_USED,
     is_serial,
     short_name,
@@ -321,12 +320,13 @@ def _vehicle_sections(
 ) -> list[VehicleSection]:
     """Makes the sections of a fleet's page: one for each vehicle, with its flights, status, next step and charts.
 
-    The most urgent vehicle comes first; urgency is a rank by the health of the motors and the latest headline.
+    The most urgent vehicle comes first; urgency follows from the headline of the latest flight and the health of the
+    motors.
 
     Flights whose logs do not identify their vehicle may be of several vehicles, and have no section, unless they were
     compared with a baseline. To keep the page small, charts are drawn only for the ``MAX_DRAWN`` most urgent vehicles
-    with more than one flight. Sections are folded, except the first one with charts if its vehicle needs a look and its
-    motors were judged: otherwise there is little to see.
+    with more than one flight. Sections are folded, so that all vehicles that need a look can be seen at once. If it is
+    only one, and its motors were judged, its section is unfolded.
 
     Args:
         summaries: summary of the flights under each name.
@@ -343,16 +343,16 @@ def _vehicle_sections(
         # A baseline says that the flights under a shared name are of one vehicle, and then motors are judged.
         if name not in shared_names or vehicle.health != UNKNOWN:
             vehicles[name] = vehicle
-    names_by_urgency = sorted(vehicles, key=lambda name: (vehicles[name].urgency, name))
+    names_by_urgency = sorted(vehicles, key=lambda name: (vehicles[name].urgency_and_age, name))
     names_with_charts = [name for name in names_by_urgency if vehicles[name].flight_count > 1]
     names_with_charts = names_with_charts[:MAX_DRAWN]
     bar_count = _bar_count(vehicles)
     latest_lines = {summary.name: _latest_line(summary) for summary in summaries}
+    urgent_count = sum(vehicle.needs_look for vehicle in vehicles.values())
     sections = []
     for name in names_by_urgency:
         vehicle = vehicles[name]
         latest_line = latest_lines[name]
-        needs_look = vehicle.urgency.rank < MAX_URGENT_RANK
         is_shared = name in shared_names
         label = vehicle_name_or_type(name, vehicle.last.frame, names, is_shared=is_shared)
         sections.append(
@@ -373,7 +373,7 @@ def _vehicle_sections(
                 changes=changes.get(name, ()),
                 # Charts are HTML that this program made itself, so that nothing in it has to be escaped.
                 charts=Markup(charts(name) if name in names_with_charts else ""),  # noqa: S704
-                is_open=needs_look and vehicle.health != UNKNOWN and name in names_with_charts[:1],
+                is_open=vehicle.needs_look and urgent_count == 1 and vehicle.health != UNKNOWN,
             )
         )
     return sections
@@ -505,8 +505,7 @@ def _note_on_vehicle(vehicle: VehicleFlights) -> str:
     Args:
         vehicle: summary of the vehicle's flights, with texts on its motors and the headline of its latest flight.
     """
-    needs_attention = vehicle.urgency.rank < MAX_URGENT_RANK
-    if needs_attention:
+    if vehicle.needs_look:
         # The reason is in the same words as the text on the latest flight, but shorter.
         return vehicle.texts.reason or vehicle.texts.latest_flight
     # The headline is empty unless it is bad or to be watched.

@@ -32,6 +32,7 @@ from mavdem.report.charts.timeline import history_timeline
 from mavdem.report.charts.vehicle_charts import vehicle_groups
 from mavdem.report.fleet import (
     HEALTH_LEVELS,
+    badge_level,
     motors_level,
     unnamed_vehicle,
     vehicle_label,
@@ -325,8 +326,12 @@ def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values
     """
     summary = ""
     next_step = ""
+    latest_flight = ""
+    level = Level.UNKNOWN
     if flights:
         texts = vehicle_texts(flights)
+        latest_flight = texts.latest_flight
+        level = badge_level(flights)
         summary = texts.all_flights
         next_step = texts.next_step
     groups: list[Group] = []
@@ -339,6 +344,8 @@ def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values
         groups = vehicle_groups(flights, addresses)
     return render_server_page(
         "vehicle",
+        latest_flight=latest_flight,
+        level=level,
         words=summary,
         next_step=next_step,
         changes=[*changes],

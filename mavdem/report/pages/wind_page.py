@@ -78,8 +78,8 @@ def wind_page(
         is_side_by_side=True,
     )
     head = Head(
-        # A green edge would call a flight sound that ended in a crash.
-        level=Level.BAD if warnings_of_flight else _wind_level(wind_evidence, assessment),
+        # The edge is about the wind, but a green one would call a flight sound that ended in a crash.
+        level=Level.UNKNOWN if warnings_of_flight else _wind_level(wind_evidence, assessment),
         # The page is about the wind alone: the levels of motors, power and the like are not shown.
         lights={},
         timeline=timeline,

@@ -9,6 +9,7 @@ from fleet_rows import flight_row
 from numpy.testing import assert_allclose
 
 from mavdem.facts.fleet import QuantityOutcome
+from mavdem.facts.margins import MarginsLight
 from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.parameter_changes import ParameterChange
 from mavdem.fleet.quantities import SHARE
@@ -22,7 +23,7 @@ from mavdem.report.difference.conditions import (
     vibration_row,
     wind_rows,
 )
-from mavdem.report.difference.headline import headline_of_comparison
+from mavdem.report.difference.headline import headline_blocks, headline_of_comparison
 from mavdem.report.difference.identity import identity_remarks
 from mavdem.report.difference.lights import light_blocks
 from mavdem.report.difference.motors import motor_table
@@ -429,3 +430,29 @@ def test_a_page_lists_no_more_parameters_than_an_autopilot_has(difference):
     page = comparison_page(("a.bin", "b.bin"), reviewed)
     assert f">P{MAX_LISTED_PARAMETERS - 1}<" in page and f">P{MAX_LISTED_PARAMETERS}<" not in page
     assert f"{len(parameters)} of {2 * len(parameters)} parameters changed, the first" in page
+
+
+def test_a_bad_margin_is_stated_for_both_flights():
+    """The lights of both lack the same margin, which one sentence compares; other reasons stay as they are."""
+    states = [
+        [flight_row("quad", 0, phase_margin=margin, phase_margin_interval=0.02)]
+        for margin in (0.5, 0.2)
+    ]
+    margins = vehicle_difference(*states)
+    figures = {"lacking": "phase_margin", "axis": "roll", "reason": None}
+    light = {"level": "bad", "code": MarginsLight.LOOP_MARGINS, "subject": "rate"}
+    reviews = {
+        side: {"lights": {"margins": light | {"figures": figures, "sentence": f"{side} lacks it."}}}
+        for side in "AB"
+    }
+    sentence, *_ = headline_of_comparison(reviewed_difference(margins, reviews))
+    assert sentence.text.startswith("bad in A and B: phase margin on roll 29 → 11° (")
+    other_loop = reviews["B"]["lights"]["margins"] | {"subject": "attitude"}
+    reviews["B"] = {"lights": {"margins": other_loop}}
+    sentence, *_ = headline_of_comparison(reviewed_difference(margins, reviews))
+    assert sentence.text == "bad in A and B. A: A lacks it. B: B lacks it."
+
+
+def test_the_same_headline_of_both_flights_stands_once():
+    (sentence,) = headline_blocks({"A": "Too few messages.", "B": "Too few messages."})
+    assert (sentence.lead, sentence.text) == ("Each by itself:", "Too few messages.")

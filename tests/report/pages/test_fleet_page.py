@@ -159,11 +159,15 @@ def test_vehicles_are_sorted_by_what_needs_work_first():
         "sound": {"headline_level": "good"},
         "watched": {"headline_level": "watch", "headline": "It vibrates."},
         "drifting": {"health": "drift"},
-        "crashed": {"headline_level": "bad", "headline": "It crashed."},
+        "crashed": {
+            "headline_level": "bad",
+            "headline_rank": 0,
+            "headline": "It crashed.",
+        },
         "faulty": {"health": "fault"},
     }
     rows = [flight_row(name, 0, **columns) for name, columns in latest.items()]
-    assert [*parts(fleet_page(rows))] == ["faulty", "crashed", "drifting", "watched", "sound"]
+    assert [*parts(fleet_page(rows))] == ["crashed", "faulty", "drifting", "watched", "sound"]
 
 
 def test_a_fault_is_marked_and_an_unknown_is_a_gap_or_of_all_flights_no_panel():
