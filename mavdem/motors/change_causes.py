@@ -90,7 +90,7 @@ def log_sum(logarithms: Any) -> Any:
 
 def cause_evidence(
     changes: WindowChanges,
-    no_change: Array,
+    log_density_without_change: Array,
     signatures: Array,
     lean: Array,
     weak_motor_sizes: Mapping[int, float],
@@ -104,7 +104,7 @@ def cause_evidence(
 
     Args:
         changes: Change of the balance on a axes for each of w windows.
-        no_change: (w,) log density of the changes where nothing changed.
+        log_density_without_change: (w,) log density of the changes if nothing changed.
         signatures: (k, a) change of the balance where the own command of a motor rises by 1.
         lean: (w, 2) mean roll and pitch of the vehicle in each window, rad; NaN where they are not known.
         weak_motor_sizes: Rise of the command of each motor that is weak already, by its index.
@@ -122,12 +122,12 @@ def cause_evidence(
     # (s, h, w).
     densities = log_t_density(changes, expected_by_size)
     # All sizes are equally probable, and so is the loss of any motor. Recoveries follow the losses.
-    motor_log_factors_by_window = log_sum(densities) - log(len(RISES)) - no_change
+    motor_log_factors_by_window = log_sum(densities) - log(len(RISES)) - log_density_without_change
     motor_log_factors = log_sum(motor_log_factors_by_window.T) - log(motor_count)
     motor_log_factors[motor_count:] += log(RECOVERIES_PER_LOSS)
-    load = _log_factors_of_load(changes, no_change, lean)
-    yaw = _log_factors_of_axes(changes, no_change, IS_YAW)
-    all_axes = _log_factors_of_axes(changes, no_change, np.ones_like(IS_YAW))
+    load = _log_factors_of_load(changes, log_density_without_change, lean)
+    yaw = _log_factors_of_axes(changes, log_density_without_change, IS_YAW)
+    all_axes = _log_factors_of_axes(changes, log_density_without_change, np.ones_like(IS_YAW))
     return CauseEvidence(
         rises=rises,
         motor_log_factors_by_window=motor_log_factors_by_window,
@@ -155,12 +155,14 @@ def log_odds_of_motor_cause(
     load = log_sum(evidence.load_log_factors) + log(loads_per_motor)
     other_changes = evidence.other_log_factor + log(OTHERS_PER_MOTOR)
     # The Bayes factor of "nothing changed" against itself is 1.
-    no_change = 0.0
-    rivals = [*other_motor_causes, load, other_changes, no_change]
+    nothing_changed = 0.0
+    rivals = [*other_motor_causes, load, other_changes, nothing_changed]
     return float(evidence.motor_log_factors[cause] - log_sum(rivals))
 
 
-def _log_factors_of_axes(changes: WindowChanges, no_change: Array, is_changed_axis: Array) -> Array:
+def _log_factors_of_axes(
+    changes: WindowChanges, log_density_without_change: Array, is_changed_axis: Array
+) -> Array:
     """Returns the log Bayes factors of a cause that changes the balance about some axes by an unknown amount.
 
     The unknown amount is normal with the standard deviation ``OTHER_CHANGE_SD``, which adds to the variance of these
@@ -168,14 +170,14 @@ def _log_factors_of_axes(changes: WindowChanges, no_change: Array, is_changed_ax
 
     Args:
         changes: Change of the balance on a axes for each of w windows.
-        no_change: (w,) log density of the changes where nothing changed.
+        log_density_without_change: (w,) log density of the changes if nothing changed.
         is_changed_axis: (a,) 1 for an axis that the cause changes, otherwise 0.
 
     Returns:
         (w,) logarithms of the Bayes factors against "nothing changed".
     """
     added_variance = OTHER_CHANGE_SD**2 * is_changed_axis
-    return log_t_density(changes, 0.0, added_variance) - no_change
+    return log_t_density(changes, 0.0, added_variance) - log_density_without_change
 
 
 def cause_probabilities(evidence: CauseEvidence, selection: Flags) -> CauseProbabilities:
@@ -212,7 +214,9 @@ def cause_probabilities(evidence: CauseEvidence, selection: Flags) -> CauseProba
     )
 
 
-def _log_factors_of_load(changes: WindowChanges, no_change: Array, lean: Array) -> Array:
+def _log_factors_of_load(
+    changes: WindowChanges, log_density_without_change: Array, lean: Array
+) -> Array:
     """Returns the log Bayes factors of a load that shifted, by unknown distances forward and to the right.
 
     A load changes roll and pitch by amounts R and P that are normal with the standard deviation ``OTHER_CHANGE_SD``
@@ -221,7 +225,7 @@ def _log_factors_of_load(changes: WindowChanges, no_change: Array, lean: Array) 
 
     Args:
         changes: Change of the balance in roll, pitch and yaw for each of w windows.
-        no_change: (w,) log density of the changes where nothing changed.
+        log_density_without_change: (w,) log density of the changes if nothing changed.
         lean: (w, 2) mean roll and pitch of the vehicle in each window, rad; NaN where they are not known.
 
     Returns:
@@ -240,7 +244,7 @@ def _log_factors_of_load(changes: WindowChanges, no_change: Array, lean: Array) 
     added_variance = np.full(expected.shape, prior_variance)
     added_variance[..., YAW] = ratios**2 * yaw_change.variance
     densities = log_t_density(changes, expected, added_variance)
-    return np.asarray(log_sum(densities) - log(len(YAW_PER_TILT)) - no_change)
+    return np.asarray(log_sum(densities) - log(len(YAW_PER_TILT)) - log_density_without_change)
 
 
 class _YawChange(NamedTuple):
@@ -317,7 +321,7 @@ def hypothetical_rises(motor_count: int, weak_motor_sizes: Mapping[int, float]) 
 
 
 def can_reach_threshold(
-    changes: WindowChanges, no_change: Array, motor_causes: int, threshold: float
+    changes: WindowChanges, log_density_without_change: Array, motor_causes: int, threshold: float
 ) -> bool:
     """Returns whether any cause could explain the changes of the balance well enough for an alarm.
 
@@ -328,17 +332,17 @@ def can_reach_threshold(
 
     Args:
         changes: Change of the balance for each of w windows (assumptions on when the change began).
-        no_change: (w,) log density of the changes where nothing changed.
+        log_density_without_change: (w,) log density of the changes if nothing changed.
         motor_causes: Number of losses and of recoveries of single motors.
         threshold: Logarithm of the sum of Bayes factors that an alarm needs.
     """
     # The log density at the expected change itself: the squares of the errors are 0, so only the variance remains.
     log_perfect_density = -np.log(changes.variance).sum(axis=-1) / 2
-    largest_log_factor = (log_perfect_density - no_change).max()
+    largest_log_factor = (log_perfect_density - log_density_without_change).max()
     # An alarm compares one of two sums with the threshold: the factors of one cause over all windows, with prior odds
     # of at most ``RECOVERIES_PER_LOSS``, or the factors of all causes in one window. Both together have no more terms
     # than this. The joint recovery of all weak motors is one more cause.
-    window_count = len(no_change)
+    window_count = len(log_density_without_change)
     cause_count = motor_causes + CAUSES_WITHOUT_MOTOR + 1
     term_count = RECOVERIES_PER_LOSS * window_count + cause_count
     return bool(largest_log_factor + log(term_count) >= threshold)

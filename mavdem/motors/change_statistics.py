@@ -130,13 +130,16 @@ def changes_with_least_variance(
 ) -> WindowChanges:
     """Returns the changes as :func:`window_changes` does, but with the least variance that they may have.
 
-    The long-run variance of a block is never estimated to be less than its prior, which is taken for it here. This
-    takes a fourth of the time.
+    The long-run variance of a block is never estimated to be less than its prior variance, which is used here instead
+    of an estimate. This takes a fourth of the time.
 
     Args:
         means: means of a axes in w windows, and before them.
         prior_variance: (a,) prior long-run variance of a block.
         prior_freedom: Degrees of freedom of that prior.
+
+    Returns:
+        For each window the change, its least variance with its degrees of freedom, and the prior variance of a block.
     """
     block_variance = np.broadcast_to(prior_variance, means.before.shape)
     return _changes_of_means(means, block_variance, block_variance, prior_freedom)
@@ -155,6 +158,9 @@ def _changes_of_means(
         variance_before: (w, a) long-run variance of a block before each window.
         variance_in_window: (w, a) long-run variance of a block in each window.
         prior_freedom: Degrees of freedom of the prior of these variances.
+
+    Returns:
+        For each window the change, its variance with its degrees of freedom, and the variance of a block before it.
     """
     mean_before_variance = variance_before / means.effective_blocks[:, None]
     mean_in_window_variance = variance_in_window / means.lengths[:, None]
