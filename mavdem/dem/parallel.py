@@ -534,7 +534,8 @@ def _prepare_learning(niceness: int, pause_receiver: ReceivingEnd) -> None:
     """
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     signal.signal(PAUSE_SIGNAL, _wait_while_paused)
-    # This thread starts before the priority is lowered. On Linux it so keeps the normal priority, and pauses at once.
+    # On Linux a thread keeps the priority with which it starts. This one starts before the priority is lowered, so that
+    # it pauses the worker at once.
     Thread(target=_receive_pauses, args=(pause_receiver,), daemon=True).start()
     if niceness > 0:
         lower_priority(niceness)

@@ -212,11 +212,12 @@ def error_covariance(errors: Array) -> Array:
 def em(train: TrainingData, order: int = 2) -> Identified:
     """Fits a state-space model by expectation maximisation (EM), with independent white noises of states and outputs.
 
-    In the E step, states are smoothed under the present model. In the M step A, B, offset and Q, C, trim and R, and the
-    first states of the segments are regressed on them (Shumway and Stoffer, Journal of Time Series Analysis 3(4), 1982;
-    with inputs Cara, Juan and Alarcón, Mechanical Systems and Signal Processing 46(2), 2014). The likelihood rises with
-    every iteration from the subspace model on, to a maximum that need not be the highest. K is the steady-state Kalman
-    gain. The result is consistent in closed loop, if order and noises are right.
+    The E step smooths the states with the present model. The M step computes new parameters from the smoothed states by
+    regressions: A, B, offset and noise covariance Q of the states, C, trim and noise covariance R of the outputs, and
+    the first states of the segments (Shumway and Stoffer, Journal of Time Series Analysis 3(4), 1982; with inputs Cara,
+    Juan and Alarcón, Mechanical Systems and Signal Processing 46(2), 2014). It starts from the subspace model, and the
+    likelihood rises with every iteration, to a maximum that need not be the highest. K is the steady-state Kalman gain.
+    The result is consistent in closed loop, if order and noises are right.
 
     Args:
         train: a flight, or segments of one that are sampled at the same rate.
