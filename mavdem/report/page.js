@@ -97,11 +97,12 @@
       return;
     }
     if (!flight()) return;
-    const [first, last] = flight().whole;
+    // What was written before or after the plots leads to their begin or end.
+    const [first, last] = flight().whole, place = Math.min(Math.max(+time, first), last);
     root.eventShown = true;
-    zoom(flight(), Math.max(+time - 5, first), Math.min(+time + 5, last));
+    zoom(flight(), Math.max(place - 5, first), Math.min(place + 5, last));
     // The charts take their new span before the next picture, and the cursor its place in it.
-    requestAnimationFrame(() => setCursor(flight(), +time));
+    requestAnimationFrame(() => setCursor(flight(), place));
     // A short list above the plots stays on the screen with them, so that its next event is one click away.
     const part = document.getElementById("flight"), plots = part.querySelector(".charts");
     const isListShort = plots.getBoundingClientRect().top - part.getBoundingClientRect().top < innerHeight / 2;
