@@ -24,6 +24,7 @@ from mavdem.assessment.flights import loss_onset, settled_flight
 from mavdem.assessment.time_history import TimeHistory, time_history
 from mavdem.dataset import phases, time_series
 from mavdem.dataset.intervals import Intervals, in_intervals, intersection
+from mavdem.dataset.parameter_history import ParametersInFlight, parameter_history
 from mavdem.dataset.segment_learnability import Learnability
 from mavdem.dataset.segments import (
     Segment,
@@ -188,11 +189,18 @@ class Evidence:
 
     @cached_property
     def gain_reduction(self) -> Fact | None:
-        """Which gains to lower against a limit cycle; None if nothing oscillates."""
+        """Which gains to lower against a limit cycle, from what they were then; None if nothing oscillates."""
         oscillation = self.condition.oscillation
         if oscillation is None:
             return None
-        return gain_reduction_advice(oscillation, self.signals.telemetry.parameters)
+        cycles = (oscillation, *oscillation.other_axes)
+        history = parameter_history(self.signals)
+        return gain_reduction_advice(oscillation, history.during([cycle.span for cycle in cycles]))
+
+    @cached_property
+    def parameters_in_flight(self) -> ParametersInFlight:
+        """The autopilot's parameters in the flight by which margins and tracking are judged."""
+        return parameter_history(self.signals).during(self.settled_segments(EXCITATION_MODES))
 
     @property
     def command_arguments(self) -> list[str]:

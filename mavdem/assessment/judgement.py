@@ -161,7 +161,7 @@ def loop_decisions(evidence: Evidence, motors_light: Fact) -> DecisionsByAxis:
             oscillation=evidence.condition.oscillation,
             gain_reduction=evidence.gain_reduction,
             vehicle_repairs=repairs,
-            parameters=evidence.signals.telemetry.parameters,
+            parameters=evidence.parameters_in_flight,
             tune_arguments=tuple(evidence.command_arguments),
             attitude_swing=_swing_to_explain(margins.axis, swings),
         )

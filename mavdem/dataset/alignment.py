@@ -2,21 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from math import isfinite
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from mavdem.arrays import Array, Integers
+from mavdem.arrays import Array
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import TILT_AXES, model_outputs
+from mavdem.dataset.parameter_history import BootTime, parameter_history
 from mavdem.dataset.resampling import common_grid, common_step, mean_rate, resample
 from mavdem.dataset.segments import Segment, rows_of_segment
 from mavdem.dataset.setpoints import Setpoint, held_setpoint
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.flight import Flight
-from mavdem.ingest.mavlink.payloads import decoded_parameters
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS, CONTROL_PARAMETERS
 
@@ -180,7 +179,6 @@ def _vehicle_provenance(signals: Signals, segment: Segment) -> JsonValues:
 def _earlier_parameters(signals: Signals, segment: Segment) -> Parameters:
     """Returns the controller's parameters whose values at the start of a segment differ from those at the log's end.
 
-    If a log has no messages with parameters, their first values are taken for those at the start of the segment.
     Parameters that the autopilot itself changes in flight are left out.
 
     Args:
@@ -191,77 +189,15 @@ def _earlier_parameters(signals: Signals, segment: Segment) -> Parameters:
         Their values at the start of the segment, by name.
     """
     telemetry = signals.telemetry
-    values_at_start = telemetry.initial_parameters
-    if "PARAM_VALUE" in telemetry.messages:
-        values_at_start = _changed_parameters_at(signals, segment.boot, segment.start)
+    history = parameter_history(signals)
+    values_at_start = history.at(BootTime(segment.boot, segment.start))
     earlier_values = {}
-    for name, value in values_at_start.items():
+    # All parameters that never changed have their last value.
+    for name in history.settings:
+        value = values_at_start[name]
         is_control_parameter = CONTROL_PARAMETERS.match(name)
         is_set_by_autopilot = AUTOPILOT_SET_PARAMETERS.search(name)
         has_changed = telemetry.parameters.get(name) != value
         if is_control_parameter and not is_set_by_autopilot and has_changed:
             earlier_values[name] = value
     return earlier_values
-
-
-def _changed_parameters_at(signals: Signals, boot: int, time: float) -> Parameters:
-    """Returns the values at some time of those parameters that changed in the log.
-
-    Args:
-        signals: signals of the vehicle, whose log has PARAM_VALUE.
-        boot: number of the boot; a boot lasts from one start of the autopilot to the next.
-        time: s since boot.
-
-    Returns:
-        The last finite value that was sent until then, by name; parameters that were not sent until then are left out.
-    """
-    changes = _changed_parameters(signals)
-    is_of_earlier_boot = changes.boot < boot
-    is_earlier_in_boot = (changes.boot == boot) & (changes.time <= time)
-    values = {}
-    for row in np.flatnonzero(is_of_earlier_boot | is_earlier_in_boot).tolist():
-        name, value = changes.names_and_values[row]
-        if isfinite(value):
-            values[name] = value
-    return values
-
-
-class ParameterMessages(NamedTuple):
-    """N messages that an autopilot sent of its parameters, in the order of the log."""
-
-    boot: Integers
-    """Number of the boot (N,) in which each was sent."""
-    time: Array
-    """When it was sent (N,), s since boot."""
-    names_and_values: tuple[tuple[str, float], ...]
-    """Name and value of the parameter in each."""
-
-
-@cached_per_vehicle()
-def _changed_parameters(signals: Signals) -> ParameterMessages:
-    """Selects the PARAM_VALUE messages of parameters that did not always have their last value.
-
-    An autopilot may send all of its thousand parameters in every boot, but few ever change. With these alone, the
-    search for the values at some time is fast.
-
-    Args:
-        signals: signals of the vehicle, whose log has PARAM_VALUE.
-
-    Returns:
-        These messages, in their order.
-    """
-    telemetry = signals.telemetry
-    columns = telemetry.messages["PARAM_VALUE"]
-    names_and_values = decoded_parameters(columns, telemetry.autopilot)
-    changed_names = set()
-    for name, value in names_and_values:
-        last_value = telemetry.parameters.get(name)
-        if value != last_value:
-            changed_names.add(name)
-    # Rows of the messages, also those with the last value: a parameter may have been changed back.
-    rows = [row for row, (name, _) in enumerate(names_and_values) if name in changed_names]
-    return ParameterMessages(
-        boot=columns["boot"][rows],
-        time=columns["time"][rows],
-        names_and_values=tuple(names_and_values[row] for row in rows),
-    )

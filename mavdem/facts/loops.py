@@ -86,6 +86,8 @@ class GainFact(Code):
     LAG_UNRESOLVED = "lag_unresolved"
     STABILITY_UNKNOWN = "stability_unknown"
     LOWER_GAINS = "lower_gains"
+    GAIN_LOWERED_SINCE = "gain_lowered_since"
+    GAIN_CHANGED_IN_FLIGHT = "gain_changed_in_flight"
     GAINS_ADVISED = "gains_advised"
     GAINS_LEFT = "gains_left"
     TWIN_ANGLE_ERROR = "twin_flies"

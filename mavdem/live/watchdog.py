@@ -29,6 +29,7 @@ from mavdem.assessment.restarts import MAX_LATE_TAKE_OFF
 from mavdem.assessment.wind_drifts import WindDriftDetector
 from mavdem.dataset.intervals import Intervals
 from mavdem.dataset.motor_outputs import MotorOutputs
+from mavdem.dataset.parameter_history import ParametersInFlight
 from mavdem.dataset.quality import samples_at_limits
 from mavdem.dataset.setpoints import SETPOINT_MESSAGE
 from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
@@ -980,7 +981,8 @@ class Watchdog:
         if limit_cycle is None:
             return
         # The gains to lower follow by the same rule as in the judgement of the recording after the landing.
-        advice = gain_reduction_advice(limit_cycle, review.vehicle.parameters)
+        parameters = ParametersInFlight.unchanged(review.vehicle.parameters)
+        advice = gain_reduction_advice(limit_cycle, parameters)
         review.facts[WatchedQuantity.OSCILLATION] = Fact(
             MarginsLight.OSCILLATES, reason=advice, **limit_cycle.figures
         )

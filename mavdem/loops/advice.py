@@ -7,7 +7,7 @@ the gains, the others judge them. Nothing is sent to a vehicle.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -15,6 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.confidence import INTERVAL_QUANTILES
+from mavdem.containers import JsonValues
+from mavdem.dataset.parameter_history import ParametersInFlight
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import GainFact, LoopAction, LoopFact
@@ -372,7 +374,63 @@ def _shows_lag(loop: Loop) -> bool:
     return is_identified_in_loop or bool(lag >= loop.record.dt)
 
 
-def gain_reduction_advice(oscillation: Oscillation, parameters: Parameters) -> Fact:
+GainChange = tuple[str, float, float]
+"""Name of a gain, and its values before and after a change."""
+
+
+class GainReduction(NamedTuple):
+    """How to make gains a third lower than they were in a flight, by the values that the vehicle has now."""
+
+    changes: Sequence[GainChange]
+    """Gains to lower: name, value at the end of the log, and value to set."""
+    changed: Facts
+    """A fact on each gain that was lowered after the flight already, or that changed in it."""
+
+    @property
+    def figures(self) -> JsonValues:
+        """The figures of a fact that advises this: ``changes`` and, if there are any, ``changed``."""
+        figures: JsonValues = {"changes": self.changes}
+        if self.changed:
+            figures["changed"] = self.changed
+        return figures
+
+
+def gains_to_lower(names: Iterable[str], parameters: ParametersInFlight) -> GainReduction:
+    """Returns how to make gains a third lower than they were in a flight.
+
+    The pilot may have changed them since. So each new value is a fraction of the value in the flight, and the value
+    that it replaces is that at the end of the log. A gain that had several values in the flight gets no new one.
+
+    Args:
+        names: names of the gains.
+        parameters: parameters of the autopilot in the flight. Gains that it has not reported are left out, and so are
+            gains of 0, which are switched off.
+    """
+    changes = []
+    changed = []
+    for name in names:
+        if name in parameters.changed_names:
+            changed.append(Fact(GainFact.GAIN_CHANGED_IN_FLIGHT, subject=name))
+            continue
+        value_in_flight = parameters.values.get(name)
+        if not value_in_flight:
+            continue
+        advised_value = GAIN_REDUCTION * value_in_flight
+        present_value = parameters.last_values.get(name, value_in_flight)
+        if present_value > advised_value:
+            changes.append((name, present_value, advised_value))
+        else:
+            lowered = Fact(
+                GainFact.GAIN_LOWERED_SINCE,
+                subject=name,
+                value_in_flight=value_in_flight,
+                present_value=present_value,
+            )
+            changed.append(lowered)
+    return GainReduction(changes, tuple(changed))
+
+
+def gain_reduction_advice(oscillation: Oscillation, parameters: ParametersInFlight) -> Fact:
     """Returns the advice to lower some gains by a third if a vehicle oscillates in a limit cycle.
 
     In a limit cycle, a loop oscillates with an amplitude that the motors' limits bound. A fast cycle is caused by P and
@@ -383,25 +441,23 @@ def gain_reduction_advice(oscillation: Oscillation, parameters: Parameters) -> F
 
     Args:
         oscillation: oscillation of the axis with the largest body rate, with the oscillations of the other axes.
-        parameters: parameters of the autopilot, by name. If they describe no known controller, no values are advised.
+        parameters: parameters of the autopilot while it oscillated. If they describe no known controller, no values
+            are advised.
 
     Returns:
         The advice as a fact, from which reports make a sentence. Its figure ``changes`` has name, value and new value
         of each gain to lower.
     """
-    changes = []
+    names = []
     for cycle in (oscillation, *oscillation.other_axes):
         # Without a known controller of the axis, no gains are named.
         with suppress(NotLearnable):
             # Only the gains are used, so the mixer has no effect, and the mixer of a single motor is given.
-            controller = controller_from_parameters(parameters, cycle.axis, (1.0,))
+            controller = controller_from_parameters(parameters.any_values, cycle.axis, (1.0,))
             for field in _gains_behind_oscillation(controller, cycle.frequency):
-                name = controller.parameter_names[field]
-                value = parameters[name]
-                # A gain of 0 is switched off.
-                if value:
-                    changes.append((name, value, GAIN_REDUCTION * value))
-    return Fact(GainFact.LOWER_GAINS, changes=changes, **oscillation.figures)
+                names.append(controller.parameter_names[field])
+    reduction = gains_to_lower(names, parameters)
+    return Fact(GainFact.LOWER_GAINS, **reduction.figures, **oscillation.figures)
 
 
 def _gains_behind_oscillation(controller: Controller, frequency: float | None) -> Sequence[str]:

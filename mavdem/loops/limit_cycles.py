@@ -98,6 +98,8 @@ class Oscillation(NamedTuple):
     """Whether the amplitude grew."""
     seconds: float
     """Duration, s."""
+    span: Segment
+    """Boot, and start and end, s since boot."""
     other_axes: tuple[Oscillation, ...] = ()
     """The limit cycles of other axes, which have smaller body rates."""
     at_both_limits: float = 0.0
@@ -370,7 +372,7 @@ def _limit_cycles(
     if signals_on_grid is None:
         return
     is_fast = signals_on_grid.rate >= MIN_STREAM_RATE
-    for piece in signals_on_grid.pieces:
+    for piece, span in zip(signals_on_grid.pieces, signals_on_grid.spans, strict=True):
         lines = _lines_of_windows(piece, signals_on_grid.rate, window_seconds)
         for run in _runs_at_one_frequency(lines):
             cycle = _oscillation_in_run(lines, run, window_seconds, min_duration)
@@ -383,6 +385,8 @@ def _limit_cycles(
             lasts = cycle.duration >= LASTING_SHARE * flight_duration and not may_be_steered
             is_dangerous = cycle.rate >= MIN_DANGEROUS_RATE and (cycle.grows or lasts)
             if cycle.at_limit >= MIN_AT_LIMIT_SHARE or is_dangerous:
+                # Each window begins half a window after the one before.
+                start = span.start + run[0] * window_seconds / 2
                 yield Oscillation(
                     axis=axis,
                     frequency=cycle.frequency if is_fast else None,
@@ -391,6 +395,7 @@ def _limit_cycles(
                     growing=cycle.grows,
                     seconds=cycle.duration,
                     at_both_limits=cycle.at_both_limits,
+                    span=Segment(span.boot, start, start + cycle.duration),
                 )
 
 

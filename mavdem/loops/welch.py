@@ -12,7 +12,7 @@ import numpy as np
 
 from mavdem.arrays import SMALLEST_POSITIVE, Array
 from mavdem.dataset.intervals import intersection, split_at_gaps
-from mavdem.dataset.segments import Segments, rows_of_segment
+from mavdem.dataset.segments import Segment, Segments, rows_of_segment
 from mavdem.dataset.signals import MIN_STREAM_RATE, rate_between_outages
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.loops.margins import Complex
@@ -63,6 +63,8 @@ class ResampledSignals(NamedTuple):
     """Rate of the samples, Hz."""
     pieces: list[Array]
     """Samples of the k signals in each piece (k, N)."""
+    spans: list[Segment]
+    """Boot and time, s since boot, of each piece."""
 
 
 def welch_spectra(
@@ -153,6 +155,7 @@ def resampled_signals(
     if rate < min_rate:
         return None
     pieces = []
+    spans = []
     for segment in segments:
         gapless_intervals = [(segment.start, segment.end)]
         rows_of_stamps = {}
@@ -172,7 +175,8 @@ def resampled_signals(
                 pieces.append(
                     np.array([np.interp(grid, time, values) for time, values in stamps_and_values])
                 )
-    return ResampledSignals(rate, pieces) if pieces else None
+                spans.append(Segment(segment.boot, start, end))
+    return ResampledSignals(rate, pieces, spans) if pieces else None
 
 
 def half_overlapping_windows(values: Array, size: int) -> Array:

@@ -17,6 +17,7 @@ from mavdem.assessment.axis.findings import (
 )
 from mavdem.assessment.axis.residuals import Residuals
 from mavdem.assessment.condition import Condition
+from mavdem.dataset.segments import Segment
 from mavdem.dem import Learned
 from mavdem.documents import vehicle
 from mavdem.facts import Fact, Level
@@ -170,7 +171,13 @@ def test_the_next_step_is_that_of_the_first_purpose_that_is_not_served(grades, c
 
 
 CYCLE = Oscillation(
-    axis="roll", frequency=7.1, rate=85.0, at_limit=0.4, growing=False, seconds=12.0
+    axis="roll",
+    frequency=7.1,
+    rate=85.0,
+    at_limit=0.4,
+    growing=False,
+    seconds=12.0,
+    span=Segment(0, 10.0, 22.0),
 )
 WEAK = MotorChange(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99, loss=(0.17, 0.39))
 SATURATED = {"at_upper_limit": (0.0, 0.0, 0.86, 0.0), "trim_share": (0.9, 0.9, 1.3, 0.9)}

@@ -15,6 +15,8 @@ from mavdem.assessment.axis.loop_decision import (
     decide_on_loops,
 )
 from mavdem.assessment.axis.margins import AxisMargins, response_comparison
+from mavdem.dataset.parameter_history import ParametersInFlight
+from mavdem.dataset.segments import Segment
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.loops import GainFact, LoopAction, LoopFact, ResponseFact, StepResponseFact
@@ -27,6 +29,7 @@ from mavdem.loops.measured_response import MeasuredResponse
 from mavdem.loops.resonance import Resonance
 from mavdem.loops.step_response import StepResponse
 
+UNCHANGED_PX4 = ParametersInFlight.unchanged(PX4)
 NOT_STEERED = Fact(LoopFact.NOT_STEERED, share=0.3)
 FOLLOWS = Fact(TrackingLight.FOLLOWS_SETPOINT, Level.GOOD, axis="roll", angle_error=0.01)
 OVERSHOOTS = Fact(TrackingLight.OVERSHOOTS_SETPOINT, Level.WATCH, axis="roll", overshoot=0.5)
@@ -55,7 +58,7 @@ def decision_on_roll(
         oscillation=None,
         gain_reduction=None,
         vehicle_repairs=doubts,
-        parameters=parameters,
+        parameters=ParametersInFlight.unchanged(parameters),
         tune_arguments=("my.tlog",),
         attitude_swing=swing,
     )
@@ -309,11 +312,13 @@ def test_a_peak_of_the_spectrum_alone_decides_nothing():
 
 
 def test_a_limit_cycle_comes_first_and_hides_the_other_axes():
-    oscillation = Oscillation("roll", 22.0, 40.0, 0.9, False, 20.0)
+    oscillation = Oscillation("roll", 22.0, 40.0, 0.9, False, 20.0, Segment(0, 10.0, 30.0))
     for axis, diagnosis in (("roll", LoopDiagnosis.OSCILLATES), ("pitch", LoopDiagnosis.UNKNOWN)):
         margins = AxisMargins(axis, made_up(), None, None)
-        lowered = gain_reduction_advice(oscillation, PX4)
-        observations = LoopObservations(margins, MISSES, oscillation, lowered, (), PX4, ())
+        lowered = gain_reduction_advice(oscillation, UNCHANGED_PX4)
+        observations = LoopObservations(
+            margins, MISSES, oscillation, lowered, (), UNCHANGED_PX4, ()
+        )
         decision = decide_on_loops(observations)
         assert (decision.diagnosis, decision.action) == (diagnosis, lowered)
         assert decision.fact.is_bad and lowered in decision.reasons_against_gains

@@ -30,7 +30,7 @@ from mavdem.assessment.lights.motors import motors_light
 from mavdem.assessment.lights.tracking import tracking_light
 from mavdem.dataset.alignment import aligned_flight
 from mavdem.dataset.segment_learnability import slow_streams
-from mavdem.dataset.segments import settled_segments
+from mavdem.dataset.segments import Segment, settled_segments
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Override
@@ -129,7 +129,7 @@ def test_what_the_autopilot_injects_shows_no_margin():
 
 def with_oscillation(found):
     """Returns evidence with a limit cycle of pitch and roll at 5 Hz in its condition."""
-    swinging = Oscillation("pitch", 5.0, 40.0, 0.98, False, 20.0)
+    swinging = Oscillation("pitch", 5.0, 40.0, 0.98, False, 20.0, Segment(0, 10.0, 30.0))
     swinging = swinging._replace(other_axes=(swinging._replace(axis="roll", rate=9.0),))
     return replace(found, condition=replace(found.condition, oscillation=swinging))
 

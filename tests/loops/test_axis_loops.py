@@ -23,7 +23,8 @@ from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.noise_spectra import MeasuredNoise
 from mavdem.dataset.alignment import aligned_flight
-from mavdem.dataset.segments import settled_segments
+from mavdem.dataset.parameter_history import ParametersInFlight
+from mavdem.dataset.segments import Segment, settled_segments
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
@@ -226,7 +227,7 @@ def test_parameters_that_the_controller_model_leaves_out_are_reported():
 def test_gains_that_change_in_flight_come_with_it(monkeypatch):
     """A gain changes at 40 s; the flight has its earlier value, unless it begins after the change."""
     read = Mock(wraps=decoded_parameters)
-    monkeypatch.setattr("mavdem.dataset.alignment.decoded_parameters", read)
+    monkeypatch.setattr("mavdem.dataset.parameter_history.decoded_parameters", read)
     telemetry = HOVER.telemetry(parameters={"ATC_RAT_RLL_P": 0.25, "ATC_RAT_RLL_D": 0.125})
     names = np.repeat([b"ATC_RAT_RLL_P", b"ATC_RAT_RLL_D"], 2)
     sent = columns([1.0, 40.0, 1.0, 2.0], param_id=names, param_value=[0.5, 0.25, 0.5, 0.125])
@@ -425,6 +426,14 @@ def test_advice_starts_from_the_gains_with_which_the_log_ends():
     assert changed_gains_at_end(Signals(telemetry), loop_at_end.controller) is None
 
 
+UNCHANGED_PX4 = ParametersInFlight.unchanged(PX4)
+
+
+def oscillation_of_roll(frequency):
+    """A limit cycle of roll at this frequency, Hz."""
+    return Oscillation("roll", frequency, 40.0, 0.9, False, 20.0, Segment(0, 10.0, 30.0))
+
+
 @mark.parametrize(
     "frequency, names",
     {
@@ -436,22 +445,51 @@ def test_advice_starts_from_the_gains_with_which_the_log_ends():
 )
 def test_an_oscillating_vehicle_lowers_the_gains_that_act_at_its_frequency(frequency, names):
     """A fast oscillation lowers P and D, a slow one the attitude gain, and a very slow one I as well."""
-    oscillation = Oscillation("roll", frequency, 40.0, 0.9, False, 20.0)
-    fact = gain_reduction_advice(oscillation, PX4)
+    oscillation = oscillation_of_roll(frequency)
+    fact = gain_reduction_advice(oscillation, UNCHANGED_PX4)
     lower = [(name, PX4[name], approx(PX4[name] * 2 / 3)) for name in names]
     assert [*fact.figures["changes"]] == lower
     assert all(name in fact.sentence for name in names)
     oscillation_of_both_axes = oscillation._replace(other_axes=(oscillation,))
-    assert [*gain_reduction_advice(oscillation_of_both_axes, PX4).figures["changes"]] == 2 * lower
-    unknown = gain_reduction_advice(oscillation, {})
+    assert [
+        *gain_reduction_advice(oscillation_of_both_axes, UNCHANGED_PX4).figures["changes"]
+    ] == 2 * lower
+    unknown = gain_reduction_advice(oscillation, ParametersInFlight.unchanged({}))
     assert (unknown.code, unknown.figures["changes"]) == (GainFact.LOWER_GAINS, ())
 
 
 def test_an_oscillating_axis_without_p_lowers_its_integral():
     without_p = PX4 | {"MC_ROLLRATE_P": 0.0}
-    oscillation = Oscillation("roll", 23.0, 40.0, 0.9, False, 20.0)
-    changes = gain_reduction_advice(oscillation, without_p).figures["changes"]
+    parameters = ParametersInFlight.unchanged(without_p)
+    changes = gain_reduction_advice(oscillation_of_roll(23.0), parameters).figures["changes"]
     assert [name for name, _, _ in changes] == ["MC_ROLLRATE_I"]
+
+
+def test_gains_are_lowered_from_their_value_while_the_vehicle_oscillated():
+    """P was lowered by less than a third after the oscillation, and D by more."""
+    last_values = PX4 | {"MC_ROLLRATE_P": 0.12, "MC_ROLLRATE_D": 0.001}
+    fact = gain_reduction_advice(
+        oscillation_of_roll(23.0), ParametersInFlight(PX4, (), last_values)
+    )
+    assert [*fact.figures["changes"]] == [("MC_ROLLRATE_P", 0.12, approx(0.1))]
+    assert fact.sentence == (
+        "Lower MC_ROLLRATE_P from 0.12 to 0.1: these act most at 23 Hz. "
+        "MC_ROLLRATE_D has been lowered since: it was 0.003, and the log ends with 0.001."
+    )
+
+
+def test_a_gain_that_changed_while_the_vehicle_oscillated_gets_no_value():
+    names = ("MC_ROLLRATE_D", "MC_ROLLRATE_P")
+    constant = {name: value for name, value in PX4.items() if name not in names}
+    fact = gain_reduction_advice(
+        oscillation_of_roll(23.0), ParametersInFlight(constant, names, PX4)
+    )
+    assert not fact.figures["changes"]
+    assert fact.sentence == (
+        "Lower P and D of the rate controllers by a third. "
+        "MC_ROLLRATE_P had several values meanwhile, so that no new one is advised. "
+        "MC_ROLLRATE_D had several values meanwhile, so that no new one is advised."
+    )
 
 
 @mark.parametrize(

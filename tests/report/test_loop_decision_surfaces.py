@@ -23,6 +23,7 @@ from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.assessment.axis.tuning import tune_loops
 from mavdem.assessment.event_lights import lights_with_event
 from mavdem.assessment.judgement import judge
+from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
 from mavdem.dem.record import Record
 from mavdem.documents import complete_document
@@ -64,7 +65,7 @@ MIXERS = {"roll": X_ROLL, "pitch": (1.0, -1.0, 1.0, -1.0)}
 """Weights of the motors in the torque about an axis."""
 NOT_STEERED = Fact(LoopFact.NOT_STEERED, share=0.3)
 REFUTED = Fact(ResponseFact.RESPONSE_DISAGREES, share=0.3, needed=0.8)
-OSCILLATION = Oscillation("roll", 22.0, 40.0, 0.9, False, 20.0)
+OSCILLATION = Oscillation("roll", 22.0, 40.0, 0.9, False, 20.0, Segment(0, 10.0, 30.0))
 
 
 def gains_of(axis):

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
-from math import inf, isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +13,7 @@ import numpy as np
 from mavdem.assessment.autopilot_messages import StatusText, status_texts
 from mavdem.dataset.flight_states import mode_intervals
 from mavdem.dataset.intervals import Intervals
+from mavdem.dataset.parameter_history import BEFORE_LOG, BootTime, parameter_history
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.dem.learning import MIN_SAMPLES
@@ -21,7 +21,6 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.loops import LoopFact
 from mavdem.flight import Flight, Flights, boot_number
-from mavdem.ingest.mavlink.payloads import decoded_parameters
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS, CONTROL_PARAMETERS
 from mavdem.loops.axis_loops import Loop, margin_rating
@@ -40,26 +39,13 @@ AUTOTUNE_RESULT = re.compile(r"\b([PID]):(\d+\.?\d*)")
 GainValues = tuple[tuple[str, float], ...]
 """Names and values of the control parameters of one axis."""
 
-BOOT_BEFORE_LOG = -1
-"""Stands for the number of the boot where gains are from before the log."""
-
-
 class GainSet(NamedTuple):
     """The gains of one axis from a time on."""
 
-    boot: int
-    """Number of the boot; ``BOOT_BEFORE_LOG`` for the gains from before the log."""
-    time: float
-    """Time on the boot clock, s; minus infinity for the gains from before the log."""
+    moment: BootTime
+    """From when on; ``BEFORE_LOG`` for the gains from before the log."""
     values: GainValues
-
-
-class BootTime(NamedTuple):
-    """A time of one boot; the earlier boot comes first in order."""
-
-    boot: int
-    time: float
-    """Time on the boot clock, s."""
+    """The gains."""
 
 
 class OneGainSetSections(NamedTuple):
@@ -173,7 +159,7 @@ def _samples_of_changes(
         bounds one section.
     """
     boot = boot_number(flight)
-    cut_times = [gain_set.time for gain_set in history if gain_set.boot == boot]
+    cut_times = [gain_set.moment.time for gain_set in history if gain_set.moment.boot == boot]
     for start, end in autotune:
         cut_times += [start, end]
     samples_of_cuts = np.searchsorted(flight.time, cut_times)
@@ -192,9 +178,7 @@ def _gains_at(history: Sequence[GainSet], moment: BootTime) -> GainValues:
     Returns:
         The gains of the last entry at or before the time.
     """
-    earlier_sets = [
-        gain_set for gain_set in history if BootTime(gain_set.boot, gain_set.time) <= moment
-    ]
+    earlier_sets = [gain_set for gain_set in history if gain_set.moment <= moment]
     return earlier_sets[-1].values
 
 
@@ -203,17 +187,6 @@ def _with_gains(flight: Flight, gains: GainValues) -> Flight:
     provenance = flight.provenance
     parameters = {**provenance["parameters"], **dict(gains)}
     return replace(flight, provenance={**provenance, "parameters": parameters, "earlier": {}})
-
-
-class _GainReport(NamedTuple):
-    """The value of one gain, as the autopilot reported it at one time."""
-
-    boot: int
-    time: float
-    """Time on the boot clock, s."""
-    name: str
-    """Name of the parameter."""
-    value: float
 
 
 def gain_history(signals: Signals) -> list[GainSet]:
@@ -226,44 +199,23 @@ def gain_history(signals: Signals) -> list[GainSet]:
         signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
 
     Returns:
-        Sets of gains in the order of the log, each with the boot and the time from which on it is valid. There is at
-        least the first set, which is empty if the log has no gains.
+        Sets of gains in the order of the log, each with the boot and time from which on it was valid. The first is from
+        before the log: each gain's first value in it. Every change of a value adds a set.
     """
-    reports = _gain_reports(signals)
-    # Going backwards through the reports, the first value of each gain overwrites all later ones.
+    history = parameter_history(signals)
     gains = {}
-    for report in reversed(reports):
-        gains[report.name] = report.value
-    history = [GainSet(BOOT_BEFORE_LOG, -inf, tuple(gains.items()))]
-    for report in reports:
-        is_repetition = gains[report.name] == report.value
-        if not is_repetition:
-            gains[report.name] = report.value
-            history.append(GainSet(report.boot, report.time, tuple(gains.items())))
-    return history
-
-
-def _gain_reports(signals: Signals) -> list[_GainReport]:
-    """Returns all values of the gains of one axis that the autopilot reported in a log.
-
-    Args:
-        signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
-
-    Returns:
-        The values, in the order of the log; empty if it has no parameters.
-    """
-    telemetry = signals.telemetry
-    columns = telemetry.messages.get("PARAM_VALUE")
-    if columns is None:
-        return []
-    reports = []
-    names_and_values = decoded_parameters(columns, telemetry.autopilot)
-    for row, (name, value) in enumerate(names_and_values):
-        if _is_gain_of_axis(name, signals.axis) and isfinite(value):
-            boot = columns["boot"][row].item()
-            time = columns["time"][row].item()
-            reports.append(_GainReport(boot, time, name, value))
-    return reports
+    for name, value in history.at(BEFORE_LOG).items():
+        if _is_gain_of_axis(name, signals.axis):
+            gains[name] = value
+    gain_sets = [GainSet(BEFORE_LOG, tuple(gains.items()))]
+    changes = []
+    for name in gains.keys() & history.settings.keys():
+        for setting in history.settings[name][1:]:
+            changes.append((setting.moment, name, setting.value))
+    for moment, name, value in sorted(changes):
+        gains[name] = value
+        gain_sets.append(GainSet(moment, tuple(gains.items())))
+    return gain_sets
 
 
 def _is_gain_of_axis(name: str, axis: str) -> bool:

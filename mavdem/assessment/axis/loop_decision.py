@@ -15,12 +15,12 @@ from typing import NamedTuple
 from mavdem.assessment.axis.gains import loop_at_end_of_log
 from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.containers import Names
+from mavdem.dataset.parameter_history import ParametersInFlight
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import LoopAction
 from mavdem.facts.margins import MarginsLight, TrackingLight
-from mavdem.ingest.telemetry import Parameters
-from mavdem.loops.advice import GAIN_REDUCTION, Advice, advise, reasons_for_no_gains
+from mavdem.loops.advice import Advice, advise, gains_to_lower, reasons_for_no_gains
 from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop, margin_rating
 from mavdem.loops.controllers import controller_from_parameters
 from mavdem.loops.gain_design import SURE_SHARE
@@ -100,8 +100,8 @@ class LoopObservations(NamedTuple):
     """Which gains to lower against the limit cycle; None if nothing oscillates."""
     vehicle_repairs: Facts
     """Why the vehicle must be repaired before it is tuned; empty if nothing is wrong with it."""
-    parameters: Parameters
-    """The autopilot's parameters by name."""
+    parameters: ParametersInFlight
+    """The autopilot's parameters in the flight that shows the margins and the tracking."""
     tune_arguments: Names
     """Arguments with which `mavdem tune` reads the log."""
     attitude_swing: Fact | None = None
@@ -562,24 +562,22 @@ def _advice_to_lower_gains(observations: LoopObservations, loop_name: str) -> Fa
     """Returns the advice to lower the gains of one loop of an axis by a third.
 
     Args:
-        observations: observations of the axis, with the parameters of the autopilot.
+        observations: observations of the axis, with the parameters of the autopilot in the flight.
         loop_name: "rate" or "attitude".
 
     Returns:
         A fact with ``changes``: name, value and new value of each gain; empty if the gains are not known.
     """
     axis = observations.margins.axis
-    changes = []
-    # If the controller is not known, ``changes`` stays empty, and the sentence says "P and D" instead of names.
+    parameters = observations.parameters
+    names = []
+    # If the controller is not known, no gains are named, and the sentence says "P and D" instead.
     with suppress(NotLearnable):
         # Only the names of the gains are used, so the mixer has no effect: the mixer of a single motor is given.
-        controller = controller_from_parameters(observations.parameters, axis, (1.0,))
-        for field in CONTROLLER_GAINS[loop_name]:
-            name = controller.parameter_names[field]
-            value = observations.parameters.get(name)
-            if value:
-                changes.append((name, value, GAIN_REDUCTION * value))
-    return Fact(LoopAction.LOWER_BY_A_THIRD, subject=loop_name, axis=axis, changes=changes)
+        controller = controller_from_parameters(parameters.any_values, axis, (1.0,))
+        names = [controller.parameter_names[field] for field in CONTROLLER_GAINS[loop_name]]
+    reduction = gains_to_lower(names, parameters)
+    return Fact(LoopAction.LOWER_BY_A_THIRD, subject=loop_name, axis=axis, **reduction.figures)
 
 
 def _advice_to_compare_peaks(observations: LoopObservations, peak_fact: Fact) -> Fact:
@@ -596,12 +594,7 @@ def _advice_to_compare_peaks(observations: LoopObservations, peak_fact: Fact) ->
         A fact with the ``changes`` of the gains, and the fact about the peak as ``reason``.
     """
     reduction = _advice_to_lower_gains(observations, "rate")
-    return Fact(
-        LoopAction.HOVER_WITH_LOWER_GAINS,
-        axis=observations.margins.axis,
-        changes=reduction.figures["changes"],
-        reason=peak_fact,
-    )
+    return Fact(LoopAction.HOVER_WITH_LOWER_GAINS, **reduction.figures, reason=peak_fact)
 
 
 def common_action(actions: Sequence[Fact | None]) -> Fact | None:
@@ -609,8 +602,8 @@ def common_action(actions: Sequence[Fact | None]) -> Fact | None:
 
     The other axes wait, since the flight after this action will show what they still need. There are two exceptions:
 
-    - Gains that are to be lowered by a third are lowered on all axes at once, before that flight: their changes are
-      joined in one action.
+    - Gains that are to be lowered by a third are lowered on all axes at once, before that flight: their changes, and
+      what is said of gains that changed already, are joined in one action.
     - Gains that one axis surely needs are not put off because another axis is to fly first.
 
     Args:
@@ -635,11 +628,16 @@ def common_action(actions: Sequence[Fact | None]) -> Fact | None:
         # The action of a single axis has no list of axes ("names").
         return first_action
     gain_changes = []
+    facts_on_changed_gains: list[Fact] = []
     axes = []
     for reduction in reductions:
         gain_changes += reduction.figures["changes"]
+        facts_on_changed_gains += reduction.figures.get("changed", ())
         axes.append(reduction.figures["axis"])
-    return first_action.replace(changes=gain_changes, names=axes)
+    joined_action = first_action.replace(changes=gain_changes, names=axes)
+    if facts_on_changed_gains:
+        return joined_action.replace(changed=facts_on_changed_gains)
+    return joined_action
 
 
 def advises_to_tune(next_step: Fact) -> bool:
