@@ -17,6 +17,7 @@ from mavdem.assessment.axis.loops import AxisResults, loops_of_axes, results_of_
 from mavdem.assessment.axis.options import ShowStep, show_nothing
 from mavdem.assessment.ending import find_ending, lower_unconfirmed_crash_reports
 from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.flight_verdict import worst_first
 from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.judgement import judge, lights_without_loops, no_purposes, unjudged
 from mavdem.assessment.lights.power import mark_battery_reports_on_ground
@@ -30,6 +31,7 @@ from mavdem.assessment.saturated_motor import (
     with_motors_limited_before,
     with_saturated_motor,
 )
+from mavdem.assessment.separate_flights import RecordedFlight, separate_flights
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
@@ -113,8 +115,56 @@ def assess(
         signals = Signals(choose_vehicle(log.vehicles, vehicle))
     except NotLearnable as error:
         return Assessment(log, unjudged(error.fact))
-    return assess_signals(
+    return assess_recording(
         log, signals, axis, options, progress=progress, show_findings=show_findings
+    )
+
+
+def assess_recording(
+    log: Log,
+    signals: Signals,
+    axis: str = ALL_AXES,
+    options: Options | None = None,
+    *,
+    progress: ShowStep = show_nothing,
+    show_findings: ShowFindings = ignore_findings,
+) -> Assessment:
+    """Returns the assessment of the worst flight of a vehicle's recording, with the verdicts on the others.
+
+    Flights between which the autopilot restarted on the ground are judged each by itself
+    (``mavdem.assessment.separate_flights``): each with its own parameters, and none by the messages of another. A
+    recording without such a restart between flights is assessed as a whole.
+
+    Args:
+        log: the log, with the messages of each vehicle.
+        signals: logged time series of the vehicle in all boots.
+        axis, options, progress, show_findings: as for :func:`assess_signals`, which raises the same errors.
+
+    Returns:
+        The assessment. Of flights that are equally bad the first is assessed.
+    """
+    flights = separate_flights(signals)
+    if len(flights) < 2:
+        return assess_signals(
+            log, signals, axis, options, progress=progress, show_findings=show_findings
+        )
+    options = options or Options()
+    without_model = replace(options, with_model=False)
+    flight_by_number = {}
+    verdicts = []
+    for flight in flights:
+        with progress(f"Judging flight {flight.first_number}", measured=False):
+            assessment = assess_signals(log, flight.signals, axis, without_model)
+        flight_by_number[flight.first_number] = flight
+        verdicts.append(flight.verdict(assessment.judgement))
+    worst_verdict, *other_verdicts = worst_first(verdicts)
+    worst_flight = flight_by_number[worst_verdict.number]
+    assessment = assess_signals(
+        log, worst_flight.signals, axis, options, progress=progress, show_findings=show_findings
+    )
+    return replace(
+        assessment,
+        recorded_flight=RecordedFlight(worst_flight, tuple(other_verdicts), signals),
     )
 
 

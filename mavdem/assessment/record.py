@@ -16,10 +16,12 @@ from mavdem.assessment.axis.loop_decision import DecisionsByAxis
 from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.assessment.axis.responses import Responses, measure_responses
 from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.flight_verdict import FlightVerdict
 from mavdem.assessment.instances import Instance, list_instances
 from mavdem.assessment.inventory import VehicleContents, inventory
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.noise_spectra import MeasuredNoise, measure_noise
+from mavdem.assessment.separate_flights import RecordedFlight
 from mavdem.assessment.simulation import simulation_fact
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import AXES
@@ -82,6 +84,32 @@ class Assessment:
     """What the judgement rests on; None if no vehicle of the log was judged."""
     analyses: ReadOnlyDict[str, LogAnalysis] = field(default_factory=ReadOnlyDict)
     """The models and figures by axis, the most important axis first; empty if no vehicle was judged."""
+
+    recorded_flight: RecordedFlight | None = None
+    """Which flight of its recording was assessed, the worst; None if the recording is assessed as a whole."""
+
+    @property
+    def flight_verdicts(self) -> tuple[FlightVerdict, ...]:
+        """The verdicts on the flights of a recording, the worst first; empty if it is assessed as a whole.
+
+        The first one is on the flight of this assessment.
+        """
+        if self.recorded_flight is None:
+            return ()
+        verdict = self.recorded_flight.flight.verdict(self.judgement)
+        return (verdict, *self.recorded_flight.other_verdicts)
+
+    @property
+    def stated_headline(self) -> Fact:
+        """The headline, with the number of its flight if that is one of several."""
+        return self.flight_verdicts[0].fact if self.flight_verdicts else self.headline
+
+    @property
+    def recorded_signals(self) -> Signals | None:
+        """The signals of all flights of the recording; None if no vehicle was judged."""
+        if self.recorded_flight is not None:
+            return self.recorded_flight.all_signals
+        return None if self.evidence is None else self.evidence.signals
 
     @property
     def headline(self) -> Fact:

@@ -6,7 +6,7 @@ from typing import TypeVar
 
 import click
 
-from mavdem.assessment.assess import assess_signals
+from mavdem.assessment.assess import assess_recording, assess_signals
 from mavdem.assessment.axis import Options
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.record import Assessment
@@ -82,6 +82,8 @@ def assess_without_model(
     params: Path | None = None,
     inputs: str | None = None,
     start: float = 0.0,
+    *,
+    judges_worst_flight: bool = False,
 ) -> tuple[Assessment, Evidence]:
     """Assesses one vehicle of a log from measurements alone, which is faster than learning the full model first.
 
@@ -91,6 +93,8 @@ def assess_without_model(
         params: File with parameters of the autopilot, for those that the log does not have.
         inputs: Inputs of models, "motors" or "demand"; None for the default.
         start: Time at the beginning of the settled flight that is left out, s.
+        judges_worst_flight: Whether flights between which the autopilot restarted on the ground are judged each by
+            itself, and the worst is assessed; otherwise all are assessed together.
 
     Returns:
         The assessment, and the evidence on which it is based.
@@ -102,7 +106,8 @@ def assess_without_model(
     log = read_source(source, params)
     signals = Signals(choose_vehicle(log.vehicles, vehicle), inputs=inputs)
     options = Options(inputs=inputs, start=start, with_model=False)
-    assessment = assess_signals(log, signals, AXES[0], options, progress=progress)
+    assess_vehicle = assess_recording if judges_worst_flight else assess_signals
+    assessment = assess_vehicle(log, signals, AXES[0], options, progress=progress)
     assert assessment.evidence is not None
     return assessment, assessment.evidence
 

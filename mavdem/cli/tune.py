@@ -27,7 +27,7 @@ from mavdem.loops.axis_loops import MARGIN_TARGETS
 from mavdem.report.blocks import Blocks, Sentence, headline_sentence
 from mavdem.report.loops import is_about_loops, tune_blocks
 from mavdem.report.pages.tune_page import tune_page
-from mavdem.report.screen import judgement_sentences
+from mavdem.report.screen import flight_sentences, judgement_sentences
 from mavdem.report.templates import headline
 
 PAGE_FILE = "tune.html"
@@ -101,7 +101,9 @@ def tune_command(
     """
     if out:
         check_output_folder(out, (PAGE_FILE, *GAIN_FILES), params)
-    assessment, evidence = assess_without_model(source, vehicle, params, inputs, start)
+    assessment, evidence = assess_without_model(
+        source, vehicle, params, inputs, start, judges_worst_flight=True
+    )
     axes = AXES if axis == ALL_AXES else (axis,)
     with progress("Choosing gains", measured=False):
         tuning = tune_loops(
@@ -116,9 +118,10 @@ def tune_command(
     if out:
         file_names = _write_tuning(out, source, tuning, assessment, evidence)
     if as_json:
-        print_json(tune_document(source, margins, tuning))
+        flights = tuple(verdict.fact for verdict in assessment.flight_verdicts)
+        print_json(tune_document(source, margins, tuning, flights))
     else:
-        _print_tuning(tuning, out, verbose=verbose)
+        _print_tuning(tuning, assessment, out, verbose=verbose)
     if file_names:
         # What was found comes before the files in which it is kept.
         print_to_stderr(f"Written: {', '.join(file_names)}. Nothing was sent to the vehicle.")
@@ -153,11 +156,14 @@ def _write_tuning(
     return tuple(text_by_name)
 
 
-def _print_tuning(tuning: Tuning, folder: Path | None, *, verbose: bool) -> None:
+def _print_tuning(
+    tuning: Tuning, assessment: Assessment, folder: Path | None, *, verbose: bool
+) -> None:
     """Prints margins and gains, with the headline and the next step of the flight if they matter for the gains.
 
     Args:
         tuning: The gains to set, and the judgement of the flight.
+        assessment: Assessment of the log, with the verdicts on its flights if they are judged each by itself.
         folder: Folder that the page was written to, if it was.
         verbose: Whether to print all margins, and the status lights (a level for each part of the vehicle) that warn.
     """
@@ -168,7 +174,7 @@ def _print_tuning(tuning: Tuning, folder: Path | None, *, verbose: bool) -> None
     # A bad headline that is not about the loops, such as a broken motor, precedes the gains, since the vehicle must not
     # fly. A headline about the loops is left out, because the blocks on the gains say the same.
     must_not_fly = judgement.headline.is_bad and not is_about_loops(judgement.headline, judgement)
-    blocks: Blocks = []
+    blocks: Blocks = [*flight_sentences(assessment)]
     headline_above = ""
     if must_not_fly:
         headline_above = str(judgement.headline)

@@ -33,11 +33,11 @@ class Published(NamedTuple):
 
 
 DOCUMENTS = {
-    "review": Published("review.Review", 18, "report.json of review, and `--json` of review"),
+    "review": Published("review.Review", 19, "report.json of review, and `--json` of review"),
     "learn": Published("flight.LearnReport", 14, "report.json, and `--json` of learn and open"),
     "info": Published("inventory.Inventory", 10, "`--json` of info"),
     "wind": Published("wind.Wind", 9, "`--json` of wind"),
-    "tune": Published("loops.Tune", 6, "`--json` of tune"),
+    "tune": Published("loops.Tune", 7, "`--json` of tune"),
     "compare": Published("comparison.CompareReport", 4, "`--json` of compare"),
     "order": Published("comparison.Order", 4, "`--json` of order"),
     "diff": Published("fleet.Diff", 9, "`--json` of diff"),

@@ -15,7 +15,7 @@ from mavdem.documents.document import (
     SentenceText,
 )
 from mavdem.documents.wind import Drag
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Facts
 from mavdem.loops.advice import Advice
 from mavdem.loops.filters import gyro_filters
 from mavdem.units import (
@@ -214,11 +214,14 @@ class Tune(Judged):
     """gains to set, where they change"""
     notch: OptionalFact = None
     """with --filters, the notch filter to set or why there is none"""
+    flights: list[SentenceAndFact]
+    """verdicts on the flights of a recording, the worst first, if the autopilot restarted on the ground between them;
+    all else is of the first of these; empty where the log is judged as a whole"""
     error: Error | None = None
     """why no gains are advised"""
 
 
-def tune_document(source: str, margins: str, tuning: Tuning) -> Tune:
+def tune_document(source: str, margins: str, tuning: Tuning, flights: Facts = ()) -> Tune:
     """Makes the JSON document of ``mavdem tune`` from the gains that were advised.
 
     The attributes of ``tuning`` (parameters to set, notch filter) and of the flight's judgement (headline, lights, next
@@ -228,6 +231,7 @@ def tune_document(source: str, margins: str, tuning: Tuning) -> Tune:
         source: name of the log.
         margins: name of the stability margins that were asked for, as in ``--margins``.
         tuning: advised gains by axis, or the reason why its loops are not known; and the judgement of the flight.
+        flights: verdicts on the flights of a recording, if they are judged each by itself.
 
     Returns:
         The document. Its key ``error`` is there only if gains are neither advised nor kept.
@@ -242,7 +246,13 @@ def tune_document(source: str, margins: str, tuning: Tuning) -> Tune:
         refusal = tuning.refusal
         optional_keys["error"] = {"reason": refusal, "remedy": refusal.remedy, "fact": refusal}
     return Tune.from_results(
-        tuning, tuning.judgement, source=source, margins=margins, axes=axes, **optional_keys
+        tuning,
+        tuning.judgement,
+        source=source,
+        margins=margins,
+        axes=axes,
+        flights=flights,
+        **optional_keys,
     )
 
 

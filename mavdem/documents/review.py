@@ -7,7 +7,7 @@ from mavdem.assessment.axis.responses import LoopResponse
 from mavdem.assessment.hardware import hardware_facts
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import AXES
-from mavdem.documents.document import Document, OptionalFact, Sentence
+from mavdem.documents.document import Document, OptionalFact, Sentence, SentenceAndFact
 from mavdem.documents.flight import Report, report_document
 from mavdem.documents.loops import Loop
 from mavdem.documents.vehicle import BootTrust, Condition, Identity, Instance, trust_documents
@@ -193,6 +193,9 @@ class Review(Document):
     """the worst that was found, or how the flight was lost"""
     next_step: Sentence
     """what to do about it"""
+    flights: list[SentenceAndFact]
+    """verdicts on the flights of a recording, the worst first, if the autopilot restarted on the ground between them;
+    all else is of the first of these; empty where the log is judged as a whole"""
     simulated: OptionalFact
     """that the flight was simulated; null where nothing in the log shows it"""
     lights: dict[str, Sentence]
@@ -242,6 +245,7 @@ def review_document(assessment: Assessment) -> JsonValues:
     return {
         "source": assessment.log.source,
         **assessment.judgement_values,
+        "flights": [verdict.fact for verdict in assessment.flight_verdicts],
         "simulated": assessment.simulated,
         "identity": None if analysis is None else analysis.identity,
         "condition": None if analysis is None else analysis.condition,

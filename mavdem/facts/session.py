@@ -147,6 +147,7 @@ class SessionFact(Code):
     FLIGHT_LEARNED = "flight_learned"
     REPORTS_LEFT_OUT = "reports_left_out"
     FLIGHT_VERDICT = "flight_verdict"
+    FLIGHT_OF_RECORDING = "flight_of_recording"
     SAMPLE_SKIPPED = "sample_skipped"
     MOTION_UNEXPECTED = "motion_unexpected"
     GUST_FELT = "gust_felt"

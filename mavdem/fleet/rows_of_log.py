@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mavdem.assessment import Assessment
-from mavdem.assessment.assess import assess_signals
+from mavdem.assessment.assess import assess_recording
 from mavdem.assessment.axis import LogAnalysis
 from mavdem.assessment.axis.loop_decision import LoopDecision
 from mavdem.assessment.axis.responses import LoopResponse
@@ -72,7 +72,7 @@ def rows_of_log(path: Path, key: str = "", make_page: MakePage | None = None) ->
     pages = {}
     for telemetry in log.vehicles:
         try:
-            assessment = assess_signals(log, Signals(telemetry)).with_axis("pitch")
+            assessment = assess_recording(log, Signals(telemetry)).with_axis("pitch")
             vehicle_rows = rows_of_assessment(assessment, str(path))
         # These errors concern the log as a whole.
         except (MemoryError, OSError, Unreadable):
@@ -118,7 +118,10 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
     # Columns on the motors do not depend on the axis, so that the signals of any one will do.
     any_axis = AXES[0]
     signals = assessment.evidence.signals.for_axis(any_axis, inputs="motors")
-    judgement = assessment.judgement_values | {"headline_fact": assessment.headline}
+    judgement = assessment.judgement_values | {
+        "headline": assessment.stated_headline,
+        "headline_fact": assessment.headline,
+    }
     _, headline_rank = severity_rank(assessment.headline)
     columns = {
         "file": file,
@@ -159,7 +162,7 @@ def _flown_columns(assessment: Assessment) -> JsonValues:
         Values by name of the column: time in the air (s), distance and height (m) of all flights of the log together,
         None where not known; the modes; the control parameters as JSON; and whether the flight was simulated, 0 or 1.
     """
-    assert assessment.evidence is not None
+    assert assessment.evidence is not None and assessment.recorded_signals is not None
     signals = assessment.evidence.signals
     # A dictionary keeps the order of the first use of each mode.
     modes = dict[str, None]()
@@ -168,11 +171,11 @@ def _flown_columns(assessment: Assessment) -> JsonValues:
             modes[event.subject] = None
     parameters = signals.telemetry.parameters
     gains = {name: value for name, value in parameters.items() if CONTROL_PARAMETERS.match(name)}
-    flights = flown_flights(signals)
+    flights = flown_flights(assessment.recorded_signals)
     return {
         "simulated": int(assessment.simulated is not None),
         # The hops are counted, as in the time in the air of a report.
-        "flight_time": total_time(flights_and_hops(signals)),
+        "flight_time": total_time(flights_and_hops(assessment.recorded_signals)),
         "distance": total_distance(flights),
         "height": largest_height(flights),
         "modes": tuple(modes),

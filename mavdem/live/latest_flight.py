@@ -6,11 +6,10 @@ import numpy as np
 
 from mavdem.assessment.autopilot_messages import SEVERITIES
 from mavdem.assessment.flights import flights_in_boot
+from mavdem.assessment.separate_flights import telemetry_of_spans
 from mavdem.dataset.segments import recorded_spans
 from mavdem.dataset.signals import Signals
-from mavdem.ingest.mavlink.payloads import latest_parameters
-from mavdem.ingest.mavlink.vehicles import vehicle_identity
-from mavdem.ingest.telemetry import Log, Parameters, Telemetry, selected_rows
+from mavdem.ingest.telemetry import Log, Telemetry, selected_rows
 
 LASTING_MESSAGES = frozenset({"AUTOPILOT_VERSION", "AVAILABLE_MODES", "PARAM_VALUE"})
 """Messages that an autopilot sends once, on request, and whose content holds until it restarts."""
@@ -44,42 +43,15 @@ def _last_flown_boot(telemetry: Telemetry) -> Telemetry:
             texts alone. If the vehicle never left the ground, the messages of its last boot are returned.
     """
     signals = Signals(telemetry)
-    boots = [span.boot for span in recorded_spans(signals)]
-    if not boots or boots == [0]:
+    spans = recorded_spans(signals)
+    if not spans or [span.boot for span in spans] == [0]:
         return telemetry
-    last_boot = boots[-1]
-    for boot in reversed(boots):
-        if flights_in_boot(signals, boot):
-            last_boot = boot
+    last_span = spans[-1]
+    for span in reversed(spans):
+        if flights_in_boot(signals, span.boot):
+            last_span = span
             break
-    messages = {}
-    for name, columns in telemetry.messages.items():
-        rows_of_boot = np.flatnonzero(columns["boot"] == last_boot)
-        if len(rows_of_boot):
-            columns_of_boot = selected_rows(columns, rows_of_boot)
-            columns_of_boot["boot"] = np.zeros(len(rows_of_boot), int)
-            messages[name] = columns_of_boot
-    return _with_autopilot_of_messages(replace(telemetry, messages=messages))
-
-
-def _with_autopilot_of_messages(telemetry: Telemetry) -> Telemetry:
-    """Returns a vehicle's messages with the autopilot that sent them, and with its parameters if it is another one.
-
-    A recording states one autopilot and the parameters of all its boots. If another vehicle had the same ids in another
-    boot, those may be wrong for the messages of this one.
-
-    Args:
-        telemetry: messages of one boot, with the autopilot and the parameters of the whole recording.
-    """
-    if "HEARTBEAT" not in telemetry.messages:
-        return telemetry
-    autopilot = vehicle_identity(telemetry.messages["HEARTBEAT"]).autopilot
-    if autopilot == telemetry.autopilot:
-        return telemetry
-    parameters: Parameters = {}
-    if "PARAM_VALUE" in telemetry.messages:
-        parameters = latest_parameters(telemetry.messages["PARAM_VALUE"], autopilot)
-    return replace(telemetry, autopilot=autopilot, parameters=parameters)
+    return telemetry_of_spans(signals, [last_span])
 
 
 def _since_last_landing(telemetry: Telemetry) -> Telemetry:

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from mavdem.assessment.flight_verdict import FlightVerdict, worst_first
 from mavdem.dem import Learned
 from mavdem.facts import Fact, Facts
 from mavdem.facts.lights import Light
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.session import SessionFact
-from mavdem.live.flight_verdict import FlightVerdict, worst_first
 from mavdem.live.learning import FlightLearning
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.wind import WindEstimate

@@ -16,6 +16,7 @@ import numpy as np
 
 from mavdem.assessment.axis.findings import Findings
 from mavdem.assessment.event_lights import lights_with_event
+from mavdem.assessment.flight_verdict import FlightVerdict, worst_first
 from mavdem.assessment.headline import headline_by_lights
 from mavdem.assessment.judgement import Judgement, unjudged
 from mavdem.assessment.lights import VEHICLE_LIGHTS
@@ -36,7 +37,6 @@ from mavdem.facts.session import LinkFact, MissingMessages, RowsFact, SessionFac
 from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.immutable import ImmutableResult
-from mavdem.live.flight_verdict import FlightVerdict, worst_first
 from mavdem.live.history import REPORTED_HORIZON
 from mavdem.live.link import SILENCE_SECONDS
 from mavdem.live.link_loss import LONG_LOSS_SECONDS, lights_during_silence, link_loss_fact

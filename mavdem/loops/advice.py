@@ -399,15 +399,17 @@ def gains_to_lower(names: Iterable[str], parameters: ParametersInFlight) -> Gain
     """Returns how to make gains a third lower than they were in a flight.
 
     The pilot may have changed them since. So each new value is a fraction of the value in the flight, and the value
-    that it replaces is that at the end of the log. A gain that had several values in the flight gets no new one.
+    that it replaces is that at the end of the log. A gain that had several values in the flight gets no new one. If one
+    of the gains was lowered so far already, the others stay: the next flight shows whether that is enough.
 
     Args:
-        names: names of the gains.
+        names: names of the gains of one loop.
         parameters: parameters of the autopilot in the flight. Gains that it has not reported are left out, and so are
             gains of 0, which are switched off.
     """
     changes = []
     changed = []
+    is_lowered = False
     for name in names:
         if name in parameters.changed_names:
             changed.append(Fact(GainFact.GAIN_CHANGED_IN_FLIGHT, subject=name))
@@ -427,7 +429,8 @@ def gains_to_lower(names: Iterable[str], parameters: ParametersInFlight) -> Gain
                 present_value=present_value,
             )
             changed.append(lowered)
-    return GainReduction(changes, tuple(changed))
+            is_lowered = True
+    return GainReduction([] if is_lowered else changes, tuple(changed))
 
 
 def gain_reduction_advice(oscillation: Oscillation, parameters: ParametersInFlight) -> Fact:
@@ -448,15 +451,20 @@ def gain_reduction_advice(oscillation: Oscillation, parameters: ParametersInFlig
         The advice as a fact, from which reports make a sentence. Its figure ``changes`` has name, value and new value
         of each gain to lower.
     """
-    names = []
+    changes: list[GainChange] = []
+    changed: list[Fact] = []
     for cycle in (oscillation, *oscillation.other_axes):
         # Without a known controller of the axis, no gains are named.
         with suppress(NotLearnable):
             # Only the gains are used, so the mixer has no effect, and the mixer of a single motor is given.
             controller = controller_from_parameters(parameters.any_values, cycle.axis, (1.0,))
-            for field in _gains_behind_oscillation(controller, cycle.frequency):
-                names.append(controller.parameter_names[field])
-    reduction = gains_to_lower(names, parameters)
+            fields = _gains_behind_oscillation(controller, cycle.frequency)
+            reduction = gains_to_lower(
+                [controller.parameter_names[field] for field in fields], parameters
+            )
+            changes += reduction.changes
+            changed += reduction.changed
+    reduction = GainReduction(changes, tuple(changed))
     return Fact(GainFact.LOWER_GAINS, **reduction.figures, **oscillation.figures)
 
 

@@ -178,6 +178,8 @@ def _last_lines(assessment: Assessment, columns: int) -> list[str]:
     lines += headline_lines(assessment, columns)
     lines += _evidence_lines(assessment.headline, columns)
     lines += _wrapped_lines(f"Next: {assessment.next_step}", columns)
+    for verdict in assessment.flight_verdicts[1:]:
+        lines += wrap(verdict.fact.sentence, columns)
     return lines
 
 
@@ -190,6 +192,8 @@ def headline_lines(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> lis
         assessment: all results on the flight: events, status lights, model, loops and wind.
         columns: number of characters in a line.
     """
+    if assessment.flight_verdicts:
+        return wrap(assessment.stated_headline.sentence, columns)
     fact = assessment.headline
     is_light = fact in assessment.lights.values() and fact not in assessment.events
     return wrap(fact.sentence if is_light else headline(fact), columns)

@@ -28,6 +28,7 @@ from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light
 from mavdem.facts.model import ModelName
+from mavdem.facts.session import SessionFact
 from mavdem.flight import Flights
 from mavdem.motors.hover import HoverFigures
 from mavdem.plant import Physical
@@ -241,6 +242,24 @@ def judgement_sentences(judgement: Judgement) -> JudgementSentences:
     heading = headline_sentence(headline(judgement.headline))
     next_step = Sentence(str(judgement.next_step), lead="Next:")
     return JudgementSentences(heading, light_sentences, next_step)
+
+
+def flight_sentences(assessment: Assessment) -> Blocks:
+    """Returns on which flight of a recording a report is, and the verdicts on all of its flights, the worst first.
+
+    Args:
+        assessment: assessment of the worst flight.
+
+    Returns:
+        The sentences; none if the recording is assessed as a whole.
+    """
+    verdicts = assessment.flight_verdicts
+    if not verdicts:
+        return []
+    worst_verdict = verdicts[0]
+    facts = [Fact(SessionFact.FLIGHT_OF_RECORDING, number=worst_verdict.number)]
+    facts += [verdict.fact for verdict in verdicts]
+    return [Sentence(fact.sentence) for fact in facts]
 
 
 def warnings_of_lights(judgement: Judgement, light_names: Sequence[Light]) -> list[Sentence]:

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mavdem.assessment import Assessment
-from mavdem.assessment.assess import assess_signals
+from mavdem.assessment.assess import assess_recording
 from mavdem.assessment.flown_flights import flown_flights
 from mavdem.assessment.reported import reported_events
 from mavdem.assessment.severity import severity_rank
@@ -232,7 +232,7 @@ def _assessed_vehicles(log: Log, progress: ProgressFile) -> list[AssessedVehicle
     vehicles = []
     for telemetry in log.vehicles:
         progress.report(Stage.JUDGING)
-        assessment = assess_signals(log, Signals(telemetry), progress=progress.show_step)
+        assessment = assess_recording(log, Signals(telemetry), progress=progress.show_step)
         progress.report(Stage.LEARNING, **_assessment_columns(assessment))
         rows = rows_of_assessment(assessment.with_axis(ADDITIONAL_AXIS), log.source)
         vehicles.append(AssessedVehicle(assessment, rows))
@@ -281,7 +281,7 @@ def _assessment_columns(assessment: Assessment) -> dict[str, str]:
         Values by the names of the columns; each light's column has the light's name.
     """
     return {
-        "headline": str(assessment.headline),
+        "headline": str(assessment.stated_headline),
         "level": str(assessment.headline.level),
         "next_step": str(assessment.next_step),
         **{name: str(fact.level) for name, fact in assessment.lights.items()},
@@ -299,8 +299,8 @@ def _index_columns(assessment: Assessment, rows: FlightRows) -> JsonValues:
         Values by the names of the columns.
     """
     # Only an assessment in which no vehicle was judged has no evidence.
-    assert assessment.evidence is not None
-    flights = flown_flights(assessment.evidence.signals)
+    assert assessment.recorded_signals is not None
+    flights = flown_flights(assessment.recorded_signals)
     return {
         **columns_of_flight(rows),
         **_assessment_columns(assessment),

@@ -11,7 +11,7 @@ import os
 import shutil
 from pathlib import Path
 
-from mavdem.assessment.assess import assess_signals
+from mavdem.assessment.assess import assess_recording
 from mavdem.assessment.identity import identify_vehicle
 from mavdem.dataset.signals import Signals
 from mavdem.errors import Refusal, Unreadable, error_message
@@ -183,7 +183,7 @@ def make_recordings(path: Path, key: str, page: object) -> LogRows:
         log = read_stored_log(path)
         telemetry = vehicle_of_page(log, results / REPORT_FILE)
         progress.report(Stage.LEARNING)
-        assessment = assess_signals(log, Signals(telemetry), progress=progress.show_step)
+        assessment = assess_recording(log, Signals(telemetry), progress=progress.show_step)
         progress.report(Stage.RECORDING)
         paths = {name: unfinished_folder / name for name in possible_recordings()}
         write_recordings(paths, assessment)

@@ -223,11 +223,15 @@ def log_page(
         sentences = judgement_sentences(assessment.judgement)
         # After the headline come its evidence, which is what sensors confirm, and the next step. The status lights
         # stand in a grid below.
+        headline_of_page = sentences.headline
+        if assessment.flight_verdicts:
+            headline_of_page = headline_sentence(assessment.stated_headline.sentence)
         summary = [
-            sentences.headline,
+            headline_of_page,
             *evidence,
             *_margin_sentences(assessment),
             sentences.next_step,
+            *[Sentence(verdict.fact.sentence) for verdict in assessment.flight_verdicts[1:]],
         ]
         return render_document(name, subtitle, summary, chapters, back, head, max_points)
 

@@ -32,6 +32,7 @@ from mavdem.report.loops import (
 from mavdem.report.pages.noise_chapters import gyro_chapter
 from mavdem.report.pages.page import Chapter, Head, render_document
 from mavdem.report.palette import MEASURED, PHYSICAL, PREDICTED
+from mavdem.report.screen import flight_sentences
 from mavdem.report.templates import headline, render_section, sentences_by_axes
 
 SUBTITLE = "Margins of the loops, and gains to set. Nothing was sent to the vehicle."
@@ -115,6 +116,7 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
         (withheld,) = render_section("tune_withheld", axes=[*tuning.axes])
         other_result = Sentence(headline(heading), "The flight:")
         summary = [withheld, other_result, *summary[1:]]
+    summary += flight_sentences(assessment)
     # The row of lights is left out: this page is only about the loops, whose margins it shows in full.
     head = Head(heading.level, lights={}, changes=changes)
     return render_document(name, SUBTITLE, summary, chapters, head=head)

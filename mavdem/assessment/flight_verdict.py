@@ -1,4 +1,4 @@
-"""The verdict on one flight of a live session, which the next take-off and the end of the session report."""
+"""The verdict on one flight of several, in a live session or in a recording."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -10,10 +10,10 @@ from mavdem.facts.session import SessionFact
 
 
 class FlightVerdict(NamedTuple):
-    """The verdict on one flight of a session."""
+    """The verdict on one flight of a session or a recording, or on several flights of one boot of a recording."""
 
     number: int
-    """Number of the flight in the session, from 1; 0 where no take-off was noticed."""
+    """Number of the flight, from 1, or of the first of several; 0 where no take-off was noticed."""
 
     judgement: Judgement
     """Its latest judgement: headline, next step and lights."""
@@ -23,6 +23,9 @@ class FlightVerdict(NamedTuple):
 
     is_lost_in_air: bool = False
     """Whether the autopilot restarted after the last message in the air, so that the end of the flight is not known."""
+
+    last_number: int | None = None
+    """Number of the last flight, if the verdict is on several; None if it is on one."""
 
     @property
     def fact(self) -> Fact:
@@ -34,6 +37,7 @@ class FlightVerdict(NamedTuple):
             number=self.number,
             duration=self.duration,
             is_lost_in_air=self.is_lost_in_air,
+            last_number=self.last_number,
             reason=headline,
         )
 

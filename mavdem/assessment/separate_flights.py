@@ -1,0 +1,215 @@
+"""The flights of a recording that are judged each by itself: the autopilot restarted on the ground between them.
+
+Parameters, battery and propellers may be other ones after a restart, and another vehicle may have the same ids. Flights
+of one boot are judged together.
+"""
+
+from dataclasses import replace
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.assessment.flight_verdict import FlightVerdict
+from mavdem.assessment.flights import flights_in_boot
+from mavdem.assessment.flown_flights import flights_and_hops, flown_flights, total_time
+from mavdem.assessment.judgement import Judgement
+from mavdem.assessment.restarts import restarts
+from mavdem.dataset.parameter_history import BootTime, parameter_history_of
+from mavdem.dataset.segments import Segment, Segments, recorded_spans
+from mavdem.dataset.signals import Signals
+from mavdem.facts.events import ReportedEvent
+from mavdem.ingest.mavlink.payloads import latest_parameters
+from mavdem.ingest.mavlink.vehicles import vehicle_identity
+from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
+from mavdem.ingest.telemetry import Columns, Parameters, Tables, Telemetry, selected_rows
+
+
+class SeparateFlight(NamedTuple):
+    """A flight of a recording, or several flights of one boot."""
+
+    signals: Signals
+    """The signals of this flight alone."""
+    first_number: int
+    """Number of the flight in the recording, from 1, or of the first of several."""
+    last_number: int | None
+    """Number of the last of several flights; None for a single one."""
+    duration: float | None
+    """Time in the air, s; None if it is not known."""
+
+    def verdict(self, judgement: Judgement) -> FlightVerdict:
+        """Returns the verdict on the flight, by the judgement of it."""
+        return FlightVerdict(
+            self.first_number, judgement, self.duration, last_number=self.last_number
+        )
+
+
+class RecordedFlight(NamedTuple):
+    """The flight of a recording that is assessed, and the verdicts on the others."""
+
+    flight: SeparateFlight
+    """The flight."""
+    other_verdicts: tuple[FlightVerdict, ...]
+    """The verdicts on the other flights, the worst first."""
+    all_signals: Signals
+    """The signals of all flights of the recording."""
+
+
+def separate_flights(signals: Signals) -> list[SeparateFlight]:
+    """Returns the flights of a multirotor's recording between which its autopilot restarted on the ground.
+
+    Args:
+        signals: logged time series of the vehicle in all boots.
+
+    Returns:
+        The flights in the order of the recording; none for another kind of vehicle.
+    """
+    flights: list[SeparateFlight] = []
+    if signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:
+        return flights
+    flight_count = 0
+    for spans in _spans_between_restarts(signals):
+        if not any(flights_in_boot(signals, span.boot) for span in spans):
+            continue
+        telemetry = telemetry_of_spans(signals, spans)
+        signals_of_flight = Signals(telemetry, signals.axis, signals.inputs)
+        # A flight that was over at once is no flight for a pilot, but it is judged and so needs a number.
+        count = max(len(flown_flights(signals_of_flight)), 1)
+        flights.append(
+            SeparateFlight(
+                signals_of_flight,
+                first_number=flight_count + 1,
+                last_number=flight_count + count if count > 1 else None,
+                duration=total_time(flights_and_hops(signals_of_flight)),
+            )
+        )
+        flight_count += count
+    return flights
+
+
+def _spans_between_restarts(signals: Signals) -> list[Segments]:
+    """Groups the recorded spans of all boots: a group ends where the autopilot restarts on the ground.
+
+    Args:
+        signals: logged time series of the vehicle in all boots.
+
+    Returns:
+        The groups in the order of the recording. A group has several boots if the autopilot restarted in flight.
+    """
+    groups: list[list[Segment]] = []
+    for span in recorded_spans(signals):
+        events = restarts(signals, span) if groups else ()
+        is_in_flight = any(event.code is ReportedEvent.RESTARTED_IN_FLIGHT for event in events)
+        if is_in_flight:
+            groups[-1].append(span)
+        else:
+            groups.append([span])
+    return list(groups)
+
+
+def telemetry_of_spans(signals: Signals, spans: Segments) -> Telemetry:
+    """Returns the messages of some boots of a vehicle, as if nothing else had been recorded.
+
+    The parameters are those of these boots, also if they were reported in other ones only. A recording states one
+    autopilot: if another vehicle had the same ids in another boot, the autopilot is found anew.
+
+    Args:
+        signals: logged time series of the vehicle in all boots.
+        spans: recorded spans of successive boots, at least one.
+
+    Returns:
+        Their messages, with 0 as the number of the first boot.
+    """
+    telemetry = signals.telemetry
+    first_boot, last_boot = spans[0].boot, spans[-1].boot
+    messages = dict[str, Columns]()
+    for name, columns in telemetry.messages.items():
+        is_of_boots = (columns["boot"] >= first_boot) & (columns["boot"] <= last_boot)
+        if is_of_boots.any():
+            messages[name] = _with_boots_from_zero(selected_rows(columns, is_of_boots), first_boot)
+    if "HEARTBEAT" in messages:
+        autopilot = vehicle_identity(messages["HEARTBEAT"]).autopilot
+        if autopilot != telemetry.autopilot:
+            return _of_other_autopilot(telemetry, messages, autopilot)
+    end = _end_of_parameters(signals, spans[-1])
+    if "PARAM_VALUE" in telemetry.messages:
+        reports = _reports_until(telemetry.messages["PARAM_VALUE"], spans, end)
+        if len(reports["time"]):
+            messages["PARAM_VALUE"] = _with_boots_from_zero(reports, first_boot)
+    history = parameter_history_of(telemetry)
+    values_at_start = history.at(BootTime(first_boot, -inf))
+    values_at_end = history.at(end)
+    initial_values = {}
+    for name in history.settings:
+        if values_at_start[name] != values_at_end[name]:
+            initial_values[name] = values_at_start[name]
+    return replace(
+        telemetry, messages=messages, parameters=values_at_end, initial_parameters=initial_values
+    )
+
+
+def _with_boots_from_zero(columns: Columns, first_boot: int) -> Columns:
+    """Returns the messages of one type with the numbers of their boots counted from ``first_boot``."""
+    return {**columns, "boot": columns["boot"] - first_boot}
+
+
+def _of_other_autopilot(telemetry: Telemetry, messages: Tables, autopilot: str) -> Telemetry:
+    """Returns a vehicle with another autopilot than its recording states, and with what that has reported.
+
+    Args:
+        telemetry: the vehicle, with the autopilot and the parameters of the whole recording.
+        messages: messages of this autopilot.
+        autopilot: the MAV_AUTOPILOT without its prefix.
+    """
+    parameters: Parameters = {}
+    if "PARAM_VALUE" in messages:
+        parameters = latest_parameters(messages["PARAM_VALUE"], autopilot)
+    return replace(
+        telemetry,
+        messages=messages,
+        autopilot=autopilot,
+        parameters=parameters,
+        initial_parameters={},
+    )
+
+
+def _end_of_parameters(signals: Signals, span: Segment) -> BootTime:
+    """Returns the time up to which parameters are reported that count in a boot.
+
+    A report has no time of its own, but that of the message before it. So what comes first after a restart seems to be
+    of the end of the boot before. It does not count there, nor does anything else after the last landing before a
+    restart. In the last boot of a recording all reports count.
+
+    Args:
+        signals: logged time series of the vehicle in all boots.
+        span: recorded span of the boot.
+    """
+    is_last = span == recorded_spans(signals)[-1]
+    if is_last:
+        return BootTime(span.boot, inf)
+    end = np.nextafter(span.end, -inf)
+    flights = flights_in_boot(signals, span.boot)
+    if flights:
+        _, last_landing = flights[-1]
+        end = min(end, last_landing)
+    return BootTime(span.boot, float(end))
+
+
+def _reports_until(reports: Columns, spans: Segments, end: BootTime) -> Columns:
+    """Returns the reports of parameters up to a time; those of boots before some others are moved to their start.
+
+    What an autopilot reported before it restarted still holds afterwards.
+
+    Args:
+        reports: columns of PARAM_VALUE, in the order of the recording.
+        spans: recorded spans of successive boots, at least one.
+        end: the time, in the last of these boots.
+    """
+    first_span = spans[0]
+    is_in_last_boot = reports["boot"] == end.boot
+    is_until_end = (reports["boot"] < end.boot) | (is_in_last_boot & (reports["time"] <= end.time))
+    reports_until_end = selected_rows(reports, is_until_end)
+    is_earlier = reports_until_end["boot"] < first_span.boot
+    time = np.where(is_earlier, first_span.start, reports_until_end["time"])
+    boot = np.where(is_earlier, first_span.boot, reports_until_end["boot"])
+    return {**reports_until_end, "time": time, "boot": boot}

@@ -1,0 +1,139 @@
+"""Flights of a recording between which the autopilot restarted are judged each by itself."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from hover import X_QUAD, X_QUAD_PARAMETERS, Hover, columns
+from known_gains import ARDUPILOT
+from pytest import approx, fixture, mark
+
+from mavdem.assessment.assess import assess_recording
+from mavdem.assessment.axis import Options
+from mavdem.assessment.separate_flights import separate_flights
+from mavdem.dataset.signals import Signals
+from mavdem.documents import complete_document
+from mavdem.documents.review import review_document
+from mavdem.facts import Level
+from mavdem.facts.loops import GainFact
+from mavdem.facts.margins import MarginsLight
+from mavdem.ingest.telemetry import concatenated_columns, log_of_vehicles
+from mavdem.report.review import review_screen
+
+RATE = 50.0
+"""Rate of attitude and outputs, Hz."""
+
+
+@dataclass(frozen=True)
+class ShortHover(Hover):
+    """A hover of 24 s that lands at once; roll may oscillate at ``frequency``, Hz, with motors from stop to stop."""
+
+    hovering: float = 24.0
+    frequency: float = 0.0
+
+    @property
+    def landed(self):
+        return self.sinking + 4.0
+
+    def roll(self, t):
+        return super().roll(t) + self.amplitude * np.sin(self.phase(t))
+
+    def roll_rate(self, t):
+        swing = 2 * np.pi * self.frequency * self.amplitude
+        return super().roll_rate(t) + swing * np.cos(self.phase(t))
+
+    def motors(self, t):
+        pulse_widths = super().motors(t)
+        if self.frequency:
+            in_air = (t >= 6.0) & (t < self.landed)
+            swing = 500.0 * np.sign(np.sin(self.phase(t)))
+            pulse_widths[in_air] = np.clip(1500.0 + X_QUAD * swing[in_air, None], 1000.0, 2000.0)
+        return pulse_widths
+
+    @property
+    def amplitude(self):
+        return 0.05 if self.frequency else 0.0
+
+    def phase(self, t):
+        return 2 * np.pi * self.frequency * t
+
+
+def recording(*flights):
+    """The signals of a recording with a boot for each pair of a hover and its P gain of roll."""
+    tables = {}
+    for boot, (hover, gain) in enumerate(flights):
+        telemetry = hover.telemetry(RATE, RATE)
+        parameters = ARDUPILOT | X_QUAD_PARAMETERS | {"ATC_RAT_RLL_P": gain}
+        names = np.array([name.encode() for name in parameters])
+        reports = columns(
+            np.full(len(names), 1.0),
+            param_id=names,
+            param_type=9,
+            param_value=np.array([*parameters.values()]),
+        )
+        for name, table in {**telemetry.messages, "PARAM_VALUE": reports}.items():
+            boots = np.full(len(table["time"]), boot)
+            tables.setdefault(name, []).append({**table, "boot": boots})
+    messages = {name: concatenated_columns(of_boots) for name, of_boots in tables.items()}
+    return Signals(replace(telemetry, messages=messages, parameters=parameters))
+
+
+SOUND = ShortHover()
+OSCILLATING = ShortHover(frequency=6.0)
+
+
+@fixture(scope="module")
+def assessment():
+    """Three flights, of which the first oscillates with a gain that the pilot lowered afterwards."""
+    signals = recording((OSCILLATING, 2.262), (SOUND, 0.3), (SOUND, 0.197))
+    log = log_of_vehicles((signals.telemetry,), 0, 0)
+    return assess_recording(log, signals, options=Options(with_model=False))
+
+
+def test_a_flight_has_the_parameters_that_it_was_flown_with():
+    signals = recording((SOUND, 0.25), (SOUND, 0.3), (SOUND, 0.197))
+    flights = separate_flights(signals)
+    gains = [flight.signals.telemetry.parameters["ATC_RAT_RLL_P"] for flight in flights]
+    assert gains == [0.25, 0.3, 0.197]
+    assert [(flight.first_number, flight.last_number) for flight in flights] == [
+        (1, None),
+        (2, None),
+        (3, None),
+    ]
+    assert [flight.duration for flight in flights] == approx([33.0] * 3, abs=2.0)
+    for flight in flights:
+        assert not any(table["boot"].any() for table in flight.signals.telemetry.messages.values())
+
+
+def test_what_comes_before_the_first_clock_of_a_boot_does_not_count_in_the_boot_before():
+    """A report has the time of the message before it, which was sent before the restart."""
+    signals = recording((SOUND, 0.25), (SOUND, 0.3))
+    reports = dict(signals.telemetry.messages["PARAM_VALUE"])
+    is_second = reports["boot"] == 1
+    reports["boot"] = np.zeros_like(reports["boot"])
+    last_stamp = signals.telemetry.messages["ATTITUDE"]["time"].max()
+    reports["time"] = np.where(is_second, last_stamp, reports["time"])
+    messages = {**signals.telemetry.messages, "PARAM_VALUE": reports}
+    flights = separate_flights(Signals(replace(signals.telemetry, messages=messages)))
+    gains = [flight.signals.telemetry.parameters["ATC_RAT_RLL_P"] for flight in flights]
+    assert gains == [0.25, 0.3]
+
+
+@mark.slow
+def test_the_worst_flight_is_assessed_and_its_gains_are_lowered_from_what_they_were(assessment):
+    assert assessment.headline.code is MarginsLight.OSCILLATES
+    advice = assessment.headline.figures["reason"]
+    assert advice.code is GainFact.LOWER_GAINS
+    assert advice.figures["changes"][0] == ("ATC_RAT_RLL_P", 2.262, approx(1.508))
+    verdicts = assessment.flight_verdicts
+    assert [verdict.number for verdict in verdicts] == [1, 2, 3]
+    assert [verdict.fact.level is Level.BAD for verdict in verdicts] == [True, False, False]
+
+
+@mark.slow
+def test_screen_and_document_name_the_flight_and_the_verdicts_on_the_others(assessment):
+    screen = " ".join(review_screen(assessment).split())
+    document = complete_document("review", review_document(assessment))
+    for sentence, verdict in zip(document["flights"], assessment.flight_verdicts, strict=True):
+        assert sentence.startswith(f"Flight {verdict.number} (0:")
+        assert sentence in screen
+    assert screen.index("Flight 1 (0:") < screen.index("Next: ") < screen.index("Flight 2 (0:")
