@@ -66,15 +66,20 @@ def named_simulator(telemetry: Telemetry) -> Simulator | None:
 def _names_software_simulator(telemetry: Telemetry) -> bool:
     """Returns whether a log names a simulator as its source, so that its figures are of no real vehicle.
 
-    ArduPilot's simulator has parameters SIM_… and "SITL" in the name of its board. PX4's has its own airframes, and
-    sensors on a bus for simulation; the type of the bus is in the lowest bits of a sensor's id. The simulator of this
-    project (`mavdem fly`) sends a text at boot.
+    ArduPilot's simulator has parameters SIM_… and "SITL" in the name of its board. PX4's has its own airframes, a
+    parameter that connects it to Gazebo, and sensors on a bus for simulation; the type of the bus is in the lowest bits
+    of a sensor's id. Other parameters SIM_… do not count there: firmware of real boards has them too, since it can
+    simulate on the board (https://docs.px4.io/main/en/simulation/hardware). The simulator of this project
+    (`mavdem fly`) sends a text at boot.
 
     Args:
         telemetry: parameters, hardware and texts of the vehicle.
     """
     parameters = telemetry.parameters
-    has_simulator_parameters = any(name.startswith("SIM_") for name in parameters)
+    if telemetry.autopilot == "PX4":
+        has_simulator_parameters = parameters.get("SIM_GZ_EN", 0) > 0
+    else:
+        has_simulator_parameters = any(name.startswith("SIM_") for name in parameters)
     has_simulator_airframe = parameters.get("SYS_AUTOSTART") in SIH_AIRFRAMES
     gyro_bus = parameters.get("CAL_GYRO0_ID", 0) % DEVICE_BUS_TYPES
     return (

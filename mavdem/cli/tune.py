@@ -174,7 +174,7 @@ def _print_tuning(
     # A bad headline that is not about the loops, such as a broken motor, precedes the gains, since the vehicle must not
     # fly. A headline about the loops is left out, because the blocks on the gains say the same.
     must_not_fly = judgement.headline.is_bad and not is_about_loops(judgement.headline, judgement)
-    blocks: Blocks = [*flight_sentences(assessment)]
+    blocks: Blocks = [*flight_sentences(assessment, has_headline_above=False)]
     headline_above = ""
     if must_not_fly:
         headline_above = str(judgement.headline)

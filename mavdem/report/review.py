@@ -30,6 +30,7 @@ from mavdem.report.brief_events import (
 from mavdem.report.gain_changes import gain_changes
 from mavdem.report.lights import earlier_lights, lights_with_reason_once
 from mavdem.report.numbers import counted
+from mavdem.report.screen import flight_sentences
 from mavdem.report.templates import first_clause, headline, render_section
 from mavdem.report.why import cause_sentences
 
@@ -178,8 +179,8 @@ def _last_lines(assessment: Assessment, columns: int) -> list[str]:
     lines += headline_lines(assessment, columns)
     lines += _evidence_lines(assessment.headline, columns)
     lines += _wrapped_lines(f"Next: {assessment.next_step}", columns)
-    for verdict in assessment.flight_verdicts[1:]:
-        lines += wrap(verdict.fact.sentence, columns)
+    for sentence in flight_sentences(assessment, has_headline_above=True):
+        lines += wrap(sentence.text, columns)
     return lines
 
 

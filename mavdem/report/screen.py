@@ -244,11 +244,13 @@ def judgement_sentences(judgement: Judgement) -> JudgementSentences:
     return JudgementSentences(heading, light_sentences, next_step)
 
 
-def flight_sentences(assessment: Assessment) -> Blocks:
-    """Returns on which flight of a recording a report is, and the verdicts on all of its flights, the worst first.
+def flight_sentences(assessment: Assessment, *, has_headline_above: bool) -> list[Sentence]:
+    """Returns on which flight of a recording a report is, and the verdicts on the flights, the worst first.
 
     Args:
         assessment: assessment of the worst flight.
+        has_headline_above: whether the report has the verdict on the worst flight as its headline, so that it is left
+            out here.
 
     Returns:
         The sentences; none if the recording is assessed as a whole.
@@ -256,9 +258,11 @@ def flight_sentences(assessment: Assessment) -> Blocks:
     verdicts = assessment.flight_verdicts
     if not verdicts:
         return []
-    worst_verdict = verdicts[0]
+    worst_verdict, *other_verdicts = verdicts
     facts = [Fact(SessionFact.FLIGHT_OF_RECORDING, number=worst_verdict.number)]
-    facts += [verdict.fact for verdict in verdicts]
+    if not has_headline_above:
+        facts.append(worst_verdict.fact)
+    facts += [verdict.fact for verdict in other_verdicts]
     return [Sentence(fact.sentence) for fact in facts]
 
 

@@ -715,11 +715,13 @@ def test_what_shows_that_a_flight_was_simulated():
         telemetry_with_drift_at_rest(5.1e-5, 100.0),
         telemetry_with_drift_at_rest(0.0),
         other_text,
+        replace(telemetry, autopilot="PX4", parameters={"SIM_BAT_DRAIN": 60.0, "SIM_GZ_EN": 0.0}),
     ):
         assert simulation_fact(evidence(real).signals) is None
     for differences, kind in (
         ({"parameters": {"SYS_HITL": 1.0}}, Simulator.HARDWARE),
         ({"parameters": {"SIM_WIND_SPD": 5.0}}, Simulator.SOFTWARE),
+        ({"autopilot": "PX4", "parameters": {"SIM_GZ_EN": 1.0}}, Simulator.SOFTWARE),
         ({"parameters": {"SYS_AUTOSTART": 10040.0}}, Simulator.SOFTWARE),
         ({"parameters": {"CAL_GYRO0_ID": 1310988.0}}, Simulator.SOFTWARE),
         ({"hardware": "PX4_SITL"}, Simulator.SOFTWARE),

@@ -74,6 +74,7 @@ from mavdem.report.pages.parameter_chapter import parameters_chapter
 from mavdem.report.review import review_title
 from mavdem.report.screen import (
     detail_blocks,
+    flight_sentences,
     judgement_sentences,
     motor_blocks,
     prediction_blocks,
@@ -231,7 +232,7 @@ def log_page(
             *evidence,
             *_margin_sentences(assessment),
             sentences.next_step,
-            *[Sentence(verdict.fact.sentence) for verdict in assessment.flight_verdicts[1:]],
+            *flight_sentences(assessment, has_headline_above=True),
         ]
         return render_document(name, subtitle, summary, chapters, back, head, max_points)
 

@@ -116,7 +116,7 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
         (withheld,) = render_section("tune_withheld", axes=[*tuning.axes])
         other_result = Sentence(headline(heading), "The flight:")
         summary = [withheld, other_result, *summary[1:]]
-    summary += flight_sentences(assessment)
+    summary += flight_sentences(assessment, has_headline_above=False)
     # The row of lights is left out: this page is only about the loops, whose margins it shows in full.
     head = Head(heading.level, lights={}, changes=changes)
     return render_document(name, SUBTITLE, summary, chapters, head=head)
