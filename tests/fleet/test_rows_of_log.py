@@ -11,7 +11,7 @@ from refusals import unreadable
 
 import mavdem
 from mavdem.assessment import Assessment
-from mavdem.assessment.assess import assess_signals
+from mavdem.assessment.assess import assess_recording
 from mavdem.dem import Learned
 from mavdem.dem.record import Record
 from mavdem.facts import Fact, Level
@@ -122,9 +122,9 @@ def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(monkeypatch):
     def failing(log, signals, *arguments, **known):
         if signals.telemetry is other_vehicle:
             raise KeyError("geometry")
-        return assess_signals(log, signals, *arguments, **known)
+        return assess_recording(log, signals, *arguments, **known)
 
-    monkeypatch.setattr(module, "assess_signals", failing)
+    monkeypatch.setattr(module, "assess_recording", failing)
     monkeypatch.setattr(
         module, "read_log", lambda _: replace(log, vehicles=(other_vehicle, sound_vehicle))
     )
