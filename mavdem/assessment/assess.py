@@ -120,6 +120,8 @@ def assess(
     )
 
 
+# Damaged messages hold infinite numbers and NaN.
+@np.errstate(all="ignore")
 def assess_recording(
     log: Log,
     signals: Signals,
@@ -144,7 +146,7 @@ def assess_recording(
         The assessment. Of flights that are equally bad the first is assessed.
     """
     flights = separate_flights(signals)
-    if len(flights) < 2:
+    if not flights:
         return assess_signals(
             log, signals, axis, options, progress=progress, show_findings=show_findings
         )

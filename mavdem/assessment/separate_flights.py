@@ -62,15 +62,19 @@ def separate_flights(signals: Signals) -> list[SeparateFlight]:
         signals: logged time series of the vehicle in all boots.
 
     Returns:
-        The flights in the order of the recording; none for another kind of vehicle.
+        The flights in the order of the recording; none if it has no such restart, or is of another kind of vehicle.
     """
     flights: list[SeparateFlight] = []
     if signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:
         return flights
-    flight_count = 0
+    flown_groups = []
     for spans in _spans_between_restarts(signals):
-        if not any(flights_in_boot(signals, span.boot) for span in spans):
-            continue
+        if any(flights_in_boot(signals, span.boot) for span in spans):
+            flown_groups.append(spans)
+    if len(flown_groups) < 2:
+        return flights
+    flight_count = 0
+    for spans in flown_groups:
         telemetry = telemetry_of_spans(signals, spans)
         signals_of_flight = Signals(telemetry, signals.axis, signals.inputs)
         # A flight that was over at once is no flight for a pilot, but it is judged and so needs a number.
