@@ -7,6 +7,7 @@ import numpy as np
 from partial_records import partial_record
 from pytest import mark
 
+from mavdem.assessment.flight_verdict import FlightVerdict, worst_first
 from mavdem.assessment.judgement import unjudged
 from mavdem.dem import Learned
 from mavdem.dem.online.estimate import Estimate
@@ -21,7 +22,6 @@ from mavdem.facts.motors import MotorsLight
 from mavdem.facts.power import PowerLight
 from mavdem.facts.session import RowsFact, SessionFact
 from mavdem.facts.watch import WatchFact
-from mavdem.live.flight_verdict import FlightVerdict, worst_first
 from mavdem.live.learning import FlightLearning
 from mavdem.live.milestones import MAX_VERDICTS, Milestones
 from mavdem.live.session_status import Latency, SessionStatus

@@ -39,6 +39,7 @@ AUTOTUNE_RESULT = re.compile(r"\b([PID]):(\d+\.?\d*)")
 GainValues = tuple[tuple[str, float], ...]
 """Names and values of the control parameters of one axis."""
 
+
 class GainSet(NamedTuple):
     """The gains of one axis from a time on."""
 
