@@ -262,6 +262,9 @@ def _is_held_by_ground(
 ) -> Flags:
     """Flags the times at which a vehicle does not rotate, although its motors differ enough to rotate a free one.
 
+    It does not rotate if its rates are far below its fastest ones in flight. The motors differ enough if the output
+    of one deviates far from what is usual for it while the vehicle rotates freely.
+
     Args:
         signals: Logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         collective: (N,) mean of the outputs of all motors in one boot, as a share of their range.

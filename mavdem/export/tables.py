@@ -89,10 +89,10 @@ def columns(flight: Flight) -> dict[str, Array]:
     table = {TIME_COLUMN: flight.time}
     for channels in channels_of(flight):
         for index, (name, unit) in enumerate(zip(channels.names, channels.units, strict=True)):
-            head = column_name(name, unit)
-            if head in table:
-                raise ValueError(f"two columns of the flight are called {head}: name them apart")
-            table[head] = channels.values[:, index]
+            column = column_name(name, unit)
+            if column in table:
+                raise ValueError(f"two columns of the flight are called {column}: name them apart")
+            table[column] = channels.values[:, index]
     return table
 
 

@@ -16,10 +16,10 @@ import subprocess
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
 import click
 
@@ -105,6 +105,28 @@ class StageClock:
         self._count_to_innermost_stage()
 
 
+class StageFunction(NamedTuple):
+    """A function of mavdem whose time counts to a stage of the review."""
+
+    stage: str
+    name: str
+    """Name of the function in its module."""
+    function: Callable[..., Any]
+
+
+def functions_of_stages() -> Iterator[StageFunction]:
+    """Imports the modules of all stages, and yields their functions, without those that this version does not have."""
+    for stage, paths in STAGES.items():
+        for path in paths:
+            module_name, function_name = path.split(":")
+            try:
+                module = importlib.import_module(f"mavdem.{module_name}")
+            except ModuleNotFoundError:
+                continue
+            if hasattr(module, function_name):
+                yield StageFunction(stage, function_name, getattr(module, function_name))
+
+
 def measure(log: str) -> dict[str, float]:
     """Reviews a log in this process, and returns the processor seconds of each stage.
 
@@ -119,26 +141,17 @@ def measure(log: str) -> dict[str, float]:
     """
     from mavdem.cli.commands import main
 
-    functions = []
-    for stage, paths in STAGES.items():
-        for path in paths:
-            module_name, function_name = path.split(":")
-            try:
-                module = importlib.import_module(f"mavdem.{module_name}")
-            except ModuleNotFoundError:
-                continue
-            if hasattr(module, function_name):
-                functions.append((stage, function_name, getattr(module, function_name)))
+    functions = list(functions_of_stages())
     import_seconds = time.process_time()
     clock = StageClock()
     for stage, function_name, function in functions:
-        measured = clock.measured(stage, function)
+        measured_function = clock.measured(stage, function)
         # Modules that have imported the function have a name of their own for it.
         for name, importing_module in list(sys.modules.items()):
             if not name.startswith("mavdem"):
                 continue
             if getattr(importing_module, function_name, None) is function:
-                setattr(importing_module, function_name, measured)
+                setattr(importing_module, function_name, measured_function)
     with TemporaryDirectory() as folder:
         main(["review", log, "--out", folder])
     clock.stop()

@@ -160,6 +160,17 @@ def _cases_with_one_gain(names: Iterable[str], seeds: int) -> Iterator[Case]:
             yield Case(name, 1.0, FIRST_SEED + number)
 
 
+class _ComparedParameter(NamedTuple):
+    """An estimated physical parameter and its truth, both in its unit."""
+
+    name: str
+    """"effect", "damping", "lag" or "delay"."""
+    estimate: float
+    half_width: float
+    """Half width of the 90 % interval of the estimate."""
+    truth: float
+
+
 def interval_rows(plant: Physical, truths: Values, true_delay: float) -> list[Values]:
     """Compares all parameters of a flight with their truth.
 
@@ -173,22 +184,26 @@ def interval_rows(plant: Physical, truths: Values, true_delay: float) -> list[Va
         whether the 90 % interval holds the truth.
     """
     half_widths = plant.interval()
-    motors = len(plant.effect)
-    names = [*["effect"] * motors, "damping", "lag", "delay"]
-    estimates = [*plant.effect, plant.damping, plant.lag, plant.delay]
-    true_parameters = [*truths["effect"], truths["damping"], truths["lag"], true_delay]
-    widths = [*half_widths.effect, half_widths.damping, half_widths.lag, half_widths.delay]
+    parameters = [
+        _ComparedParameter("effect", estimate, half_width, truth)
+        for estimate, half_width, truth in zip(
+            plant.effect, half_widths.effect, truths["effect"], strict=True
+        )
+    ]
+    parameters += [
+        _ComparedParameter("damping", plant.damping, half_widths.damping, truths["damping"]),
+        _ComparedParameter("lag", plant.lag, half_widths.lag, truths["lag"]),
+        _ComparedParameter("delay", plant.delay, half_widths.delay, true_delay),
+    ]
     rows = []
-    for name, estimate, true_value, width in zip(
-        names, estimates, true_parameters, widths, strict=True
-    ):
+    for name, estimate, half_width, truth in parameters:
         # The delay is identified together with the lag, and has no status of its own.
         status_name = "lag" if name == "delay" else name
         row = {
             "parameter": name,
             "status": plant.status[status_name],
-            "error": estimate / true_value - 1,
-            "inside": abs(estimate - true_value) <= width,
+            "error": estimate / truth - 1,
+            "inside": abs(estimate - truth) <= half_width,
         }
         rows.append(row)
     return rows

@@ -270,16 +270,20 @@ def motor_speeds(tables: Tables) -> NamedMessage:
     logged_columns = messages_with_fields(tables, "ESC", ("RPM",))
     if logged_columns:
         return NamedMessage("ESC", logged_columns)
+    # In old versions of ArduPilot each controller has a message of its own.
     tables_of_controllers: list[Columns] = []
-    for instance, name in enumerate(OLD_ESC_MESSAGES):
+    for number, name in enumerate(OLD_ESC_MESSAGES):
         controller = messages_with_fields(tables, name, ("RPM",))
-        if controller:
-            numbers = np.full(message_count(controller), instance)
-            fields = {"RPM": controller["RPM"], "Instance": numbers}
-            for field in ("Curr", "Temp"):
-                if field in controller:
-                    fields[field] = controller[field]
-            tables_of_controllers.append(with_stamps(controller, fields))
+        if not controller:
+            continue
+        fields = {
+            "RPM": controller["RPM"],
+            "Instance": np.full(message_count(controller), number),
+        }
+        for field in ("Curr", "Temp"):
+            if field in controller:
+                fields[field] = controller[field]
+        tables_of_controllers.append(with_stamps(controller, fields))
     if not tables_of_controllers:
         return NamedMessage("ESC", {})
     columns = concatenated_columns(tables_of_controllers)

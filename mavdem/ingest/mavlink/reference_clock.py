@@ -80,8 +80,10 @@ def reference_type_of(message_types: Sequence[MessageStamps]) -> MessageStamps |
             stamp_counts[message_type.message] = count
     if not stamp_counts:
         return None
-    names_of_boot_time = [name for name in stamp_counts if np.isfinite(types_by_name[name].period)]
-    most_stamped = max(names_of_boot_time or stamp_counts, key=stamp_counts.__getitem__)
+    candidates = [name for name in stamp_counts if np.isfinite(types_by_name[name].period)]
+    if not candidates:
+        candidates = list(stamp_counts)
+    most_stamped = max(candidates, key=lambda name: stamp_counts[name])
     return types_by_name[most_stamped]
 
 
