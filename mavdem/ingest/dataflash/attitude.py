@@ -83,7 +83,7 @@ class NamedMessage(NamedTuple):
     """Columns of MAVLink's message; empty where there is none."""
 
 
-def rate_unit(tables: Tables) -> tuple[float, Facts]:
+def rate_units_per_degree(tables: Tables) -> tuple[float, Facts]:
     """Finds out whether RATE logged body rates in degrees/s or in centidegrees/s, by comparison with the gyro.
 
     The log does not state the unit. The magnitude of RATE's body rate, taken for degrees/s, is divided by the magnitude

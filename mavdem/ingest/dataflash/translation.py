@@ -24,7 +24,7 @@ from mavdem.ingest.dataflash.attitude import (
     controller_demands,
     derivative_terms,
     rate_tuning,
-    rate_unit,
+    rate_units_per_degree,
 )
 from mavdem.ingest.dataflash.batteries import NUMBERED_BATTERY_MESSAGES, battery_status, sys_status
 from mavdem.ingest.dataflash.estimators import FlownEstimates, core_message_names, flown_estimates
@@ -203,7 +203,7 @@ def mavlink_messages(
     """
     estimates = flown_estimates(tables, parameters)
     tables = estimates.tables
-    units_per_degree, unit_repairs = rate_unit(tables)
+    units_per_degree, unit_repairs = rate_units_per_degree(tables)
     attitude_message = attitude(tables, units_per_degree)
     demands, demand_repairs = controller_demands(tables)
     tuning = rate_tuning(tables, attitude_message.columns, units_per_degree)

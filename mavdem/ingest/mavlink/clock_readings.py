@@ -122,11 +122,11 @@ def outlier_stamps(stamps: Times) -> Flags:
 
 
 def stamped_messages(message_type: MessageStamps) -> tuple[StreamPositions, Times]:
-    """Returns the messages of a type whose stamp is not 0, which means that it was not set.
+    """Returns the messages of a type that have a stamp; a stamp of 0 was not set.
 
     Args:
-        message_type: The messages of the type. It has their stamps, a function that decodes them, or None for a type
-            without stamps.
+        message_type: The messages of the type. Its ``stamps`` are an array, a function that decodes them, or None for a
+            type without stamps.
 
     Returns:
         Positions (m,) of these messages in the stream, and their stamps (m,), s.

@@ -444,7 +444,7 @@ class _RunProcessor:
             if self._links.has_two_counters:
                 self._compare_attitudes(first_attitude, end_attitude)
         first_reading, end_reading = np.searchsorted(self._reading_rows, [first, end]).tolist()
-        self._links.add_readings(self._readings.part(first_reading, end_reading))
+        self._links.add_readings(self._readings.between(first_reading, end_reading))
         # Copies of these frames may follow, unless the recording ends here.
         if end < len(self._frames):
             self._links.remember_frames(self._frames_to_remember(first, end))

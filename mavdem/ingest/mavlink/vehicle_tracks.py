@@ -69,7 +69,7 @@ class ReadingColumns(NamedTuple):
         """Returns one reading."""
         return Reading(*(float(column[row]) for column in self))
 
-    def part(self, first: int, end: int) -> "ReadingColumns":
+    def between(self, first: int, end: int) -> "ReadingColumns":
         """Returns the readings from one row to before another."""
         return ReadingColumns(*(column[first:end] for column in self))
 
@@ -242,18 +242,20 @@ class VehicleTracks:
     def add_all(self, readings: ReadingColumns) -> None:
         """Adds many readings, with the same result as ``add`` for each, but faster.
 
-        Readings that surely do not contradict those before them are added together. Only the others are compared with
-        every track.
+        Readings that certainly do not contradict those before them are added together. Only the others are compared
+        with every track.
 
         Args:
             readings: Clock, heading and position in n messages, in the order of the stream.
         """
-        next_row = 0
-        for row in np.flatnonzero(_may_contradict(readings)).tolist():
-            self._add_consistent(readings.part(next_row, row))
-            self.add(readings.reading(row))
-            next_row = row + 1
-        self._add_consistent(readings.part(next_row, len(readings.clock)))
+        doubtful_rows = np.flatnonzero(_may_contradict(readings)).tolist()
+        # First row of the consistent readings that are not added yet.
+        first_row = 0
+        for doubtful_row in doubtful_rows:
+            self._add_consistent(readings.between(first_row, doubtful_row))
+            self.add(readings.reading(doubtful_row))
+            first_row = doubtful_row + 1
+        self._add_consistent(readings.between(first_row, len(readings.clock)))
 
     def _add_consistent(self, readings: ReadingColumns) -> None:
         """Adds readings that are each consistent with the latest clock, heading and position before it.
@@ -271,7 +273,7 @@ class VehicleTracks:
             self.add(readings.reading(row))
             row += 1
         if row < count:
-            self._extend_first_track(readings.part(row, count))
+            self._extend_first_track(readings.between(row, count))
 
     def _has_latest_heading_and_position(self) -> bool:
         """Returns whether the latest heading and the latest position of all tracks are both of the first track."""
