@@ -228,7 +228,7 @@ def _messages_by_chunk(
 ) -> Iterator[tuple[bytes, Messages]]:
     """Divides messages into chunks, each of which ends with the message that makes it larger than a limit.
 
-    So a chunk is at most one message larger than the limit, as of the writer of the MCAP library.
+    So a chunk exceeds the limit by at most one message, as with the writer of the MCAP library.
 
     Args:
         messages: Heads and bodies of all messages, in the order of time.
@@ -239,18 +239,19 @@ def _messages_by_chunk(
         The records of definitions with which a chunk begins, and its messages.
     """
     # Number of bytes of all messages up to each one, itself included.
-    bytes_until = np.cumsum(messages.record_sizes)
+    bytes_up_to = np.cumsum(messages.record_sizes)
     first_message = 0
     # Number of bytes of all messages before the chunk. It begins below 0 since the definitions, too, fill the first
     # chunk.
     bytes_before = -len(definitions)
-    while first_message < len(bytes_until):
+    while first_message < len(bytes_up_to):
         # The chunk ends with the first message up to which it has more bytes than the limit, or with the last of all.
-        last_message = int(np.searchsorted(bytes_until, bytes_before + chunk_bytes, side="right"))
-        end_message = min(last_message + 1, len(bytes_until))
+        last_message = int(np.searchsorted(bytes_up_to, bytes_before + chunk_bytes, side="right"))
+        end_message = min(last_message + 1, len(bytes_up_to))
         yield definitions, messages.messages_between(first_message, end_message)
+        # Only the first chunk begins with the definitions.
         definitions = b""
-        bytes_before = int(bytes_until[end_message - 1])
+        bytes_before = int(bytes_up_to[end_message - 1])
         first_message = end_message
 
 

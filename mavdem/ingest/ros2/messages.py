@@ -94,15 +94,16 @@ def columns_of(
         The columns; None if there are no messages, or they are of another type.
     """
     columns: Fields = {}
-    available = set()
+    available_fields = set()
     for field in (*required, *optional):
         try:
             columns |= _field_columns(messages.values(), field)
         except (AttributeError, TypeError, ValueError):
             continue
-        available.add(field)
-    has_optional = not optional or not available.isdisjoint(optional)
-    if not messages or not available.issuperset(required) or not has_optional:
+        available_fields.add(field)
+    has_all_required = available_fields.issuperset(required)
+    has_some_optional = not optional or not available_fields.isdisjoint(optional)
+    if not messages or not has_all_required or not has_some_optional:
         return None
     return TopicColumns(columns, np.fromiter(messages, np.int64))
 
