@@ -108,7 +108,7 @@ def tune_blocks(
         else:
             blocks.append(Sentence(" ".join([report, *remedies]), lead))
         if isinstance(advice, Fact):
-            blocks += _faults_in_flight(tuning, axes, headline_above)
+            blocks += _faults_in_flight(tuning, axes, report, headline_above)
             continue
         is_doubtful = axis in tuning.doubtful_axes
         if not advice.refusals and not has_tables_elsewhere:
@@ -274,26 +274,33 @@ def _facts_on_axis(tuning: Tuning, axis: str) -> list[Fact]:
     return [*_rating_unless_contradicted(advice, decision), advice_on_gains, *reasons]
 
 
-def _faults_in_flight(tuning: Tuning, axes: Iterable[str], headline_above: str) -> list[Sentence]:
+def _faults_in_flight(
+    tuning: Tuning, axes: Iterable[str], report: str, headline_above: str
+) -> list[Sentence]:
     """Returns what the flight shows of axes whose loops are not known, such as that an axis swings, and what to do.
+
+    What the report has stated already is left out, and so is what the next step states.
 
     Args:
         tuning: the fact why the loop of each axis is not known, and the decision on its loops.
         axes: axes that the report names together.
-        headline_above: headline that stands above the report, and is not repeated.
+        report: text on these axes, which the sentences will follow.
+        headline_above: headline that stands above the report.
 
     Returns:
-        A sentence for each axis that is to be watched or bad.
+        A sentence for all axes that are to be watched or bad for the same reason.
     """
-    sentences = []
+    next_step = str(tuning.judgement.next_step)
+    decisions = {}
     for axis in axes:
         if not _has_fault_in_flight(tuning, axis):
             continue
         decision = tuning.judgement.loop_decisions[axis]
-        if str(decision.reason) != headline_above:
-            lead = f"{axis.capitalize()} in flight:"
-            sentences.append(Sentence(decision.fact.sentence_and_remedy, lead))
-    return sentences
+        reason = str(decision.reason)
+        is_stated_above = reason == report and decision.fact.remedy in next_step
+        if not is_stated_above and reason != headline_above:
+            decisions[axis] = decision
+    return decision_sentences(decisions, next_step, lead_end=" in flight:")
 
 
 def _has_fault_in_flight(tuning: Tuning, axis: str) -> bool:
@@ -353,7 +360,9 @@ def _rating_unless_contradicted(advice: Advice, decision: LoopDecision | None) -
     return [advice.rating]
 
 
-def decision_sentences(decisions: DecisionsByAxis, next_step: str = "") -> list[Sentence]:
+def decision_sentences(
+    decisions: DecisionsByAxis, next_step: str = "", lead_end: str = ":"
+) -> list[Sentence]:
     """Returns the decisions on control loops in sentences: for each axis what is wrong, and what to do.
 
     Axes with the same reason and action share a sentence. If several axes need the same action for different reasons,
@@ -362,6 +371,7 @@ def decision_sentences(decisions: DecisionsByAxis, next_step: str = "") -> list[
     Args:
         decisions: decision on the loops by axis.
         next_step: text of the next step on the page; actions that it contains are not repeated.
+        lead_end: what follows the names of the axes at the beginning of each sentence.
     """
 
     def action_of(axis: str) -> str:
@@ -379,9 +389,11 @@ def decision_sentences(decisions: DecisionsByAxis, next_step: str = "") -> list[
         for reason, axes_of_reason in axes_by_reason.items():
             # A single reason and its action make one sentence.
             text = f"{reason} {action}".strip() if has_single_reason else reason
-            sentences.append(Sentence(text, lead=f"{listed(axes_of_reason).capitalize()}:"))
+            sentences.append(
+                Sentence(text, lead=f"{listed(axes_of_reason).capitalize()}{lead_end}")
+            )
         if action and not has_single_reason:
-            sentences.append(Sentence(action, lead=f"{listed(axes).capitalize()}:"))
+            sentences.append(Sentence(action, lead=f"{listed(axes).capitalize()}{lead_end}"))
     return sentences
 
 

@@ -500,6 +500,16 @@ def test_axes_without_a_loop_for_the_same_reason_share_a_sentence(tunings):
 
 
 @mark.slow
+def test_the_axes_of_a_vehicle_that_oscillates_share_a_sentence_and_the_next_step_advises(tunings):
+    tuning = tunings["oscillates"]
+    decisions = tuning.judgement.loop_decisions
+    unknown = Fact(LoopFact.NO_LOOP, reasons=(decisions["roll"].reason,))
+    report = tune_blocks(tuning._replace(axes=dict.fromkeys(decisions, unknown)), is_full=False)
+    assert [block.lead for block in report] == ["Roll, pitch and yaw:"]
+    assert decisions["roll"].fact.remedy in str(tuning.judgement.next_step)
+
+
+@mark.slow
 def test_a_crash_that_the_light_of_tracking_shows_is_not_about_loops(tunings):
     judgement = tunings["sound"].judgement
     crash = Fact(Ending.CRASHED, Level.BAD, time=9.0, height=2.0, cause=None, word=None)
