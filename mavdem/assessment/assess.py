@@ -32,8 +32,10 @@ from mavdem.assessment.saturated_motor import (
     with_saturated_motor,
 )
 from mavdem.assessment.separate_flights import RecordedFlight, separate_flights
+from mavdem.assessment.severity import severity_rank
+from mavdem.assessment.vehicle_verdict import RecordedVehicle, VehicleVerdict
 from mavdem.dataset.axes import AXES
-from mavdem.dataset.flights import choose_vehicle
+from mavdem.dataset.flights import choose_vehicle, matching_vehicles, names_of_vehicles
 from mavdem.dataset.signals import Signals
 from mavdem.dem.parallel import in_second_process
 from mavdem.errors import NotLearnable
@@ -43,6 +45,7 @@ from mavdem.facts.lights import Light
 from mavdem.files import AnyPath
 from mavdem.immutable import ReadOnlyDict, freeze
 from mavdem.ingest import Log, read_log
+from mavdem.ingest.telemetry import Telemetry
 from mavdem.loops.axis_loops import Loop
 from mavdem.motors.motor_changes import MotorChange, thrust_losses
 from mavdem.wind_velocity.from_log import WindEvidence, wind_evidence
@@ -76,8 +79,7 @@ def review(path: AnyPath, vehicle: str | None = None) -> Assessment:
 
     Args:
         path: a log that ``mavdem.ingest.read_log`` reads.
-        vehicle: "system" or "system:component"; None for the only vehicle. If the log contains several, the headline
-            then lists them.
+        vehicle: "system" or "system:component"; None for the only vehicle, or for the worst of several.
 
     Returns:
         The assessment.
@@ -102,7 +104,8 @@ def assess(
 
     Args:
         log: the log of a flight, with the messages of each vehicle.
-        vehicle: "system" or "system:component". Without it, a log with several vehicles is not judged.
+        vehicle: "system" or "system:component". Of several vehicles that match, each is judged, and the assessment is
+            of the worst.
         axis: axis to model, or ``ALL_AXES``.
         options: choices of the user; None for the defaults.
         progress: shows the name of a step while it runs.
@@ -111,13 +114,57 @@ def assess(
     Returns:
         The assessment. A log without a vehicle that can be judged has one whose headline is the reason.
     """
-    try:
-        signals = Signals(choose_vehicle(log.vehicles, vehicle))
-    except NotLearnable as error:
-        return Assessment(log, unjudged(error.fact))
-    return assess_recording(
+    vehicles = matching_vehicles(log.vehicles, vehicle)
+    recorded_vehicle = None
+    if len(vehicles) > 1:
+        worst_vehicle, recorded_vehicle = _worst_vehicle(log, vehicles, axis, options, progress)
+        signals = Signals(worst_vehicle)
+    else:
+        try:
+            signals = Signals(choose_vehicle(log.vehicles, vehicle))
+        except NotLearnable as error:
+            return Assessment(log, unjudged(error.fact))
+    assessment = assess_recording(
         log, signals, axis, options, progress=progress, show_findings=show_findings
     )
+    return replace(assessment, recorded_vehicle=recorded_vehicle)
+
+
+def _worst_vehicle(
+    log: Log,
+    vehicles: Sequence[Telemetry],
+    axis: str,
+    options: Options | None,
+    progress: ShowStep,
+) -> tuple[Telemetry, RecordedVehicle]:
+    """Judges several vehicles of a log, each by itself and without a model.
+
+    Args:
+        log: the log, with the messages of each vehicle.
+        vehicles: the vehicles, at least two.
+        axis, options, progress: as for :func:`assess`.
+
+    Returns:
+        The worst vehicle, and the verdicts on the others. Vehicles that flew come first, as in a library
+        (``mavdem serve``); of vehicles that are equally bad the first is the worst.
+    """
+    without_model = replace(options or Options(), with_model=False)
+    names = names_of_vehicles(vehicles)
+    assessments = []
+    for telemetry, name in zip(vehicles, names, strict=True):
+        with progress(f"Judging vehicle {name}", measured=False):
+            assessments.append(assess_recording(log, Signals(telemetry), axis, without_model))
+
+    def severity(number: int) -> tuple[bool, int, int]:
+        """Returns the key by which vehicles are sorted from the worst to the best, by the number of the vehicle."""
+        assessment = assessments[number]
+        return not assessment.has_settled_flight, *severity_rank(assessment.headline)
+
+    worst_number, *other_numbers = sorted(range(len(vehicles)), key=severity)
+    other_verdicts = []
+    for number in other_numbers:
+        other_verdicts.append(VehicleVerdict(names[number], assessments[number].stated_headline))
+    return vehicles[worst_number], RecordedVehicle(names[worst_number], tuple(other_verdicts))
 
 
 # Damaged messages hold infinite numbers and NaN.

@@ -23,6 +23,7 @@ from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.noise_spectra import MeasuredNoise, measure_noise
 from mavdem.assessment.separate_flights import RecordedFlight
 from mavdem.assessment.simulation import simulation_fact
+from mavdem.assessment.vehicle_verdict import RecordedVehicle, VehicleVerdict
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.signals import Signals
@@ -88,6 +89,9 @@ class Assessment:
     recorded_flight: RecordedFlight | None = None
     """Which flight of its recording was assessed, the worst; None if the recording is assessed as a whole."""
 
+    recorded_vehicle: RecordedVehicle | None = None
+    """Which vehicle of its recording was assessed, the worst; None if one was chosen or is alone."""
+
     @property
     def flight_verdicts(self) -> tuple[FlightVerdict, ...]:
         """The verdicts on the flights of a recording, the worst first; empty if it is assessed as a whole.
@@ -100,9 +104,32 @@ class Assessment:
         return (verdict, *self.recorded_flight.other_verdicts)
 
     @property
+    def vehicle_verdicts(self) -> tuple[VehicleVerdict, ...]:
+        """The verdicts on the vehicles of a recording, the worst first; empty if one was chosen or is alone.
+
+        The first one is on the vehicle of this assessment.
+        """
+        if self.recorded_vehicle is None:
+            return ()
+        verdict = VehicleVerdict(self.recorded_vehicle.name, self._headline_with_flight)
+        return (verdict, *self.recorded_vehicle.other_verdicts)
+
+    @property
     def stated_headline(self) -> Fact:
+        """The headline, with the vehicle and the number of the flight if each is one of several."""
+        if self.vehicle_verdicts:
+            return self.vehicle_verdicts[0].fact
+        return self._headline_with_flight
+
+    @property
+    def _headline_with_flight(self) -> Fact:
         """The headline, with the number of its flight if that is one of several."""
         return self.flight_verdicts[0].fact if self.flight_verdicts else self.headline
+
+    @property
+    def has_settled_flight(self) -> bool:
+        """Whether the vehicle flew settled, so that its flight allows some kind of model (a tier)."""
+        return any(analysis.tier.tier is not None for analysis in self.analyses.values())
 
     @property
     def recorded_signals(self) -> Signals | None:

@@ -229,7 +229,7 @@ def choose_vehicle(vehicles: Sequence[Telemetry], requested: str | None = None) 
     Raises:
         NotLearnable: No vehicle matches, or several do; the fact lists them.
     """
-    matching = _matching_vehicles(vehicles, requested)
+    matching = matching_vehicles(vehicles, requested)
     if len(matching) == 1:
         return matching[0]
     if not vehicles:
@@ -239,22 +239,35 @@ def choose_vehicle(vehicles: Sequence[Telemetry], requested: str | None = None) 
     if matching:
         reason = NotLearnableReason.SEVERAL_VEHICLES
         listed_vehicles = matching
-    # In a file of two logs, vehicles may have the same ids; then only the number of the board distinguishes them.
-    distinct_ids = {_mavlink_ids(vehicle) for vehicle in listed_vehicles}
-    has_same_ids = len(distinct_ids) < len(listed_vehicles)
-    names = []
-    for vehicle in listed_vehicles:
-        names.append(vehicle.board if has_same_ids and vehicle.board else _mavlink_ids(vehicle))
     raise NotLearnable(
         reason,
         name=requested,
-        names=names,
+        names=names_of_vehicles(listed_vehicles),
         kinds=[vehicle.vehicle for vehicle in listed_vehicles],
         autopilots=[vehicle.autopilot for vehicle in listed_vehicles],
     )
 
 
-def _matching_vehicles(vehicles: Sequence[Telemetry], requested: str | None) -> list[Telemetry]:
+def names_of_vehicles(vehicles: Sequence[Telemetry]) -> list[str]:
+    """Returns the names by which a user chooses one of several vehicles of a log.
+
+    They are MAVLink's ids. In a file of two logs, vehicles may have the same ids; then only the number of the board
+    distinguishes them.
+
+    Args:
+        vehicles: The vehicles, which are named in this order.
+    """
+    distinct_ids = {_mavlink_ids(vehicle) for vehicle in vehicles}
+    has_same_ids = len(distinct_ids) < len(vehicles)
+    names = []
+    for vehicle in vehicles:
+        names.append(vehicle.board if has_same_ids and vehicle.board else _mavlink_ids(vehicle))
+    return names
+
+
+def matching_vehicles(
+    vehicles: Sequence[Telemetry], requested: str | None = None
+) -> list[Telemetry]:
     """Selects the vehicles of a log that a user's choice matches.
 
     Args:

@@ -196,6 +196,9 @@ class Review(Document):
     flights: list[SentenceAndFact]
     """verdicts on the flights of a recording, the worst first, if the autopilot restarted on the ground between them;
     all else is of the first of these; empty where the log is judged as a whole"""
+    vehicles: list[SentenceAndFact]
+    """verdicts on the vehicles of a recording that holds several, the worst first; all else is of the first of these;
+    empty where the recording holds one, or one was chosen"""
     simulated: OptionalFact
     """that the flight was simulated; null where nothing in the log shows it"""
     lights: dict[str, Sentence]
@@ -246,6 +249,7 @@ def review_document(assessment: Assessment) -> JsonValues:
         "source": assessment.log.source,
         **assessment.judgement_values,
         "flights": [verdict.fact for verdict in assessment.flight_verdicts],
+        "vehicles": [verdict.fact for verdict in assessment.vehicle_verdicts],
         "simulated": assessment.simulated,
         "identity": None if analysis is None else analysis.identity,
         "condition": None if analysis is None else analysis.condition,

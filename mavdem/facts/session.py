@@ -148,6 +148,8 @@ class SessionFact(Code):
     REPORTS_LEFT_OUT = "reports_left_out"
     FLIGHT_VERDICT = "flight_verdict"
     FLIGHT_OF_RECORDING = "flight_of_recording"
+    VEHICLE_VERDICT = "vehicle_verdict"
+    VEHICLE_OF_RECORDING = "vehicle_of_recording"
     SAMPLE_SKIPPED = "sample_skipped"
     MOTION_UNEXPECTED = "motion_unexpected"
     GUST_FELT = "gust_felt"

@@ -130,12 +130,7 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
         "failed_motor": failed_motor(assessment),
         **_flown_columns(assessment),
     }
-    # A tier is the kind of model that the settled flight allows; without settled flight there is none.
-    has_settled_flight = False
-    for analysis in assessment.analyses.values():
-        if analysis.tier.tier is not None:
-            has_settled_flight = True
-    if not has_settled_flight:
+    if not assessment.has_settled_flight:
         return [_row_without_flight(assessment, judgement, columns)]
     columns |= _balance_columns(signals)
     if assessment.wind is not None:

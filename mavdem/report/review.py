@@ -193,7 +193,7 @@ def headline_lines(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> lis
         assessment: all results on the flight: events, status lights, model, loops and wind.
         columns: number of characters in a line.
     """
-    if assessment.flight_verdicts:
+    if assessment.stated_headline != assessment.headline:
         return wrap(assessment.stated_headline.sentence, columns)
     fact = assessment.headline
     is_light = fact in assessment.lights.values() and fact not in assessment.events

@@ -245,24 +245,34 @@ def judgement_sentences(judgement: Judgement) -> JudgementSentences:
 
 
 def flight_sentences(assessment: Assessment, *, has_headline_above: bool) -> list[Sentence]:
-    """Returns on which flight of a recording a report is, and the verdicts on the flights, the worst first.
+    """Returns on which flight and vehicle of a recording a report is, and the verdicts on the others, the worst first.
 
     Args:
-        assessment: assessment of the worst flight.
+        assessment: assessment of the worst flight of the worst vehicle.
         has_headline_above: whether the report has the verdict on the worst flight as its headline, so that it is left
             out here.
 
     Returns:
         The sentences; none if the recording is assessed as a whole.
     """
-    verdicts = assessment.flight_verdicts
-    if not verdicts:
-        return []
-    worst_verdict, *other_verdicts = verdicts
-    facts = [Fact(SessionFact.FLIGHT_OF_RECORDING, number=worst_verdict.number)]
-    if not has_headline_above:
-        facts.append(worst_verdict.fact)
-    facts += [verdict.fact for verdict in other_verdicts]
+    facts = []
+    if assessment.flight_verdicts:
+        worst_flight, *other_flights = assessment.flight_verdicts
+        facts.append(Fact(SessionFact.FLIGHT_OF_RECORDING, number=worst_flight.number))
+        if not has_headline_above:
+            facts.append(worst_flight.fact)
+        facts += [verdict.fact for verdict in other_flights]
+    if assessment.vehicle_verdicts:
+        worst_vehicle, *other_vehicles = assessment.vehicle_verdicts
+        facts.append(
+            Fact(
+                SessionFact.VEHICLE_OF_RECORDING,
+                name=worst_vehicle.name,
+                names=[verdict.name for verdict in other_vehicles],
+                count=len(assessment.vehicle_verdicts),
+            )
+        )
+        facts += [verdict.fact for verdict in other_vehicles]
     return [Sentence(fact.sentence) for fact in facts]
 
 

@@ -1,4 +1,4 @@
-"""Flights of a recording between which the autopilot restarted are judged each by itself."""
+"""Flights of a recording between which the autopilot restarted are judged each by itself, and so are its vehicles."""
 
 from dataclasses import dataclass, replace
 
@@ -7,7 +7,7 @@ from hover import X_QUAD, X_QUAD_PARAMETERS, Hover, columns
 from known_gains import ARDUPILOT
 from pytest import approx, fixture, mark
 
-from mavdem.assessment.assess import assess_recording
+from mavdem.assessment.assess import assess, assess_recording
 from mavdem.assessment.axis import Options
 from mavdem.assessment.separate_flights import separate_flights
 from mavdem.dataset.signals import Signals
@@ -137,3 +137,19 @@ def test_screen_and_document_name_the_flight_and_the_verdicts_on_the_others(asse
         assert sentence.startswith(f"Flight {verdict.number} (0:")
         assert sentence in screen
     assert screen.index("Flight 1 (0:") < screen.index("Next: ") < screen.index("Flight 2 (0:")
+
+
+@mark.slow
+def test_of_several_vehicles_each_is_judged_and_the_report_is_of_the_worst():
+    sound = recording((SOUND, 0.197)).telemetry
+    oscillating = replace(recording((OSCILLATING, 2.262)).telemetry, system=2)
+    log = log_of_vehicles((sound, oscillating), 0, 0)
+    assessment = assess(log, options=Options(with_model=False))
+    assert assessment.evidence.signals.telemetry.system == 2
+    assert [verdict.name for verdict in assessment.vehicle_verdicts] == ["2:1", "1:1"]
+    assert assessment.stated_headline.sentence.startswith("Vehicle 2:1: the roll rate oscillates")
+    screen = " ".join(review_screen(assessment).split())
+    assert "with `--vehicle 1:1` it is of the other. Vehicle 1:1: " in screen
+    document = complete_document("review", review_document(assessment))
+    assert [fact["figures"]["name"] for fact in document["vehicles_facts"]] == ["2:1", "1:1"]
+    assert not assess(log, "1", options=Options(with_model=False)).vehicle_verdicts

@@ -225,7 +225,7 @@ def log_page(
         # After the headline come its evidence, which is what sensors confirm, and the next step. The status lights
         # stand in a grid below.
         headline_of_page = sentences.headline
-        if assessment.flight_verdicts:
+        if assessment.stated_headline != assessment.headline:
             headline_of_page = headline_sentence(assessment.stated_headline.sentence)
         summary = [
             headline_of_page,
