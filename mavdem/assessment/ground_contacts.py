@@ -121,7 +121,7 @@ def ground_contact(
     loss: Fact | None,
     reports: Sequence[Fact] = (),
 ) -> Fact | None:
-    """Returns the event of a flight that met the ground, if it was not an ordinary landing; None otherwise.
+    """Returns the event of a flight that hit the ground, toppled or landed hard; None after an ordinary landing.
 
     Args:
         sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
@@ -131,11 +131,15 @@ def ground_contact(
         reports: events that the autopilot reports.
 
     Returns:
-        A fact whose code says how the vehicle met the ground (``TIPPED``, ``TOPPLED``, ``HIT`` or ``LANDED_HARD``),
-        with the figures ``height`` (m above the take-off, just before), ``speed`` (m/s downward, that all height
-        sensors confirm), ``angle`` (largest error of the attitude, rad) and ``witnesses`` (the facts of sensors for and
-        against it). If the attitude was lost shortly before a hit, it has that time, s, as ``onset``. If the vehicle
-        hit the ground itself, and not something above it, ``is_ground`` is true.
+        A fact (a coded finding), whose code says how the vehicle came to the ground: ``TIPPED``, ``TOPPLED``, ``HIT``
+        or ``LANDED_HARD``. Its figures are:
+
+        - ``height``: height above the take-off just before, m;
+        - ``speed``: speed downward that all height sensors confirm, m/s;
+        - ``angle``: largest error of the attitude, rad;
+        - ``witnesses``: facts of sensors for and against the contact;
+        - ``onset``: time of the loss of attitude, s since boot, if it came shortly before a hit;
+        - ``is_ground``: true if the vehicle hit the ground itself, and not something above it.
     """
     contact = _Contact(sensors, error, flight_interval, loss, reports)
     return contact.event()
@@ -504,9 +508,8 @@ class _Contact:
     ) -> bool:
         """Returns whether a vehicle that toppled was about to land: low, slow, level, and without a command to climb.
 
-        If the pilot closed the throttle before the contact, the vehicle was dropped on purpose, and the limits of
-        height and speed are higher. If the pilot closed it afterwards, a landing was intended too, but the limits are
-        the usual ones. A vehicle that came to rest higher than it took off, such as on a roof, did not land.
+        A closed throttle or a descent must also show that a landing was intended. A vehicle that came to rest higher
+        than it took off, such as on a roof, did not land.
 
         Args:
             time: time when it touched the ground, s since boot.
@@ -514,9 +517,16 @@ class _Contact:
             fall_speed: largest speed downward just before, m/s; None if it is not known.
             throttle_closing: fact that the pilot closed the throttle around the contact; None if nothing shows it.
         """
-        max_fall_speed, max_height = HARD_IMPACT_SPEED, TOPPLE_HEIGHT
-        if throttle_closing is not None and throttle_closing.start_time <= time + STICK_DELAY:
-            max_fall_speed, max_height = HARD_IMPACT_SPEED_CLOSED, TOPPLE_HEIGHT_CLOSED
+        max_fall_speed = HARD_IMPACT_SPEED
+        max_height = TOPPLE_HEIGHT
+        # If the pilot closed the throttle before the contact, the vehicle was dropped on purpose: it may be faster and
+        # higher. A throttle that was closed afterwards does not change how the vehicle came to the ground.
+        was_closed_before = (
+            throttle_closing is not None and throttle_closing.start_time <= time + STICK_DELAY
+        )
+        if was_closed_before:
+            max_fall_speed = HARD_IMPACT_SPEED_CLOSED
+            max_height = TOPPLE_HEIGHT_CLOSED
         if fall_speed is not None and fall_speed > max_fall_speed:
             return False
         time_before = time - MAX_SETPOINT_DELAY
@@ -525,7 +535,8 @@ class _Contact:
             return False
         resting_height = None if rest is None else self.sensors.height_at(rest.time)
         if resting_height is not None:
-            if resting_height > LANDING_STEP:
+            rests_above_ground = resting_height > LANDING_STEP
+            if rests_above_ground:
                 return False
             # The lower of two heights is used: above the take-off, and above the place where it came to rest.
             height = min(height, height - resting_height)
@@ -533,8 +544,8 @@ class _Contact:
             return False
         if self._is_leaning(time_before) or self._commands_climb((time_before, time)):
             return False
-        # The stick or a descent must show that a landing was intended at all.
-        return throttle_closing is not None or self._is_descending(time)
+        is_landing_intended = throttle_closing is not None or self._is_descending(time)
+        return is_landing_intended
 
     def _is_descending(self, time: float) -> bool:
         """Returns whether the vehicle lost more than ``LANDING_DESCENT`` of height in the ``DESCENT_SECONDS`` before.

@@ -172,9 +172,9 @@ def component_id(component: JsonValues) -> str:
 
 
 def flight_warning(judgement: Judgement) -> list[Sentence]:
-    """Returns the headline of a flight if it is bad and not about the wind, as that control was lost.
+    """Returns the headline of a flight, for a report on its wind, if it is bad and about something else.
 
-    A report on the wind alone must not read as if the flight were sound.
+    A report on the wind alone must not read as if the flight were sound, for example if control was lost.
 
     Args:
         judgement: headline, next step and all status lights of the flight.
@@ -341,11 +341,11 @@ def _mean_speed_cell(mean_wind: Mapping[str, float]) -> str:
 
 
 def _evenly_spaced(count: int, max_count: int | None) -> Sequence[int]:
-    """Returns the indices of the rows of a table that are shown, the first and the last among them.
+    """Returns the indices of evenly spaced rows of a table, the first and the last among them.
 
     Args:
-        count: number of rows.
-        max_count: most rows that are shown; None for all.
+        count: number of rows of the whole table.
+        max_count: largest number of rows to select; None to select all.
     """
     if max_count is None or count <= max_count:
         return range(count)
@@ -365,7 +365,19 @@ def drag_blocks(drag: Drag, autopilot: str, settings: Mapping[str, ParameterValu
         autopilot: name of the autopilot, which decides on the names of the parameters.
         settings: value and both ends of the interval of each parameter to set, by its name.
     """
-    momentum_name, ballistic_prefix = DRAG_PARAMETER_NAMES.get(autopilot, ("", ""))
+    table = _drag_table(drag, autopilot, settings)
+    return [table, *_sentences_on_unset_parameters(drag, autopilot, settings)]
+
+
+def _drag_table(drag: Drag, autopilot: str, settings: Mapping[str, ParameterValue]) -> Table:
+    """Returns the table of a vehicle's drag: value and 90 % interval of each parameter to set, and the linear drag.
+
+    Args:
+        drag: drag of the vehicle, with linear coefficients along x and y of the body (2,), 1/s. Their mean is shown.
+        autopilot: name of the autopilot, which decides on the names of the parameters.
+        settings: value and both ends of the interval of each parameter to set, by its name.
+    """
+    momentum_name, _ = DRAG_PARAMETER_NAMES.get(autopilot, ("", ""))
     quantities: dict[str, ParameterValue] = {}
     for name, setting in settings.items():
         unit = "linear drag, 1/s" if name == momentum_name else "kg/m²"
@@ -378,28 +390,45 @@ def drag_blocks(drag: Drag, autopilot: str, settings: Mapping[str, ParameterValu
     for name, quantity in quantities.items():
         rows.append([name, f"{quantity.value:.3g}", f"{quantity.low:.3g}", f"{quantity.high:.3g}"])
     header = [f"Drag, from {DRAG_SOURCES[drag.source]}", "value", "from", "to"]
-    blocks: Blocks = [Table(header, rows)]
+    return Table(header, rows)
+
+
+def _sentences_on_unset_parameters(
+    drag: Drag, autopilot: str, settings: Mapping[str, ParameterValue]
+) -> list[Sentence]:
+    """Returns sentences on parameters of the drag that are not set although others are.
+
+    The value of a parameter may be outside the range that the autopilot accepts, or too uncertain after this flight.
+
+    Args:
+        drag: drag of the vehicle.
+        autopilot: name of the autopilot, which decides on the names of the parameters.
+        settings: the parameters to set, by name; without any there are no sentences either.
+    """
+    if not settings:
+        return []
+    momentum_name, ballistic_prefix = DRAG_PARAMETER_NAMES.get(autopilot, ("", ""))
     values_in_range = drag.autopilot_parameters(autopilot)
     names_out_of_range = []
     uncertain_names = []
-    if settings:
-        for name in (momentum_name, f"{ballistic_prefix}X", f"{ballistic_prefix}Y"):
-            if name not in values_in_range:
-                names_out_of_range.append(name)
-            elif is_certain_setting(values_in_range[name]):
-                # The flight shows it. The log has no such parameter, or the vehicle has the value already.
-                continue
-            elif name not in settings:
-                uncertain_names.append(name)
+    for name in (momentum_name, f"{ballistic_prefix}X", f"{ballistic_prefix}Y"):
+        if name not in values_in_range:
+            names_out_of_range.append(name)
+        elif is_certain_setting(values_in_range[name]):
+            # It is to be set, unless the log has no such parameter or the vehicle has the value already.
+            continue
+        elif name not in settings:
+            uncertain_names.append(name)
+    sentences = []
     if names_out_of_range:
         text = (
             f"{listed(names_out_of_range)}: the autopilot does not take the value of this vehicle."
         )
-        blocks.append(Sentence(text, lead="Not set:"))
+        sentences.append(Sentence(text, lead="Not set:"))
     if uncertain_names:
         text = f"This flight does not show {listed(uncertain_names)}."
-        blocks.append(Sentence(text, lead="Unknown:"))
-    return blocks
+        sentences.append(Sentence(text, lead="Unknown:"))
+    return sentences
 
 
 def air_blocks(assessment: Assessment) -> Blocks:

@@ -195,11 +195,11 @@ def vehicle_label(name: str, frame: str, names: GivenNames, *, is_shared: bool =
 
 
 def has_section(name: str, flights: Flights) -> bool:
-    """Returns whether a fleet's page has a section on the flights under a name, as on a vehicle.
+    """Returns whether the flights under a name have a section of their own on a fleet's page, as a vehicle has.
 
-    A log that does not name its vehicle has the MAVLink system id as its name, which several vehicles may share. Such
-    flights have a section only if there is something to report: the health of the motors was judged in one, or the
-    headline of the latest flight is bad. A crash in a simulator is nothing to report.
+    A log that does not name its vehicle is filed under its MAVLink system id, which several vehicles may share. The
+    flights under such a name have a section only if there is something to report: the health of the motors was judged
+    in one, or the headline of the latest flight is bad. A crash in a simulator is nothing to report.
 
     Args:
         name: name of the vehicle or vehicles in the logs; ``UNKNOWN`` if they have none.
@@ -209,8 +209,8 @@ def has_section(name: str, flights: Flights) -> bool:
         return False
     if not has_shared_name(flights):
         return True
-    has_bad_flight = bad_headline(flights) != "" and not log_row(flights[-1]).simulated
-    return vehicle_health(flights) != UNKNOWN or has_bad_flight
+    latest_went_badly = bad_headline(flights) != "" and not log_row(flights[-1]).simulated
+    return vehicle_health(flights) != UNKNOWN or latest_went_badly
 
 
 def vehicle_health(flights: Flights) -> str:
@@ -330,8 +330,8 @@ def vehicle_texts(flights: Flights) -> VehicleTexts:
 def _next_step(flights: Flights, anomalous_row: FlightRow | None) -> str:
     """Returns what to do next about a vehicle; empty where nothing is wrong with it.
 
-    What a bad latest flight needs comes first, then what its motors need. A headline that is only to be watched has a
-    next step where the motors need nothing.
+    If the latest flight went badly, its log's next step comes first. What the motors need follows if they have a fault
+    or a drift. If neither holds, a latest flight that is to be watched still has the next step of its log.
 
     Args:
         flights: rows of the vehicle's flights, in the order of date; at least one flight.
@@ -347,9 +347,9 @@ def _next_step(flights: Flights, anomalous_row: FlightRow | None) -> str:
             steps.append(step.text)
     elif not steps and latest_row.headline_level == Level.WATCH:
         steps.append(step_of_log)
-    # A dictionary keeps each step once, in order.
-    known_steps = dict.fromkeys([step for step in steps if step])
-    return " ".join(known_steps)
+    # A dictionary keeps each step once, in order. The next step of a log may be missing.
+    distinct_steps = dict.fromkeys(step for step in steps if step)
+    return " ".join(distinct_steps)
 
 
 def motor_next_step(row: FlightRow) -> list[Sentence]:
@@ -363,14 +363,14 @@ def motor_next_step(row: FlightRow) -> list[Sentence]:
 
 
 def suspected_motor(row: FlightRow) -> str:
-    """Returns the name of the motor that is suspected beside the other flights, such as "motor 1"; "" where none is."""
+    """Returns the motor that a comparison with other flights suspects, such as "motor 1"; empty if it suspects none."""
     return f"motor {row.suspect_motor}" if row.suspect_motor else ""
 
 
 def _reason_for_latest_health(flights: Flights) -> str:
-    """Returns why the motors of a vehicle were judged as they were in its latest flight for which a reason is stored.
+    """Returns why the motors of a vehicle were judged as they were, in its latest flight for which a reason is stored.
 
-    For a log that could not be read the reason is its status, which says why.
+    For a log that could not be read, the reason is its status.
 
     Args:
         flights: rows of the vehicle's flights, in the order of date.

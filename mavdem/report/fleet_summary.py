@@ -79,8 +79,12 @@ def fleet_blocks(
             named_count += 1
             if summary.vehicle.health == UNKNOWN:
                 unjudged_count += 1
-    latest_bad = _bad_latest_flights(vehicles_without_name, names)
-    bad_count = _count_bad_unnamed_flights(summaries, vehicles_of_headline)
+    bad_latest_texts = _bad_latest_flights(vehicles_without_name, names)
+    bad_unnamed_count = _count_bad_unnamed_flights(summaries, vehicles_of_headline)
+    # Only the latest flight under each shared name is described, and none if several are in a list below.
+    bad_names = abbreviated_list(bad_latest_texts)
+    if lists_follow and bad_unnamed_count > 1:
+        bad_names = ""
     blocks = render_section(
         "fleet",
         health=_health_summary(
@@ -93,18 +97,17 @@ def fleet_blocks(
         duplicate_logs=sum(summary.flown.duplicates for summary in summaries),
         unjudged=unjudged_count,
         unnamed_flights=unnamed_flights,
-        bad_unnamed_flights=bad_count,
+        bad_unnamed_flights=bad_unnamed_count,
         simulated_flights=simulated_flights,
-        # Only the latest flight under each shared name is described.
-        bad_names="" if lists_follow and bad_count > 1 else abbreviated_list(latest_bad),
-        are_all_described=len(latest_bad) == bad_count,
+        bad_names=bad_names,
+        are_all_described=len(bad_latest_texts) == bad_unnamed_count,
     )
     unused_rows = [row for summary in summaries for row in summary.unused if row.is_first]
     return [*blocks, *_unused_blocks(unused_rows)]
 
 
 def _bad_latest_flights(vehicles: Mapping[str, VehicleFlights], names: GivenNames) -> list[str]:
-    """Returns a text on the latest flight under each shared name, if it was bad, in the order of the names.
+    """Returns a text on the latest flight under each shared name where that flight was bad, in the order of the names.
 
     Args:
         vehicles: summary of the flights under each name that several vehicles may share.
@@ -120,36 +123,38 @@ def _bad_latest_flights(vehicles: Mapping[str, VehicleFlights], names: GivenName
 
 
 def _count_bad_unnamed_flights(
-    summaries: Sequence[VehicleSummary], vehicles: Mapping[str, VehicleFlights]
+    summaries: Sequence[VehicleSummary], headline_vehicles: Mapping[str, VehicleFlights]
 ) -> int:
     """Counts the bad flights whose vehicle is not known, for the headline of a fleet.
 
-    The logs of such flights name the vehicle by a MAVLink system id, which several vehicles may share. So each bad
-    flight counts, even before a good one. But a system id with a section of the page counts as one vehicle, and is
-    counted already if its last flight is bad: that flight is then left out.
+    Logs that do not name their vehicle are grouped by its MAVLink system id, a name that several vehicles may share.
+    Every bad flight under such a name counts, since a good flight that follows may be one of another vehicle.
 
     Args:
         summaries: summary of the flights under each name.
-        vehicles: summary of each vehicle that the headline counts, by its name, among them shared names whose motors
-            have a fault or drift.
+        headline_vehicles: summary of each vehicle that the headline counts, by name. A shared name is among them if the
+            motors of its flights have a fault or drift.
     """
     count = 0
     for summary in summaries:
         if not summary.has_shared_name:
             continue
-        count += summary.bad_flights
-        vehicle = vehicles.get(summary.name)
-        is_counted_as_vehicle = vehicle is not None and vehicle.last.badge_level is Level.BAD
-        if is_counted_as_vehicle:
-            count -= 1
+        bad_flight_count = summary.bad_flights
+        vehicle = headline_vehicles.get(summary.name)
+        if vehicle is not None and vehicle.last.badge_level is Level.BAD:
+            # The headline counts the latest flight, which is bad, as a vehicle that needs a look.
+            bad_flight_count -= 1
+        count += bad_flight_count
     return count
 
 
 def vehicles_with_section(summaries: Sequence[VehicleSummary]) -> dict[str, VehicleFlights]:
     """Returns the vehicles that have a section of their own on a fleet's page.
 
+    A name has none if its flights may be of several vehicles, unless something is wrong with them.
+
     Args:
-        summaries: summary of the logs under each name; those under a name without a section are left out.
+        summaries: summary of the logs under each name.
 
     Returns:
         Summary of the vehicle's flights by the vehicle's name.
@@ -340,9 +345,9 @@ def _flown_summary(summaries: Sequence[VehicleSummary]) -> dict[str, object] | N
     if not flight_count:
         return None
     kinds = []
-    for tier, words in TIER_WORDS.items():
+    for tier, tier_description in TIER_WORDS.items():
         if flights_by_tier[tier]:
-            kinds.append(f"{words} ({flights_by_tier[tier]})")
+            kinds.append(f"{tier_description} ({flights_by_tier[tier]})")
     return {
         "flights": flight_count,
         "hours": seconds / SECONDS_PER_HOUR,
@@ -364,21 +369,21 @@ def _unused_blocks(rows: Sequence[UnusedRow]) -> Blocks:
     Returns:
         The sentence and the table; no table without such logs.
     """
-    rows_by_reason = group_by(rows, lambda row: row.status_code or row.status)
+    rows_by_code = group_by(rows, lambda row: row.status_code or row.status)
     # The second sort is stable, so that reasons of equal frequency stay in the order of the alphabet.
-    reasons = sorted(rows_by_reason)
-    reasons.sort(key=lambda reason: len(rows_by_reason[reason]), reverse=True)
-    cells = []
-    for code in reasons[:MAX_REASONS]:
-        rows_of_reason = rows_by_reason[code]
+    codes = sorted(rows_by_code)
+    codes.sort(key=lambda code: len(rows_by_code[code]), reverse=True)
+    table_rows = []
+    for code in codes[:MAX_REASONS]:
+        logs = rows_by_code[code]
         # The sentence of one log contains its own figures, so several logs share the name of their code.
-        if len(rows_of_reason) == 1:
-            reason = rows_of_reason[0].status
+        if len(logs) == 1:
+            reason = logs[0].status
         else:
             reason = capitalize_first(code.replace("_", " "))
-        example = PurePath(rows_of_reason[0].file).name
-        cells.append([str(len(rows_of_reason)), truncated(example, MAX_FILE_LENGTH), reason])
+        example_file = PurePath(logs[0].file).name
+        table_rows.append([str(len(logs)), truncated(example_file, MAX_FILE_LENGTH), reason])
     sentences = render_section("fleet_unused", logs=len(rows))
     if not rows:
         return [*sentences]
-    return [*sentences, Table(["logs", "for example", "reason"], cells, words=True)]
+    return [*sentences, Table(["logs", "for example", "reason"], table_rows, words=True)]

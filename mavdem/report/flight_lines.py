@@ -91,9 +91,10 @@ class Column(NamedTuple):
 
 
 def file_name(flight: AxisRows) -> str:
-    """Returns the name of a flight's log without its folder."""
-    file = log_row(flight).file
-    return re.split(r"[/\\\\]", file)[-1] or file
+    """Returns the name of a flight's log without its folder; also of a path from Windows, which has backslashes."""
+    path = log_row(flight).file
+    name = re.split(r"[/\\\\]", path)[-1]
+    return name or path
 
 
 def _vehicle(flight: AxisRows) -> str:
@@ -157,11 +158,17 @@ def _warning_lights(flight: AxisRows) -> str:
 
 
 def _suspect_motors(flight: AxisRows) -> str:
-    """Returns the numbers of motors that failed in a flight, or that the vehicle's other flights suspect."""
+    """Returns the cell with the numbers of motors that failed in a flight, or seem weak beside other flights.
+
+    Args:
+        flight: rows of one flight in the fleet's table, one for each axis.
+    """
     motors = set()
     for row in flight:
-        motors |= {row.failed_motor, row.suspect_motor}
-    return listed(sorted(motor for motor in motors if motor is not None))
+        for motor in (row.failed_motor, row.suspect_motor):
+            if motor is not None:
+                motors.add(motor)
+    return listed(sorted(motors))
 
 
 def _notes_on_flight(flight: AxisRows) -> str:
@@ -198,9 +205,11 @@ def _notes_on_flight(flight: AxisRows) -> str:
 
 
 def _settled_seconds(flight: AxisRows) -> str:
-    """Returns the duration of settled flight, s."""
-    seconds = log_row(flight).duration
-    return "" if seconds is None or not log_row(flight).is_read else rounded(seconds, 3)
+    """Returns the cell with the duration of settled flight, s; empty if it is not known or the log was not read."""
+    row = log_row(flight)
+    if row.duration is None or not row.is_read:
+        return ""
+    return rounded(row.duration, 3)
 
 
 def wind_speed_text(speed: float | None, interval: Sequence[float] | None) -> str:

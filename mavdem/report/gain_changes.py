@@ -109,17 +109,17 @@ def gain_changes(
     downloads: list[ParameterDownload] = []
     changed_names: list[str] = []
     log_stem = PurePath(log_name).stem
-    remaining_notch = notch_parameters
-    for gain_set in gain_sets:
+    for index, gain_set in enumerate(gain_sets):
         values = {}
         for name, gain in gain_set.gains.items():
             values[name] = gain.set
             rows.append(_gain_row(name, gain))
-        for name, value in remaining_notch.items():
-            values[name] = value
-            rows.append(_notch_row(name, vehicle.parameters.get(name), value))
-        # The filter is set once, with the first gains.
-        remaining_notch = NO_PARAMETERS
+        is_first_set = index == 0
+        if is_first_set:
+            # The filter stays set for the gains of later stages.
+            for name, value in notch_parameters.items():
+                values[name] = value
+                rows.append(_notch_row(name, vehicle.parameters.get(name), value))
         changed_names += values
         files = parameter_files(values, vehicle, gain_set.heading)
         downloads += _downloads(files, log_stem + gain_set.suffix, gain_set.label)
@@ -133,7 +133,7 @@ def gain_changes(
 
 
 def _gain_row(name: str, gain: Gain) -> list[str]:
-    """Returns the row of a gain: its name, value now, value to set, and the factor between them."""
+    """Returns the row of a gain: its name, value now, value to set, and the factor between them (1 for a gain of 0)."""
     factor = gain.set / gain.now if gain.now else 1.0
     return [name, f"{gain.now:.4g}", f"{gain.set:.4g}", f"{factor:.2f}"]
 
@@ -221,7 +221,7 @@ def _advised_gain_sets(advice: AdviceByAxis) -> Iterator[_GainSet]:
 
 
 def _gains_to_lower(fact: Fact) -> Iterator[tuple[str, Gain]]:
-    """Yields the name of each gain that a fact advises to lower, with its values now and then.
+    """Yields each gain that a fact advises to lower: its name, and the gain with its value now and the value to set.
 
     The fact of a next step does not hold the gains itself: its figures are other facts, such as its reason, whose
     figures may be facts again. One of these may be the advice to lower gains, so that all of them are searched.

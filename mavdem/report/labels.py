@@ -72,7 +72,7 @@ def state_names(outputs: Sequence[str], learned: Learned) -> list[str]:
 
 
 class AxisCommand(NamedTuple):
-    """Command of one axis: a weighted sum of the outputs of r motors, positive if they turn the vehicle up the axis.
+    """Command of one axis: a weighted sum of r motor outputs, positive where they accelerate the positive rotation.
 
     It is c = w · (u − trim), with the weights w and the inputs u. A command of 0 does not turn the vehicle.
     """
@@ -84,24 +84,23 @@ class AxisCommand(NamedTuple):
     """Unit of the command, which is that of the inputs."""
 
     weights: Array
-    """Weights w (r,): they sum to 1 over motors that turn the vehicle up the axis, and to −1 over the others."""
+    """Weights w (r,): they sum to 1 over motors that accelerate the positive rotation, and to −1 over the others."""
 
     motors: Array
-    """Inputs (r,), as deviations from the trim, by which the command is 1 and the vehicle turns about this axis."""
+    """Deviations m (r,) of the inputs from the trim with which the command is 1: w · m = 1."""
 
     @classmethod
     def of(cls, learned: Learned) -> AxisCommand:
         """Returns the command of a model's axis, which combines the outputs of all motors to one number.
 
-        The motors are weighted by their relative effects on the axis, from the mixer geometry or, without it, from the
-        effectiveness that was learned. They are scaled so that motor outputs m in the direction of the effects give the
-        command w · m = 1.
+        The motors are weighted by their relative effects on the axis. These are known from the mixer geometry or,
+        without it, from the effectiveness that was learned.
 
         Args:
             learned: the linear model that was learned from a flight, with its training data.
 
         Returns:
-            The command, with its weights w and the motor outputs m, (r,) each.
+            The command, with its weights and the motor outputs, in the direction of these effects, that make it 1.
         """
         labels = Labels.of(learned)
         directions = input_directions(learned)

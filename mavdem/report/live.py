@@ -114,7 +114,7 @@ def light_rows(status: SessionStatus) -> list[LightRow]:
     lights = {}
     for name, light in status.overall_judgement.lights.items():
         if light.code is WatchFact.GOOD_IN_FLIGHT:
-            # Its figure is that of the flight.
+            # This fact only says that the light was good in flight, and holds it as a figure.
             light = light.figures["light"]
         lights[name] = light
     rows = []

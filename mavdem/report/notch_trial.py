@@ -158,11 +158,14 @@ def notch_trial(
     loop: Loop | None,
     motor_frequencies: Numbers = (),
 ) -> NotchTrial | None:
-    """Returns the notch filters to try, as the log has them; one that is off there, on the line that it would be for.
+    """Returns what a page shows of notch filters of the gyro that its reader can try, by changing their settings.
+
+    The filters begin with the settings of the log. One that is off there is placed on a spectral line that it could
+    attenuate.
 
     Args:
         log_name: name of the log, after which the parameter files are named.
-        vehicle: the vehicle that these are for.
+        vehicle: the vehicle, which the parameter files are for.
         noise: spectra of the flight with their lines.
         controller: controller with the gyro's filters; None if it is not known.
         loop: the identified rate loop with the highest crossover frequency; None if none is identified.
@@ -178,8 +181,10 @@ def notch_trial(
         return None
     peaks = strongest_peaks(noise, spectrum)
     filters = tried_filters(controller, noise, peaks, motor_frequencies)
-    crossover = ASSUMED_CROSSOVER if loop is None else loop.crossover
-    mark = Mark(crossover, "crossover" if loop is not None else "", BAD)
+    if loop is not None:
+        crossover_mark = Mark(loop.crossover, "crossover", BAD)
+    else:
+        crossover_mark = Mark(ASSUMED_CROSSOVER, "", BAD)
     # If only the filtered gyro was logged, what the filters took cannot be known.
     has_only_filtered_gyro = spectrum.name == GYRO and any(
         tried_filter.is_on for tried_filter in filters
@@ -191,8 +196,13 @@ def notch_trial(
     endings = tuple(sorted(files))
     return NotchTrial(
         tuple(_filter_forms(filters, controller.gyro_rate)),
-        charts=_charts(
-            controller, filters, spectrum, peaks[0], mark, has_spectrum=not has_only_filtered_gyro
+        charts=_trial_charts(
+            controller,
+            filters,
+            spectrum,
+            peaks[0],
+            crossover_mark,
+            has_spectrum=not has_only_filtered_gyro,
         ),
         remarks=tuple(
             _remarks_on_trial(
@@ -206,7 +216,7 @@ def notch_trial(
         model={
             **_filter_equations(controller, filters),
             "peak": peaks[0],
-            "crossover": crossover,
+            "crossover": crossover_mark.x,
             "place": "At the crossover of" if loop is not None else "At",
             "files": [
                 {"name": f"{PurePath(log_name).stem}.notch{ending}", "text": files[ending]}
@@ -239,7 +249,7 @@ def _remarks_on_trial(
     for title, tried_filter in zip(_titles(filters), filters, strict=True):
         yield from _remark_on_moving_center(title or "It", tried_filter)
         # Only ArduPilot's filters, which have a prefix, can follow something.
-        if tried_filter.prefix and _mode_of(tried_filter) != NotchMode.FIXED:
+        if tried_filter.prefix and _tracking_mode(tried_filter) != NotchMode.FIXED:
             has_moving_center = True
     if has_moving_center:
         yield "In flight the centres move; the trial holds for the fixed ones that are shown."
@@ -251,7 +261,7 @@ def _remarks_on_trial(
         )
 
 
-def _mode_of(tried_filter: TriedFilter) -> float:
+def _tracking_mode(tried_filter: TriedFilter) -> float:
     """Returns what the centre of a notch filter follows in flight, such as the throttle or the speeds of the motors.
 
     Args:
@@ -277,7 +287,7 @@ def _remark_on_moving_center(name: str, tried_filter: TriedFilter) -> Iterator[s
         name: name of the filter at the beginning of the sentence.
         tried_filter: the filter, with its parameters.
     """
-    mode = _mode_of(tried_filter)
+    mode = _tracking_mode(tried_filter)
     if tried_filter.motor_frequencies:
         centers = listed(f"{frequency:.0f}" for frequency in tried_filter.motor_frequencies)
         yield f"{name} follows the motors' speeds, and is shown at those of the flight: {centers} Hz."
@@ -416,7 +426,7 @@ def _filter_equations(controller: Controller, filters: Sequence[TriedFilter]) ->
     }
 
 
-def _charts(
+def _trial_charts(
     controller: Controller,
     filters: Sequence[TriedFilter],
     spectrum: Spectrum,

@@ -102,13 +102,13 @@ def one_line_list(names: Iterable[str], max_names: int = 5, max_length: int = 80
     sorted_names = sorted(names)
     listed_names = []
     for name in sorted_names[:max_names]:
-        shown_name = ""
-        for letter in name[:max_length]:
+        printable_name = ""
+        for character in name[:max_length]:
             # Control characters could change what a terminal shows.
-            shown_name += letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}"
+            printable_name += character if character.isprintable() else "\N{REPLACEMENT CHARACTER}"
         if len(name) > max_length:
-            shown_name += "…"
-        listed_names.append(shown_name)
+            printable_name += "…"
+        listed_names.append(printable_name)
     if len(sorted_names) > max_names:
         listed_names.append("…")
     return ", ".join(listed_names)
@@ -148,27 +148,45 @@ def plus_minus(value: float, half_width: float) -> str:
         return NO_ESTIMATE
     if half_width <= 0:
         return f"{value:.3g}"
-    # Power of ten of the last digit that is shown.
-    last_digit = floor(log10(half_width))
-    if half_width < SMALL_LEADING_DIGIT * 10.0**last_digit:
-        last_digit -= 1
-    if MIN_PLAIN_DIGIT <= last_digit <= MAX_PLAIN_DIGIT:
-        power = 0
-    else:
-        # Both numbers share one power of ten, a multiple of three as in engineering notation.
-        first_digit = floor(log10(abs(value) or half_width))
-        power = 3 * (max(last_digit, first_digit) // 3)
-    decimals = max(power - last_digit, 0)
+    last_place = _last_decimal_place(half_width)
+    exponent = 0
+    if not MIN_PLAIN_DIGIT <= last_place <= MAX_PLAIN_DIGIT:
+        # Both numbers share one power of ten, whose exponent is a multiple of three as in engineering notation.
+        first_place = floor(log10(abs(value) or half_width))
+        exponent = 3 * (max(last_place, first_place) // 3)
+    # Number of digits after the decimal point once both are divided by the power of ten; negative if the last digit is
+    # a ten or a hundred.
+    decimals = exponent - last_place
+    value_text = _rounded_to_decimals(float(value) / 10.0**exponent, decimals)
+    half_width_text = _rounded_to_decimals(float(half_width) / 10.0**exponent, decimals)
+    if exponent:
+        return f"({value_text} ± {half_width_text})e{exponent}"
+    return f"{value_text} ± {half_width_text}"
 
-    def text(number: float) -> str:
-        """Returns a number in units of the power of ten, ending at the last digit that is shown."""
-        # Adding 0.0 turns -0.0 into 0.0, which is shown without a sign.
-        scaled = round(float(number) / 10.0**power, power - last_digit) + 0.0
-        return f"{scaled:.{decimals}f}"
 
-    if power:
-        return f"({text(value)} ± {text(half_width)})e{power}"
-    return f"{text(value)} ± {text(half_width)}"
+def _last_decimal_place(half_width: float) -> int:
+    """Returns the power of ten of the last digit that the half width of an interval is shown with.
+
+    It is that of the leading digit or, where the leading digit is 1 or 2, of the digit after it.
+
+    >>> _last_decimal_place(0.032), _last_decimal_place(0.012)
+    (-2, -3)
+    """
+    leading_place = floor(log10(half_width))
+    if half_width < SMALL_LEADING_DIGIT * 10.0**leading_place:
+        return leading_place - 1
+    return leading_place
+
+
+def _rounded_to_decimals(number: float, decimals: int) -> str:
+    """Formats a number with so many decimals; a negative number of decimals rounds to tens, hundreds and so on.
+
+    >>> _rounded_to_decimals(1234.0, -1)
+    '1230'
+    """
+    # Adding 0.0 turns -0.0 into 0.0, which is shown without a sign.
+    rounded_number = round(number, decimals) + 0.0
+    return f"{rounded_number:.{max(decimals, 0)}f}"
 
 
 def with_unit(value: float, unit: DisplayUnit) -> str:
@@ -201,12 +219,12 @@ def rounded(value: float, digits: int = 2) -> str:
 def figure_with_interval(
     value: float | None, interval: Sequence[float] | None, scale: float = 1.0
 ) -> str:
-    """Returns a figure with the ends of its interval, such as "57 (50 to 63)"; empty if any of them is not known.
+    """Returns an estimate with the ends of its interval, such as "57 (50 to 63)"; empty if any of them is not known.
 
     Args:
-        value: the figure; None where it is not known.
-        interval: its lower and its upper end; None where they are not known.
-        scale: factor from the unit of the figure to the one in which it is shown.
+        value: the estimate; None where it is not known.
+        interval: lower and upper end of its interval, in the same unit; None where they are not known.
+        scale: factor from this unit to the one in which the numbers are shown.
     """
     if value is None or interval is None or None in interval:
         return ""

@@ -185,9 +185,10 @@ def _last_lines(assessment: Assessment, columns: int) -> list[str]:
 
 
 def headline_lines(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> list[str]:
-    """Returns the lines of the headline of a review: a light's whole sentence, since that names motors and figures.
+    """Returns the lines of the headline of a review, wrapped for the terminal.
 
-    The sentence of an event would repeat what the lines of evidence below it state, so that its short form is used.
+    A headline that is a status light has its whole sentence, which names motors and numbers. One that is an event has
+    its short sentence, since the lines of evidence below it state the rest.
 
     Args:
         assessment: all results on the flight: events, status lights, model, loops and wind.
@@ -197,7 +198,8 @@ def headline_lines(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> lis
         return wrap(assessment.stated_headline.sentence, columns)
     fact = assessment.headline
     is_light = fact in assessment.lights.values() and fact not in assessment.events
-    return wrap(fact.sentence if is_light else headline(fact), columns)
+    text = fact.sentence if is_light else headline(fact)
+    return wrap(text, columns)
 
 
 def _evidence_lines(event: Fact, columns: int) -> Iterator[str]:
@@ -264,8 +266,12 @@ def _wrapped_lines(text: str, columns: int) -> Iterator[str]:
         text: the text, without line breaks.
         columns: largest number of characters in a line; a longer command or word makes a longer line.
     """
-    unbroken = re.sub("`.*?`", lambda command: command[0].replace(" ", HARD_SPACE), text)
-    for line in wrap(unbroken, columns, break_long_words=False, break_on_hyphens=False):
+    text_with_hard_spaces = re.sub(
+        "`.*?`", lambda command: command[0].replace(" ", HARD_SPACE), text
+    )
+    for line in wrap(
+        text_with_hard_spaces, columns, break_long_words=False, break_on_hyphens=False
+    ):
         yield line.replace(HARD_SPACE, " ")
 
 
@@ -394,17 +400,19 @@ def gain_lines(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> list[st
 
 
 def page_line(assessment: Assessment) -> str:
-    """Returns the line of a screen on what its page has besides; empty where no vehicle was analysed."""
+    """Returns the line of a screen that says what only the page shows; empty where no vehicle was analysed."""
     if assessment.analysis is None:
         return ""
     # The page lists the saturations of each motor as one event.
-    event_count = len([*with_saturations_counted(assessment.events)])
-    events = counted(event_count, "event")
-    return f"Only the page has plots over time, all {events}, sensors and parameters."
+    page_events = list(with_saturations_counted(assessment.events))
+    event_count_text = counted(len(page_events), "event")
+    return f"Only the page has plots over time, all {event_count_text}, sensors and parameters."
 
 
 def _line_of_headline(name: str, light: Fact, columns: int) -> str:
-    """Returns the line of the status light that is the headline: its first clause, such as "Too little margin.".
+    """Returns the line of the status light that is the headline: its first clause only, such as "Too little margin.".
+
+    The whole sentence follows below, as the headline of the screen.
 
     Args:
         name: name of the light, its subject, such as "motors".
@@ -419,8 +427,8 @@ def _line_of_headline(name: str, light: Fact, columns: int) -> str:
 def _lines_of_light(name: str, fact: Fact, columns: int) -> list[str]:
     """Returns the lines of one status light of a review for the terminal.
 
-    A light that is good or not judged gets one line if its main clauses fit into that. Any other has its whole text,
-    on as many lines as that needs.
+    A light that is good or not judged gets one line, without subordinate clauses if they do not fit. Any other light
+    has its whole sentence, on as many lines as that needs.
 
     Args:
         name: name of the light, its subject, such as "motors".
@@ -429,13 +437,14 @@ def _lines_of_light(name: str, fact: Fact, columns: int) -> list[str]:
     """
     may_be_shortened = fact.level == Level.GOOD or fact.code == Unjudged.NOT_JUDGED
     if may_be_shortened:
-        # Whether the main clauses fit is decided for a terminal that nobody has widened: the clauses that fit into the
-        # one line of a wider one may be fewer than those on several lines of a narrow one.
         label_and_level = _label_and_level(name, fact)
-        narrow_line = _shortened_line(label_and_level, fact, min(columns, SCREEN_COLUMNS))
         line = _shortened_line(label_and_level, fact, columns)
-        # An ellipsis means that a clause is cut off in its middle.
-        if not narrow_line.endswith("…") and not line.endswith("…"):
+        # A light that needs several lines on a terminal of the usual width gets its whole sentence on a wider one, too.
+        # Otherwise a wider terminal could show less of it than a narrow one.
+        line_of_usual_width = _shortened_line(label_and_level, fact, min(columns, SCREEN_COLUMNS))
+        # An ellipsis at the end means that even the main clause was too long and is cut off.
+        is_cut_off = line.endswith("…") or line_of_usual_width.endswith("…")
+        if not is_cut_off:
             return [line]
     return _wrapped_fact(name, fact, columns)
 

@@ -168,7 +168,7 @@ def _learned_blocks(analysis: LogAnalysis) -> Blocks:
         if analysis.reason is None:
             return []
         return [Sentence(str(analysis.reason), lead="No model:")]
-    # Otherwise sentences on the condition, which follow, have the figures of the hover.
+    # Without a full model, sentences on the vehicle's condition follow, which describe the hover.
     hover = analysis.condition.hover if analysis.tier.allows_full_model else None
     return _model_blocks(analysis.findings, analysis.learned, analysis.held_out, hover)
 
@@ -245,15 +245,17 @@ def judgement_sentences(judgement: Judgement) -> JudgementSentences:
 
 
 def flight_sentences(assessment: Assessment, *, has_headline_above: bool) -> list[Sentence]:
-    """Returns on which flight and vehicle of a recording a report is, and the verdicts on the others, the worst first.
+    """Returns sentences that say which flight and vehicle of a recording is reported, and the verdicts on the others.
+
+    A recording with several flights or vehicles is reported by its worst flight and its worst vehicle.
 
     Args:
         assessment: assessment of the worst flight of the worst vehicle.
-        has_headline_above: whether the report has the verdict on the worst flight as its headline, so that it is left
+        has_headline_above: whether the verdict on the worst flight is the headline of the report, so that it is left
             out here.
 
     Returns:
-        The sentences; none if the recording is assessed as a whole.
+        The sentences, verdicts the worst first; empty if the recording has one vehicle, and is assessed as a whole.
     """
     facts = []
     if assessment.flight_verdicts:
@@ -587,37 +589,39 @@ def _axis_header(axes: Mapping[str, AxisEstimates]) -> list[str]:
     ]
 
 
-def _axis_cells(figures: AxisEstimates) -> list[str]:
+def _axis_cells(estimates: AxisEstimates) -> list[str]:
     """Returns an axis' row in the table of physical parameters: effectiveness, damping, time constant, wind torque.
 
     A parameter has the half width of its 90 % interval and, if the closed loop biases its estimate, "(biased)". The
     wind torque is shown by its standard deviation. The units are in the header (:func:`_axis_header`).
 
     Args:
-        figures: estimates of the physical parameters and of the wind torque.
+        estimates: estimates of the physical parameters and of the wind torque of the axis.
 
     Returns:
         Four cells, with a dash for what is not known.
     """
-    physical = figures.physical
+    physical = estimates.physical
     if physical is None:
         return [UNKNOWN_FIGURE] * 4
     half_widths = physical.interval()
     mean_effect, mean_effect_half_width = physical.mean_effect()
-    milliseconds = 1e3
+    milliseconds_per_second = 1e3
     # The keys are the names of the parameters in ``physical.status``, where "lag" is the motor time constant.
-    estimates = {
+    parameter_texts = {
         "effect": plus_minus(
             TORQUE_UNIT.scale * mean_effect, TORQUE_UNIT.scale * mean_effect_half_width
         ),
         "damping": plus_minus(physical.damping, half_widths.damping),
-        "lag": plus_minus(milliseconds * physical.lag, milliseconds * half_widths.lag),
+        "lag": plus_minus(
+            milliseconds_per_second * physical.lag, milliseconds_per_second * half_widths.lag
+        ),
     }
     cells = []
-    for name, estimate in estimates.items():
+    for name, text in parameter_texts.items():
         is_biased = physical.status[name] is Status.BIASED
-        cells.append(f"{estimate} (biased)" if is_biased else estimate)
-    wind_torque = figures.resolved_wind
+        cells.append(f"{text} (biased)" if is_biased else text)
+    wind_torque = estimates.resolved_wind
     if wind_torque is None:
         cells.append(UNKNOWN_FIGURE)
     else:
@@ -638,8 +642,8 @@ def parameter_reasons(physical: Physical | None, *, is_doubtful: bool = False) -
     if physical is None:
         return []
     reasons = physical.reasons
-    has_same_status = len(set(physical.status.values())) == 1
-    if has_same_status:
+    have_all_same_status = len(set(physical.status.values())) == 1
+    if have_all_same_status:
         # The other parameters follow from the effectiveness, so that its reason is the cause of theirs.
         reasons = {"effect": reasons["effect"]}
     parameters_by_reason = dict[str, list[str]]()
@@ -667,13 +671,13 @@ def detail_blocks(learned: Learned) -> Blocks:
     """
     free_energy = learned.free_energy
     simulation_fit = learned.simulation_fit
-    gain_of_fit = 0.0
+    objective_increase = 0.0
     if simulation_fit is not None:
         # The objective of the fit is the sum of its terms, each of which has a value for every iteration.
         terms = list(simulation_fit.terms.values())
         objective_at_start = sum(term[0] for term in terms)
         objective_at_end = sum(term[-1] for term in terms)
-        gain_of_fit = objective_at_end - objective_at_start
+        objective_increase = objective_at_end - objective_at_start
     learning = render_section(
         "learning",
         learned=learned,
@@ -681,7 +685,7 @@ def detail_blocks(learned: Learned) -> Blocks:
         iterations=len(free_energy) - 1,
         end=free_energy[-1],
         fit=simulation_fit,
-        fit_gained=gain_of_fit,
+        fit_gained=objective_increase,
     )
     cautions = [caution(fact) for fact in learned.cautions]
     return [*cautions, *pole_sentences(learned.model.A), *learning]

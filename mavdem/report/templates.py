@@ -87,9 +87,10 @@ ROUNDS_TO_NO_PERCENT = 0.005
 
 
 def sentence_and_remedy(fact: Fact) -> Words:
-    """Renders the sentence of a ``fact`` and its remedy, the advice on what to do; the remedy may be empty.
+    """Renders the sentence of a ``fact`` (a coded finding) and its remedy, the advice on what to do.
 
-    If the table of the fact's code has no remedy, a fact among its figures called ``remedy`` takes that place.
+    If the code of the fact has no template for a remedy, the figure ``remedy`` of the fact, which is itself a fact,
+    takes its place. Without that the remedy is empty.
     """
     return Words(_filled_template(fact, "sentence"), _filled_template(fact, "remedy"))
 
@@ -114,7 +115,7 @@ def sentences_for(medium: Medium) -> Iterator[None]:
 def headline(fact: Fact) -> str:
     """Renders the short sentence about a fact that heads a report.
 
-    A headline is about one battery: the others, which the light of power states beside it, are left out.
+    A headline on a battery leaves out the other batteries, which the status light of the power lists.
 
     Args:
         fact: the fact, a coded finding.
@@ -122,7 +123,8 @@ def headline(fact: Fact) -> str:
     Returns:
         The sentence; the ordinary one of the fact where it has no short one.
     """
-    if fact.figures.get("batteries"):
+    has_further_batteries = bool(fact.figures.get("batteries"))
+    if has_further_batteries:
         fact = fact.replace(batteries=())
     return _filled_template(fact, "headline") or sentence(fact)
 
@@ -239,7 +241,7 @@ def _filled_template(fact: Fact, template_name: str) -> str:
     must_not_fly = "is_grounded" in fact.figures
     if must_not_fly and _advises_flight(fact.code, template_name):
         return ""
-    template = _compiled(fact.code, template_name)
+    template = _fact_template(fact.code, template_name)
     text = template.render(_template_values(fact))
     return text.strip()
 
@@ -292,9 +294,9 @@ def _template_values(fact: Fact) -> dict[str, Any]:
 
 
 @cache
-def _compiled(code: Code, key: str) -> Template:
-    """Returns one of the templates of a code, such as its "sentence", compiled."""
-    return _template(f"sentences/{code}/{key}")
+def _fact_template(code: Code, template_name: str) -> Template:
+    """Returns one of the compiled templates of a fact's code, such as its "sentence" or "remedy"."""
+    return _compiled_template(f"sentences/{code}/{template_name}")
 
 
 @cache
@@ -308,14 +310,18 @@ def _section_templates(name: str) -> list[dict[str, Template]]:
         For each paragraph, its templates by "text", "lead" and "always".
     """
     templates = []
-    for number, paragraph in enumerate(_section_paragraphs(name)):
-        templates.append({key: _template(f"sections/{name}/{number}/{key}") for key in paragraph})
+    for paragraph_index, paragraph in enumerate(_section_paragraphs(name)):
+        templates_of_paragraph = {}
+        for template_name in paragraph:
+            path = f"sections/{name}/{paragraph_index}/{template_name}"
+            templates_of_paragraph[template_name] = _compiled_template(path)
+        templates.append(templates_of_paragraph)
     return templates
 
 
-def _template(name: str) -> Template:
-    """Compiles a template by its name (:func:`_template_text`), or loads it compiled."""
-    template = _environment().get_template(name)
+def _compiled_template(path: str) -> Template:
+    """Compiles a template by its path (:func:`_template_source`), or loads it if it was compiled before."""
+    template = _environment().get_template(path)
     # Jinja gives each template a view of two dictionaries, which each rendering copies: a plain one is copied faster.
     template.globals = dict(template.globals)
     return template
@@ -323,32 +329,35 @@ def _template(name: str) -> Template:
 
 @cache
 def _section_paragraphs(name: str) -> list[dict[str, Any]]:
-    """Loads the texts of the paragraphs of a section by "text", "lead" and "always"."""
-    paragraphs: list[dict[str, Any]] = load_adjacent_toml(__file__, f"sections/{name}.toml")[
-        "paragraph"
-    ]
+    """Loads a section of a report, ``sections/NAME.toml``: the templates of each paragraph by "text" and "lead"."""
+    section = load_adjacent_toml(__file__, f"sections/{name}.toml")
+    paragraphs: list[dict[str, Any]] = section["paragraph"]
     return paragraphs
 
 
-def _template_text(name: str) -> str:
-    """Returns the source text of a template by its name, since Jinja asks for templates by names.
+def _template_source(path: str) -> str:
+    """Returns the source of a template for Jinja, which asks for every template by a single string.
 
     Args:
-        name: "sections/SECTION/NUMBER/KEY" for a paragraph of a section of a report, such as "sections/wind/0/text",
-            the text of its first paragraph; or "sentences/CODE/KEY" for a fact, such as "sentences/motor_off/remedy".
+        path: where the template stands in the TOML files:
+
+            - "sections/SECTION/INDEX/NAME" for a paragraph of a report's section, such as "sections/wind/0/text" for
+              the text of its first paragraph;
+            - "sentences/CODE/NAME" for a fact (a coded finding), such as "sentences/motor_off/remedy".
 
     Returns:
-        The text; empty if a fact has no template of this key.
+        The source; empty if the fact's code has no template of this name.
     """
-    if name.startswith("sections/"):
-        _, section, number, key = name.split("/")
-        return str(_section_paragraphs(section)[int(number)][key])
-    _, code, key = name.split("/")
+    if path.startswith("sections/"):
+        _, section, paragraph_index, template_name = path.split("/")
+        paragraph = _section_paragraphs(section)[int(paragraph_index)]
+        return str(paragraph[template_name])
+    _, code, template_name = path.split("/")
     templates = sentence_templates()[code]
-    if key == "remedy" and key not in templates:
-        # The remedy may also be another fact, which is then the figure ``remedy``: its sentence says what to do.
+    if template_name == "remedy" and "remedy" not in templates:
+        # The remedy may instead be another fact, in the figure ``remedy``: its sentence says what to do.
         return "{{ remedy | string if remedy }}"
-    return templates.get(key, "")
+    return templates.get(template_name, "")
 
 
 @cache
@@ -361,7 +370,7 @@ def _environment() -> Environment:
     to add it here by its name.
     """
     environment = Environment(
-        loader=FunctionLoader(_template_text),
+        loader=FunctionLoader(_template_source),
         bytecode_cache=CompiledTemplates(),
         undefined=StrictUndefined,
         finalize=_finalized,
@@ -428,19 +437,20 @@ def _finalized(value: Any) -> Any:
     return value
 
 
-def mean_of_others(before: float, later: float) -> str:
+def mean_of_others(mean_before: float, mean_after: float) -> str:
     """Returns the remark, in brackets, on how the other motors' mean command changed when one motor's command did.
 
     It ends a sentence about that one motor, as in " (the mean of the others from 45 % to 52 %)".
 
     Args:
-        before: mean command of the other motors before the change, as a fraction of the range.
-        later: the same after the change.
+        mean_before: mean command of the other motors before the change, as a fraction of the range.
+        mean_after: the same after the change.
     """
-    text_before, text_later = _percent(before), _percent(later)
-    if text_before == text_later:
-        return f" (the mean of the others stayed at {text_later})"
-    return f" (the mean of the others from {text_before} to {text_later})"
+    before_text = _percent(mean_before)
+    after_text = _percent(mean_after)
+    if before_text == after_text:
+        return f" (the mean of the others stayed at {after_text})"
+    return f" (the mean of the others from {before_text} to {after_text})"
 
 
 def list_separator(loop: Any, is_continued: bool = False) -> str:
@@ -469,11 +479,12 @@ def with_interval(value: float, half_width: float | None, unit: str = " %") -> s
     Returns:
         The text, with the unit.
     """
+    # Factor from a fraction to percent, or from radians to degrees.
     scale = 100.0 if unit == " %" else degrees(1)
-    shown_half_width = 0.0 if half_width is None else scale * half_width
-    if shown_half_width > SMALLEST_SHOWN_HALF_WIDTH:
-        return f"{plus_minus(scale * value, shown_half_width)}{unit}"
-    return f"{rounded(scale * value)}{unit}"
+    shown_value = scale * value
+    if half_width is not None and scale * half_width > SMALLEST_SHOWN_HALF_WIDTH:
+        return f"{plus_minus(shown_value, scale * half_width)}{unit}"
+    return f"{rounded(shown_value)}{unit}"
 
 
 def headroom_clause(headroom: float | None) -> str:

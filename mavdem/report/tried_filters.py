@@ -101,7 +101,8 @@ def tried_filters(
     filters = []
     if controller.is_ardupilot:
         for index, prefix in enumerate(ARDUPILOT_PREFIXES):
-            if index == 0 or f"{prefix}ENABLE" in logged_parameters:
+            is_first = index == 0
+            if is_first or f"{prefix}ENABLE" in logged_parameters:
                 peak = _peak_for(index, peaks)
                 filters.append(
                     _ardupilot_filter(
@@ -116,7 +117,8 @@ def tried_filters(
     if has_older_notch and not has_newer_notch:
         notches = (OLDER_PX4_NOTCH,)
     for index, notch in enumerate(notches):
-        if index == 0 or notch.center in logged_parameters:
+        is_first = index == 0
+        if is_first or notch.center in logged_parameters:
             filters.append(
                 _px4_filter(logged_parameters, notch, advised_parameters, _peak_for(index, peaks))
             )
@@ -154,18 +156,22 @@ def _ardupilot_filter(
     peak: float,
     motor_frequencies: Numbers,
 ) -> TriedFilter:
-    """Returns one of ArduPilot's harmonic notches.
+    """Returns one of ArduPilot's harmonic notches, with the settings that the page shows first.
+
+    They are the log's own settings if the notch is on there. Otherwise they are the advised ones or, if the advice sets
+    another filter, such that the notch attenuates a line of the spectrum.
 
     Args:
         logged_parameters: parameters of the log.
-        prefix: beginning of its parameters.
-        advised_parameters: parameters that the advice sets; empty without one.
-        peak: frequency of a line, Hz.
-        motor_frequencies: revolutions per second of each motor in flight.
+        prefix: beginning of the notch's parameters, such as "INS_HNTCH_".
+        advised_parameters: parameters that the advice sets, perhaps of another filter; empty without advice.
+        peak: frequency of the spectral line, Hz.
+        motor_frequencies: revolutions per second of each motor in flight; empty if they were not measured.
     """
     enable = f"{prefix}ENABLE"
+    # Rounded to as many digits as people type.
     center = float(f"{peak:.3g}")
-    parameters = {
+    parameters_on_line = {
         enable: 1.0,
         f"{prefix}MODE": float(NotchMode.FIXED),
         f"{prefix}FREQ": center,
@@ -174,11 +180,12 @@ def _ardupilot_filter(
         f"{prefix}HMNCS": 1.0,
         f"{prefix}ATT": ARDUPILOT_ATTENUATION,
     }
-    # What the log or, if the filter is off, the advice has replaces these values.
     is_on = bool(logged_parameters.get(enable, 0.0))
-    source = logged_parameters if is_on else advised_parameters
-    for name, value in parameters.items():
-        parameters[name] = source.get(name, value)
+    first_settings = logged_parameters if is_on else advised_parameters
+    parameters = {}
+    for name, value_on_line in parameters_on_line.items():
+        parameters[name] = first_settings.get(name, value_on_line)
+    # The page shows the filter switched on.
     parameters[enable] = 1.0
     names = {"centre": "FREQ", "width": "BW", "depth": "ATT", "harmonics": "HMNCS"}
     followed_frequencies: Numbers = ()
@@ -299,13 +306,13 @@ def _motor_notches(tried_filter: TriedFilter) -> list[Notch]:
     values = {
         setting: tried_filter.parameters[name] for setting, name in tried_filter.names.items()
     }
-    min_center = max(values["centre"], MIN_CENTER_PER_BANDWIDTH * values["width"])
-    if min_center <= 0:
+    lowest_center = max(values["centre"], MIN_CENTER_PER_BANDWIDTH * values["width"])
+    if lowest_center <= 0:
         return []
     # ArduPilot computes the quality factor once, at the lowest centre, and keeps it at every other one.
-    relative_bandwidth = values["width"] / min_center
+    relative_bandwidth = values["width"] / lowest_center
     notches: list[Notch] = []
-    centers: Array = np.maximum(tried_filter.motor_frequencies, min_center)
+    centers: Array = np.maximum(tried_filter.motor_frequencies, lowest_center)
     for center in centers.tolist():
         notches += harmonic_notches(
             center, relative_bandwidth, values["depth"], int(values["harmonics"])

@@ -31,7 +31,6 @@ from mavdem.fleet.flights import (
 from mavdem.fleet.row import UNKNOWN, FlightRow, FlightRows
 from mavdem.report.fleet import (
     ANOMALOUS_HEALTHS,
-    NOT_USED,
     UrgencyAndAge,
     VehicleTexts,
     badge,
@@ -216,23 +215,26 @@ def vehicle_summaries(rows: Iterable[FlightRow]) -> list[VehicleSummary]:
 
 
 def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
-    """Summarises all logs under one vehicle's name, so that a fleet's page need not read their rows.
+    """Summarises all logs under one vehicle's name, so that a fleet's page can be made without their rows.
 
     Args:
-        name: name of the vehicle in its logs; ``UNKNOWN`` for logs without one.
-        rows: all rows of the fleet's table under this name: one for each axis of a log, also of logs that have no
-            flight that can be analysed.
+        name: name of the vehicle in its logs; ``UNKNOWN`` for logs without one. Several vehicles may share a name that
+            is made of a MAVLink system id, and then all their flights are summarised together.
+        rows: all rows of the fleet's table under this name. Each log has a row for each axis, and each log without a
+            flight that can be analysed has a row with the reason.
 
     Returns:
-        Counts of the flights, the state of the vehicle, its status lights (judgements of its parts by a level), the
-        mean wind of each flight, a line of the table for each log, and why logs were not used.
+        The summary, which can be stored as JSON.
     """
-    # Each log, and each flight, is the list of its rows. Only some logs hold a flight.
+    # A log is represented by the list of its rows, and so is a flight. Only some logs hold a flight.
     logs = group_into_flights(rows)
     flights = group_into_flights(row for row in rows if row.has_flight)
     real_flights = [flight for flight in flights if not log_row(flight).simulated]
-    # Under a system id real and simulated flights may be mixed: the real ones are those to look at.
-    vehicle_state = _vehicle_flights(name, real_flights or flights) if flights else None
+    # Real and simulated flights may share a system id. The state of the vehicle follows from the real ones, if any.
+    flights_of_vehicle = real_flights or flights
+    vehicle_state = None
+    if flights_of_vehicle:
+        vehicle_state = _vehicle_flights(name, flights_of_vehicle)
     bad_flights = [flight for flight in real_flights if badge_level([flight]) is Level.BAD]
     return VehicleSummary(
         name=name,
@@ -271,18 +273,19 @@ def summary_adapter() -> TypeAdapter[VehicleSummary]:
 def _flown_flights(name: str, flights: Flights) -> FlownFlights:
     """Counts the flights under one vehicle's name, and sums their durations.
 
-    Flights at the same time are two logs of one flight and count once, unless several vehicles may have the name. A
-    flight has a row for each axis, which may lack data: the longest duration of its rows counts.
+    If only one vehicle can have the name, flights that overlap in time are logs of one flight, which counts once.
 
     Args:
         name: the name; ``UNKNOWN`` for logs without one.
         flights: rows of each flight, one for each axis, in the order of date.
 
     Returns:
-        Number of flights, total duration, s, first and last date, and numbers by tier and by health of the motors.
+        Number of flights, total duration, s, first and last date, and numbers by tier (the kind of model that a log
+        allows) and by health of the motors.
     """
     counted_flights: Flights = flights
-    if name != UNKNOWN and not has_shared_name(flights):
+    is_one_vehicle = name != UNKNOWN and not has_shared_name(flights)
+    if is_one_vehicle:
         counted_flights = distinct_flights([list(flight) for flight in flights])
     dates = []
     durations = []
@@ -290,6 +293,7 @@ def _flown_flights(name: str, flights: Flights) -> FlownFlights:
         date = log_row(flight).past_date
         if date is not None:
             dates.append(date)
+        # An axis may lack data for a part of the flight, so that the longest of its rows has the duration.
         durations.append(max(row.duration or 0.0 for row in flight))
     return FlownFlights(
         flights=len(counted_flights),
@@ -314,13 +318,9 @@ def _vehicle_flights(name: str, flights: Flights) -> VehicleFlights:
         How urgently it needs attention, the health of its motors, texts, the levels of its latest ``MAX_BARS`` flights,
         and what its last flight shows.
     """
-    # The rows of the axes of a flight have the same date, frame, firmware and headline.
+    # The rows of a flight, one for each axis, have the same date, frame, firmware and headline.
     last_row = log_row(flights[-1])
-    # One word on the last flight, such as "fault" or "good".
-    badge_word = badge(flights)
-    level_of_badge = Level.UNKNOWN
-    if badge_word != NOT_USED:
-        level_of_badge = badge_level(flights)
+    # The headline is kept only if it says what is wrong.
     headline = ""
     if last_row.headline_level in WARNING_LEVELS:
         headline = last_row.headline or ""
@@ -328,8 +328,8 @@ def _vehicle_flights(name: str, flights: Flights) -> VehicleFlights:
         date=last_row.past_date,
         frame=last_row.frame or "",
         firmware=last_row.firmware or "",
-        badge=str(badge_word),
-        badge_level=level_of_badge,
+        badge=str(badge(flights)),
+        badge_level=badge_level(flights),
         headline=headline,
         lights={light: light_level(flights[-1], light) for light in Light},
     )
@@ -371,10 +371,12 @@ def _unused_rows(rows: FlightRows) -> list[UnusedRow]:
         rows: all rows of the fleet's table under one name.
 
     Returns:
-        Rows with file and reason: first those of logs with a date, by date. The first row of each log is marked.
+        Rows with file and reason, by date, those of logs without a date last. The first row of each log is marked.
     """
     unused_rows = []
-    for flight in group_into_flights(row for row in rows if not row.has_flight):
-        for number, row in enumerate(flight):
-            unused_rows.append(UnusedRow(row.file, row.status, row.status_code, number == 0))
+    logs_without_flight = group_into_flights(row for row in rows if not row.has_flight)
+    for log in logs_without_flight:
+        for index, row in enumerate(log):
+            is_first = index == 0
+            unused_rows.append(UnusedRow(row.file, row.status, row.status_code, is_first))
     return unused_rows

@@ -104,7 +104,7 @@ def change_plan(
     changes = drawn_changes(difference)
     if not changes:
         return None
-    relative_changes = [_relative(change) for change in changes]
+    relative_changes = [_relative_change(change) for change in changes]
     # The axis reaches to the farthest end of an interval, and at least to the equivalence limit, which is 1.
     extent = 1.0
     for relative in relative_changes:
@@ -167,7 +167,7 @@ class _RelativeChange(NamedTuple):
     """Upper end of its 90 % interval."""
 
 
-def _relative(change: QuantityChange) -> _RelativeChange:
+def _relative_change(change: QuantityChange) -> _RelativeChange:
     """Returns a change in units of the equivalence limit of its quantity, so that all quantities share one axis.
 
     Args:

@@ -269,9 +269,10 @@ class Line(NamedTuple):
     def _with_extremes(self, grid: Array, interpolated_y: Array) -> Array:
         """Replaces interpolated values by minima and maxima where many samples lie between two points of a grid.
 
-        The points of the grid are taken in pairs. A pair stands for the samples in the two grid steps that begin at its
-        first point. If these are many, the pair gets their minimum and their maximum, so that a peak stays visible: the
-        maximum first if the samples fall from their first to their last, otherwise the minimum first.
+        The points of the grid are taken in pairs: 0 and 1, 2 and 3, and so on. A pair stands for the samples in the two
+        grid steps that begin at its first point. If these are many, the pair gets their minimum and their maximum, so
+        that a peak stays visible: the maximum first if the last sample is below the first one, otherwise the minimum
+        first. On the grid 0, 1, 2, 3, for example, the samples between 0 and 2 give the values at 0 and 1.
 
         Args:
             grid: abscissae (M,), evenly spaced.

@@ -84,7 +84,7 @@ class _Piece(NamedTuple):
 
 
 class MapWind(NamedTuple):
-    """The wind as a map shows it: an arrow with a label, which follow the cursor where the course is known."""
+    """The wind as a map shows it: an arrow with a label, which follow the cursor where the wind over time is known."""
 
     direction: float
     """Direction that it comes from, degrees clockwise from north."""
@@ -93,13 +93,13 @@ class MapWind(NamedTuple):
     """Both ends of the 90 % interval of its speed, m/s; None where it is not known."""
 
     time: Array | None = None
-    """(T,) times of the course, s since boot; None without one."""
+    """(T,) times of the estimates over time, s since boot; None if only the mean is known."""
 
     directions: Array | None = None
-    """(T,) directions then, degrees, within half a turn of the mean, so that they can be interpolated."""
+    """(T,) directions at these times, degrees, within half a turn of the mean, so that they can be interpolated."""
 
     speeds: Array | None = None
-    """(T,) speeds then, m/s; None where they are not known."""
+    """(T,) speeds at these times, m/s; None where they are not known."""
 
     name: str = "wind"
     """What is written before its label, such as "mean wind"."""
@@ -139,7 +139,7 @@ class MapWind(NamedTuple):
         low, high = self.speed_interval
         return f"{low:.1f} to {high:.1f} m/s {origin}"
 
-    def course_at(self, time: Array) -> dict[str, Array]:
+    def interpolated_at(self, time: Array) -> dict[str, Array]:
         """Interpolates the wind at the times of the path's points, so that the map can show it beside the cursor.
 
         Args:
@@ -151,12 +151,54 @@ class MapWind(NamedTuple):
         """
         if self.time is None:
             return {}
-        courses = {"direction": self.directions, "speed": self.speeds}
+        values_by_name = {"direction": self.directions, "speed": self.speeds}
         interpolated = {}
-        for name, values in courses.items():
+        for name, values in values_by_name.items():
             if values is not None:
                 interpolated[name] = np.interp(time, self.time, values, left=np.nan, right=np.nan)
         return interpolated
+
+
+class _MapProjection(NamedTuple):
+    """How positions over ground become coordinates of the drawing, with north up."""
+
+    scale: float
+    """Units of the drawing for a metre."""
+
+    middle_north: float
+    """Position north, m, that lies at the origin of the drawing."""
+
+    middle_east: float
+    """Position east, m, that lies at the origin of the drawing."""
+
+    @classmethod
+    def of_path(cls, north: Array, east: Array, min_size: float) -> Self:
+        """Returns the projection with which a path fills the drawing, with one scale for both directions.
+
+        Args:
+            north, east: (N,) positions of the path, m.
+            min_size: smallest extent, m, that fills the drawing: a smaller path does not.
+        """
+        size = max(np.ptp(north), np.ptp(east), min_size)
+        return cls(
+            scale=2 * RADIUS / size,
+            middle_north=(north.min() + north.max()) / 2,
+            middle_east=(east.min() + east.max()) / 2,
+        )
+
+    def x(self, east: Array) -> Array:
+        """Returns coordinates to the right for positions east, m."""
+        return self.scale * (east - self.middle_east)
+
+    def y(self, north: Array) -> Array:
+        """Returns coordinates downward for positions north, m."""
+        return -self.scale * (north - self.middle_north)
+
+    def place(self, name: str, north: float, east: float) -> _Place:
+        """Returns a marked place of the map, by its position north and east, m."""
+        x = self.scale * (east - self.middle_east)
+        y = -self.scale * (north - self.middle_north)
+        return _Place(name, x, y)
 
 
 def flown_path(timeline: Timeline | None, wind: MapWind | None = None) -> Plan | None:
@@ -190,19 +232,13 @@ def flown_path(timeline: Timeline | None, wind: MapWind | None = None) -> Plan |
     north, east, down = position.values[drawn].T
     height = -down
     min_size = MIN_LIVE_PATH_SIZE if is_received else MIN_PATH_SIZE
-    size = max(np.ptp(north), np.ptp(east), min_size)
-    scale = 2 * RADIUS / size
-    # The middle of the path is the origin of the drawing, whose y points down.
-    middle_east = (east.min() + east.max()) / 2
-    middle_north = (north.min() + north.max()) / 2
-    x = scale * (east - middle_east)
-    y = -scale * (north - middle_north)
+    projection = _MapProjection.of_path(north, east, min_size)
+    x = projection.x(east)
+    y = projection.y(north)
     start = _Place("start", x[0], y[0])
     if timeline.takeoff is not None:
-        takeoff_north, takeoff_east, *_ = timeline.takeoff
-        takeoff_x = scale * (takeoff_east - middle_east)
-        takeoff_y = -scale * (takeoff_north - middle_north)
-        start = _Place("take-off", takeoff_x, takeoff_y)
+        takeoff_north, takeoff_east, _ = timeline.takeoff
+        start = projection.place("take-off", takeoff_north, takeoff_east)
 
     lowest_height = float(np.nanmin(height))
     height_range = max(float(np.nanmax(height)) - lowest_height, MIN_HEIGHT_RANGE)
@@ -210,16 +246,18 @@ def flown_path(timeline: Timeline | None, wind: MapWind | None = None) -> Plan |
     mode_names = list(dict.fromkeys(mode.name for mode in timeline.modes))
     mode_numbers = _mode_numbers(time, timeline.modes, mode_names)
     height_keys = _height_keys(lowest_height, height_range)
-    # The bar is about a third of the drawing, rounded to one digit.
-    bar_length = float(f"{size / 3:.0e}")
+    # The bar of scale is about a third of the drawing, in metres rounded to one digit.
+    drawing_size = 2 * RADIUS / projection.scale
+    bar_metres = float(f"{drawing_size / 3:.0e}")
+    bar_length = projection.scale * bar_metres
     svg = figure_as_svg(
         "path",
         pieces=[*_path_pieces(x, y, height_classes, mode_numbers)],
         start=start,
         end=_Place("end" if timeline.heading is None else "vehicle", x[-1], y[-1]),
         heading=timeline.heading,
-        scale=(scale * bar_length, f"{bar_length:g} m"),
-        ring_radii=_ring_radii(scale * bar_length) if is_received else [],
+        scale=(bar_length, f"{bar_metres:g} m"),
+        ring_radii=_ring_radii(bar_length) if is_received else [],
         heights=[height_keys[number] for number in sorted(set(height_classes.tolist()))],
         modes=[_Key(name, _mode_colour(number)) for number, name in enumerate(mode_names)],
         wind=wind,
@@ -229,7 +267,7 @@ def flown_path(timeline: Timeline | None, wind: MapWind | None = None) -> Plan |
     )
     track = {"time": time, "x": x, "y": y, "height": height}
     if wind is not None:
-        track |= wind.course_at(time)
+        track |= wind.interpolated_at(time)
     packed_track: JsonValues = {
         name: packed(values, is_logarithmic=False) for name, values in track.items()
     }

@@ -160,12 +160,16 @@ def _vibration_by_imu(vibration: ReportedVibration) -> dict[str, dict[str, TimeS
     imu_count = vibration.levels.values.shape[1] // axis_count
     charts: dict[str, dict[str, TimeSeries | None]] = {}
     for column, values in enumerate(vibration.levels.values.T):
-        imu, axis = divmod(column, axis_count)
-        title, name = "Vibration", f"IMU {imu + 1}"
-        if axis_count > 1:
-            title = f"Vibration of IMU {imu + 1}" if imu_count > 1 else title
-            name = vibration.axes[axis]
-        charts.setdefault(title, {})[name] = replace(vibration.levels, values=values)
+        imu_index, axis_index = divmod(column, axis_count)
+        imu_name = f"IMU {imu_index + 1}"
+        if axis_count == 1:
+            # One chart has a line for each IMU.
+            title, line_name = "Vibration", imu_name
+        elif imu_count == 1:
+            title, line_name = "Vibration", vibration.axes[axis_index]
+        else:
+            title, line_name = f"Vibration of {imu_name}", vibration.axes[axis_index]
+        charts.setdefault(title, {})[line_name] = replace(vibration.levels, values=values)
     return charts
 
 
@@ -197,6 +201,7 @@ def _controller_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart
         evidence: signals, events and measurements of the vehicle.
         timeline: timeline of the flight, for its span of time.
     """
+    # Series of all speed controllers by their names, one dictionary for each chart.
     speeds, currents, temperatures, errors = {}, {}, {}, {}
     for controller in speed_controllers(evidence.signals):
         speeds[controller.name] = controller.speed

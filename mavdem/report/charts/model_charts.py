@@ -84,6 +84,7 @@ def bode_charts(learned: Learned, output: int = -1) -> Charts:
     command = AxisCommand.of(learned)
     labels = Labels.of(learned)
     output_count = len(labels.output_names)
+    # A negative index counts from the end.
     output_index = range(output_count)[output]
     output_name = labels.output_names[output_index]
     unit = display_unit(labels.output_units[output_index])

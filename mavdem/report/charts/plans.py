@@ -152,22 +152,25 @@ def frame_plan(
     motor_count = len(drawn.commands)
     if len(motors.geometry.positions) != motor_count:
         return None
-    # The outermost motor lies at RADIUS from the centre.
+    # The outermost motor lies at RADIUS from the centre. The lower limit only avoids a division by zero.
     positions = np.array(motors.geometry.positions, np.float64)
-    positions *= RADIUS / max(np.hypot(*positions.T).max(), 1e-9)
+    largest_distance = max(np.hypot(*positions.T).max(), 1e-9)
+    positions *= RADIUS / largest_distance
     levels = motor_levels(light, np.array(drawn.imbalance))
     drawn_motors = []
-    for number, (forward, right) in enumerate(positions.tolist()):
+    for index, (forward, right) in enumerate(positions.tolist()):
+        command = float(drawn.commands[index])
+        command_within_range = min(max(command, 0.0), 1.0)
         drawn_motors.append(
             {
-                "name": number + 1,
+                "name": index + 1,
                 "x": round(right, 1),
                 "y": round(-forward, 1),
                 # An arc of the rim is as long, in % of the turn, as the command in % of the range.
-                "arc": round(100 * min(max(float(drawn.commands[number]), 0.0), 1.0), 1),
-                "command": f"{100 * drawn.commands[number]:.0f} %",
-                "remark": drawn.remarks[number],
-                "level": levels[number],
+                "arc": round(100 * command_within_range, 1),
+                "command": f"{100 * command:.0f} %",
+                "remark": drawn.remarks[index],
+                "level": levels[index],
             }
         )
     motor_texts = [
@@ -321,6 +324,7 @@ def _wind_rose(
     """
     sector = np.rint(direction / SECTOR_WIDTH).astype(int) % SECTOR_COUNT
     bins = (SPEED_CLASS_LIMITS, np.arange(SECTOR_COUNT + 1))
+    # (classes, sectors) how often each class of speed came from each direction, in the unit of the weight.
     counts = weight * np.histogram2d(speed, sector, bins)[0]
     # The petals of a class begin where those of the slower class end: at the counts, summed over the classes.
     edges = np.vstack([np.zeros(SECTOR_COUNT), counts.cumsum(axis=0)])

@@ -239,25 +239,24 @@ class Timeline(NamedTuple):
         for event, label in zip(self.events, labels, strict=True):
             if event.has_time:
                 labelled_events.append((event, label))
-
-        def rank(labelled_event: tuple[Event, str]) -> int:
-            """Returns the rank of an event: 0 for how the flight was lost, 1 for an alarm, and 2 for any other."""
-            event, _ = labelled_event
-            if isinstance(event.fact.code, Ending):
-                return 0
-            if event.is_alarm:
-                return 1
-            return 2
-
         # The sort is stable, so that within a rank the latest event stays first: the end of a flight matters more than
         # what led to it.
         labelled_events.reverse()
-        labelled_events.sort(key=rank)
+        labelled_events.sort(key=lambda event_and_label: _rank_of_mark(event_and_label[0]))
         marks = []
         for event, label in labelled_events:
             colour = BAD if event.is_alarm else MEASURED
             marks.append(Mark(event.seconds, label, colour))
         return tuple(marks)
+
+
+def _rank_of_mark(event: Event) -> int:
+    """Returns the rank of an event among the marks: 0 for how the flight was lost, 1 for an alarm, 2 for any other."""
+    if isinstance(event.fact.code, Ending):
+        return 0
+    if event.is_alarm:
+        return 1
+    return 2
 
 
 def assessment_timeline(
@@ -360,11 +359,12 @@ def _voltage_lines(history: TimeHistory) -> list[Line]:
         lines += _lines_of_columns(voltage, [name], [colour])
     if not lines:
         return []
+    # A limit is a horizontal line from the start to the end of the flight.
     start_and_end = np.array([history.segment.start, history.segment.end])
     for name, limit in history.voltage_limits.items():
         colour = BAD if name.endswith("critical") else BASELINE
-        limits = np.full(2, limit)
-        lines.append(Line(name, colour, start_and_end, limits, style=LineStyle.DASHES))
+        limit_at_ends = np.array([limit, limit])
+        lines.append(Line(name, colour, start_and_end, limit_at_ends, style=LineStyle.DASHES))
     return lines
 
 
@@ -383,12 +383,13 @@ def _height_limits(
     if not measured_lines or not estimate_lines:
         return None
     measured_heights = np.concatenate([line.y for line in measured_lines])
-    lowest, highest = float(np.nanmin(measured_heights)), float(np.nanmax(measured_heights))
-    span = highest - lowest
+    lowest = float(np.nanmin(measured_heights))
+    highest = float(np.nanmax(measured_heights))
+    measured_span = highest - lowest
     estimate_span = max(float(np.nanmax(line.y) - np.nanmin(line.y)) for line in estimate_lines)
-    if span == 0 or estimate_span <= MAX_ESTIMATE_SPANS * span:
+    if measured_span == 0 or estimate_span <= MAX_ESTIMATE_SPANS * measured_span:
         return None
-    margin = CLIP_SPANS * span
+    margin = CLIP_SPANS * measured_span
     return (lowest - margin, highest + margin)
 
 
@@ -571,7 +572,8 @@ def _wrapped_to_half_turns(line: Line) -> Line:
 def _broken_where_it_wraps(line: Line) -> Line:
     """Returns a line of angles with a gap wherever they jump by more than half a turn, as from 359° to 1°.
 
-    Without a gap, each jump would be drawn as a vertical stroke over the whole chart.
+    Without a gap, each jump would be drawn as a vertical stroke over the whole chart. For example, the angles
+    [358, 359, 1] become [358, 359, NaN, 1].
 
     Args:
         line: angles, degrees, in a range of one turn.
@@ -731,14 +733,7 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
         )
         if lines:
             drawn_charts.append(chart._replace(lines=lines))
-    voltage_lines = []
-    for (number, samples), colour in zip(history.voltages.items(), cycle(DISTINCT), strict=False):
-        if len(samples) > 1:
-            # The number is shown only where there are several batteries, as for a log.
-            name = battery_name(number) if len(history.voltages) > 1 else "battery"
-            voltage_time, voltage = samples.T
-            line = Line(name, colour, voltage_time - offset, voltage)
-            voltage_lines.append(line._replace(bridged_gap=BRIDGED_VOLTAGE_GAP))
+    voltage_lines = _live_voltage_lines(history)
     if voltage_lines:
         drawn_charts.append(over_time("Battery", "V", voltage_lines))
     position = _live_position(history, columns)
@@ -754,6 +749,28 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
         heading=float(headings[-1]) if len(headings) else None,
         time_axis=_time_axis_of_boot(history),
     )
+
+
+def _live_voltage_lines(history: LiveHistory) -> list[Line]:
+    """Returns a line over time for the voltage, V, of each battery of a live vehicle.
+
+    Args:
+        history: signals of the live flight, with samples of time and voltage by the number of the battery.
+
+    Returns:
+        The lines, on the clock of the boot in which the flight began; a battery with a single sample has none.
+    """
+    lines = []
+    for (number, samples), colour in zip(history.voltages.items(), cycle(DISTINCT), strict=False):
+        if len(samples) < 2:
+            continue
+        # The number is shown only where there are several batteries, as for a log.
+        name = battery_name(number) if len(history.voltages) > 1 else "battery"
+        timeline_time, voltage = samples.T
+        boot_time = timeline_time - history.flight.timeline_offset
+        line = Line(name, colour, boot_time, voltage, bridged_gap=BRIDGED_VOLTAGE_GAP)
+        lines.append(line)
+    return lines
 
 
 def _time_axis_of_boot(history: LiveHistory) -> Axis:

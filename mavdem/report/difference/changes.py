@@ -36,12 +36,12 @@ def difference_blocks(
 ) -> list[Sentence]:
     """Returns sentences on all differences between two states of a vehicle, or two vehicles, with their certainty.
 
-    They follow the headline: what changed, with the parameters, what did not, and what could not be compared.
-    Where A and B are the same flight, there are none.
+    They follow the headline, in this order: quantities that changed, parameters that differ, quantities without a
+    change, and what could not be compared. If both states are the same flight, there are none.
 
     Args:
         reviewed: comparison of the two states.
-        headline: the sentences that head the comparison, which are shown above: what they name is not repeated.
+        headline: sentences that are shown above; changes that they name are not repeated.
     """
     if reviewed.difference.is_of_same_flight:
         return []
@@ -53,10 +53,12 @@ def difference_blocks(
 
 
 def detail_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
-    """Returns the sentences after those on what changed: what did not, and how sure it is.
+    """Returns the sentences that follow those on what changed.
+
+    They name the quantities without a change, those that could not be compared, and the method of the comparison.
 
     Args:
-        reviewed: comparison of two states.
+        reviewed: comparison of two states of a vehicle, quantity by quantity.
     """
     difference = reviewed.difference
     method = render_section(
@@ -178,12 +180,14 @@ def result_sentences(
     Args:
         reviewed: comparison of two states, quantity by quantity.
         changes: the changed quantities, the most relevant first, without those that are evidence for a weak motor.
-        has_watched_light: whether a light differs, so that what is found beside it is another change.
+        has_watched_light: whether the sentences before say that a status light differs: a change of a quantity is then
+            called a further one.
     """
     difference = reviewed.difference
     unexplained_changes, changes_by_gains = changes_by_cause(difference, changes)
     doubtful = doubtful_changes(reviewed)
-    # The sentence names the first of these, and says how many there are besides.
+    # The sentence names the first of these, and says how many others there are. Doubtful changes take the place of
+    # confirmed ones if there are none.
     candidates = unexplained_changes or doubtful
     main_change = candidates[0] if candidates else None
     doubtful_text = ""
@@ -241,9 +245,9 @@ def subjects_not_compared(reviewed: ReviewedDifference) -> list[str]:
 def change_sentences(
     reviewed: ReviewedDifference, headline: Sequence[Sentence] = ()
 ) -> list[Sentence]:
-    """Returns up to three sentences: on all quantities that changed, that changed by other gains, and doubtful ones.
+    """Returns up to three sentences: on quantities that changed, on those that other gains changed, and doubtful ones.
 
-    Where nothing could be compared, the sentences say why.
+    If no quantity could be compared, the sentences say why.
 
     Args:
         reviewed: comparison of two states, quantity by quantity.
@@ -256,7 +260,7 @@ def change_sentences(
     unexplained_changes, by_gains = changes_by_cause(
         difference, changes_by_relevance(difference, without=motors.evidence)
     )
-    # The headline names the first change, so that a single one is not repeated.
+    # The headline names the first change. So a list would only repeat it if there is no other.
     listed_changes = unexplained_changes if len(unexplained_changes) > 1 else []
     texts_above = " ".join(sentence.text for sentence in headline)
     texts_by_gains = [change_text(change, difference) for change in by_gains]
@@ -313,13 +317,14 @@ def sentences_without_change(reviewed: ReviewedDifference) -> list[Sentence]:
     for change in difference.changes_with(QuantityOutcome.UNCERTAIN):
         if not change.is_doubtful and change not in reviewed.motors.evidence:
             uncertain.append(change)
-    sentences = render_section(
+    uncertain_sentences = render_section(
         "difference_uncertain",
-        uncertain=[*texts_of_equal_changes(uncertain, difference)],
+        uncertain=list(texts_of_equal_changes(uncertain, difference)),
         are_two_vehicles=reviewed.are_two_vehicles,
         has_trims=any(change.quantity.kind == SHARE for change in difference.changes),
     )
-    return [*sentences, *same_sentences(difference.changes_with(QuantityOutcome.SAME))]
+    unchanged_quantities = difference.changes_with(QuantityOutcome.SAME)
+    return [*uncertain_sentences, *unchanged_quantity_sentences(unchanged_quantities)]
 
 
 def explained_bounds(difference: VehicleDifference) -> Blocks:
@@ -364,13 +369,13 @@ def undetected_change_table(difference: VehicleDifference) -> list[Table]:
     return [Table(header, rows)]
 
 
-def same_sentences(same: Sequence[QuantityChange]) -> list[Sentence]:
-    """Returns the sentence that lists the quantities that stayed the same.
+def unchanged_quantity_sentences(quantities: Sequence[QuantityChange]) -> list[Sentence]:
+    """Returns the sentence that lists the quantities that did not change between two states of a vehicle.
 
     Args:
-        same: compared quantities without a change.
+        quantities: the quantities, such as the phase margin of an axis, each compared with the result "no change".
 
     Returns:
-        A list with the sentence; empty if no quantity stayed the same.
+        A list with the sentence, in which quantities of the same kind stand together; empty without quantities.
     """
-    return render_section("difference_same", same=list(texts_by_kind(same)))
+    return render_section("difference_same", same=list(texts_by_kind(quantities)))

@@ -31,8 +31,8 @@ from mavdem.report.charts.flight_charts import MIN_DENSITY
 from mavdem.report.difference.changes import (
     difference_blocks,
     explained_bounds,
-    same_sentences,
     sentences_on_missing_figures,
+    unchanged_quantity_sentences,
 )
 from mavdem.report.difference.conditions import condition_table
 from mavdem.report.difference.headline import (
@@ -360,7 +360,7 @@ def _change_chapter(reviewed: ReviewedDifference) -> Chapter:
     if not difference.is_of_same_flight:
         blocks += explained_bounds(difference)
     other_changes = [change for change in difference.changes if change not in changes_in_drawing]
-    blocks += same_sentences(other_changes)
+    blocks += unchanged_quantity_sentences(other_changes)
     return Chapter("What changed", blocks, groups)
 
 

@@ -105,17 +105,18 @@ def fleet_page(
     cells = [_named_cells(line, names) for line in lines]
     vehicles = _vehicle_sections(summaries, changes or {}, charts, names)
     blocks = fleet_blocks(summaries, names, lists_follow=True)
-    # Without a flight there is nothing but the reasons.
-    first_blocks = len(blocks)
+    # The page begins with the summary; the reasons why logs were not used come at its end. Without a vehicle there are
+    # only such reasons, and the page begins with them.
+    summary_length = len(blocks)
     if vehicles:
         for number, block in enumerate(blocks, start=1):
             if isinstance(block, Sentence) and block.lead == LAST_SUMMARY_LEAD:
-                first_blocks = number
+                summary_length = number
                 break
     return render_page(
         environment().get_template("fleet.html"),
-        blocks=blocks[:first_blocks],
-        unused_blocks=blocks[first_blocks:],
+        blocks=blocks[:summary_length],
+        unused_blocks=blocks[summary_length:],
         vehicles=vehicles,
         bad_unnamed_flights=_bad_unnamed_flights(summaries),
         unjudged=_repeated_summaries(vehicles),
@@ -126,11 +127,13 @@ def fleet_page(
         whole=WHOLE_FLIGHTS,
         calendar=_flight_calendar(lines),
         has_given_names=bool(names.vehicles),
-        rose=_rose(summaries),
+        rose=_wind_drawing(summaries),
         bars=_bar_count(vehicles_with_section(summaries)),
         widths=[column.width for column in COLUMNS.values()],
         areas={name: column.area for name, column in COLUMNS.items()},
-        first=Table([*COLUMNS], [_rated(line) for line in cells[:FIRST_SHOWN]], words=True),
+        first=Table(
+            [*COLUMNS], [_cells_with_rated_health(row) for row in cells[:FIRST_SHOWN]], words=True
+        ),
         table={
             "kinds": [column.kind for column in COLUMNS.values()],
             "rows": [
@@ -143,7 +146,7 @@ def fleet_page(
     )
 
 
-def _rated(cells: Sequence[str]) -> list[str]:
+def _cells_with_rated_health(cells: Sequence[str]) -> list[str]:
     """Returns the cells of a flight in the table of a fleet, with the level by which the health is coloured.
 
     Args:
@@ -186,7 +189,7 @@ def _newest_first(summaries: Sequence[VehicleSummary]) -> list[FlightLine]:
                 undated_lines.append(line)
             else:
                 dated_lines.append(line)
-    # The sort is stable: of equal dates the lines stay in the order of their vehicles, which is then reversed.
+    # Lines of equal dates come in the reverse order of their vehicles: the sort is stable, and its result is reversed.
     dated_lines.sort(key=lambda line: line.seconds or 0.0)
     return [*reversed(dated_lines), *undated_lines]
 
@@ -359,7 +362,7 @@ def _vehicle_sections(
             VehicleSection(
                 name=name,
                 label=label,
-                serial=_text_beside_label(name, names, is_shared=is_shared),
+                serial=_identification(name, names, is_shared=is_shared),
                 searched=label if is_shared else names.vehicle(name),
                 last=vehicle.last,
                 link=latest_line.link if latest_line is not None else "",
@@ -379,30 +382,31 @@ def _vehicle_sections(
     return sections
 
 
-def _text_beside_label(name: str, names: GivenNames, *, is_shared: bool) -> str:
-    """Returns the small text beside the label of a vehicle on a fleet's page, by which it can be told from others.
+def _identification(logged_name: str, given_names: GivenNames, *, is_shared: bool) -> str:
+    """Returns how the logs of a vehicle identify it, as a small text beside its label on a fleet's page.
 
     Args:
-        name: name of the vehicle in its logs, which may be a serial number or made of a system id.
-        names: names that owners gave to vehicles; such a name is then the label.
-        is_shared: whether the name is made of a MAVLink system id, which several vehicles may have.
+        logged_name: name of the vehicle in its logs, which may be a serial number, or made of a system id.
+        given_names: names that owners gave to vehicles. The label is the given name, if there is one; otherwise the
+            type of the frame for a serial number, or else the name in the logs.
+        is_shared: whether the name in the logs is made of a MAVLink system id, which several vehicles may have.
 
     Returns:
-        The name in the logs, shortened, if the label is another one: a given name, or the type of the frame in the
-        place of a serial number. For a system id the remark that nothing else is known. Empty if the label is the name
-        in the logs.
+        "by its system id only" for a shared name. Otherwise the name in the logs, a serial number shortened; empty if
+        the label is already this name.
     """
     if is_shared:
         return "by its system id only"
-    has_given_name = names.vehicle(name) != name
-    if has_given_name or is_serial(name):
-        return short_name(name)
+    has_given_name = given_names.vehicle(logged_name) != logged_name
+    if has_given_name or is_serial(logged_name):
+        return short_name(logged_name)
     return ""
 
 
 def _flight_name(line: FlightLine, names: GivenNames) -> str:
-    """Returns the name that a user gave to the flight of a line, otherwise that of its log's file."""
-    return dict(zip(COLUMNS, _named_cells(line, names), strict=True))["flight"]
+    """Returns the name that a user gave to the flight in a line of the table, otherwise the name of its log's file."""
+    cells_by_column = dict(zip(COLUMNS, _named_cells(line, names), strict=True))
+    return cells_by_column["flight"]
 
 
 def _latest_line(summary: VehicleSummary) -> FlightLine | None:
@@ -423,11 +427,16 @@ def _latest_line(summary: VehicleSummary) -> FlightLine | None:
 
 
 def _other_lights(flight: LastFlight) -> str:
-    """Returns how many lights of a flight are good, and how many unknown; those that warn are shown by name."""
-    counts = Counter(flight.lights.values())
-    return ", ".join(
-        f"{counts[level]} {level}" for level in (Level.GOOD, Level.UNKNOWN) if counts[level]
-    )
+    """Returns how many status lights of a flight are good and how many unknown, such as "5 good, 2 unknown".
+
+    The page shows the lights that warn by name.
+    """
+    counts_by_level = Counter(flight.lights.values())
+    texts = []
+    for level in (Level.GOOD, Level.UNKNOWN):
+        if counts_by_level[level]:
+            texts.append(f"{counts_by_level[level]} {level}")
+    return ", ".join(texts)
 
 
 class UnnamedFlight(NamedTuple):
@@ -466,8 +475,8 @@ def _bad_unnamed_flights(summaries: Sequence[VehicleSummary]) -> list[UnnamedFli
     flights = []
     for line in _newest_first(summaries_of_shared_names):
         cells = dict(zip(COLUMNS, line.cells, strict=True))
-        is_bad = BADGE_LEVELS[cells["health"]] is Level.BAD and not line.simulated
-        if is_bad and line not in lines_in_sections:
+        is_bad = BADGE_LEVELS[cells["health"]] is Level.BAD
+        if is_bad and not line.simulated and line not in lines_in_sections:
             # The first note on a flight is its headline.
             headline = cells["notes"].split("\n")[0]
             flights.append(UnnamedFlight(line.link, cells["flight"], cells["date"], headline))
@@ -513,8 +522,14 @@ def _note_on_vehicle(vehicle: VehicleFlights) -> str:
 
 
 def _bar_count(vehicles: Mapping[str, VehicleFlights]) -> int:
-    """Returns the number of bars for which each vehicle gets room: ``MIN_BARS``, or the most of any vehicle."""
-    return max([MIN_BARS, *(len(vehicle.levels) for vehicle in vehicles.values())])
+    """Returns for how many bars, one a flight, the row of each vehicle has room.
+
+    It is the largest number that a vehicle needs, and at least ``MIN_BARS``.
+    """
+    bar_count = MIN_BARS
+    for vehicle in vehicles.values():
+        bar_count = max(bar_count, len(vehicle.levels))
+    return bar_count
 
 
 def _flight_calendar(lines: Sequence[FlightLine]) -> Calendar | None:
@@ -625,13 +640,14 @@ def _light_counts(summaries: Sequence[VehicleSummary]) -> list[LightCounts]:
 
 
 def _repeated_summaries(sections: Sequence[VehicleSection]) -> Table:
-    """Moves texts that several vehicles have in common from their sections of the page into one table.
+    """Moves summaries that several vehicles have in common from their sections of the page into one table.
 
     Many vehicles of a fleet lack the same thing, such as enough flights to compare, and all their sections would say
     so.
 
     Args:
-        sections: sections of the page, one for each vehicle. The summary of a section is emptied if it is in the table.
+        sections: sections of the page, one for each vehicle. This function empties the summary of each section whose
+            summary it moves to the table.
 
     Returns:
         The table of summaries with the number of vehicles, the most frequent first.
@@ -647,7 +663,7 @@ def _repeated_summaries(sections: Sequence[VehicleSection]) -> Table:
     return Table(["reason", "vehicles"], rows, words=True)
 
 
-def _rose(summaries: Sequence[VehicleSummary]) -> Plan | None:
+def _wind_drawing(summaries: Sequence[VehicleSummary]) -> Plan | None:
     """Returns a drawing of the mean winds of all flights of a fleet: of few flights as dots, of many as a wind rose.
 
     Args:
