@@ -134,12 +134,12 @@ class Dashboard:
             web_server = None
             try:
                 if address is not None and can_serve_rerun:
-                    web_server = _started_web_server(
-                        address if missing_server is not None else None
+                    web_server = _start_rerun_server(
+                        page_address=address if missing_server is not None else None
                     )
                     resources.callback(web_server.close)
                 if address is not None and rights is not None:
-                    self._server = _started_live_server(link, address, rights, web_server)
+                    self._server = _start_live_server(link, address, rights, web_server)
                     resources.callback(self._server.close)
                 if missing_view is None and not shows_nothing:
                     self._open_view(rrd, connect, web_server)
@@ -163,7 +163,7 @@ class Dashboard:
     def _open_view(
         self, rrd: Path | None, connect: str | None, web_server: WebServer | None
     ) -> None:
-        """Opens what Rerun shows or records: a file, viewers, and the data for browsers.
+        """Opens the view, which sends the flight to Rerun: into a file, to viewers, and to the server for browsers.
 
         Args:
             rrd: Recording to write; None for none.
@@ -202,7 +202,7 @@ class Dashboard:
         return self.file is not None and self.file.is_broken
 
     def open(self, row_format: RowFormat) -> LiveView | None:
-        """Tells the view the names and units of the samples that follow, before the first of them.
+        """Sets the names and units of the samples (rows) that the view shows from now on.
 
         A row holds the inputs and outputs of the vehicle at one time. Its format is known only when messages have been
         received, and it may change during the flight, for example if another motor message comes.
@@ -265,19 +265,22 @@ def _with_missing_extra(advice: str, missing_extra: Fact | None) -> str:
     return advice if missing_extra is None else f"{advice} {missing_extra}"
 
 
-def _started_web_server(page_address: PageAddress | None) -> WebServer:
-    """Starts the process of Rerun that has the data of the dashboard, and the program of the viewer, for browsers.
+def _start_rerun_server(page_address: PageAddress | None) -> WebServer:
+    """Starts Rerun's server for browsers, a process with two ports: one for the data, one for the viewer's program.
 
     Args:
-        page_address: Where browsers find Rerun's own page; None if they get the page of the session.
+        page_address: Where users open Rerun's own page, which has the viewer; None if the session has a page of its
+            own, which loads the viewer from any port.
 
     Raises:
         OSError: A port is taken.
     """
+    # Rerun takes a second to import, and 60 MB of memory.
     from mavdem.view import WebServer
 
-    page_port = free_port() if page_address is None else page_address.chosen_port
-    return WebServer(free_port(), page_port)
+    viewer_port = free_port() if page_address is None else page_address.chosen_port
+    data_port = free_port()
+    return WebServer(data_port, viewer_port)
 
 
 def _rights_of_browsers(address: PageAddress) -> Rights:
@@ -295,10 +298,10 @@ def _rights_of_browsers(address: PageAddress) -> Rights:
     return rights_for_host(address.host, address.token, is_behind_proxy=False, has_library=False)
 
 
-def _started_live_server(
+def _start_live_server(
     link: str, address: PageAddress, rights: Rights, web_server: WebServer | None
 ) -> LiveServer:
-    """Starts the server of the page of the session.
+    """Starts the HTTP server of the session's own page, in a thread of this process.
 
     Args:
         link: Connection string of the link.

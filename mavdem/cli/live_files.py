@@ -223,14 +223,14 @@ def write_text(path: Path | None, text: str, subject: str) -> bool:
 
 
 def _reason_without_gains(advice: Sequence[Fact]) -> Fact:
-    """Finds the one reason why an advice has no gains to write to a file; the page has all.
+    """Returns the main reason why there are no gains to write to a file; the page has all reasons.
 
     Args:
         advice: facts (coded findings) of the advice, at least one.
 
     Returns:
-        The finding ``GAINS_LEFT`` (the gains are left unchanged), whose reason is the decisive one; without such a
-        finding, the first of the advice.
+        The finding ``GAINS_LEFT``, that the gains stay unchanged, with its reason; without such a finding, the first
+        one of the advice.
     """
     for fact in advice:
         if fact.code is GainFact.GAINS_LEFT:

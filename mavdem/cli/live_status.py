@@ -128,7 +128,7 @@ class PrintedState(NamedTuple):
 
 
 class ChangeDebouncer:
-    """Holds back changes of the watched quantities until they have settled.
+    """Holds back changes of the watched quantities until they are stable, so that only the last of them are printed.
 
     After an attachment or a take-off the list of these quantities changes each second, while messages are received for
     the first time or requested. Only the list in which this results is printed.
@@ -143,7 +143,7 @@ class ChangeDebouncer:
         self._first_change_time = -inf
 
     def update(self, changes: dict[Hashable, Hashable], now: float) -> bool:
-        """Debounces changes of the status: returns whether the present changes are stable enough to be printed.
+        """Takes the present changes of the status, and returns whether they are stable enough to be printed.
 
         They are if they stayed the same for ``SETTLING_SECONDS``, or if some change has been pending for
         ``MAX_SETTLING_SECONDS``.
@@ -213,10 +213,10 @@ class StatusLines:
         # The next step that was printed last, without its numbers; and what the latest event advised.
         self._printed_next_step: Hashable = None
         self._advised_text = ""
-        # The report that no vehicle has been found yet, until it has held for a while, and since when it has, s of the
-        # monotonic clock.
-        self._unprinted_search: Event | None = None
-        self._search_start = inf
+        # The event that no vehicle has been found, which is printed if it still holds after a while, and when it came,
+        # s of the monotonic clock.
+        self._no_vehicle_event: Event | None = None
+        self._no_vehicle_time = inf
         # Whether the latest report on the link was an alarm.
         self._is_link_alarmed = False
         # Whether standard error has said that lines were lost, since they cannot be printed.
@@ -258,19 +258,22 @@ class StatusLines:
         if status.loss is None:
             self._print_watch_changes(status.watch_facts, status.boot_clock)
         if self.terminal_text is None:
-            self._print_new(status)
+            self._print_state(status)
         else:
             self.update_in_place(status)
 
     def show_if_new(self, status: SessionStatus) -> None:
-        """Updates the status on a terminal if its alarms or its vehicle are others than those shown.
+        """Updates the status on a terminal if it shows other alarms or another vehicle than there are now.
 
-        So an event does not stand above a status of the period before, which contradicts it.
+        This is called just before an alarm or a vehicle is reported. Otherwise the report would stand above a status
+        that contradicts it, until the status is updated a second later.
 
         Args:
-            status: State of the live session, as it is just before an alarm or a vehicle is reported.
+            status: Present state of the live session.
         """
-        if (status.alarms, status.vehicle) != (self._shown_alarms, self._shown_vehicle):
+        has_other_alarms = status.alarms != self._shown_alarms
+        has_other_vehicle = status.vehicle != self._shown_vehicle
+        if has_other_alarms or has_other_vehicle:
             self.update_in_place(status)
 
     def print_event(self, event: Event) -> None:
@@ -284,7 +287,7 @@ class StatusLines:
         """
         # An alarm of a lost link has no end of its own: it is over when messages come again.
         ends_alarm = self._is_link_alarmed and event.fact.code is RowsFact.MESSAGES_RESUMED
-        self._note_link_alarm(event)
+        self._update_link_alarm(event)
         if self.terminal_text is None:
             self._print_event_below(event, ends_alarm=ends_alarm)
         else:
@@ -294,7 +297,7 @@ class StatusLines:
         """Prints an event below the earlier lines, as to a file, with what to do about it.
 
         Two kinds of events are not printed: ``UNPRINTED_STATES``, among which a pilot would overlook an alarm; and, for
-        now, that no vehicle has been found. ``_print_search`` prints that later, if it still holds.
+        now, that no vehicle has been found. ``_print_no_vehicle_event`` prints that later, if it still holds.
 
         Args:
             event: What was found, and when.
@@ -302,8 +305,8 @@ class StatusLines:
         """
         fact = event.fact
         if fact.code is VehicleFact.NO_VEHICLE_YET:
-            self._unprinted_search = event
-            self._search_start = monotonic()
+            self._no_vehicle_event = event
+            self._no_vehicle_time = monotonic()
             return
         # The next step is not printed again where the event has just advised the same.
         self._advised_text = fact.remedy
@@ -376,8 +379,8 @@ class StatusLines:
         for line, style in reversed(shown_lines):
             print_line(line, STDERR, style)
 
-    def _note_link_alarm(self, event: Event) -> None:
-        """Notes whether an alarm about the link lasts: from its loss in flight until messages come again.
+    def _update_link_alarm(self, event: Event) -> None:
+        """Stores whether the alarm of a lost link lasts: from its loss in flight until messages come again.
 
         Args:
             event: What was found, and when.
@@ -400,22 +403,9 @@ class StatusLines:
             self._redraw_after_resizing()
         self._shown_alarms = status.alarms
         self._shown_vehicle = status.vehicle
-        texts = _status_texts(status)
-        alarm_style = style_of_facts(*status.alarms)
-        headline_style = style_of_facts(*status.alarms, status.overall_judgement.headline)
-        parts: list[RenderableType] = [texts.vehicle, Text(texts.judgement, headline_style)]
-        if status.vehicle is not None:
-            parts.append(_table_of_lights(light_rows(status), min(STDERR.width, MAX_COLUMNS)))
-        last_line = Text(texts.learning)
-        if texts.problems:
-            last_line.append(f" {' '.join(texts.problems)}", alarm_style)
-        # Only names: why a quantity is not watched was printed when that began.
-        unwatched_text = unwatched_quantities_text(_unwatched_names(status.watch_facts))
-        if unwatched_text:
-            last_line.append(f" {unwatched_text}")
-        parts.append(last_line)
+        status_block = _status_block(status)
         with suppress(OSError):
-            self.terminal_text.update(Group(*parts), refresh=True)
+            self.terminal_text.update(status_block, refresh=True)
 
     def _print_watch_changes(self, watch_facts: Facts, boot_clock: float) -> None:
         """Prints which quantities the session watches now, and which no longer, with the reason, if that has changed.
@@ -451,7 +441,7 @@ class StatusLines:
             text = escape_unprintable(watched_quantities_text(changed_facts))
             self._print(stamped_line(text, boot_clock=boot_clock))
 
-    def _print_new(self, status: SessionStatus) -> None:
+    def _print_state(self, status: SessionStatus) -> None:
         """Prints a line if the state has changed since the last line, or if that line was printed long ago.
 
         The session itself reports alarms and reasons for learning no model when they begin. A state that has not
@@ -460,13 +450,13 @@ class StatusLines:
         Args:
             status: State of the live session: vehicle, learning, alarms, lights and next step.
         """
-        self._print_search(status)
+        self._print_no_vehicle_event(status)
         state = PrintedState(
             status.vehicle,
-            status.no_model_reason is not None,
-            any(fact.is_bad for fact in status.alarms),
-            status.delay_fact is not None,
-            status.row_rate > 0.0,
+            is_waiting=status.no_model_reason is not None,
+            is_alarmed=any(fact.is_bad for fact in status.alarms),
+            is_late=status.delay_fact is not None,
+            has_motion=status.row_rate > 0.0,
         )
         now = monotonic()
         is_new = state != self._printed_state
@@ -486,8 +476,8 @@ class StatusLines:
         if not is_new:
             self._print_next_step(status)
 
-    def _print_search(self, status: SessionStatus) -> None:
-        """Prints the event that no vehicle has been found, held back until now, if the status still says so.
+    def _print_no_vehicle_event(self, status: SessionStatus) -> None:
+        """Prints the event that no vehicle has been found once it is ``SEARCH_SECONDS`` old, if it still holds then.
 
         At the start of a session this event is mostly soon out of date: a vehicle is found with its next HEARTBEAT, or
         nothing at all is received, which is an event of its own.
@@ -495,15 +485,15 @@ class StatusLines:
         Args:
             status: State of the live session.
         """
-        event = self._unprinted_search
-        reason = status.no_model_reason
+        event = self._no_vehicle_event
         if event is None:
             return
-        is_outdated = reason is None or reason.code is not event.fact.code
-        has_held = monotonic() - self._search_start >= SEARCH_SECONDS
-        if is_outdated or has_held:
-            self._unprinted_search = None
-        if has_held and not is_outdated:
+        reason = status.no_model_reason
+        still_holds = reason is not None and reason.code is event.fact.code
+        if not still_holds:
+            self._no_vehicle_event = None
+        elif monotonic() - self._no_vehicle_time >= SEARCH_SECONDS:
+            self._no_vehicle_event = None
             self._print(event_line(event))
 
     def print_conclusion(self, text: str) -> None:
@@ -575,6 +565,30 @@ def _unwatched_names(watch_facts: Facts) -> list[str]:
     return names
 
 
+def _status_block(status: SessionStatus) -> Group:
+    """Returns the lines that a terminal shows of a status, for Rich: vehicle, headline, lights, learning and problems.
+
+    Args:
+        status: State of the live session. Before a vehicle is found, there is no table of lights.
+    """
+    texts = _status_texts(status)
+    alarm_style = style_of_facts(*status.alarms)
+    headline_style = style_of_facts(*status.alarms, status.overall_judgement.headline)
+    parts: list[RenderableType] = [texts.vehicle, Text(texts.judgement, headline_style)]
+    if status.vehicle is not None:
+        table_width = min(STDERR.width, MAX_COLUMNS)
+        parts.append(_table_of_lights(light_rows(status), table_width))
+    last_line = Text(texts.learning)
+    if texts.problems:
+        last_line.append(f" {' '.join(texts.problems)}", alarm_style)
+    # Only names: why a quantity is not watched was printed when that began.
+    unwatched_text = unwatched_quantities_text(_unwatched_names(status.watch_facts))
+    if unwatched_text:
+        last_line.append(f" {unwatched_text}")
+    parts.append(last_line)
+    return Group(*parts)
+
+
 def _table_of_lights(lights: Sequence[LightRow], width: int) -> Table:
     """Returns a table of the lights, with several lights in a line where the terminal is wide enough.
 
@@ -629,9 +643,9 @@ def _status_texts(status: SessionStatus) -> StatusTexts:
     if reason is not None:
         # The section ends with the reason why nothing is learned and its remedy.
         reason_text = escape_unprintable(reason.sentence_and_remedy)
-        unrepeated_text = _unrepeated_reason(reason, judgement.headline, judgement_text)
-        if unrepeated_text != reason_text:
-            sentences[sentences.index(reason_text)] = unrepeated_text
+        unstated_text = _unstated_reason(reason, judgement.headline, judgement_text)
+        if unstated_text != reason_text:
+            sentences[sentences.index(reason_text)] = unstated_text
         is_after_landing = reason.code is SessionFact.NOT_FLYING and bool(status.worst_lights)
         if is_after_landing:
             # Another take-off is the pilot's choice, and the table shows the flight before.
@@ -646,22 +660,25 @@ def _status_texts(status: SessionStatus) -> StatusTexts:
     )
 
 
-def _unrepeated_reason(reason: Fact, headline: Fact, judgement_text: str) -> str:
-    """Returns why no model is learned and the remedy, without the parts that the judgement already states.
+def _unstated_reason(reason: Fact, headline: Fact, judgement_text: str) -> str:
+    """Returns why no model is learned and what to do about it, as far as the judgement does not state it already.
 
     Args:
-        reason: The fact (coded finding) with the reason and the remedy.
-        headline: The headline of the judgement. It may be the same fact, or contain it.
-        judgement_text: The headline and the next step in sentences; the next step may be the same remedy.
+        reason: The fact (coded finding) with the reason as its sentence, and its remedy.
+        headline: The headline of the judgement. It states the reason if it is the same fact, or has it as its figure
+            "reason".
+        judgement_text: Headline and next step in sentences. The next step may be the same remedy.
 
     Returns:
-        Reason and remedy, one of the two, or an empty text if the judgement states both.
+        Sentence and remedy, or the one of them that the judgement lacks; empty if it states both.
     """
     remedy = escape_unprintable(reason.remedy)
-    is_remedy_stated = remedy in judgement_text
     is_reason_stated = reason in (headline, headline.figures.get("reason"))
+    is_remedy_stated = remedy in judgement_text
+    if is_reason_stated and is_remedy_stated:
+        return ""
     if is_reason_stated:
-        return "" if is_remedy_stated else remedy
+        return remedy
     if is_remedy_stated:
         return escape_unprintable(reason.sentence)
     return escape_unprintable(reason.sentence_and_remedy)

@@ -33,7 +33,7 @@ class ActiveAlarms:
         """Returns when the fault of an active alarm was found last, s of the boot clock.
 
         Args:
-            quantity: quantity of the alarm.
+            quantity: what the alarm is about, such as the vibration.
         """
         return self._last_found[quantity]
 
@@ -80,9 +80,9 @@ class ActiveAlarms:
         return self.facts.pop(quantity)
 
     def discard(self, quantity: WatchedQuantity) -> None:
-        """Removes an alarm of an earlier flight, if it is active; the next one of its quantity needs no longer to end.
+        """Removes the alarm of an earlier flight, if it is active. Unlike :meth:`end`, this delays no later end.
 
         Args:
-            quantity: quantity of the alarm.
+            quantity: what the alarm is about, such as the vibration.
         """
         self.facts.pop(quantity, None)

@@ -291,7 +291,7 @@ class ControlWatch:
         is_new = moment.time - loss.start_time < MAX_IMPACT_WAIT
         return is_new and _is_too_low_for_parachute(loss.figures.get("height"))
 
-    def held_climb_rate(self, moment: FlightMoment) -> TimeSeries | None:
+    def climb_rate_in_height_hold(self, moment: FlightMoment) -> TimeSeries | None:
         """Returns the climb rate of a vehicle whose autopilot holds its height, so that it should not sink.
 
         Args:

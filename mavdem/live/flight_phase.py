@@ -227,20 +227,21 @@ class FlightPhase:
             self._report_check.add(
                 LandedReport(time, int(reports.values[row]), has_thrust, height_then)
             )
-        start = self._report_check.first_time
+        # When the autopilot began to report the ground, and how far the vehicle rose nevertheless, m.
+        first_wrong_time = self._report_check.first_time
         rise = self._report_check.contradicted_rise
-        if start is None or rise is None:
+        if first_wrong_time is None or rise is None:
             self.contradicted_report = None
             return reports
         latest_time = float(reports.time[-1])
         self.contradicted_report = Fact(
             ReportedEvent.GROUND_REPORTED_IN_FLIGHT,
-            time=start,
+            time=first_wrong_time,
             end_time=None,
             largest_height=rise,
             basis=(LANDED_STATE_MESSAGE,),
         )
-        return with_undefined_ground(reports, (start, latest_time))
+        return with_undefined_ground(reports, (first_wrong_time, latest_time))
 
     def _update_airborne(self, now: float, airborne: Intervals) -> None:
         """Decides whether the vehicle is airborne, and notes when it left the ground.
@@ -343,16 +344,18 @@ class FlightPhase:
             now: present time, s.
             climb_rate: averaged upward speed of the last seconds, m/s; None if none comes.
         """
-        # The centred average is known only until half of its window ago.
+        # The climb rate is a centred average, which is known only until half of its window ago.
         known_end = now
         if climb_rate is not None:
             known_end = now - AVERAGING_DELAY
-        level_flight = phases.without_transients((self._in_air_start, inf), climb_rate)
-        if level_flight is None:
+        # The end of this flight is not known yet: it counts as infinite.
+        present_flight = (self._in_air_start, inf)
+        settled_flight = phases.without_transients(present_flight, climb_rate)
+        if settled_flight is None:
             return
-        level_start, _ = level_flight
-        if level_start <= known_end:
-            self._settled_start = level_start
+        end_of_climb_out, _ = settled_flight
+        if end_of_climb_out <= known_end:
+            self._settled_start = end_of_climb_out
 
     def _update_free_climb_start(self, now: float, climb_rate: TimeSeries | None) -> None:
         """Updates the time since which a vehicle in its climb-out is in free flight.
@@ -371,7 +374,8 @@ class FlightPhase:
         # climb rates. After a break between two reviews only the latest ones count.
         unjudged_start = max(self._review_time, now - MAX_REPORT_INTERVAL) - AVERAGING_DELAY
         unjudged_rates = _between(climb_rate, unjudged_start, now - AVERAGING_DELAY)
-        climbing_times = unjudged_rates.time[unjudged_rates.values >= MAX_LEVEL_FLIGHT_SPEED]
+        is_climbing = unjudged_rates.values >= MAX_LEVEL_FLIGHT_SPEED
+        climbing_times = unjudged_rates.time[is_climbing]
         has_descended = np.any(unjudged_rates.values <= -MAX_LEVEL_FLIGHT_SPEED)
         # The climb-out ends where settled flight begins.
         is_climbing_out = self._settled_start is None
@@ -398,7 +402,7 @@ class FlightPhase:
 
 
 def _interval_at(time: float, intervals: Intervals) -> TimeInterval | None:
-    """The first interval that has begun before ``time`` and has not ended by then, all in s; None without one."""
+    """Returns the first interval that contains ``time``, s, as its end but not as its start; None without one."""
     for start, end in intervals:
         if start < time <= end:
             return start, end

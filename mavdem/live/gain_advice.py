@@ -211,7 +211,7 @@ def _write_gain_files(recording: Path, texts: Mapping[str, str], next_step: Fact
     Raises:
         OSError: a file cannot be written.
     """
-    stem = _new_stem(recording, list(texts))
+    stem = _unused_stem(recording, list(texts))
     files = [Path(stem + ending) for ending in texts]
     # An empty or partial file must never be loaded into a vehicle.
     with atomic_writes(*files) as unfinished_files:
@@ -289,7 +289,7 @@ def _new_gains_fact(axis: str, advice: Advice) -> Fact:
     )
 
 
-def _new_stem(recording: Path, endings: list[str]) -> str:
+def _unused_stem(recording: Path, endings: list[str]) -> str:
     """Returns the path for the files of one advice, without their endings; earlier advice is never overwritten.
 
     Args:

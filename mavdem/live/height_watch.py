@@ -119,9 +119,9 @@ class HeightWatch:
         """
         flight_start = moment.takeoff_time - SECONDS_BEFORE_TAKE_OFF
         flight_interval = (moment.takeoff_time, moment.time)
-        # The difference at the take-off is not among the last seconds.
         search_start = moment.time - MEMORY_SECONDS
         if self._takeoff_difference is None:
+            # The last seconds may not contain the take-off, whose difference is needed first.
             search_start = flight_start
         difference = self._height_difference_since(search_start, moment.vehicle)
         if difference is None:
@@ -146,7 +146,8 @@ class HeightWatch:
                     difference_in_flight, self._takeoff_difference, flight_interval
                 )
                 event = event_in_flight or recent_event
-        # Either event may have the larger difference, which may be negative.
+        # The event of the whole flight, or of an earlier review, may have a larger difference than the last seconds.
+        # Differences may be negative.
         largest_difference = event.figures["height"]
         recent_difference = recent_event.figures["height"]
         if abs(recent_difference) > abs(largest_difference):
@@ -169,8 +170,8 @@ class HeightWatch:
             Signals(replace(vehicle, messages=columns)), self._slow_messages.boot
         )
 
-    def add_rest(self, vehicle: Telemetry, motion: RecentMotion | None) -> None:
-        """Notes when the vehicle on the ground last rested, since heights are compared at rest only.
+    def update_latest_rest(self, vehicle: Telemetry, motion: RecentMotion | None) -> None:
+        """Stores when the vehicle on the ground last rested, since heights are compared at rest only.
 
         Args:
             vehicle: identity and parameters of the vehicle, without messages.
@@ -205,7 +206,7 @@ class HeightWatch:
             self._latest_disagreement = event.replace(end_time=now)
         return self._latest_disagreement
 
-    def judgement_at_rest(
+    def drift_between_rests(
         self, vehicle: Telemetry, flight_interval: TimeInterval, motion: RecentMotion | None
     ) -> Fact | None:
         """Judges whether barometer or satellites drifted in a flight, by the heights at rest before and after it.
@@ -236,7 +237,7 @@ class HeightWatch:
             return None
         if not is_barometer_steady(sensors, flight_interval, rests):
             return None
-        # The barometer was right, so that the satellites wandered, which is no fault of the vehicle.
+        # The barometer was right, so the altitude by satellites wandered, which is no fault of the vehicle.
         return disagreement_in_flight.replace(Level.GOOD)
 
 

@@ -172,12 +172,12 @@ class _Comparison(NamedTuple):
         return self.prediction.time
 
 
-def _add_to_sums(error_sums: dict[float, _ErrorSums], comparison: _Comparison) -> None:
-    """Adds the error of a prediction to the sums of its horizon.
+def _add_prediction_error(error_sums: dict[float, _ErrorSums], comparison: _Comparison) -> None:
+    """Adds the error of a prediction to the sums of its horizon, which is how far ahead it was made.
 
     Args:
-        error_sums: sums by horizon, s, to which the error is added.
-        comparison: the prediction and what was measured.
+        error_sums: sums of errors by horizon, s; the sums of one horizon are changed.
+        comparison: the prediction, its horizon, and the outputs that were measured at the predicted time.
     """
     horizon = comparison.horizon
     if horizon not in error_sums:
@@ -185,26 +185,25 @@ def _add_to_sums(error_sums: dict[float, _ErrorSums], comparison: _Comparison) -
     error_sums[horizon].add(comparison.prediction, comparison.outputs)
 
 
-def _thinned_out(events: Sequence[Event]) -> list[Event]:
-    """Drops every second event of the older half of the most frequent kind.
+def _without_frequent_events(events: Sequence[Event]) -> list[Event]:
+    """Returns the events without every second one of the older half of the most frequent kind.
 
-    So a vehicle that sends very many texts does not hide its take-off.
+    Rare events stay. So a vehicle that sends very many texts does not push its take-off out of the history.
 
     Args:
-        events: events in order.
-
-    Returns:
-        The remaining events, in order.
+        events: events in the order of time, at least one.
     """
-    counts = Counter(event.fact.code for event in events)
-    ((most_frequent_code, count),) = counts.most_common(1)
+    counts_by_code = Counter(event.fact.code for event in events)
+    [(most_frequent_code, frequent_count)] = counts_by_code.most_common(1)
     kept_events = []
-    number = 0
+    # Number of the event among those of the most frequent kind, from 1.
+    frequent_number = 0
     for event in events:
         if event.fact.code is most_frequent_code:
-            number += 1
-            is_of_older_half = number <= count / 2
-            if is_of_older_half and number % 2 == 0:
+            frequent_number += 1
+            is_of_older_half = frequent_number <= frequent_count / 2
+            is_every_second = frequent_number % 2 == 0
+            if is_of_older_half and is_every_second:
                 continue
         kept_events.append(event)
     return kept_events
@@ -355,7 +354,7 @@ class LiveHistory:
         if event.is_alarm:
             self.alarm_count += 1
         if len(self.events) > MAX_EVENTS:
-            self.events = _thinned_out(self.events)
+            self.events = _without_frequent_events(self.events)
 
     def add_voltages(self, voltages: Mapping[int, float]) -> None:
         """Adds the voltage of each battery at the present time of the timeline; the same time once only.
@@ -389,8 +388,8 @@ class LiveHistory:
     ) -> None:
         """Adds a sample of the flight (a row), and compares it with the predictions that were made of it.
 
-        The earlier predictions for this time are scored, the row is kept, and the new predictions of its estimate begin
-        to wait for their time.
+        The earlier predictions for this time are compared with the measured outputs, the row is kept, and the
+        predictions of its estimate are queued until their times are measured.
 
         Args:
             segment: number of the row's segment; it changes at gaps, across which nothing is compared.
@@ -418,7 +417,7 @@ class LiveHistory:
         self._keep_row(array("d", columns))
         if estimate is not None:
             self._extend_learned_interval(timeline_time, is_new_segment=is_new_segment)
-            self._remember_predictions(timeline_time, output_values, estimate)
+            self._queue_predictions(timeline_time, output_values, estimate)
 
     def _keep_row(self, row: "array[float]") -> None:
         """Keeps a row of the history in bounded memory, or skips it.
@@ -477,8 +476,8 @@ class LiveHistory:
         kept_intervals = [(-inf, withdrawal_time)]
         self.learned_intervals = intersection(self.learned_intervals, kept_intervals)
 
-    def _remember_predictions(self, time: float, outputs: list[float], estimate: Estimate) -> None:
-        """Keeps an estimate's predictions, by horizon, until their time has come.
+    def _queue_predictions(self, time: float, outputs: list[float], estimate: Estimate) -> None:
+        """Keeps an estimate's predictions, in a queue for each horizon, until the predicted time is measured.
 
         Args:
             time: time of the row that the estimate is of, s of the timeline.
@@ -493,8 +492,8 @@ class LiveHistory:
         ):
             # Rounded to microseconds, so that all predictions at one horizon have the same key.
             horizon = round(predicted_time - time, 6)
-            waiting_predictions = self._predictions.setdefault(horizon, deque())
-            waiting_predictions.append(_Prediction(predicted_time, values, band, outputs))
+            queue = self._predictions.setdefault(horizon, deque())
+            queue.append(_Prediction(predicted_time, values, band, outputs))
 
     def _compare_predictions(self, time: float, outputs: list[float]) -> _PredictedAngle:
         """Compares the predictions for one time with the measurement at that time, and adds the errors to the sums.
@@ -531,7 +530,7 @@ class LiveHistory:
         confirmed_time = time - MAX_WITHDRAWN_SECONDS
         while self._comparisons and self._comparisons[0].time < confirmed_time:
             confirmed_comparison = self._comparisons.popleft()
-            _add_to_sums(self._error_sums, confirmed_comparison)
+            _add_prediction_error(self._error_sums, confirmed_comparison)
         return reported_angle
 
     def clear_wind_torque(self, start_time: float) -> None:
@@ -558,7 +557,7 @@ class LiveHistory:
         """
         error_sums = deepcopy(self._error_sums)
         for comparison in self._comparisons:
-            _add_to_sums(error_sums, comparison)
+            _add_prediction_error(error_sums, comparison)
         errors = []
         for seconds, sums in sorted(error_sums.items(), key=itemgetter(0)):
             errors.append(

@@ -98,7 +98,7 @@ class ModelJudging:
         named_model = learning.named_model(model, stream.parameters)
         if not _has_same_motors(row_format, named_model):
             return
-        alarms = stream.motor_alarms.of_latest_flight
+        alarms = stream.motor_alarms.changes_in_latest_flight
         # The executor raises RuntimeError when its processes are gone.
         with suppress(RuntimeError):
             self._pending = self._executor.submit(

@@ -65,26 +65,26 @@ def _since_last_landing(telemetry: Telemetry) -> Telemetry:
         telemetry: messages of the vehicle in one boot. With fewer than two flights they are returned unchanged.
     """
     boot = 0
-    # A live session tells the same flights from each other, and begins anew at each, also where the ground then holds
-    # the vehicle.
+    # The same rule separates the flights of a live session.
     flights = flights_in_boot(Signals(telemetry), boot)
     if len(flights) < 2:
         return telemetry
-    _, last_landing = flights[-2]
-    last_take_off, _ = flights[-1]
-    start = (last_landing + last_take_off) / 2
-    first_take_off, _ = flights[0]
+    _, landing_before = flights[-2]
+    latest_takeoff, _ = flights[-1]
+    start_time = (landing_before + latest_takeoff) / 2
+    first_takeoff, _ = flights[0]
     messages = {}
     for name, columns in telemetry.messages.items():
         time = columns["time"]
         if name in LASTING_MESSAGES:
-            # What was stated before holds from the start on, and is in the same order.
-            messages[name] = {**columns, "time": np.maximum(time, start)}
+            # What was stated earlier still holds, so it gets the start time; the order of the messages stays.
+            messages[name] = {**columns, "time": np.maximum(time, start_time)}
             continue
-        is_kept = time >= start
+        is_kept = time >= start_time
         if name == "STATUSTEXT":
+            # ``SEVERITIES`` lists those that warn, 0 to 4; the numbers above only inform.
             is_information = columns["severity"] >= len(SEVERITIES)
-            is_kept |= is_information & (time < first_take_off)
+            is_kept |= is_information & (time < first_takeoff)
         if is_kept.any():
             messages[name] = selected_rows(columns, is_kept)
     return replace(telemetry, messages=messages)

@@ -156,24 +156,24 @@ class FlightLearning:
 
     def _date_models_of_other_boot(self) -> None:
         """Dates all models minus infinity, so that a landing in the boot that begins now never withdraws them."""
-        undated_models = [_KeptModel(-inf, model.learned) for model in self._models]
-        self._models = deque(undated_models, MAX_MODELS)
+        redated_models = [_KeptModel(-inf, model.learned) for model in self._models]
+        self._models = deque(redated_models, MAX_MODELS)
 
-    def allow_fits(self, *, of_parameters: bool, of_model: bool) -> None:
+    def allow_fits(self, *, physical_fits: bool, model_refits: bool) -> None:
         """Sets which fits the learner may start from now on; a busy computer has no time for them.
 
         Estimates continue with the latest model. Before the first row there is no learner, and nothing is set.
 
         Args:
-            of_parameters: whether the physical parameters may be fitted again.
-            of_model: whether the model may be learned again. A first model is learned in any case, since there are no
-                estimates without one.
+            physical_fits: whether the physical parameters may be fitted again.
+            model_refits: whether the model may be learned again. A first model is learned in any case, since there are
+                no estimates without one.
         """
         if self.learner is None:
             return
         has_model = self.learner.learned is not None
-        self.learner.fits_physical = of_parameters
-        self.learner.refits = of_model or not has_model
+        self.learner.fits_physical = physical_fits
+        self.learner.refits = model_refits or not has_model
 
     def learn_row(self, row: AlignedRow, weak_since: float | None) -> Estimate | None:
         """Passes a row, the sample of one time in free flight, to the learner of the model, and keeps a new model.

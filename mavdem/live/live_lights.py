@@ -102,8 +102,8 @@ def _motors_light(watch_facts: Mapping[str, Fact], reason: Fact) -> Fact:
     why_not_watched = _reason_not_watched(WatchedQuantity.MOTOR_LIMITS, watch_facts, reason)
     if why_not_watched is not None:
         return Fact(Unjudged.NOT_JUDGED, reason=why_not_watched)
-    why_not_balanced = _reason_not_watched(WatchedQuantity.MOTORS, watch_facts, reason)
-    return Fact(WatchFact.NO_MOTOR_AT_LIMIT, reason=why_not_balanced)
+    why_loss_undetectable = _reason_not_watched(WatchedQuantity.MOTORS, watch_facts, reason)
+    return Fact(WatchFact.NO_MOTOR_AT_LIMIT, reason=why_loss_undetectable)
 
 
 def _margins_light(watch_facts: Mapping[str, Fact], reason: Fact) -> Fact:
@@ -137,14 +137,15 @@ def _fast_enough_fact(rates: Mapping[str, float]) -> Fact:
         The same coded finding as for a recorded log, so that its sentence is the same too.
     """
     attitude_rate, motor_rate = fastest_rates(rates)
-    body_rate_frequency = attitude_rate  # The stream's attitude message contains the body rates.
     return Fact(
         LogLight.RECORDED_FAST,
         attitude_rate=attitude_rate,
-        rate=body_rate_frequency,
+        # The body rates are in the same message as the attitude.
+        rate=attitude_rate,
         motor_rate=motor_rate,
         needed_rate=MIN_STREAM_RATE,
-        damage=None,  # A stream has no file that could be damaged.
+        # A stream has no file that could be damaged.
+        damage=None,
     )
 
 

@@ -201,14 +201,15 @@ def review_margins(
     except Refusal as error:
         margins = Fact(MarginsLight.MARGINS_UNKNOWN, reason=error.fact, rate=None)
     if is_flying:
-        margins = _with_progress(margins)
+        margins = _with_duration_for_loops(margins)
     return ReviewedMargins(margins, process_time() - start_time)
 
 
-def _with_progress(margins: Fact) -> Fact:
-    """Returns the light of the margins in flight, which states one duration for all that needs settled flight.
+def _with_duration_for_loops(margins: Fact) -> Fact:
+    """Returns the light of the margins with the duration of settled flight that identifying the loops needs.
 
-    The data need some seconds of it, and the loops more: a pilot would be told of both, one after the other.
+    Any model needs some seconds of settled flight, and the loops need more. The pilot of a flight that is too short for
+    both is told the longer duration from the beginning, instead of first the one and then the other.
 
     Args:
         margins: the light, as a review of the flight so far shows it.
@@ -216,12 +217,12 @@ def _with_progress(margins: Fact) -> Fact:
     reason = margins.figures.get("reason")
     if reason is None or reason.code is not NotLearnableReason.TOO_SHORT:
         return margins
-    awaited = Fact(
+    too_short_for_loops = Fact(
         LoopFact.LOOP_TOO_SHORT,
         least_duration=MIN_IDENTIFIED_SECONDS,
         settled=reason.figures["duration"],
     )
-    return margins.replace(reason=awaited)
+    return margins.replace(reason=too_short_for_loops)
 
 
 def _refusal_of_judged_loop(assessment: Assessment, margins: Fact) -> Fact | None:

@@ -145,8 +145,8 @@ class Milestones:
     def _update_verdict(self, status: SessionStatus) -> None:
         """Keeps the verdict on the latest flight up to date, and reports it when another flight has begun.
 
-        From then on lights and headline of the session are of the new flight, so that this line alone has the old one,
-        until the end of the session reports the verdicts on all flights.
+        From the new take-off on, lights and headline of the session are about the new flight. Until the end of the
+        session, when the verdicts on all flights are reported, only this report states the verdict on the old one.
 
         Args:
             status: status of the session, with the judgement of the latest flight.

@@ -97,7 +97,7 @@ class MotorAlarms:
         return None
 
     @property
-    def of_latest_flight(self) -> tuple[MotorChange, ...]:
+    def changes_in_latest_flight(self) -> tuple[MotorChange, ...]:
         """The changes of the motors' balance in the latest flight, which may go on after a reboot in the air."""
         if self._flight_boot is None:
             return ()
@@ -160,7 +160,7 @@ class MotorAlarms:
             self.latest.append(change)
             is_explained_by_motor = change.motor is not None
             if is_explained_by_motor:
-                self._activate(change)
+                self._update_active_alarms(change)
             facts.append(change.event)
         self._undetectable_reason = self._detector.undetectable_reason
         follows_setpoint = isfinite(heading)
@@ -168,10 +168,10 @@ class MotorAlarms:
             facts += self._search_gradual_loss(time, commands, lean)
         return tuple(facts)
 
-    def _activate(self, change: MotorChange) -> None:
-        """Updates the active alarms after a change of one motor: an event for each motor that is weak now.
+    def _update_active_alarms(self, change: MotorChange) -> None:
+        """Updates the active alarms after a change of one motor: one for each motor that is weak now.
 
-        If no motor is weak any more, the change is a recovery, which becomes active in the place of alarms.
+        If no motor is weak any more, the change is a recovery, and its event takes the place of the alarms.
 
         Args:
             change: the change of one motor.
@@ -196,9 +196,9 @@ class MotorAlarms:
     def _search_gradual_loss(self, time: float, commands: list[float], lean: Numbers) -> Facts:
         """Searches the flight for a motor that loses thrust slowly, and reports the result.
 
-        Each sample is passed to the search (:class:`GradualLossWatch`), which runs once a second. While a motor is weak
-        after a sudden loss, a slow loss is reported only if it is much larger, so that the sudden one was a part of it.
-        The search begins anew when the sudden loss is over.
+        The search (:class:`GradualLossWatch`) gets each sample and runs once a second. While a motor is weak after a
+        sudden loss, which was reported, a slow loss is reported only if it is much larger: then the sudden one was a
+        part of it. When the sudden loss is over, the search begins anew.
 
         Args:
             time: time of the sample, s of the boot clock.
@@ -223,10 +223,10 @@ class MotorAlarms:
         self._is_suddenly_weak = bool(sudden_losses)
         watch.add_sample(time, commands, lean)
         gradual_loss = watch.loss
-        if sudden_losses:
-            # The sudden loss was reported. Only a much larger slow one, of which it was a part, says more.
-            if gradual_loss is None or not is_much_larger(gradual_loss, sudden_losses):
-                return ()
+        if sudden_losses and (
+            gradual_loss is None or not is_much_larger(gradual_loss, sudden_losses)
+        ):
+            return ()
         if gradual_loss is None:
             return self._report_end_of_gradual_loss(time)
         return self._report_gradual_loss(gradual_loss)
@@ -248,11 +248,11 @@ class MotorAlarms:
             is_report_due = True
             self._is_suddenly_weak = False
         else:
-            self._replace_latest(loss)
+            self._update_latest_loss(loss)
             is_report_due = loss.size >= MIN_REPORTED_GROWTH * former_report.size
         if is_report_due:
             self._reported_loss = loss
-        self._activate(loss)
+        self._update_active_alarms(loss)
         if is_report_due:
             return (loss.event,)
         return ()
@@ -272,11 +272,15 @@ class MotorAlarms:
         recovery = self._reported_loss._replace(time=time, onset_time=time, size=0.0, loss=())
         self._reported_loss = None
         self.latest.append(recovery)
-        self._activate(recovery)
+        self._update_active_alarms(recovery)
         return (recovery.event,)
 
-    def _replace_latest(self, loss: MotorChange) -> None:
-        """Replaces the latest change of a motor by its newest figures, with the time at which it was found first."""
+    def _update_latest_loss(self, loss: MotorChange) -> None:
+        """Replaces the latest loss of a motor by its present size; the time at which it was found first stays.
+
+        Args:
+            loss: the loss as of the latest search.
+        """
         for index in reversed(range(len(self.latest))):
             change = self.latest[index]
             if change.name == loss.name and change.boot == loss.boot and change.is_weak:

@@ -94,8 +94,8 @@ def sinks_at_limit(
     if not is_sinking or limited_fractions.max() < ALARMING_SHARE:
         return None
     limited_names: Names = ()
-    has_reserve = limited_fractions.min() < ALARMING_SHARE
-    if has_reserve:
+    are_all_limited = limited_fractions.min() >= ALARMING_SHARE
+    if not are_all_limited:
         limited_names = most_limited_motors(motors.geometry.names, limited_fractions)
     return Fact(
         WatchFact.SINKS_AT_LIMIT,
@@ -107,7 +107,7 @@ def sinks_at_limit(
     )
 
 
-def with_earlier_motors(limited_motor: Fact, alarm: Fact | None) -> Fact:
+def with_motors_of_alarm(limited_motor: Fact, alarm: Fact | None) -> Fact:
     """Joins the motors at their limit now with those of the active alarm, so that both give one alarm.
 
     In a vehicle without reserve of thrust, motors reach their limit in turn: each would begin another alarm.

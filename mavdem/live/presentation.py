@@ -215,17 +215,17 @@ class Presentation:
         if self._display is not None:
             self._display.log(event)
 
-    def report_left_out(self, *, is_at_end: bool = False) -> None:
+    def report_omissions(self, *, is_at_end: bool = False) -> None:
         """Reports how many reports of the autopilot were left out, and the states among them, if that is due.
 
         Args:
             is_at_end: whether the session ends; before, it is called once a second.
         """
         now = clock.monotonic()
-        left_out = self._report_limit.pop_left_out(now)
-        if left_out is not None:
-            self.log(left_out)
-        for state in self._report_limit.pop_left_out_states(now, is_at_end=is_at_end):
+        omission_report = self._report_limit.pop_omission_report(now)
+        if omission_report is not None:
+            self.log(omission_report)
+        for state in self._report_limit.pop_omitted_states(now, is_at_end=is_at_end):
             self._add_event(state)
 
     def _is_repetition(self, fact: Fact) -> bool:

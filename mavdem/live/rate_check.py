@@ -57,7 +57,7 @@ class RateCheck:
         Returns:
             The reason why no samples of the model can be formed from the messages; None if nothing is missing.
         """
-        reason = self._reason_against_rows(vehicle_type, attitude_message, motor_message, rates)
+        reason = self._missing_input(vehicle_type, attitude_message, motor_message, rates)
         is_sufficient = reason is None
         if reason is not None and self._was_sufficient:
             self._report(reason)
@@ -66,46 +66,49 @@ class RateCheck:
         self._was_sufficient = is_sufficient
         return reason
 
-    def _reason_against_rows(
+    def _missing_input(
         self,
         vehicle_type: str,
         attitude_message: str | None,
         motor_message: str | None,
         rates: Mapping[str, float],
     ) -> Fact | None:
-        """Returns the reason why no samples of the model can be formed from the messages, without reporting it.
+        """Returns the fact that states what a model of the axis lacks; None if it lacks nothing.
 
-        The first of these that applies is returned: the vehicle is not a multirotor; no attitude comes; no motor
-        outputs come; or one of the two comes too slowly.
+        These are checked in order: the vehicle is a multirotor, attitudes are received, motor outputs are received, and
+        both are received fast enough.
 
         Args:
             vehicle_type: name of the MAV_TYPE.
             attitude_message: name of the message that attitude is read from; None if none comes.
-            motor_message: name of the message with the model's inputs; None if they are not chosen yet.
+            motor_message: name of the message of the model's inputs; None if they are not chosen yet.
             rates: rates, Hz, of all messages of attitude and motor outputs that come, by name.
-
-        Returns:
-            The reason as a fact; None if nothing is missing.
         """
         if vehicle_type not in POSSIBLE_MULTIROTORS:
             return Fact(VehicleFact.NOT_A_MULTIROTOR, vehicle_type=vehicle_type, axis=self._axis)
         if attitude_message is None:
             return self.no_attitude
         if motor_message is None:
-            # Before inputs are chosen the fastest message of motor outputs counts.
-            candidates = [name for name in rates if name not in ATTITUDE_MESSAGES]
-            motor_message = max(candidates, key=lambda name: rates[name], default=None)
+            # The inputs of the model will be read from the fastest message of motor outputs.
+            motor_messages = [name for name in rates if name not in ATTITUDE_MESSAGES]
+            motor_message = max(motor_messages, key=lambda name: rates[name], default=None)
         if motor_message is None:
             return Fact(RowsFact.NO_LIVE_MOTORS)
         needed_rates = {name: rates[name] for name in (attitude_message, motor_message)}
-        # Hysteresis: as long as nothing was missing, a rate may fall a little below the limit. Otherwise a rate that
-        # varies around the limit would be reported twice a second.
-        min_rate = MIN_STREAM_RATE
-        if self._was_sufficient:
-            min_rate = MIN_STREAM_RATE / STEP_TOLERANCE
-        if min(needed_rates.values()) >= min_rate:
+        if min(needed_rates.values()) >= self._min_rate:
             return None
         slow_fact = slow_streams(needed_rates, self._axis)
         if slow_fact is None:
             return None
         return Fact(RowsFact.LIVE_RATES_TOO_LOW, can_ask=self._can_request, reason=slow_fact)
+
+    @property
+    def _min_rate(self) -> float:
+        """Least sufficient rate of a message, Hz, with hysteresis.
+
+        As long as nothing was missing, a rate may fall a little below ``MIN_STREAM_RATE``. Otherwise a rate that varies
+        around this limit would be reported twice a second.
+        """
+        if self._was_sufficient:
+            return MIN_STREAM_RATE / STEP_TOLERANCE
+        return MIN_STREAM_RATE

@@ -136,7 +136,7 @@ class RateNegotiation:
         """Requests rates again, after a reboot or a silence in which the vehicle may have forgotten them."""
         if self._request is not None:
             self._arrival_rates = ArrivalRates()
-            self._request.restart()
+            self._request.allow_new_requests()
 
     def restore(self) -> None:
         """Restores the vehicle's own message rates at the end of a session, and waits for its confirmation.

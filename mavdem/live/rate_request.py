@@ -557,7 +557,7 @@ class RateRequest:
             if not latest_interval.was_received:
                 self._report_absence(latest_interval)
 
-    def restart(self) -> None:
+    def allow_new_requests(self) -> None:
         """Allows all rates to be requested again at once: the vehicle may have rebooted, and forgotten them.
 
         The vehicle's own intervals, which are to be restored at the end, stay as they were noted first. If any rate was

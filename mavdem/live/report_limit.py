@@ -40,11 +40,11 @@ class ReportLimit:
             lambda: deque(maxlen=MAX_REPORTS_OF_KIND)
         )
         # How many were left out since the last report of that, and when the first of them was, s of that clock.
-        self._left_out_count = 0
-        self._left_out_time = 0.0
+        self._omitted_count = 0
+        self._omitted_time = 0.0
         # The latest state of each kind that was shown, and that was left out since then.
         self._shown_states: dict[str, Fact] = {}
-        self._left_out_states: dict[str, Fact] = {}
+        self._omitted_states: dict[str, Fact] = {}
 
     def admits(self, fact: Fact, now: float) -> bool:
         """Returns whether a fact is to be reported; one that is not is counted, for a later report.
@@ -58,30 +58,30 @@ class ReportLimit:
         kind = _kind_of(fact)
         if kind is None:
             return True
-        if self._has_room(kind, now):
-            self._note_shown(kind, fact, now)
+        if self._may_show(kind, now):
+            self._store_shown(kind, fact, now)
             return True
-        if self._left_out_count == 0:
-            self._left_out_time = now
-        self._left_out_count += 1
+        if self._omitted_count == 0:
+            self._omitted_time = now
+        self._omitted_count += 1
         if kind != TEXT_KIND:
-            self._left_out_states[kind] = fact
+            self._omitted_states[kind] = fact
         return False
 
-    def _has_room(self, kind: str, now: float) -> bool:
+    def _may_show(self, kind: str, now: float) -> bool:
         """Returns whether another report of a kind may be shown at ``now``, s of the monotonic clock."""
         report_times = self._report_times[kind]
         is_full = len(report_times) == MAX_REPORTS_OF_KIND
         return not is_full or now - report_times[0] >= REPEAT_SECONDS
 
-    def _note_shown(self, kind: str, fact: Fact, now: float) -> None:
-        """Notes that a report of a kind is shown at ``now``, s of the monotonic clock."""
+    def _store_shown(self, kind: str, fact: Fact, now: float) -> None:
+        """Stores that a report of a kind is shown at ``now``, s of the monotonic clock."""
         self._report_times[kind].append(now)
-        self._left_out_states.pop(kind, None)
+        self._omitted_states.pop(kind, None)
         if kind != TEXT_KIND:
             self._shown_states[kind] = fact
 
-    def pop_left_out_states(self, now: float, *, is_at_end: bool) -> Facts:
+    def pop_omitted_states(self, now: float, *, is_at_end: bool) -> Facts:
         """Returns the present states that were left out, so that the last report of each state is not a wrong one.
 
         Args:
@@ -89,27 +89,27 @@ class ReportLimit:
             is_at_end: whether the session ends; before, a state waits until there is room for its report.
         """
         due_states = []
-        for kind, fact in list(self._left_out_states.items()):
-            if not is_at_end and not self._has_room(kind, now):
+        for kind, fact in list(self._omitted_states.items()):
+            if not is_at_end and not self._may_show(kind, now):
                 continue
             shown_fact = self._shown_states[kind]
             is_other_state = (fact.code, fact.subject) != (shown_fact.code, shown_fact.subject)
             if is_other_state:
                 due_states.append(fact)
-            self._note_shown(kind, fact, now)
+            self._store_shown(kind, fact, now)
         return tuple(due_states)
 
-    def pop_left_out(self, now: float) -> Fact | None:
+    def pop_omission_report(self, now: float) -> Fact | None:
         """Returns the fact how many reports were left out, once in ``REPEAT_SECONDS``; None if it is not due.
 
         Args:
             now: present time, s of the monotonic clock.
         """
-        duration = now - self._left_out_time
-        if self._left_out_count == 0 or duration < REPEAT_SECONDS:
+        duration = now - self._omitted_time
+        if self._omitted_count == 0 or duration < REPEAT_SECONDS:
             return None
-        fact = Fact(SessionFact.REPORTS_LEFT_OUT, count=self._left_out_count, duration=duration)
-        self._left_out_count = 0
+        fact = Fact(SessionFact.REPORTS_LEFT_OUT, count=self._omitted_count, duration=duration)
+        self._omitted_count = 0
         return fact
 
 

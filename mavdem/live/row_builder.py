@@ -134,7 +134,7 @@ class RowBuilder:
         return stream
 
     def is_main_motor_stream(self, stream: SampleStream) -> bool:
-        """Returns whether a stream has the outputs of the port with most motors."""
+        """Returns whether a stream has the outputs of the port with most motors, which follows the attitude."""
         return stream is self._row_streams[1]
 
     def latest_motor_outputs(self) -> list[float] | None:
@@ -170,17 +170,17 @@ class RowBuilder:
         inputs = self.inputs
         assert inputs is not None
         if self._grid.is_running:
-            self._end_at_interruption(name, stream)
+            self._end_segment_if_interrupted(name, stream)
         if not self._grid.is_running and self._phase.may_fly_freely:
             has_begun = self._grid.begin(self._row_streams)
             if has_begun:
                 self._set_row_format(inputs)
         if not self._grid.is_running:
             return []
-        return [self._row(point, inputs) for point in self._grid.completed_points()]
+        return [self._aligned_row(point, inputs) for point in self._grid.completed_points()]
 
-    def _end_at_interruption(self, name: str, stream: SampleStream) -> None:
-        """Ends the segment where the latest sample of a stream follows a gap, or shows that its rate has changed.
+    def _end_segment_if_interrupted(self, name: str, stream: SampleStream) -> None:
+        """Ends the segment if the latest sample of a stream follows a gap, or shows that its rate has changed.
 
         Either is reported. After a gap the next segment has the same time step, so that the learner goes on. After a
         change of the rate the step is decided again, from samples at the new rate only. The rate is checked with every
@@ -191,6 +191,7 @@ class RowBuilder:
             stream: the stream, with the latest sample added.
         """
         if stream.gap:
+            # The gap is the time, s, for which no sample came before the latest one.
             self._report(Fact(RowsFact.MESSAGE_GAP, subject=name, duration=stream.gap))
             self._grid.end()
             return
@@ -251,7 +252,7 @@ class RowBuilder:
         if geometry.assumed:
             self._report(Fact(RowsFact.MOTOR_ORDER_ASSUMED, basis=geometry.basis))
 
-    def _row(self, point: GridPoint, inputs: MotorInputs) -> AlignedRow:
+    def _aligned_row(self, point: GridPoint, inputs: MotorInputs) -> AlignedRow:
         """Builds the row of a point of the time grid.
 
         It has angle and body rate of the learned axis, and the output of each motor. It counts as a row of settled or

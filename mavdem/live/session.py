@@ -270,7 +270,7 @@ class LiveSession:
             has_rate_setpoint=self._has_rate_setpoint,
         )
         self.report_gain_advice()
-        self._presentation.report_left_out()
+        self._presentation.report_omissions()
         status = self.status
         self._keep_flight_data(status)
         self._report_status_unless_late(status)
@@ -296,8 +296,8 @@ class LiveSession:
             self._executor.suspend(self.backlog.suspends_learning)
         self._presentation.pause(self.backlog.postpones(DelayedWork.PLOTS))
         self.flight.learning.allow_fits(
-            of_parameters=not self.backlog.postpones(DelayedWork.PHYSICAL_FITS),
-            of_model=not self.backlog.postpones(DelayedWork.REFITS),
+            physical_fits=not self.backlog.postpones(DelayedWork.PHYSICAL_FITS),
+            model_refits=not self.backlog.postpones(DelayedWork.REFITS),
         )
         if delay_report is None:
             return
@@ -337,7 +337,7 @@ class LiveSession:
         for batch in batches:
             vehicle = self.stream.followed_vehicle
             self._margin_review.add_messages(batch.stamp, batch.frames, vehicle, self.stream.boot)
-        silence = self._note_messages(first_arrival, last_arrival, frames)
+        silence = self._update_silence_monitor(first_arrival, last_arrival, frames)
         self.history.advance(self.stream.now, self.stream.boot, self._restart_seconds)
         if self.stream.is_flying:
             self.history.note_flight(self.stream.flight_number, self.stream.takeoff_time)
@@ -400,10 +400,10 @@ class LiveSession:
         if motion_resumed is not None and was_missing_longer:
             self._presentation.log(motion_resumed)
 
-    def _note_messages(
+    def _update_silence_monitor(
         self, first_arrival: float, last_arrival: float, frames: Sequence[Frame]
     ) -> float:
-        """Tells the silence monitor who sent the latest messages: the followed vehicle, others, or nobody intact.
+        """Updates the silence monitor by who has sent something: the followed vehicle, others, or nobody intact frames.
 
         If the followed vehicle has been silent for long while another one sends, that becomes its successor.
 
@@ -422,9 +422,8 @@ class LiveSession:
             monitor.note_noise(last_arrival)
         if not frames:
             return 0.0
-        # Before a vehicle is chosen, any sender may be the one.
-        is_from_vehicle = vehicle is None or any(vehicle.has_sent(frame) for frame in frames)
-        if vehicle is None or is_from_vehicle:
+        # Before a vehicle is followed, messages of any sender end the silence: it may become the followed one.
+        if vehicle is None or any(vehicle.has_sent(frame) for frame in frames):
             return monitor.note_messages(first_arrival, last_arrival)
         monitor.note_other_messages(last_arrival)
         if monitor.is_succeeded(first_arrival):
@@ -466,7 +465,7 @@ class LiveSession:
         self._sample_time = self.stream.now
         latest_sample = self.stream.latest_row()
         if latest_sample is None:
-            # There is no sample, or messages come fast enough, so that ``_process_row`` adds each of them.
+            # There is no sample, or messages come fast enough to learn from: then ``_process_row`` adds each sample.
             return
         row_format = latest_sample.row_format
         self.history.motor_names = row_format.geometry.names
@@ -755,7 +754,7 @@ class LiveSession:
         return self.flight.judging.judge_final_model(
             model,
             self.flight.learning.row_format,
-            self.stream.motor_alarms.of_latest_flight,
+            self.stream.motor_alarms.changes_in_latest_flight,
             has_rate_setpoint=self._has_rate_setpoint,
         )
 
@@ -774,7 +773,7 @@ class LiveSession:
             status: status of the session, with the judgement of the final model.
             model: the final model; None without one.
         """
-        self._presentation.report_left_out(is_at_end=True)
+        self._presentation.report_omissions(is_at_end=True)
         self._milestone_reporter.report_end(self.flight.learning, status, self.stream.now, model)
 
     def report_gain_advice(self, *, is_at_end: bool = False) -> None:
@@ -840,23 +839,27 @@ class LiveSession:
         if reported_advice and judgement is not None:
             self._log_margins(judgement.lights[Light.MARGINS], tuple(reported_advice))
         for fact in reported_advice:
-            if fact.code is not GainFact.GAINS_LEFT or not self._is_stated_elsewhere(fact):
+            gains_unchanged = fact.code is GainFact.GAINS_LEFT
+            if not gains_unchanged or not self._is_reason_reported_already(fact):
                 self._presentation.log(fact)
 
-    def _is_stated_elsewhere(self, gains_left: Fact) -> bool:
+    def _is_reason_reported_already(self, gains_unchanged: Fact) -> bool:
         """Returns whether another report has stated already why there are no new gains.
 
         A loss of the vehicle was an alarm. Rates that were too low to learn from are in the report after the landing.
 
         Args:
-            gains_left: the fact that the gains stay as they are, with the reason.
+            gains_unchanged: the fact that the gains stay as they are, with the reason.
         """
         if self.stream.status().loss is not None:
             return True
-        shortfall = self._reason_without_parameters()
-        if shortfall is None or shortfall.code is not RowsFact.LIVE_RATES_TOO_LOW:
+        no_parameters_reason = self._reason_without_parameters()
+        if no_parameters_reason is None:
             return False
-        return bool(shortfall.figures["reason"].code == gains_left.figures["reason"].code)
+        if no_parameters_reason.code is not RowsFact.LIVE_RATES_TOO_LOW:
+            return False
+        rates_reason = no_parameters_reason.figures["reason"]
+        return bool(rates_reason.code == gains_unchanged.figures["reason"].code)
 
     def _log_margins(self, margins: Fact, advice: Facts) -> None:
         """Reports the stability margins, unless they are not known or the advice on gains states them anyway.

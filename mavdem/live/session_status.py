@@ -356,8 +356,9 @@ class SessionStatus(ImmutableResult):
     def verdicts_worst_first(self) -> list[FlightVerdict]:
         """The verdicts on all flights of the session, the worst first, with which a session of several flights ends.
 
-        That on the latest flight is by the present judgement, which is of the recording once that is judged. Only of a
-        flight that was lost before a restart the judgement before the restart stays, until then.
+        The verdict on the latest flight is made from the present judgement, by the recording once that is judged. But
+        if the autopilot restarted after a loss in the air, this session's judgement is about the time after the
+        restart: then the verdict from before the restart stays until the recording is judged.
         """
         if not self.verdicts:
             return []
@@ -468,10 +469,9 @@ class SessionStatus(ImmutableResult):
         """
         by_model = self._judgement_by_model
         lights_without_model = self._lights_without_model
-        worst_lights = self._worst_lights_of_both(by_model.lights, lights_without_model)
-        completed = self._with_failed_request(replace(by_model, lights=worst_lights))
-        lights = completed.lights
-        judgement = Judgement(completed.headline, completed.next_step, lights)
+        worst_lights = self._combined_lights(by_model.lights, lights_without_model)
+        judgement = self._without_vain_request(replace(by_model, lights=worst_lights))
+        lights = judgement.lights
         bad_lights = [fact for fact in lights.values() if fact.is_bad]
         if bad_lights and judgement.headline.is_bad:
             return judgement
@@ -493,7 +493,7 @@ class SessionStatus(ImmutableResult):
             return _judgement_by_lights(judgement, keeps_next_step=True)
         return judgement
 
-    def _with_failed_request(self, judgement: Judgement) -> Judgement:
+    def _without_vain_request(self, judgement: Judgement) -> Judgement:
         """Removes the advice to request the message VIBRATION, if the vehicle was asked for it and did not send it.
 
         Args:
@@ -516,14 +516,14 @@ class SessionStatus(ImmutableResult):
             next_step = choose_next_step(judgement.headline, lights, None)
         return replace(judgement, next_step=next_step, lights=lights)
 
-    def _worst_lights_of_both(
+    def _combined_lights(
         self, lights_by_model: NamedFacts, lights_without_model: NamedFacts
     ) -> dict[str, Fact]:
-        """Returns the worse of two lights for each part of the vehicle.
+        """Returns the worse of two lights for each part of the vehicle, or the better founded one after the flight.
 
-        If the recording of the flight was judged, a light that needs no model replaces its light if it warns, or if the
-        recording leaves the part unknown: what was found in flight does not become unknown by that. A good light of the
-        flight then says that the recording does not show it, and why.
+        Once the recording of the flight is judged, its lights are better founded. A light of the flight then counts
+        only if it warns, or if the recording leaves the part unknown. If such a light is good, it also says that the
+        recording does not show that, and why.
 
         Args:
             lights_by_model: all lights, as the model or the recording shows them, by the name of the part.
@@ -887,11 +887,15 @@ def cause_of_alarm(fact: Fact) -> Fact:
 
 
 def _is_event(fact: Fact) -> bool:
-    """Returns whether a fact, or what it says is over, is an event: a loss, or what motion or autopilot report."""
-    if fact.code is WatchFact.ALARM_OVER:
-        fact = fact.figures["reason"]
-    is_fall = fact.code in FALLS
-    return is_fall or isinstance(fact.code, (Ending, MotionEvent, ReportedEvent))
+    """Returns whether a fact is an event: a loss or fall of the vehicle, or what its motion or its autopilot shows.
+
+    Args:
+        fact: any fact. The end of an alarm counts as an event if the alarm was about one.
+    """
+    code = fact.code
+    if code is WatchFact.ALARM_OVER:
+        code = fact.figures["reason"].code
+    return code in FALLS or isinstance(code, (Ending, MotionEvent, ReportedEvent))
 
 
 def _lights_of_recording(

@@ -355,7 +355,7 @@ class LiveStream:
             late_samples=self._rows.late_samples,
             undecoded_frames=self.frame_reader.undecoded_frames,
             motor_alarms=tuple(self.motor_alarms.latest),
-            motor_alarms_of_flight=self.motor_alarms.of_latest_flight,
+            motor_alarms_of_flight=self.motor_alarms.changes_in_latest_flight,
             has_landed=watchdog.has_landed,
             loss=loss,
             ground_contact=watchdog.ground_contact,
@@ -473,12 +473,22 @@ class LiveStream:
             return []
         if sender is not self._vehicles.followed:
             return []
+        return [*self._pop_early_messages(sender), (message, self._stamp)]
+
+    def _pop_early_messages(self, sender: Component) -> list[tuple[Message, float]]:
+        """Returns what a vehicle sent before it was chosen to be followed, once; later calls return nothing.
+
+        Args:
+            sender: the vehicle. Early messages of all other senders are dropped.
+
+        Returns:
+            Each message with the time at which it was received, UNIX s.
+        """
         messages = []
         for early in self._early_messages:
             if early.sender is sender:
                 messages.append((early.message, early.stamp))
         self._early_messages.clear()
-        messages.append((message, self._stamp))
         return messages
 
     def _process_message(self, timed: TimedMessage) -> Iterator[AlignedRow]:
@@ -543,19 +553,20 @@ class LiveStream:
                 and longitude.
             time: time on the boot clock, s.
         """
+        velocity = message.values[:3]
+        position = message.values[3:]
         first_wind = None
         if self._review.watchdog.loss is None:
-            first_wind = self.wind.add_velocity(message.name, time, message.values[:3])
+            first_wind = self.wind.add_velocity(message.name, time, velocity)
         else:
             # A vehicle out of control, or on the ground, does not lean into the wind.
             self.wind.stop()
         if message.name == "LOCAL_POSITION_NED":
-            position = message.values[3:]
-            north_and_east = message.values[1:3]
             self._pose.add_position(time, position, is_flying=self.is_flying)
-            self._watch_drift(time, north_and_east)
+            _, north, east = velocity
+            self._watch_drift(time, (north, east))
         elif message.name == "GLOBAL_POSITION_INT":
-            self._pose.add_global_position(time, message.values[3:], is_flying=self.is_flying)
+            self._pose.add_global_position(time, position, is_flying=self.is_flying)
         if first_wind is not None:
             self._report(first_wind)
 
@@ -678,7 +689,7 @@ class LiveStream:
         self._rows.restart(boot, self._review.phase)
 
     def _loss_with_weak_motor(self, loss: Fact) -> Fact:
-        """Names the motor that lost thrust earlier in a flight in the fact that the flight was lost.
+        """Adds the motor that lost thrust earlier in the flight, if any did, to the fact that the flight was lost.
 
         The judgement of a log does the same.
 
@@ -688,7 +699,7 @@ class LiveStream:
         Returns:
             The fact with the weakest motor as its likely cause; unchanged if no motor was weak.
         """
-        weak_motors = thrust_losses(self.motor_alarms.of_latest_flight)
+        weak_motors = thrust_losses(self.motor_alarms.changes_in_latest_flight)
         if not weak_motors:
             return loss
         return with_weak_motor(loss, weak_motors[0])

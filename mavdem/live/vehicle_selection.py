@@ -185,15 +185,23 @@ class Component:
             self._uncounted_messages += missing_in_gap
         self._last_frame_time = now
         self._last_sequence = frame.sequence
-        # The mean interval is an exponential moving average over about ``INTERVAL_MEMORY_FRAMES`` frames. A long gap
-        # counts as ``MAX_COUNTED_GAP`` only, so that a single one does not spoil it.
-        change = min(gap, MAX_COUNTED_GAP) - self._mean_interval
-        self._mean_interval += change / INTERVAL_MEMORY_FRAMES
+        self._update_mean_interval(gap)
         if is_readable:
             self.message_counts[frame.message_id] += 1
             if definitions_by_id()[frame.message_id].name in ATTITUDE_MESSAGES:
                 self.attitude_count += 1
         return True
+
+    def _update_mean_interval(self, gap: float) -> None:
+        """Updates the mean interval between frames, an exponential average over about ``INTERVAL_MEMORY_FRAMES``.
+
+        A long gap counts as ``MAX_COUNTED_GAP`` only, so that a single one does not change the mean much.
+
+        Args:
+            gap: time since the frame before, s; infinite for the first frame.
+        """
+        counted_gap = min(gap, MAX_COUNTED_GAP)
+        self._mean_interval += (counted_gap - self._mean_interval) / INTERVAL_MEMORY_FRAMES
 
     def _may_have_wrapped(self, gap: float, sequence: int) -> bool:
         """Returns whether the sequence numbers may have wrapped in the gap before a frame: it was long.

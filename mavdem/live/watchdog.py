@@ -60,7 +60,7 @@ from mavdem.live.messages import STATUS_MESSAGES, Message
 from mavdem.live.motor_limits import (
     motor_at_upper_limit,
     sinks_at_limit,
-    with_earlier_motors,
+    with_motors_of_alarm,
 )
 from mavdem.live.recent_messages import MAX_EVENTS, RecentMessages
 from mavdem.live.report_alarms import ReportAlarms, is_lasting_state
@@ -229,8 +229,8 @@ class Watchdog:
         self.control = ControlWatch(slow_messages)
         self.drift = WindDriftDetector(slow_messages.boot)
         self._height = HeightWatch(slow_messages, self.control)
-        # Whether the heights at rest before and after the latest flight have shown what drifted.
-        self._are_heights_judged = False
+        # Whether the heights at rest before and after the latest flight have shown that one of the sensors drifted.
+        self._is_height_drift_found = False
         self._tracking = TrackingWatch(slow_messages)
         # The event that the vehicle was lost, such as a crash; None as long as it is not.
         self.loss: Fact | None = None if former is None else former.loss
@@ -462,19 +462,19 @@ class Watchdog:
             self.status_lights.replace(
                 Light.ESTIMATOR, height_disagreement.code, height_disagreement
             )
-        if landed_state == IN_AIR and self._goes_on_since_former_boot(now, takeoff_time):
-            self._begin_flight(now, goes_on_since_former_boot=True)
+        if landed_state == IN_AIR and self._has_restarted_in_air(now, takeoff_time):
+            self._begin_flight(now, has_restarted_in_air=True)
             self._landed_states.begin_in_air(now)
             return
         if landed_state == IN_AIR:
-            self._begin_flight(now, goes_on_since_former_boot=False)
+            self._begin_flight(now, has_restarted_in_air=False)
         self._landed_states.begin_phase(landed_state, now, self._review_time)
 
-    def _goes_on_since_former_boot(self, now: float, takeoff_time: float) -> bool:
-        """Returns whether the flight in which the former boot ended still goes on, after a restart in the air.
+    def _has_restarted_in_air(self, now: float, takeoff_time: float) -> bool:
+        """Returns whether the autopilot restarted in the air, so that the flight of its former boot goes on.
 
-        It does if the vehicle is in the air at the first moment of this boot that shows it. The first reviews do not
-        know that yet. Where it is not known later either, the flight is another one.
+        It did if the vehicle flew when the former boot ended and is in the air, without a take-off, as soon as the
+        messages of this boot show its state. That may be some seconds after the first review (``MAX_LATE_TAKE_OFF``).
 
         Args:
             now: time of the review that has found the vehicle in the air, s of the boot clock.
@@ -486,29 +486,26 @@ class Watchdog:
         is_takeoff_unseen = takeoff_time == -inf
         return self._was_flying and is_first_flight and is_found_early and is_takeoff_unseen
 
-    def _begin_flight(self, now: float, *, goes_on_since_former_boot: bool) -> None:
+    def _begin_flight(self, now: float, *, has_restarted_in_air: bool) -> None:
         """Begins to watch a flight at its take-off, without the findings of the flight before.
 
-        But a vehicle that leaves the ground again within ``RECOVERY_SECONDS`` has bounced, or its landed state was
-        wrong for a moment: then the same flight goes on, with its loss of control and its status lights. The status
-        lights also stay if the autopilot has restarted in flight.
-
-        Otherwise the first phase of a boot begins a new flight, since none is known that could go on.
+        A vehicle that leaves the ground again within ``RECOVERY_SECONDS`` has bounced, or its landed state was wrong
+        for a moment. Then the same flight goes on, with its loss of control and its status lights. The status lights
+        also stay if the autopilot has restarted in the air.
 
         Args:
             now: present time on the boot clock, s.
-            goes_on_since_former_boot: whether the autopilot restarted in the air, and the flight goes on in which its
-                former boot ended.
+            has_restarted_in_air: whether the flight of the former boot goes on, since the autopilot restarted in it.
         """
         self._ongoing_fall = None
         self._height.begin_flight()
-        self._are_heights_judged = False
+        self._is_height_drift_found = False
         self.has_landed = False
         self._landing_report = None
         self.alarms.begin_flight()
         states = self._landed_states
-        # A phase is a time on the ground, or one in the air.
-        is_new_flight = states.is_first_phase
+        # A phase is a time on the ground, or one in the air. In the first one of a boot, no earlier flight is known.
+        is_new_flight = True
         if not states.is_first_phase:
             seconds_on_ground = now - states.phase_start
             is_new_flight = seconds_on_ground >= RECOVERY_SECONDS
@@ -516,7 +513,7 @@ class Watchdog:
             self.loss = None
             self.ground_contact = None
             self.alarms.discard(WatchedQuantity.CONTROL)
-        if is_new_flight and not goes_on_since_former_boot:
+        if is_new_flight and not has_restarted_in_air:
             self.status_lights.begin_flight()
 
     def _end_drift(self, now: float) -> None:
@@ -625,7 +622,7 @@ class Watchdog:
             reported_facts = self._judge_flight(review, moment)
         else:
             self._judge_end_of_flight(review, moment)
-            reported_facts = self._judge_heights_on_ground(review, moment)
+            reported_facts = self._judge_height_sensors_at_rest(review, moment)
         if self.has_landed and self._landing_report is not None:
             # The autopilot reported the landing before; only now is it certain that it was none in the air.
             reported_facts.append(self._landing_report)
@@ -733,7 +730,8 @@ class Watchdog:
             event: the event; it has no end time while it lasts.
         """
         review.facts[quantity] = event
-        review.last_found_times[quantity] = event.end_time or review.now
+        end_time = event.end_time
+        review.last_found_times[quantity] = review.now if end_time is None else end_time
 
     def _judge_control(self, review: _Review, moment: FlightMoment) -> list[Fact]:
         """Judges in flight whether control was lost, and whether the vehicle falls or has met the ground.
@@ -765,7 +763,7 @@ class Watchdog:
         if self.loss is not None:
             self._ongoing_fall = None
             return []
-        return self._judge_fall(review, moment)
+        return self._update_fall(review, moment)
 
     def _awaits_impact(
         self, loss: Fact, flight_end: FlightEnd | None, moment: FlightMoment
@@ -784,28 +782,29 @@ class Watchdog:
         is_still_in_air = loss.code in LOSSES_IN_AIR and not has_met_ground
         return is_new and is_still_in_air and self.control.awaits_impact(loss, moment)
 
-    def _judge_fall(self, review: _Review, moment: FlightMoment) -> list[Fact]:
-        """Decides whether a fall of the vehicle with idle motors begins, lasts or is over, as after a closed throttle.
+    def _update_fall(self, review: _Review, moment: FlightMoment) -> list[Fact]:
+        """Begins or ends the alarm that the vehicle falls because its motors idle, as after a closed throttle.
 
-        The fall is stored in ``_ongoing_fall``. It lasts until the motors give enough thrust to fly again; that the
-        fall no longer shows, for example because no climb rate comes, does not end it.
+        The alarm begins when the fall is found, and ends only when the motors carry the vehicle again. A fall that is
+        no longer found, for example because no climb rate is received, does not end it.
 
         Args:
             review: the review, with its time and the vehicle's parameters.
             moment: present time, and the motion of the last seconds.
 
         Returns:
-            The alarm if a fall begins, and the end of the alarm if it is over; empty while nothing changes.
+            The alarm when it begins, or the fact that it is over when it ends; empty in all other reviews.
         """
         former_fall = self._ongoing_fall
         present_fall = self.control.fall(moment)
         if present_fall is not None:
             # The newest fact has the present height and speed.
             self._ongoing_fall = present_fall
-            is_new = former_fall is None
-            return [alarm_if_bad(present_fall, review.now)] if is_new else []
-        have_motors_thrust = carries_vehicle(moment.motion, review.vehicle.parameters)
-        if former_fall is not None and have_motors_thrust:
+            if former_fall is None:
+                return [alarm_if_bad(present_fall, review.now)]
+            return []
+        motors_carry_vehicle = carries_vehicle(moment.motion, review.vehicle.parameters)
+        if former_fall is not None and motors_carry_vehicle:
             self._ongoing_fall = None
             return [Fact(WatchFact.ALARM_OVER, time=review.now, reason=former_fall)]
         return []
@@ -832,7 +831,7 @@ class Watchdog:
         if flight_end is not None:
             loss = flight_end.loss or loss
             contact = flight_end.contact
-        loss = self._with_motor_at_limit(loss)
+        loss = self._with_motor_as_cause(loss)
         self._store_ground_contact(loss, contact)
         if contact is not None and loss.code in LOSSES_IN_AIR:
             # No parachute helps a vehicle that has already struck the ground.
@@ -855,32 +854,31 @@ class Watchdog:
             self.ground_contact = contact.replace(Level.BAD)
             self._unreported_contact = self.ground_contact
 
-    def _with_motor_at_limit(self, loss: Fact) -> Fact:
-        """Names a motor that was at its upper limit as the cause of the loss of a vehicle, if no cause is known.
+    def _with_motor_as_cause(self, loss: Fact) -> Fact:
+        """Adds to the loss of a vehicle its cause, if a single motor was at its upper limit just before.
 
-        A motor may reach its limit many seconds before the vehicle meets the ground. The kept outputs, of the last
-        seconds, no longer show that, but the alarm of the motor's limit does. An alarm stays active for a while: a
-        motor that left its limit more than ``RECOVERY_SECONDS`` before the loss did not cause it.
+        A motor may reach its limit many seconds before the vehicle meets the ground. The outputs that are kept, of the
+        last seconds, no longer show that, but the alarm on the motor's limit does.
 
         Args:
             loss: the event that the vehicle was lost, such as a fall or a crash.
 
         Returns:
-            The loss with the motor as cause; unchanged if it has a cause, or if no motor was at its limit just before.
+            The loss with the motor as cause; unchanged if another cause is known, or if no motor caused it.
         """
-        limit_alarm = self.alarms.facts.get(WatchedQuantity.MOTOR_LIMITS)
-        if limit_alarm is None:
-            return loss
-        motor_name = limit_alarm.subject
-        if not motor_name:
-            # The alarm is about several motors.
-            return loss
         has_known_cause = loss.figures.get("cause") is not None
         if has_known_cause or loss.code not in LOSSES_BY_MOTORS:
             return loss
-        last_time_at_limit = self.alarms.last_found(WatchedQuantity.MOTOR_LIMITS)
-        if last_time_at_limit < loss.start_time - RECOVERY_SECONDS:
+        limit_alarm = self.alarms.facts.get(WatchedQuantity.MOTOR_LIMITS)
+        # An alarm about several motors has no subject: it is not known which of them failed first.
+        if limit_alarm is None or not limit_alarm.subject:
             return loss
+        # The alarm stays active for a while after the motor has left its limit.
+        last_time_at_limit = self.alarms.last_found(WatchedQuantity.MOTOR_LIMITS)
+        was_at_limit_just_before = last_time_at_limit >= loss.start_time - RECOVERY_SECONDS
+        if not was_at_limit_just_before:
+            return loss
+        motor_name = limit_alarm.subject
         cause = Fact(FailedFirst.LIMIT_FIRST, subject=motor_name)
         # The flight mode that was chosen explains nothing if a motor is the cause.
         return loss.replace(subject=motor_name, cause=cause, mode="")
@@ -930,7 +928,7 @@ class Watchdog:
                 # A vehicle that could not hold its height has not become sound while a motor is at its limit.
                 fault = active_alarm
             else:
-                fault = with_earlier_motors(limited_motor, active_alarm)
+                fault = with_motors_of_alarm(limited_motor, active_alarm)
             review.facts[WatchedQuantity.MOTOR_LIMITS] = fault
         if is_at_upper.any():
             sinking = self._sinking_at_limit(review, moment, motors, is_at_upper)
@@ -951,15 +949,16 @@ class Watchdog:
         Returns:
             The fact; None if the vehicle does not sink, is not to hold its height, or descends by command.
         """
-        climb_rate = self.control.held_climb_rate(moment)
+        climb_rate = self.control.climb_rate_in_height_hold(moment)
         if climb_rate is None:
             return None
         sinking = sinks_at_limit(motors, is_at_upper, climb_rate, review.now)
         if sinking is None:
             return None
-        # Without names, all motors are at their limit: then not even a commanded descent explains it.
-        has_reserve = bool(sinking.figures["names"])
-        if has_reserve and self.control.is_descent_commanded(moment):
+        # The fact names the motors at their limit only if other motors have reserve. If none has, not even a commanded
+        # descent explains it.
+        have_others_reserve = bool(sinking.figures["names"])
+        if have_others_reserve and self.control.is_descent_commanded(moment):
             return None
         return sinking
 
@@ -987,35 +986,55 @@ class Watchdog:
             MarginsLight.OSCILLATES, reason=advice, **limit_cycle.figures
         )
 
-    def _judge_heights_on_ground(self, review: _Review, moment: FlightMoment) -> list[Fact]:
-        """Judges whether barometer or satellites drifted, by the heights at rest before and after the latest flight.
+    def _judge_height_sensors_at_rest(self, review: _Review, moment: FlightMoment) -> list[Fact]:
+        """Judges on the ground whether barometer or satellite receiver drifted in the latest flight.
 
-        The vehicle must rest both times. So the heights are compared in each thorough review after the landing until
-        they show that, for ``MAX_WAIT_SECONDS`` at most.
+        Their heights while the vehicle rests after the landing are compared with those of its rest before the take-off.
+        This is repeated in each thorough review until a drift is found, for at most ``MAX_WAIT_SECONDS``.
 
         Args:
             review: the review, in which the vehicle is on the ground.
             moment: present time, and the motion.
 
         Returns:
-            The event that one of them has drifted, once after a flight; otherwise nothing.
+            The event that one of the two has drifted, once after a flight; otherwise nothing.
         """
         if not self.is_thorough:
             return []
+        if self._is_search_for_drift_due(review):
+            flight_interval = (moment.takeoff_time, review.phase_start)
+            drift = self._height.drift_between_rests(review.vehicle, flight_interval, moment.motion)
+            if drift is not None:
+                self._is_height_drift_found = True
+                self._show_height_drift(drift)
+                return [drift]
+        # If the vehicle takes off again, this is its latest rest before the flight.
+        self._height.update_latest_rest(review.vehicle, moment.motion)
+        return []
+
+    def _is_search_for_drift_due(self, review: _Review) -> bool:
+        """Returns whether a drift of barometer or satellite receiver is still looked for after the latest flight.
+
+        Args:
+            review: the review, in which the vehicle is on the ground.
+        """
         has_flown_and_landed = self._landed_states.flight_end is not None and self.has_landed
         seconds_on_ground = review.now - review.phase_start
-        is_due = has_flown_and_landed and seconds_on_ground <= MAX_WAIT_SECONDS
-        if is_due and not self._are_heights_judged:
-            flight_interval = (moment.takeoff_time, review.phase_start)
-            drift = self._height.judgement_at_rest(review.vehicle, flight_interval, moment.motion)
-            if drift is not None:
-                self._are_heights_judged = True
-                # It replaces what was found in flight, which shows less certainly which of the two was wrong.
-                self.status_lights.replace(Light.ESTIMATOR, MotionEvent.HEIGHTS_DISAGREE, drift)
-                self.status_lights.add(Light.ESTIMATOR, drift)
-                return [drift]
-        self._height.add_rest(review.vehicle, moment.motion)
-        return []
+        is_recently_landed = has_flown_and_landed and seconds_on_ground <= MAX_WAIT_SECONDS
+        return is_recently_landed and not self._is_height_drift_found
+
+    def _show_height_drift(self, drift: Fact) -> None:
+        """Makes the drift of a height sensor, found at rest after a flight, the status light of the estimator.
+
+        Args:
+            drift: the event that barometer or satellite receiver has drifted. It is good if only the altitude by
+                satellites wandered, which is no fault of the vehicle.
+        """
+        # In flight, barometer and satellites may have disagreed without showing which of the two was wrong. The drift
+        # is a better judgement of the same fault, and so replaces that light even where it is less bad.
+        self.status_lights.replace(Light.ESTIMATOR, MotionEvent.HEIGHTS_DISAGREE, drift)
+        # If the light states another fault, or none, the drift becomes the light unless that is worse.
+        self.status_lights.add(Light.ESTIMATOR, drift)
 
     def _judge_end_of_flight(self, review: _Review, moment: FlightMoment) -> None:
         """Judges whether the flight that has just ended did so on the ground or, if not, how the vehicle was lost.
@@ -1062,8 +1081,8 @@ class Watchdog:
     def _replaces_known_loss(self, loss: Fact) -> bool:
         """Returns whether the loss of a vehicle, as found at the end of its flight, replaces the one found before.
 
-        A loss that was found in the air, or that the autopilot reported, is replaced, since it does not say how the
-        vehicle met the ground. But of two losses that the autopilot reported, the second says nothing new.
+        A loss that was found in the air, or that the autopilot reported, is replaced, since it does not state how the
+        vehicle met the ground. But if the autopilot reports a loss twice, its second report adds nothing.
 
         Args:
             loss: the event that the vehicle was lost, as the end of the flight shows it.
@@ -1071,9 +1090,10 @@ class Watchdog:
         earlier_loss = self.loss
         if earlier_loss is None:
             return True
-        if earlier_loss.code is Ending.LOSS_REPORTED and loss.code is Ending.LOSS_REPORTED:
-            return False
-        return earlier_loss.code in REPLACEABLE_LOSSES
+        are_both_reports = (
+            earlier_loss.code is Ending.LOSS_REPORTED and loss.code is Ending.LOSS_REPORTED
+        )
+        return earlier_loss.code in REPLACEABLE_LOSSES and not are_both_reports
 
     def _judge_motors_after_loss(self, loss: Fact) -> None:
         """Updates the status light of the motors, that is the judgement of them, after the vehicle was lost.
@@ -1159,8 +1179,9 @@ class Watchdog:
         """
         part_at_fault = light_of_event(restart)
         assert part_at_fault is not None
-        former_statement = self._restart
-        self.status_lights.move(former_statement, part_at_fault, restart)
+        # A status light states the restart as it was known before, maybe the light of another part.
+        former_restart = self._restart
+        self.status_lights.move(former_restart, part_at_fault, restart)
         self._restart = restart
 
     def _update_alarms(self, review: _Review) -> list[Fact]:
@@ -1186,9 +1207,9 @@ class Watchdog:
         return [*self._raise_alarms(review), *self._end_alarms(review)]
 
     def _drop_past_faults(self, review: _Review) -> None:
-        """Removes from a review the facts on faults more than ``CALM_SECONDS`` ago that have no active alarm.
+        """Removes from a review the faults that were there last ``CALM_SECONDS`` ago or more, without an active alarm.
 
-        They are among the messages of the last minute, but an alarm on them would begin after they are over.
+        The messages of the last minute still show such a fault, but an alarm on it would begin after it is over.
         """
         for quantity, last_found_time in review.last_found_times.items():
             is_past_fault = review.now - last_found_time >= CALM_SECONDS
@@ -1206,23 +1227,24 @@ class Watchdog:
         Returns:
             The alarms to report, with the time of the review.
         """
-        alarms = []
-        for quantity, fact in review.facts.items():
-            if not fact.is_watch_or_bad:
+        reported_alarms = []
+        for quantity, fault in review.facts.items():
+            if not fault.is_watch_or_bad:
                 continue
             if quantity is WatchedQuantity.BATTERY:
-                # A battery does not recover in flight: what is found later and is less bad replaces no worse alarm.
-                fact = worst_fact([fact, self.alarms.facts.get(quantity, fact)])
+                # A battery does not recover in flight: a milder fault that is found later replaces no worse alarm.
+                fault = worst_fact([fault, self.alarms.facts.get(quantity, fault)])
             fault_time = review.last_found_time(quantity)
-            is_new = self.alarms.raise_alarm(quantity, fact, fault_time)
-            # What the autopilot itself reports of the estimator was reported to the user when it came.
-            is_autopilot_report = isinstance(fact.code, ReportedEvent)
+            is_new = self.alarms.raise_alarm(quantity, fault, fault_time)
+            # A report of the autopilot on its estimator was passed on to the user when it was received.
+            is_autopilot_report = isinstance(fault.code, ReportedEvent)
             was_reported = quantity is WatchedQuantity.ESTIMATOR and is_autopilot_report
-            if quantity is WatchedQuantity.BATTERY:
-                fact = _battery_report_in_flight(fact)
             if is_new and not was_reported:
-                alarms.append(alarm_if_bad(fact, review.now))
-        return alarms
+                reported_fact = fault
+                if quantity is WatchedQuantity.BATTERY:
+                    reported_fact = _battery_report_in_flight(fault)
+                reported_alarms.append(alarm_if_bad(reported_fact, review.now))
+        return reported_alarms
 
     def _end_alarms(self, review: _Review) -> list[Fact]:
         """Removes the active alarms that are over, and returns the facts that they are over.
@@ -1417,8 +1439,7 @@ def latest_estimator_time(signals: Signals, estimator: Fact) -> float:
             innovation.
 
     Returns:
-        The time, s of the boot clock: of an innovation when it was last beyond its limit, of another fault its end by
-        its duration.
+        The time, s of the boot clock: when an innovation was last beyond its limit; the end of any other fault.
     """
     innovation_name = estimator.figures.get("name")
     if innovation_name in INNOVATIONS:

@@ -447,7 +447,8 @@ class LiveWind:
         attitudes = np.array(attitude_samples).reshape(-1, 4)
         velocities = np.array(velocity_samples).reshape(-1, 4)
         velocity_times = velocities[:, 0]
-        # ``next_velocity`` is the first velocity that is not earlier than the attitude; the one before it is earlier.
+        # Index of the first velocity that is not earlier than each attitude. With velocities at 0.0, 0.2 and 0.4 s and
+        # an attitude at 0.3 s it is 2, and the attitude is between velocities 1 and 2.
         next_velocity = np.searchsorted(velocity_times, attitudes[:, 0])
         is_between_velocities = (next_velocity > 0) & (next_velocity < len(velocities))
         attitudes = attitudes[is_between_velocities]
@@ -476,7 +477,7 @@ class LiveWind:
             self._next_check_time = time + self._step
             return
         try:
-            self._require_measured(motion)
+            self._require_measurements(motion)
             validated_motion(stamps, motion.attitude, motion.velocity)
         except NotLearnable as error:
             self._withdraw_unchecked_estimates(error.fact)
@@ -522,7 +523,7 @@ class LiveWind:
         )
 
     @staticmethod
-    def _require_measured(motion: _Motion) -> None:
+    def _require_measurements(motion: _Motion) -> None:
         """Checks that yaw and horizontal velocity are measured: that they change at all.
 
         Measured values always have some noise. An autopilot sends a constant, mostly 0, for a quantity that it does not
@@ -542,12 +543,7 @@ class LiveWind:
             raise NotLearnable(NoWind.NOT_MEASURED, name="velocity")
 
     def _estimate_step(self, end_time: float) -> None:
-        """Advances the filters by one step, and averages their winds, weighted by likelihood, to an estimate.
-
-        This is Bayesian model averaging over the sizes of gusts and noise: the weight of a size is its prior times the
-        likelihood of the innovations so far, which is forgotten over ``LIKELIHOOD_MEMORY_SECONDS``. All draws of the
-        drag have equal weight within a size, as the drag is not learned from the flight; their mean log likelihood
-        counts. ``latest`` and ``mean`` are updated.
+        """Advances the filters by one step, and updates ``latest`` and ``mean`` by the average of their winds.
 
         Args:
             end_time: end of the step, s of the boot clock. The measurement, and the estimate, are of the middle of the
@@ -567,17 +563,7 @@ class LiveWind:
                 # Exponential forgetting of the likelihood.
                 filters.log_likelihoods *= 1 - self._step / LIKELIHOOD_MEMORY_SECONDS
 
-        weights = _filter_weights(filters.log_likelihoods)
-        # Each filter gives a normal distribution of the wind, north and east. The weighted mixture of them all has as
-        # its mean the weighted mean, and as its variance the mean variance within the filters plus that between them.
-        # Letters of einsum: filter g, axis a of the wind, states i and j.
-        winds = filters.states @ TOTAL_WIND_MATRIX.T
-        variances = np.einsum(
-            "ai,gij,aj->ga", TOTAL_WIND_MATRIX, filters.covariances, TOTAL_WIND_MATRIX
-        )
-        velocity = weights @ winds
-        band = half_width(weights @ (variances + (winds - velocity) ** 2))
-        self.latest = WindEstimate(end_time - self._step, velocity, band)
+        self.latest = _averaged_wind(filters, end_time - self._step)
         self._update_mean(self.latest)
 
     def _update_mean(self, estimate: WindEstimate) -> None:
@@ -597,11 +583,33 @@ class LiveWind:
         self.mean = WindEstimate(estimate.time, velocity, band)
 
 
-def _filter_weights(log_likelihoods: Array) -> Array:
-    """Returns the weight of each filter in the mean wind: the prior of its size of gusts times their likelihood.
+def _averaged_wind(filters: AirflowFilter, time: float) -> WindEstimate:
+    """Returns the wind by all filters, weighted by their likelihood (Bayesian model averaging).
 
-    There is a filter for each size of gusts and noise, and for each of these one for each draw of the drag, which have
-    equal weights. The prior of the sizes is a normal distribution of their logarithms.
+    Each filter gives a normal distribution of the wind, north and east. The mean of their weighted mixture is the
+    weighted mean. Its variance is the mean variance within the filters plus the variance between them.
+
+    Args:
+        filters: G filters that run side by side, with states, covariances and log likelihoods.
+        time: time of the estimate, s of the boot clock.
+    """
+    weights = _filter_weights(filters.log_likelihoods)
+    winds = filters.states @ TOTAL_WIND_MATRIX.T
+    # Letters of einsum: filter g, axis a of the wind, states i and j.
+    variances_within = np.einsum(
+        "ai,gij,aj->ga", TOTAL_WIND_MATRIX, filters.covariances, TOTAL_WIND_MATRIX
+    )
+    velocity = weights @ winds
+    variance = weights @ (variances_within + (winds - velocity) ** 2)
+    return WindEstimate(time, velocity, half_width(variance))
+
+
+def _filter_weights(log_likelihoods: Array) -> Array:
+    """Returns the weight of each filter in the mean wind.
+
+    There is a filter for each combination of a size of gusts and noise with a draw of the drag. The weight of a size is
+    its prior, a normal distribution of the logarithms, times the likelihood of the innovations so far. All draws of the
+    drag have equal weight within a size, since the drag is not learned from the flight.
 
     Args:
         log_likelihoods: (sizes · draws,) of the filters, the draws of one size after another.
@@ -609,7 +617,7 @@ def _filter_weights(log_likelihoods: Array) -> Array:
     Returns:
         Weights (sizes · draws,), which sum to 1.
     """
-    # A size has the mean of the log likelihoods over its draws of the drag.
+    # The likelihood of a size is that of its draws of the drag: the mean of their log likelihoods.
     log_likelihood_of_size = log_likelihoods.reshape(len(GUST_PARAMETERS), -1).mean(axis=1)
     # The log density of a normal distribution is minus half of the squared distance.
     prior_distances = (GUST_PARAMETERS - GUST_PRIOR_MEAN) / GUST_PRIOR_SD

@@ -233,9 +233,7 @@ def create_or_update_table(db: sqlite3.Connection) -> None:
     if existing_columns and "vehicle_basis" not in existing_columns:
         _fill_vehicle_columns(db)
     if existing_columns and "urgency" not in existing_columns:
-        for level, urgency in URGENCY_OF_LEVELS.items():
-            db.execute("update entries set urgency = ? where level = ?", [urgency, level])
-        db.execute("update entries set urgency = ? where level = ''", [Urgency.UNKNOWN])
+        _fill_urgency_column(db)
 
 
 def _fill_vehicle_columns(db: sqlite3.Connection) -> None:
@@ -255,6 +253,17 @@ def _fill_vehicle_columns(db: sqlite3.Connection) -> None:
         and {same_content_sql(CONTENT_HASH_SQL)} limit 1)
         where vehicle <> ''"""
     )
+
+
+def _fill_urgency_column(db: sqlite3.Connection) -> None:
+    """Fills the column with the urgency in an index of an earlier version, which had only the level of the headline.
+
+    Args:
+        db: connection to the SQLite file of the library.
+    """
+    for level, urgency in URGENCY_OF_LEVELS.items():
+        db.execute("update entries set urgency = ? where level = ?", [urgency, level])
+    db.execute("update entries set urgency = ? where level = ''", [Urgency.UNKNOWN])
 
 
 def insert_entry(db: sqlite3.Connection, entry: LibraryEntry) -> None:

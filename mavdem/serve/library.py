@@ -135,7 +135,7 @@ class Library:
             )
             raise Unreadable(reason) from None
         recover(self)
-        self._follow_moved_folder()
+        self._correct_paths_after_move()
 
     def close(self) -> None:
         """Gives the logs that this server was reading back to the queue, and releases its lock."""
@@ -152,7 +152,7 @@ class Library:
             self._thread_state.fleet_version = None
         return self._thread_state.store
 
-    def _follow_moved_folder(self) -> None:
+    def _correct_paths_after_move(self) -> None:
         """Corrects the paths of the library's logs in the fleet's tables after its folder was moved, copied or renamed.
 
         These paths are absolute and end with ``LOGS``, the digest of the log and its file name. With a path of the

@@ -272,7 +272,7 @@ class LinkMonitor:
             vehicle = session.stream.followed_vehicle
             if successor is not None and vehicle is not None:
                 restart = session.stream.latest_restart if self._has_restarted else None
-                self._next_recording = self._recording_of_successor(
+                self._next_recording = self._recording_of_next_session(
                     incoming.recording, vehicle, restart
                 )
         finally:
@@ -360,19 +360,22 @@ class LinkMonitor:
         if session.stream.followed_vehicle is not None and not self._is_stopping.is_set():
             saved_flight = PageLink(entry.name, address)
             self._finished_flight = _FinishedFlight(session, entry.id, saved_flight)
-            self._renew_finished_page(self._finished_flight)
+            self._update_finished_page(self._finished_flight)
 
-    def _renew_finished_page(self, flight: _FinishedFlight) -> None:
-        """Makes the page of the session before again if the library knows more of its recording by now.
+    def _update_finished_page(self, flight: _FinishedFlight) -> None:
+        """Makes the page of a finished flight, or makes it anew if the verdict on the flight's recording has changed.
+
+        The library reads and judges the recording some time after the session has ended.
 
         Args:
-            flight: the flight of that session.
+            flight: the flight, with the verdict that its page shows now.
         """
         try:
-            verdict = _verdict_on_recording(self._library.entry(flight.entry_id))
+            entry = self._library.entry(flight.entry_id)
         except Refusal:
             # Somebody has deleted the recording; the page stays as it is.
             return
+        verdict = _verdict_on_recording(entry)
         if verdict == flight.verdict:
             return
         self._finished_flight = flight._replace(verdict=verdict)
@@ -385,7 +388,7 @@ class LinkMonitor:
         path = self._library.new_incoming_path(_recording_name(datetime.now(UTC)))
         return _IncomingRecording(RawRecording(path), path)
 
-    def _recording_of_successor(
+    def _recording_of_next_session(
         self, recording: RawRecording, vehicle: Component, restart: TimeInterval | None = None
     ) -> _IncomingRecording:
         """Creates the recording of the next session, and moves the messages that belong to it out of the ended one.
@@ -420,10 +423,9 @@ class LinkMonitor:
         return next_recording._replace(first_pieces=pieces)
 
     def _take_event(self, event: Event) -> None:
-        """Notes what an event of a session means for the monitor, and reports it on the server's terminal.
+        """Takes an event of a session: updates the state of the flight, and reports the event on the server's terminal.
 
-        Landing and restart are noted, since after both the next flight gets a session of its own. The terminal shows
-        warnings, and the events with ``REPORTED_CODES``; all others are on the page only.
+        The terminal shows warnings, and the events with ``REPORTED_CODES``; all others are on the page only.
 
         Args:
             event: event that the session reports.
@@ -434,6 +436,22 @@ class LinkMonitor:
         fact = event.fact
         if fact.code is LinkFact.STREAM_RECORDING_ENDED:
             raise OSError(fact.figures["error"])
+        self._update_flight_state(fact)
+        if fact.is_watch_or_bad or fact.code in REPORTED_CODES:
+            # The sentences must not advise options of `mavdem live`, which this server does not have.
+            with sentences_for(Medium(has_terminal=False)):
+                self._report_event(event)
+
+    def _update_flight_state(self, fact: Fact) -> None:
+        """Stores a take-off, landing or restart of the vehicle, by which is decided when its session ends.
+
+        After a landing and a restart, the next flight gets a session of its own. A restart in the air goes on with the
+        same flight, unless a take-off follows: that shows that the vehicle has restarted on the ground, after its link
+        was lost in the air.
+
+        Args:
+            fact: any event of the session; all others are ignored.
+        """
         if fact.code in (ReportedEvent.OFF_GROUND, ReportedEvent.ON_GROUND):
             self._has_landed = fact.code is ReportedEvent.ON_GROUND
             self._is_in_air = not self._has_landed
@@ -442,14 +460,8 @@ class LinkMonitor:
             # A flight that went on over a restart in the air ends with its landing, as any other.
             self._has_restarted_in_air = False
         elif fact.code is VehicleFact.VEHICLE_REBOOTED:
-            # A vehicle that restarts in the air goes on with the same flight. But one whose next take-off is seen has
-            # restarted on the ground, after the link was lost in the air.
             self._has_restarted = self._has_landed
             self._has_restarted_in_air = self._is_in_air
-        if fact.is_watch_or_bad or fact.code in REPORTED_CODES:
-            # The sentences must not advise options of `mavdem live`, which this server does not have.
-            with sentences_for(Medium(has_terminal=False)):
-                self._report_event(event)
 
     def _report_saved_flight(self, path: str) -> None:
         """Reports where a flight is saved.
@@ -484,10 +496,9 @@ class LinkMonitor:
             self._render_page(session)
 
     def _update_page(self, session: LiveSession) -> None:
-        """Renders the page of the running session, and counts how often nothing was received; every ``PAGE_SECONDS``.
+        """Renders the page of the running session, after checking the disk and the vehicle's silence.
 
-        The count ``_silent_pages`` is of successive calls between which the vehicle sent no frame. By it the session
-        ends when the vehicle is gone.
+        It is called every ``PAGE_SECONDS``.
 
         Args:
             session: the running session, which records what it receives.
@@ -497,6 +508,15 @@ class LinkMonitor:
         """
         self._update_time = clock.monotonic()
         self._library.check_space(0)
+        self._count_silent_pages(session)
+        self._render_page(session)
+
+    def _count_silent_pages(self, session: LiveSession) -> None:
+        """Counts successive pages between which the vehicle sent no frame; by the count the session ends.
+
+        Args:
+            session: the running session, which records what it receives.
+        """
         recording = session.intake.recording
         # If writing the recording fails, the session ends before its next page.
         assert recording is not None
@@ -510,7 +530,6 @@ class LinkMonitor:
         else:
             self._silent_pages = 0
         self._frames_at_last_page = frame_count
-        self._render_page(session)
 
     def _render_page(self, session: LiveSession) -> None:
         """Renders the HTML page of the running session as it is now.
@@ -527,12 +546,12 @@ class LinkMonitor:
             self._finished_page = ""
             self._finished_flight = None
         if self._finished_flight is not None:
-            self._renew_finished_page(self._finished_flight)
-        if self._finished_page:
-            html = self._finished_page
-        else:
-            links = [] if self._latest_flight is None else [self._latest_flight]
+            self._update_finished_page(self._finished_flight)
+        html = self._finished_page
+        if not html:
+            # While the session goes on, its recording is not judged, so that no all-clear is given.
             status = replace(status, recording_verdict=AWAITED_IN_SESSION)
+            links = [] if self._latest_flight is None else [self._latest_flight]
             html = session_page(
                 session, status, self._library.names, back=LIBRARY_LINK, links=links
             )

@@ -95,11 +95,13 @@ def listening_socket(host: str, port: int) -> socket.socket:
         Unreadable: the host is no address of this machine, or its port is in use.
     """
     try:
-        # A name with a part of more than 63 letters cannot be encoded (RFC 1035), which is no OSError.
-        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+        addresses = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError) as error:
+        # A name with a part of more than 63 letters cannot be encoded (RFC 1035), which is no OSError.
         reason = error_message(error)
         raise Unreadable(StartFailure.HOST_UNKNOWN, address=host, reason=reason) from None
+    # Each address is a tuple that begins with its family, IPv4 or IPv6.
+    family = addresses[0][0]
     try:
         return socket.create_server((host, port), family=family, backlog=LISTEN_QUEUE_LENGTH)
     except OSError as error:

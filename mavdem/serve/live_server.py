@@ -123,7 +123,7 @@ class LiveServer:
         viewer = self._viewer
         files = ViewerFiles(rights, lambda: None if viewer is None else viewer.page_port)
         endpoints: Mapping[str, Any] = {
-            "GET /": _to_live_page,
+            "GET /": _redirect_to_live_page,
             f"GET {LIVE_PATH}": pages.live_session,
             f"GET {LIVE_PATH}/update": pages.live_session_update,
             f"GET {DASHBOARD_PATH}": self._dashboard,
@@ -181,7 +181,7 @@ class LiveServer:
         }
 
 
-def _to_live_page(request: HttpRequest) -> Response:
+def _redirect_to_live_page(request: HttpRequest) -> Response:
     """Redirects a browser from the server's address, which the terminal shows, to the page of the session."""
     return RedirectResponse(LIVE_PATH, HTTPStatus.SEE_OTHER)
 

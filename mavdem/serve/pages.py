@@ -182,17 +182,25 @@ class Pages:
     def _flights_to_compare(
         self, entries: Sequence[LibraryEntry], anomalous_rows: Mapping[str, FlightRow]
     ) -> dict[str, LibraryEntry]:
-        """Finds for each flight of a list whose motors have an anomaly the flight that it is best compared with.
+        """Finds for each flight with a motor anomaly the healthy flight that its link "Compare" compares it with.
 
         Args:
-            entries: index entries of all flights of the list.
-            anomalous_rows: rows in the fleet's table of flights with a fault or drift of the motors, by the entry's id.
+            entries: index entries of all flights of a list.
+            anomalous_rows: rows in the fleet's table of those flights whose motors have a fault or drift, by the
+                entry's id.
 
         Returns:
-            An earlier flight of the same vehicle without an anomaly, by the id of the flight with one.
+            The latest earlier flight of the same vehicle without a motor anomaly, by the id of the flight with one;
+            flights for which there is none are left out.
         """
-        anomalous_entries = [entry for entry in entries if entry.id in anomalous_rows]
-        return self._visible_library.flights_to_compare(anomalous_entries)
+        healthy_flights = {}
+        for entry in entries:
+            if entry.id not in anomalous_rows:
+                continue
+            healthy_entry = self._visible_library.latest_healthy_flight(entry)
+            if healthy_entry is not None:
+                healthy_flights[entry.id] = healthy_entry
+        return healthy_flights
 
     def flight(self, request: HttpRequest) -> Response:
         """Answers with the page of a flight, below the bar of the library with its downloads and settings.
@@ -217,12 +225,12 @@ class Pages:
         # A log with a digest is stored here, with its page. The page of a log that `mavdem track` has read may be gone.
         is_stored = bool(entry.digest)
         if entry.stage != Stage.DONE or not (is_stored or path.is_file()):
-            return self._progress_page(entry, values)
+            return self._page_without_results(entry, values)
         with refuse_missing_file():
             html = path.read_text("utf-8")
-        if is_stored and self._requests_new_page(entry, html):
+        if is_stored and self._request_page_if_outdated(entry, html):
             entry = self._library.entry(entry.id)
-            return self._progress_page(entry, values | {"flight": entry})
+            return self._page_without_results(entry, values | {"flight": entry})
         anomaly = None
         if values["may_read"] and not vehicle:
             row = self._visible_library.rows_with_motor_anomaly([entry]).get(entry.id)
@@ -230,7 +238,7 @@ class Pages:
             previous_entry = self._visible_library.previous_flight(entry)
             best_entry = previous_entry
             if anomaly is not None:
-                healthy_entry = self._visible_library.flights_to_compare([entry]).get(entry.id)
+                healthy_entry = self._visible_library.latest_healthy_flight(entry)
                 if healthy_entry is not None:
                     best_entry = healthy_entry
                     link = self._comparison_link(entry, healthy_entry)
@@ -264,20 +272,21 @@ class Pages:
         name = given_names.get(earlier_entry.content_hash, earlier_entry.name)
         return PageLink(f"Compare with {name}", f"/compare?a={earlier_entry.id}&b={entry.id}")
 
-    def _progress_page(self, entry: LibraryEntry, values: JsonValues) -> Response:
-        """Returns the page of a flight whose log is being read or cannot be read.
+    def _page_without_results(self, entry: LibraryEntry, template_values: JsonValues) -> Response:
+        """Returns the page of a flight that has no results (yet): how far its log is read, or why it cannot be.
+
+        It also shows the first plots of the log, which are drawn before the log is judged, once they are there.
 
         Args:
             entry: index entry of the flight.
-            values: values that the template of the page uses, by name.
-
-        Returns:
-            The page, with the plots that are ready.
+            template_values: further values for the template of the page, by their names in it.
         """
+        # These plots are HTML made by this program, which must not be escaped.
         first_plots = Markup(self._library.first_plots(entry))
-        return HTMLResponse(render_server_page("flight", first_plots=first_plots, **values))
+        html = render_server_page("flight", first_plots=first_plots, **template_values)
+        return HTMLResponse(html)
 
-    def _requests_new_page(self, entry: LibraryEntry, html: str) -> bool:
+    def _request_page_if_outdated(self, entry: LibraryEntry, html: str) -> bool:
         """Requests a new page of a flight if the stored one has a script that the server's security policy forbids.
 
         The policy lists the hashes of the scripts of this version of mavdem. A page that an earlier version wrote may
@@ -442,24 +451,38 @@ class Pages:
         if not entries:
             raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
         if all(entry.is_vehicle_unnamed for entry in entries):
-            return self._unnamed_vehicles(request, name, entries)
-        # A log may have several vehicles, so that its rows are filtered by the name, too.
+            return self._page_of_unnamed_vehicles(request, name, entries)
+        return self._page_of_vehicle(request, name, entries)
+
+    def _page_of_vehicle(
+        self, request: HttpRequest, name: str, entries: Sequence[LibraryEntry]
+    ) -> Response:
+        """Returns the page of a vehicle that its logs identify.
+
+        Args:
+            request: the request, for the rights of its sender.
+            name: name of the vehicle in its logs.
+            entries: index entries of its flights.
+        """
+        # A log may have several vehicles, so its rows in the fleet's table are filtered by the name, too.
         rows = [row for row in self._library.flight_rows(entries) if row.vehicle == name]
         healthy_rows = [row for row in self._library.store.healthy if row.vehicle == name]
+        # A flight has a row for each axis, all with the same key.
+        healthy_flights = {row.key for row in healthy_rows}
         anomalous_rows = self._visible_library.rows_with_motor_anomaly(entries)
         html = vehicle_page(
             group_by_vehicle(rows).get(name, []),
             _changes_from_baseline(name, rows, healthy_rows),
             name=name,
             entries=entries,
-            baseline=len({row.key for row in healthy_rows}),
+            baseline=len(healthy_flights),
             anomalous_rows=anomalous_rows,
             flights_to_compare=self._flights_to_compare(entries, anomalous_rows),
             **self._visible_library.visitor_values(request),
         )
         return HTMLResponse(html)
 
-    def _unnamed_vehicles(
+    def _page_of_unnamed_vehicles(
         self, request: HttpRequest, name: str, entries: Sequence[LibraryEntry]
     ) -> Response:
         """Returns the page on which a user assigns flights to vehicles, for logs that have only a MAVLink system id.

@@ -65,8 +65,8 @@ class AssessedVehicle(NamedTuple):
     """its rows for the fleet, one for each axis"""
 
     @property
-    def severity(self) -> tuple[bool, int, int]:
-        """Sorts vehicles in ascending order: those that flew come first, and of them those with the worst headlines."""
+    def severity_key(self) -> tuple[bool, int, int]:
+        """Key by which vehicles are sorted: those that flew come first, and of them those with the worst headlines."""
         has_not_flown = not self.rows[0].has_flight
         return has_not_flown, *severity_rank(self.assessment.headline)
 
@@ -236,7 +236,7 @@ def _assessed_vehicles(log: Log, progress: ProgressFile) -> list[AssessedVehicle
         progress.report(Stage.LEARNING, **_assessment_columns(assessment))
         rows = rows_of_assessment(assessment.with_axis(ADDITIONAL_AXIS), log.source)
         vehicles.append(AssessedVehicle(assessment, rows))
-    return sorted(vehicles, key=lambda vehicle: vehicle.severity)
+    return sorted(vehicles, key=lambda vehicle: vehicle.severity_key)
 
 
 def _write_results(vehicles: Sequence[AssessedVehicle], folder: Path) -> list[str]:
@@ -252,6 +252,7 @@ def _write_results(vehicles: Sequence[AssessedVehicle], folder: Path) -> list[st
         Names of the files, and of the recordings that can be made.
     """
     assessment = vehicles[0].assessment
+    # The document of the review lists its files by name with their paths, which here are the names themselves.
     files = {name: name for name in result_files(assessment, possible_recordings())}
     for vehicle in vehicles[1:]:
         first_row = vehicle.rows[0]

@@ -131,7 +131,7 @@ class VisibleLibrary:
         Returns:
             The flight; None if none is known.
         """
-        earlier_entries = self._earlier_flights(entry, 1)
+        earlier_entries = self._earlier_flights(entry, limit=1)
         return earlier_entries[0] if earlier_entries else None
 
     def _earlier_flights(self, entry: LibraryEntry, limit: int) -> list[LibraryEntry]:
@@ -177,48 +177,46 @@ class VisibleLibrary:
             return others
         return [best_entry, *(other for other in others if other.id != best_entry.id)]
 
-    def flights_to_compare(self, entries: Sequence[LibraryEntry]) -> dict[str, LibraryEntry]:
-        """Finds for each flight with a motor anomaly the flight that it is best compared with, for a link on its page.
+    def latest_healthy_flight(self, entry: LibraryEntry) -> LibraryEntry | None:
+        """Returns the latest flight of a vehicle before a given one in which its motors had no anomaly.
 
-        That is the latest earlier flight of the same vehicle without such an anomaly, of at most
-        ``MAX_EARLIER_FLIGHTS``.
+        A flight with a motor anomaly is best compared with this one. The last ``MAX_EARLIER_FLIGHTS`` are examined.
 
         Args:
-            entries: flights with a fault or drift of the motors (:meth:`rows_with_motor_anomaly`).
+            entry: index entry of the given flight.
 
         Returns:
-            The earlier flight by the id of the flight with the anomaly; flights for which there is none are left out.
+            The entry of the healthy flight; None if none is known.
         """
-        healthy_flights = {}
-        for entry in entries:
-            earlier_entries = self._earlier_flights(entry, MAX_EARLIER_FLIGHTS)
-            anomalous_rows = self.rows_with_motor_anomaly(earlier_entries)
-            for earlier_entry in earlier_entries:
-                if earlier_entry.id not in anomalous_rows:
-                    healthy_flights[entry.id] = earlier_entry
-                    break
-        return healthy_flights
+        earlier_entries = self._earlier_flights(entry, MAX_EARLIER_FLIGHTS)
+        anomalous_rows = self.rows_with_motor_anomaly(earlier_entries)
+        for earlier_entry in earlier_entries:
+            if earlier_entry.id not in anomalous_rows:
+                return earlier_entry
+        return None
 
     def rows_with_motor_anomaly(self, entries: Sequence[LibraryEntry]) -> dict[str, FlightRow]:
         """Finds the flights whose motors have a fault or drift in comparison with other flights of their vehicle.
 
+        The fleet's table has a row for each axis of each vehicle in a log, with the health of the motors by that axis.
+
         Args:
-            entries: index entries of the flights to look at.
+            entries: index entries of the flights to examine.
 
         Returns:
-            For each such flight, by the id of its entry, its row in the fleet's table for the axis in the worst health.
+            For each flight with such an anomaly, by the id of its entry, the row with the worst health.
         """
         entries_by_path = {str(self.library.log_path(entry)): entry for entry in entries}
         anomalous_rows = []
         for row in self.library.brief_flight_rows(entries):
-            # An entry is listed under one vehicle; a log may have rows of others.
+            # Rows of other vehicles in the same log do not count: the entry is listed under one vehicle.
             is_of_listed_vehicle = row.vehicle == entries_by_path[row.file].vehicle
             if row.health in ANOMALOUS_HEALTHS and is_of_listed_vehicle:
                 anomalous_rows.append(row)
         worst_rows = {}
-        for file, rows_of_file in group_by(anomalous_rows, lambda row: row.file).items():
-            entry = entries_by_path[file]
-            worst_rows[entry.id] = worst_row(rows_of_file)
+        for path, rows_of_log in group_by(anomalous_rows, lambda row: row.file).items():
+            entry = entries_by_path[path]
+            worst_rows[entry.id] = worst_row(rows_of_log)
         return worst_rows
 
     def documents(self, entries: Sequence[LibraryEntry]) -> list[Flight]:
@@ -263,9 +261,9 @@ class VisibleLibrary:
             raise Refusal(RefusalReason.RESULTS_DAMAGED, file=REPORT_FILE) from None
 
     def recordings(self, entry: LibraryEntry) -> Recordings:
-        """Returns the JSON document that says how far the recordings of a flight are, which are made on request.
+        """Returns the JSON document on the recordings of a flight: whether they are requested, being made, or done.
 
-        Recordings are files for the viewers Rerun and Foxglove.
+        Recordings are files for the viewers Rerun and Foxglove, which are made on request.
 
         Args:
             entry: index entry of the flight.
@@ -283,7 +281,7 @@ class VisibleLibrary:
         )
 
     def visitor_values(self, request: HttpRequest) -> JsonValues:
-        """Returns what the templates of all pages must know about a visitor: his rights, and the server's addresses.
+        """Returns what the templates of all pages need: the visitor's rights, the server's addresses, and given names.
 
         A visitor who may read all flights also gets two secret keys: one with which the page's script changes flights,
         and one in the address to which a ground station uploads logs.

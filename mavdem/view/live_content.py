@@ -49,8 +49,8 @@ PLOT_CONDITIONS = {
 }
 """When plots of the first tab show something, which their titles say, so that an empty one explains itself."""
 
-FIGURES_AND_EVENTS_HEIGHTS = (58, 42)
-"""Shares, %, of the height of the first tab that the figures and the events below them get; a choice."""
+VALUES_AND_EVENTS_HEIGHTS = (58, 42)
+"""Shares, %, of the height of the first tab that the current values and the events below them get; a choice."""
 
 LIGHT_LEVELS = (Level.BAD, Level.WATCH, Level.GOOD, Level.UNKNOWN)
 """Levels of lights in the order in which the dashboard names the lights of each."""
@@ -107,9 +107,9 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
         condition = PLOT_CONDITIONS.get(name)
         full_title = title if condition is None else f"{title} · {condition}"
         plots[name] = live_plot(full_title, paths[name])
-    figures = rrb.TextDocumentView(origin="figures", name="Figures", titlebar=False)
+    values = rrb.TextDocumentView(origin="figures", name="Figures", titlebar=False)
     events = rrb.TextDocumentView(origin="events", name="Events", titlebar=False)
-    flight = first_tab(plots, SideTexts([figures, events], list(FIGURES_AND_EVENTS_HEIGHTS)))
+    flight = first_tab(plots, SideTexts([values, events], list(VALUES_AND_EVENTS_HEIGHTS)))
 
     other_axes = [other_axis for other_axis in AXES if other_axis != axis]
     motion = rrb.Vertical(
@@ -184,10 +184,10 @@ def live_plot(title: str, origin: str) -> rrb.View:
     )
 
 
-def figure_texts(
+def current_value_texts(
     status: SessionStatus, row: DisplayRow, channels: Channels, training_end_time: float | None
 ) -> Names:
-    """Returns the texts with the latest figures of a live flight, which are shown next to the plots of the first tab.
+    """Returns the texts with the current values of a live flight, which are shown next to the plots of the first tab.
 
     Args:
         status: state of the session.
@@ -219,7 +219,7 @@ def figure_texts(
         row=row,
         channels=channels,
         training_end_time=training_end_time,
-        reason=_why_no_model(status, training_end_time),
+        reason=_no_model_text(status, training_end_time),
         is_bad=model_judgement is not None and model_judgement.headline.is_bad,
         now=estimate,
         physical=physical,
@@ -231,7 +231,7 @@ def figure_texts(
     return tuple(card.text for card in cards)
 
 
-def _why_no_model(status: SessionStatus, training_end_time: float | None) -> str:
+def _no_model_text(status: SessionStatus, training_end_time: float | None) -> str:
     """Returns why there is no model of the vehicle, or why no newer one is learned, for the texts beside the plots.
 
     Args:
@@ -270,7 +270,7 @@ def status_document(
         row=row,
         channels=channels,
         training_end_time=training_end_time,
-        reason=_why_no_model(status, training_end_time),
+        reason=_no_model_text(status, training_end_time),
     )
     paragraphs = [title.text]
     if status.findings is not None:

@@ -25,7 +25,7 @@ from mavdem.live.link import RETRY_SECONDS
 from mavdem.live.samples import MAX_SAMPLES
 from mavdem.live.session_status import STATUS_PERIOD
 from mavdem.view.first_tab import events_text
-from mavdem.view.live_content import Channels, figure_texts, status_document
+from mavdem.view.live_content import Channels, current_value_texts, status_document
 from mavdem.view.live_scene import LiveScene
 from mavdem.view.live_writer import LiveWriter
 from mavdem.view.plots import BOOT_CLOCK, log_event
@@ -188,11 +188,12 @@ class SinkThread(threading.Thread):
         if self._recording is None:
             return
         recording = self._recording
-        # Other threads may append to the queues meanwhile, so the numbers of items to send are fixed here.
         rows_stay = self.is_paused and not self.closing.is_set()
+        # Other threads may append to the queues meanwhile, so the numbers of items to send are fixed here.
         row_count = 0 if rows_stay else len(self._rows)
+        event_count = len(self._events)
         channels_and_rows = [self._rows.popleft() for _ in range(row_count)]
-        events = [self._events.popleft() for _ in range(len(self._events))]
+        events = [self._events.popleft() for _ in range(event_count)]
         # Successive rows with the same channels are sent together.
         for channels, group in groupby(channels_and_rows, key=itemgetter(0)):
             self._send_rows(recording, channels, [row for _, row in group])
@@ -208,7 +209,7 @@ class SinkThread(threading.Thread):
     def _send_rows(
         self, recording: rr.RecordingStream, channels: Channels, rows: list[DisplayRow]
     ) -> None:
-        """Draws rows into the sink's recording, and remembers the last row and the end of training for later texts.
+        """Draws rows into the sink's recording, and stores the last row and the end of training for later texts.
 
         ``channels`` are the names and units of the values in the rows, and decide which plots there are. If they have
         changed, for example with the model's inputs, a new ``LiveWriter`` sends a new layout.
@@ -246,11 +247,12 @@ class SinkThread(threading.Thread):
         recording.log("events", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
         # A fact may state another one as its cause, here possibly the change of a motor.
         cause = event.fact.figures.get("reason", event.fact)
-        if self._writer is not None and isinstance(cause, Fact):
-            if cause.code in (MotorWatchFact.MOTOR_LOST_THRUST, MotorWatchFact.MOTOR_RECOVERED):
-                self._writer.mark_motor_torque(event.start_time)
-            if event.is_alarm:
-                self._writer.mark_alarm(event.start_time)
+        if self._writer is None or not isinstance(cause, Fact):
+            return
+        if cause.code in (MotorWatchFact.MOTOR_LOST_THRUST, MotorWatchFact.MOTOR_RECOVERED):
+            self._writer.mark_motor_torque(event.start_time)
+        if event.is_alarm:
+            self._writer.mark_alarm(event.start_time)
 
     def _send_status(
         self, recording: rr.RecordingStream, row: DisplayRow, channels: Channels
@@ -267,9 +269,9 @@ class SinkThread(threading.Thread):
             sentence = f"{new_drops} rows are not shown here: this view is too slow"
             log_event(recording, row.timeline_time, sentence, Level.WATCH)
             self._reported_drops += new_drops
-        summaries = figure_texts(self.status, row, channels, self._training_end_time)
+        current_values = current_value_texts(self.status, row, channels, self._training_end_time)
         documents = {
-            "figures": "\n\n".join(summaries),
+            "figures": "\n\n".join(current_values),
             "status": status_document(self.status, row, channels, self._training_end_time),
         }
         recording.set_time(BOOT_CLOCK, duration=row.timeline_time)

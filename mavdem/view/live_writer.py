@@ -158,7 +158,7 @@ class LiveWriter:
 
         Motors, motion, attitude and wind are drawn from every row. The wind torque, the free energy and the physical
         parameters are estimates of a model, and drawn only from rows that have them. A sample that the learner reports
-        as unusual is marked by an upright line in the plot of the predicted angle.
+        as unusual is marked by a vertical line in the plot of the predicted angle.
 
         Args:
             rows: rows of the live flight, in the order of their times. A row has the inputs and outputs of the model at

@@ -28,7 +28,7 @@ LOG_LEVELS = {Level.BAD: "ERROR", Level.WATCH: "WARN"}
 """Rerun's levels of the event log; facts of other levels are INFO."""
 
 STROKE_WIDTH = 2.5
-"""Width of the upright strokes that fill an area, points.
+"""Width of the vertical strokes that fill an area, points.
 
 The viewer cannot fill areas. Strokes of this width touch each other, so that they look like one.
 """
@@ -37,13 +37,13 @@ LINE_WIDTH = 1.2
 """Width of the lines of a chart, points."""
 
 MARK_WIDTH = 2.0
-"""Width of the upright lines that mark events, points."""
+"""Width of the vertical lines that mark events, points."""
 
 MAX_STROKES = 20_000
-"""Largest number of upright strokes that fill an area: the viewer draws all of them at once. A choice."""
+"""Largest number of vertical strokes that fill an area: the viewer draws all of them at once. A choice."""
 
 MIN_STROKES = 2_000
-"""Smallest number of upright strokes that fill an area: with fewer than the pixels across a plot there are gaps."""
+"""Smallest number of vertical strokes that fill an area: with fewer than the pixels across a plot there are gaps."""
 
 LEGEND = rrb.PlotLegend(corner=rrb.Corner2D.RightTop)
 """Legend of a plot, where ``LEGEND_SHARE`` keeps lines out."""
@@ -62,7 +62,7 @@ class Lines:
     width: float = 1.5
     """Width of the lines, points."""
     is_filled: bool = False
-    """Whether the values are the edges of an area, which is drawn as one line of upright strokes."""
+    """Whether the values are the edges of an area, which is drawn as one line of vertical strokes."""
 
     def send_style(self, recording: rr.RecordingStream) -> None:
         """Sends names, colours and widths of the lines; it is called once, before the first samples.
@@ -100,7 +100,7 @@ class Lines:
 
 
 class EventMarks(NamedTuple):
-    """Upright lines across a plot, at the times of events."""
+    """Vertical lines across a plot, at the times of events."""
 
     name: str
     """Name in the legend."""
@@ -124,6 +124,11 @@ class _DrawnLine(NamedTuple):
     values: Array
     """(N,) values of a line, or (N, 2) edges of a band."""
 
+    @property
+    def is_band(self) -> bool:
+        """Whether it is a band."""
+        return self.values.ndim == 2
+
 
 def draw_chart(
     recording: rr.RecordingStream,
@@ -133,7 +138,7 @@ def draw_chart(
     height_share: float,
     marks: Sequence[EventMarks] = (),
 ) -> rrb.View:
-    """Draws a chart over the boot clock: its bands first, then its lines, and over them upright lines at events.
+    """Draws a chart over the boot clock: its bands first, then its lines, and over them vertical lines at events.
 
     Args:
         recording: recording to draw into.
@@ -147,17 +152,18 @@ def draw_chart(
         The view of the chart, with a legend where there is more than one line.
     """
     intervals = tick_intervals(height_share)
-    value_range = range_with_ticks(*range_of(*_finite_bounds(chart)), intervals)
+    lowest, highest = finite_range(*_lines_and_edges(chart))
+    value_range = range_with_ticks(lowest, highest, intervals)
     drawn_lines: list[_DrawnLine] = []
     for line in chart.lines:
         drawn_lines += _band_and_line(line, value_range)
-    # Bands lie below all lines, so that none hides the line of another.
-    drawn_lines.sort(key=lambda drawn_line: drawn_line.values.ndim == 1)
+    # Bands come first, so that they lie below all lines, and none hides the line of another.
+    drawn_lines.sort(key=lambda drawn_line: not drawn_line.is_band)
     for mark in marks:
         if len(mark.times):
-            drawn_lines.append(_upright_lines(mark, value_range))
+            drawn_lines.append(_vertical_lines(mark, value_range))
     for number, drawn_line in enumerate(drawn_lines):
-        # A unit such as 1/s is no folder.
+        # Lines are drawn in the order of their paths. A slash, as in the unit 1/s, would begin a folder.
         name = f"{number} {drawn_line.name.replace('/', ' per ')}"
         _send_line(recording, f"{origin}/{rr.escape_entity_path_part(name)}", drawn_line)
     low, high = value_range
@@ -184,34 +190,33 @@ def _send_line(recording: rr.RecordingStream, path: str, drawn_line: _DrawnLine)
         path: path of the entity.
         drawn_line: values (N,) of a line, or lower and upper edges (N, 2) of a band, over time.
     """
-    is_band = drawn_line.values.ndim > 1
     lines = Lines(
-        path, (drawn_line.name,), (drawn_line.colour,), drawn_line.width, is_filled=is_band
+        path,
+        (drawn_line.name,),
+        (drawn_line.colour,),
+        drawn_line.width,
+        is_filled=drawn_line.is_band,
     )
     lines.send_style(recording)
     lines.send(recording, drawn_line.time, drawn_line.values)
 
 
-def _upright_lines(mark: EventMarks, value_range: Interval) -> _DrawnLine:
-    """Returns one line that consists of an upright stroke at the time of each event, over the range of a plot.
+def _vertical_lines(mark: EventMarks, value_range: Interval) -> _DrawnLine:
+    """Returns one line that consists of a vertical stroke at the time of each event, over the range of a plot.
 
     Args:
         mark: name, colour and times of the events, at least one.
         value_range: lower and upper end of the range.
     """
     low, high = value_range
-    # A third sample, NaN, separates one stroke from the next.
+    # Each stroke has two samples at the same time; a third one, NaN, separates it from the next stroke.
     strokes = np.tile([low, high, np.nan], len(mark.times))
     time = np.repeat(mark.times, 3)
     return _DrawnLine(mark.name, colour=mark.colour, width=MARK_WIDTH, time=time, values=strokes)
 
 
-def _finite_bounds(chart: Chart) -> Iterator[Array]:
-    """Yields the values (N,) of each line of a chart and, where it has a band, the lower and the upper edge (N,).
-
-    Args:
-        chart: the chart of the lines.
-    """
+def _lines_and_edges(chart: Chart) -> Iterator[Array]:
+    """Yields the values (N,) of each line of a chart and, where it has a band, the lower and the upper edge (N,)."""
     for line in chart.lines:
         yield line.y
         if line.lower_edge is not None:
@@ -338,7 +343,7 @@ def recording_to_file(target: Target, name: str) -> Iterator[rr.RecordingStream]
         file.write(contents)
 
 
-def range_of(*series: Array) -> Interval:
+def finite_range(*series: Array) -> Interval:
     """Returns the smallest and the largest finite value of several series; −1 and 1 if there is none."""
     finite = np.concatenate([values[np.isfinite(values)] for values in series])
     if not len(finite):

@@ -220,21 +220,22 @@ class RecordingTabs:
             lines.append(f"**{name.capitalize()} – {light.level}:** {text}")
         return log_text(self._recording, "headline", "", "\n\n".join(lines))
 
-    def _angle_chart(self, held_out: HeldOut, outputs: Series, unit: str) -> Chart:
+    def _angle_chart(self, held_out: HeldOut, outputs: Series, unit_in_data: str) -> Chart:
         """Returns the chart of the angle over the whole record, with its setpoint and its forecasts.
 
         Args:
             held_out: forecasts in windows that the model was not trained on.
             outputs: outputs of the model (T, m) in settled flight, the angle first.
-            unit: unit of the angle in the data.
+            unit_in_data: unit of the angle in the data.
         """
-        angle_chart = forecast_chart(0, held_out, outputs, unit)
-        lines_of_whole_record = self._angle_and_setpoint(axis=outputs.names[0])
+        angle_output = 0
+        chart = forecast_chart(angle_output, held_out, outputs, unit_in_data)
+        lines_of_whole_record = self._angle_and_setpoint(axis=outputs.names[angle_output])
         if not lines_of_whole_record:
-            return angle_chart
-        # They replace the measured line of the forecasts, which has settled flight alone.
-        forecast_lines = [line for line in angle_chart.lines if line.name != "measured"]
-        return angle_chart._replace(lines=(*lines_of_whole_record, *forecast_lines))
+            return chart
+        # They replace the measured line of the chart, which has settled flight alone.
+        forecast_lines = [line for line in chart.lines if line.name != "measured"]
+        return chart._replace(lines=(*lines_of_whole_record, *forecast_lines))
 
     def _angle_and_setpoint(self, axis: str) -> Sequence[Line]:
         """Returns the measured angle of an axis and, if it was recorded, its setpoint as lines over the whole record.
@@ -523,7 +524,9 @@ def log_text(
     return rrb.TextDocumentView(origin=origin, name=name or origin, titlebar=bool(name))
 
 
-def forecast_chart(output: int, held_out: HeldOut, measured_outputs: Series, label: str) -> Chart:
+def forecast_chart(
+    output: int, held_out: HeldOut, measured_outputs: Series, unit_in_data: str
+) -> Chart:
     """Returns a chart of one output of the model: the measurement, and its forecasts with their 90 % bands.
 
     The forecasts are those in held-out windows, on which the model was not trained. Forecasts of an unstable model may
@@ -533,12 +536,13 @@ def forecast_chart(output: int, held_out: HeldOut, measured_outputs: Series, lab
         output: index of the output.
         held_out: forecasts of W windows with H samples each, (W, H, outputs), and half widths of their bands.
         measured_outputs: outputs of the whole flight, (T, outputs).
-        label: unit of the output in the data, such as rad. The chart is in the unit that people read, such as degrees.
+        unit_in_data: unit of the output in the data, such as rad. The chart is in the unit that people read, such as
+            degrees.
 
     Returns:
         A chart over time, in which the line of the forecasts is interrupted between windows.
     """
-    unit = display_unit(label)
+    unit = display_unit(unit_in_data)
     name = measured_outputs.names[output].capitalize()
     measurement = unit.scale * measured_outputs.values[:, output]
     measured_line = Line("measured", palette.MEASURED, measured_outputs.time, measurement)
@@ -602,6 +606,7 @@ def parameter_chart(assessment: Assessment) -> Chart:
     if not history:
         return over_time("Physical parameters", "", ())
     estimates_of_parts = [parameter_estimates(part.physical) for part in history]
+    # Names, colours and scales of the lines, in the order of the estimates.
     traces = parameter_traces(history[0].physical, analysis.flights[0].input_units[0])
     gap = np.array([np.nan])
     lines = []

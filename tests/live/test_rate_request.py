@@ -170,7 +170,7 @@ class Vehicle:
         self.silent = False
         if silence > SILENCE_SECONDS:
             self.arrivals = ArrivalRates()
-            self.request.restart()
+            self.request.allow_new_requests()
 
     def answer(self, command, kind, interval):
         if command == GET_INTERVAL:

@@ -76,12 +76,12 @@ def test_a_flood_of_texts_is_counted_and_hides_no_known_fault():
     assert quoted.count(True) == quoted.index(False) == MAX_REPORTS_OF_KIND
     failed = Fact(SessionFact.ALARM, reason=report(ReportedEvent.MOTOR_FAILED))
     assert texts.admits(failed, 103.0)
-    assert texts.pop_left_out(104.0) is None
-    left_out = texts.pop_left_out(102.0 + REPEAT_SECONDS)
+    assert texts.pop_omission_report(104.0) is None
+    left_out = texts.pop_omission_report(102.0 + REPEAT_SECONDS)
     assert left_out is not None and left_out.figures["count"] == quoted.count(False)
     # A calm autopilot is quoted again, and nothing more was left out.
     assert texts.admits(text, 104.0 + REPEAT_SECONDS)
-    assert texts.pop_left_out(200.0 + REPEAT_SECONDS) is None
+    assert texts.pop_omission_report(200.0 + REPEAT_SECONDS) is None
 
 
 def test_an_arming_that_flaps_is_counted_and_hides_no_change_of_mode():
@@ -92,10 +92,10 @@ def test_an_arming_that_flaps_is_counted_and_hides_no_change_of_mode():
         admitted.append(limit.admits(Fact(code, time=float(second)), 100.0 + 0.5 * second))
     assert admitted.count(True) == admitted.index(False) == MAX_REPORTS_OF_KIND
     assert limit.admits(Fact(ReportedEvent.MODE_CHANGED, time=31.0, subject="Land"), 115.0)
-    left_out = limit.pop_left_out(105.0 + REPEAT_SECONDS)
+    left_out = limit.pop_omission_report(105.0 + REPEAT_SECONDS)
     assert left_out is not None and left_out.figures["count"] == admitted.count(False)
     # The last change that was left out armed the motors, and the last one that was shown did so too.
-    assert limit.pop_left_out_states(115.0, is_at_end=True) == ()
+    assert limit.pop_omitted_states(115.0, is_at_end=True) == ()
 
 
 @mark.parametrize("now, is_at_end", [(100.0 + REPEAT_SECONDS, False), (107.0, True)])
@@ -105,6 +105,6 @@ def test_the_last_report_of_a_state_that_flapped_is_its_present_state(now, is_at
         code = ReportedEvent.ON_GROUND if second % 2 == 0 else ReportedEvent.OFF_GROUND
         last = Fact(code, time=float(second))
         limit.admits(last, 100.0 + 0.5 * second)
-    assert limit.pop_left_out_states(106.0, is_at_end=False) == ()
-    assert limit.pop_left_out_states(now, is_at_end=is_at_end) == (last,)
-    assert limit.pop_left_out_states(now + REPEAT_SECONDS, is_at_end=True) == ()
+    assert limit.pop_omitted_states(106.0, is_at_end=False) == ()
+    assert limit.pop_omitted_states(now, is_at_end=is_at_end) == (last,)
+    assert limit.pop_omitted_states(now + REPEAT_SECONDS, is_at_end=True) == ()

@@ -240,10 +240,10 @@ def test_the_page_of_a_finished_flight_has_the_verdict_of_the_library_once_it_is
     incoming_path.write_bytes(b"a")
     entry = library.add(incoming_path, "a.tlog")
     flight = link_monitor._FinishedFlight(session, entry.id, PageLink("a.tlog", "/f/abc"))
-    live._renew_finished_page(flight)
+    live._update_finished_page(flight)
     assert live._finished_page == "Not judged yet: the log is being read."
     library.change(entry.id, headline="Too little margin.", level="watch")
-    live._renew_finished_page(live._finished_flight)
+    live._update_finished_page(live._finished_flight)
     assert live._finished_page == "Too little margin."
 
 

@@ -36,7 +36,7 @@ from mavdem.plant import Physical
 from mavdem.plant.online_wind_torque import is_torque_resolved
 from mavdem.plant.sampled_plant import GAUSSIAN_KERNEL, WindComponent
 from mavdem.report.live import headline_and_next_step
-from mavdem.view.live_content import Channels, figure_texts, status_document
+from mavdem.view.live_content import Channels, current_value_texts, status_document
 from mavdem.view.live_view import LiveView, SinkThread
 from mavdem.view.sinks import RecordingFile, Viewer, WebServer, requested_sinks
 
@@ -193,7 +193,7 @@ def test_log_status_and_blueprint_show_what_is_there_in_batches_that_are_not_tin
 def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(
     tmp_path,
 ):
-    """One alarm of each kind is shown: by its text, and by an upright line in every plot."""
+    """One alarm of each kind is shown: by its text, and by a vertical line in every plot."""
     path = tmp_path / "flight.rrd"
     with showing(RecordingFile(path)) as view:
         for t, y, u, model_estimate in zip(TIME, OUTPUTS, INPUTS, ESTIMATES, strict=True):
@@ -223,7 +223,7 @@ def test_a_wind_torque_smaller_than_its_error_is_not_identifiable():
     row = ROW._replace(estimate=estimate(60, 60.0)._replace(wind_torque_band=12.0))
     assert (
         "not identifiable\nsmaller than its error of ± 688 °/s²"
-        in figure_texts(SessionStatus(), row, CHANNELS, 59.0)[3]
+        in current_value_texts(SessionStatus(), row, CHANNELS, 59.0)[3]
     )
 
 
@@ -353,7 +353,7 @@ def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight()
     """The texts beside the plots, before the first model and with one."""
     row = ROW._replace(time=60.0)
     status = SessionStatus(no_model_reason=prose("The vehicle is on the ground."))
-    first_figures = figure_texts(status, row, CHANNELS, None)
+    first_figures = current_value_texts(status, row, CHANNELS, None)
     assert all("### –" in figure for figure in first_figures[1:6])
     assert first_figures[0].count("The vehicle is on the ground.") == 1
     assert "unknown: motors, vibration, " in first_figures[0]
@@ -369,7 +369,7 @@ def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight()
     )
     latest_estimate = estimate(60, 60.0)
     timeline_times = "\n".join(
-        figure_texts(status, row._replace(estimate=latest_estimate), CHANNELS, 59.0)
+        current_value_texts(status, row._replace(estimate=latest_estimate), CHANNELS, 59.0)
     )
     for words in (
         "42 s learned",
@@ -386,7 +386,7 @@ def test_the_first_figure_has_headline_next_step_and_what_is_bad():
     loss = MotorChange(58.0, 56.0, 2, "motor 2", 0.3, 0.99, loss=(0.2, 0.4))
     status = SessionStatus(is_flying=True, motor_alarms=(loss,), motor_alarms_of_flight=(loss,))
     headline, next_step = headline_and_next_step(status.overall_judgement)
-    first_figure, *_ = figure_texts(status, ROW._replace(time=60.0), CHANNELS, 59.0)
+    first_figure, *_ = current_value_texts(status, ROW._replace(time=60.0), CHANNELS, 59.0)
     assert "motor 2 lost 20 to 40 %" in headline.lower() and next_step.startswith("Next: Land now")
     assert first_figure.startswith(f"### {headline}\n**{next_step}**")
     assert "**bad: motors**" in first_figure and "\n\nunknown: vibration, " in first_figure
