@@ -209,7 +209,7 @@ def _with_duration_for_loops(margins: Fact) -> Fact:
     """Returns the light of the margins with the duration of settled flight that identifying the loops needs.
 
     Any model needs some seconds of settled flight, and the loops need more. The pilot of a flight that is too short for
-    both is told the longer duration from the beginning, instead of first the one and then the other.
+    both reads the longer duration from the beginning, instead of first the one and then the other.
 
     Args:
         margins: the light, as a review of the flight so far shows it.
