@@ -14,7 +14,7 @@ from mavdem.assessment.simulation import simulation_fact
 from mavdem.dataset.segments import Segment, settled_segments
 from mavdem.dataset.signals import Signals, global_positions
 from mavdem.dataset.time_series import float_column
-from mavdem.facts.vehicle import Basis, DateBasis, system_id_name
+from mavdem.facts.vehicle import Basis, DateBasis, name_with_frame, system_id_name
 from mavdem.ingest.telemetry import MICROSECONDS, Parameters, Telemetry
 from mavdem.ingest.utc import MIN_UTC, utc_at_boot
 from mavdem.ingest.vocabulary import (
@@ -137,6 +137,8 @@ def vehicle_name(telemetry: Telemetry, *, is_simulated: bool) -> NameWithBasis:
        belong to a simulator;
     3. the name of the autopilot and the MAVLink system id, which many vehicles share.
 
+    The first two are followed by the frame, unless it is a quadrotor's, since a board may be moved to another frame.
+
     A simulated flight has only the last. The serial number and the calibrations in its log are those of the simulator,
     whichever frame it flew, or of the real vehicle whose board flew the simulation.
 
@@ -158,7 +160,7 @@ def vehicle_name(telemetry: Telemetry, *, is_simulated: bool) -> NameWithBasis:
     if not board_number:
         board_number = _board_number_in_messages(telemetry)
     if board_number:
-        return NameWithBasis(board_number, Basis.BOARD)
+        return NameWithBasis(name_with_frame(board_number, telemetry.vehicle), Basis.BOARD)
     for sensor, name_formats in CALIBRATION_PARAMETERS.items():
         for formats_of_sensor in name_formats:
             calibration = _calibration_values(telemetry.parameters, formats_of_sensor)
@@ -166,7 +168,8 @@ def vehicle_name(telemetry: Telemetry, *, is_simulated: bool) -> NameWithBasis:
                 # Only digits that every format of logs keeps, so that all logs of the vehicle give the same name.
                 digits = [f"{value:.{CALIBRATION_DIGITS}g}" for value in calibration]
                 digest = hashlib.sha256(" ".join(digits).encode()).hexdigest()
-                return NameWithBasis(f"{sensor}-{digest[:NAME_DIGITS]}", sensor)
+                name = f"{sensor}-{digest[:NAME_DIGITS]}"
+                return NameWithBasis(name_with_frame(name, telemetry.vehicle), sensor)
     return system_name
 
 

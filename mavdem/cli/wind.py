@@ -108,13 +108,20 @@ def wind_command(
     )
     written = ""
     if out:
+        drag_files = _drag_files(parameters_to_set, signals.telemetry)
         texts = {
             PAGE_FILE: wind_page(
-                Path(source).name, wind_evidence, assessment, parameters_to_set, cautions
+                Path(source).name,
+                wind_evidence,
+                assessment,
+                parameters_to_set,
+                cautions,
+                drag_files,
             ),
             WIND_DOCUMENT: json_text(document),
-            **_drag_file_texts(parameters_to_set, signals.telemetry),
         }
+        for ending, text in drag_files.items():
+            texts[f"drag{ending}"] = text
         write_texts(out, texts, DRAG_FILES)
         written = f"Written: {', '.join(texts)}. Nothing was sent to the vehicle."
     if as_json:
@@ -143,7 +150,7 @@ def wind_command(
         print_to_stderr(written)
 
 
-def _drag_file_texts(
+def _drag_files(
     parameters_to_set: Mapping[str, ParameterValue], vehicle: Telemetry
 ) -> dict[str, str]:
     """Returns the texts of the files with the drag parameters, in the formats of ground stations.
@@ -153,15 +160,11 @@ def _drag_file_texts(
         vehicle: The vehicle whose drag they are; its autopilot decides which setting makes use of them.
 
     Returns:
-        The text of each file by its name, one of ``DRAG_FILES``; empty without parameters.
+        The text of each file by the ending of its name, ".params" and ".param"; empty without parameters.
     """
     if not parameters_to_set:
         return {}
     values = {name: parameter.value for name, parameter in parameters_to_set.items()}
     setting_name, setting_value = DRAG_MODEL_SETTINGS[vehicle.autopilot]
     heading = f"{DRAG_HEADING}, which {setting_name} {setting_value} switches on"
-    text_by_name = {}
-    # The keys are the endings of names, ".params" and ".param".
-    for ending, text in parameter_files(values, vehicle, heading).items():
-        text_by_name[f"drag{ending}"] = text
-    return text_by_name
+    return parameter_files(values, vehicle, heading)

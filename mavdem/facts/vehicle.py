@@ -47,3 +47,34 @@ def system_id_name(autopilot: str, system: int) -> str:
 def autopilot_of_system_id_name(name: str) -> str:
     """Returns the autopilot in a name that :func:`system_id_name` has made, as MAV_AUTOPILOT without its prefix."""
     return name.rpartition("-")[0].upper()
+
+
+GENERIC_FRAME = "GENERIC"
+"""MAV_TYPE of an autopilot that does not know its frame."""
+
+FRAME_SEPARATOR = "_"
+"""Stands between the number of a board or the hash of a calibration, which do not contain it, and the frame."""
+
+FRAMES_WITHOUT_SUFFIX = ("", "UNKNOWN", GENERIC_FRAME, "QUADROTOR")
+"""Frames that are not in the names of vehicles: those that a log does not know, and that of nearly all logs."""
+
+
+def name_with_frame(name: str, frame: str) -> str:
+    """Adds the frame to the name that a board or a calibration gives to a vehicle, such as "001a002f_hexarotor".
+
+    A board that is moved to another frame keeps its serial number and calibration, but what flies is another vehicle,
+    whose motors and figures are not compared with those of the first. The names of quadrotors and of unknown frames
+    stay as they are.
+
+    Args:
+        name: serial number of the board, or the hash of a calibration.
+        frame: MAV_TYPE without its prefix.
+    """
+    if frame in FRAMES_WITHOUT_SUFFIX:
+        return name
+    return f"{name}{FRAME_SEPARATOR}{frame.lower()}"
+
+
+def name_without_frame(name: str) -> str:
+    """Returns the part of a vehicle's name before the frame that :func:`name_with_frame` has added, if any."""
+    return name.partition(FRAME_SEPARATOR)[0]

@@ -7,15 +7,13 @@ from mavdem.dataset.axes import TILT_AXES
 from mavdem.facts import Fact
 from mavdem.facts.fleet import ComparedSubject, Incomparable
 from mavdem.facts.identifiability import Status
+from mavdem.facts.vehicle import GENERIC_FRAME
 from mavdem.fleet.flights import Flights
 from mavdem.fleet.quantities import DAMPING, EFFECT, LAG, SHARE, Quantity
 from mavdem.fleet.row import FlightRow
 
 STATE_NAMES = ("A", "B")
 """How the two states are called in messages."""
-
-GENERIC_FRAME = "GENERIC"
-"""MAV_TYPE of an autopilot that does not know its frame."""
 
 UNRELIABLE_STATUSES = {Status.BIASED, Status.NOT_IDENTIFIABLE}
 """Statuses of a physical parameter with which it is not compared."""

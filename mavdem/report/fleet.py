@@ -7,7 +7,7 @@ from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorHealth
 from mavdem.facts.urgency import Urgency, urgency_of_headline
-from mavdem.facts.vehicle import autopilot_of_system_id_name
+from mavdem.facts.vehicle import autopilot_of_system_id_name, name_without_frame
 from mavdem.fleet.flights import (
     AxisRows,
     Flights,
@@ -122,10 +122,17 @@ def is_serial(name: str) -> bool:
 
 
 def short_name(name: str) -> str:
-    """Returns the name of a vehicle; a serial number is shortened to its first and last characters, as a line needs."""
+    """Returns the name of a vehicle; a serial number is shortened to its first and last characters, as a line needs.
+
+    The frame that may follow the number is left out, since it stands beside the short name.
+
+    Args:
+        name: name of the vehicle in its logs.
+    """
     if not is_serial(name):
         return name
-    return f"{name[:SERIAL_START_LENGTH]}…{name[-SERIAL_END_LENGTH:]}"
+    number = name_without_frame(name)
+    return f"{number[:SERIAL_START_LENGTH]}…{number[-SERIAL_END_LENGTH:]}"
 
 
 def unnamed_vehicle(autopilot: str, frame: str) -> str:

@@ -9,10 +9,17 @@ from urllib.parse import quote
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorHealth
+from mavdem.facts.urgency import Urgency
 from mavdem.fleet.flights import AxisRows, log_row, worst_health
 from mavdem.fleet.names import NO_NAMES, content_hash
 from mavdem.fleet.row import SYSTEM_ID_BASIS
-from mavdem.report.fleet import ANOMALOUS_HEALTHS, badge, light_level, vehicle_name_or_type
+from mavdem.report.fleet import (
+    ANOMALOUS_HEALTHS,
+    badge,
+    light_level,
+    urgency_and_age,
+    vehicle_name_or_type,
+)
 from mavdem.report.numbers import listed, rounded
 from mavdem.report.templates import rounded_up
 from mavdem.wind_velocity.beaufort import is_speed_known
@@ -46,6 +53,9 @@ class FlightLine(NamedTuple):
     simulated: bool
     """Whether the flight was simulated."""
 
+    urgency: Urgency
+    """How urgently the vehicle needs a look after this flight; a simulated one needs none."""
+
     cells: list[str]
     """The cells, one for each of the ``COLUMNS``."""
 
@@ -70,6 +80,7 @@ def flight_line(flight: AxisRows) -> FlightLine:
         file=first_row.file,
         vehicle=first_row.vehicle,
         simulated=bool(first_row.simulated),
+        urgency=Urgency.UNKNOWN if first_row.simulated else urgency_and_age([flight]).urgency,
         cells=cells,
     )
 

@@ -122,10 +122,10 @@ def gain_changes(
                 rows.append(_notch_row(name, vehicle.parameters.get(name), value))
         changed_names += values
         files = parameter_files(values, vehicle, gain_set.heading)
-        downloads += _downloads(files, log_stem + gain_set.suffix, gain_set.label)
+        downloads += parameter_downloads(files, log_stem + gain_set.suffix, gain_set.label)
     if not rows:
         return None
-    downloads += _downloads(
+    downloads += parameter_downloads(
         present_parameter_files(changed_names, vehicle), log_stem, "To go back:"
     )
     cautions = () if lowered_gains else tuple(_cautions_on_gains(advice))
@@ -144,7 +144,9 @@ def _notch_row(name: str, present_value: float | None, value: float) -> list[str
     return [name, present_text, f"{value:.4g}", ""]
 
 
-def _downloads(files: Mapping[str, str], stem: str, purpose: str) -> Iterator[ParameterDownload]:
+def parameter_downloads(
+    files: Mapping[str, str], stem: str, purpose: str
+) -> Iterator[ParameterDownload]:
     """Yields the links to the files that set some parameters, one for each kind of ground station.
 
     Args:

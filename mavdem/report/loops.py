@@ -11,6 +11,7 @@ from mavdem.assessment.axis.loop_decision import (
     LoopDecision,
     LoopDiagnosis,
 )
+from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.assessment.axis.tuning import Tuning
 from mavdem.assessment.event_lights import LIGHT_OF_EVENT
 from mavdem.assessment.judgement import Judgement
@@ -23,7 +24,7 @@ from mavdem.facts.margins import MarginsLight
 from mavdem.loops.advice import Advice, AdviceByAxis
 from mavdem.loops.axis_loops import LOOP_NAMES, Loop, LoopsByAxis
 from mavdem.loops.filters import gyro_delay, gyro_filters
-from mavdem.loops.gain_design import MAX_GAIN_STEP
+from mavdem.loops.gain_design import EFFECTIVENESS_FACTORS, MAX_GAIN_STEP
 from mavdem.loops.identified_step import STEP_SECONDS, predicted_step
 from mavdem.loops.margins import OpenLoop
 from mavdem.report.blocks import Blocks, Sentence, Table, headline_sentence
@@ -93,7 +94,8 @@ def tune_blocks(
     for axes in _axes_reported_together(tuning):
         # The report says the same of all these axes, so that the first one stands for them.
         axis = axes[0]
-        report = " ".join(str(fact) for fact in _facts_on_axis(tuning, axis))
+        facts = _facts_on_axis(tuning, axis)
+        report = " ".join(str(fact) for fact in facts)
         if report == headline_above:
             blocks += render_section("tune_repair", axes=axes)
             continue
@@ -110,8 +112,10 @@ def tune_blocks(
         if isinstance(advice, Fact):
             blocks += _faults_in_flight(tuning, axes, report, headline_above)
             continue
-        is_doubtful = axis in tuning.doubtful_axes
-        if not advice.refusals and not has_tables_elsewhere:
+        is_doubtful = _has_doubtful_margins(tuning, axis)
+        # Without gains to compare, one sentence on the margins is enough.
+        are_margins_in_report = any(fact.code is LoopFact.MARGIN_RATING for fact in facts)
+        if not has_tables_elsewhere and not (advice.refusals and are_margins_in_report):
             blocks.append(_gain_and_margin_table(advice, is_doubtful=is_doubtful))
         # A page shows the cautions about gains that change beside its table of gains.
         has_gains_elsewhere = has_tables_elsewhere and bool(advice.parameters)
@@ -159,6 +163,42 @@ def _unstated_remedies(
     return remedies
 
 
+def measured_margins(tuning: Tuning, margins: Iterable[AxisMargins]) -> list[Sentence]:
+    """Returns what was measured of the stability margins of the axes whose loops are not known, such as a resonance.
+
+    Margins that were measured by an injected signal are left out: the reason why the loop is not known has them.
+
+    Args:
+        tuning: the advice for each axis, or the fact (coded finding) that says why there is none.
+        margins: what is known of the stability margins of each axis.
+    """
+    axes_and_facts = []
+    for axis_margins in margins:
+        has_no_loop = isinstance(tuning.axes.get(axis_margins.axis), Fact)
+        if has_no_loop and axis_margins.injected is None:
+            axes_and_facts += [(axis_margins.axis, fact) for fact in axis_margins.facts]
+    return sentences_by_axes(axes_and_facts)
+
+
+def thrust_sentences(tuning: Tuning) -> list[Sentence]:
+    """Returns the sentence that says at which thrust margins are stated, and at which gains are to have them.
+
+    Args:
+        tuning: the advice for each axis, or the fact (coded finding) that says why there is none.
+
+    Returns:
+        A list with the sentence; empty if no gains are advised or kept.
+    """
+    if tuning.refusal is not None:
+        return []
+    return render_section("tune_thrust", deviation=_checked_thrust_deviation())
+
+
+def _checked_thrust_deviation() -> float:
+    """Returns the largest deviation of the thrust with which gains are to have their margins, as a share."""
+    return max(EFFECTIVENESS_FACTORS) - 1
+
+
 def tune_details(tuning: Tuning) -> Blocks:
     """Returns the details of a tuning: all stability margins of all axes, and what they and the gains are based on.
 
@@ -173,7 +213,7 @@ def tune_details(tuning: Tuning) -> Blocks:
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Fact):
             continue
-        is_doubtful = axis in tuning.doubtful_axes
+        is_doubtful = _has_doubtful_margins(tuning, axis)
         for variant, loop in compared_loops(advice).items():
             header = f"{axis}, {variant}"
             loops[header] = loop
@@ -201,7 +241,7 @@ def _unchecked_effects(tuning: Tuning) -> list[Sentence]:
     """
     for advice in tuning.axes.values():
         if isinstance(advice, Advice) and advice.gains:
-            return render_section("loop_not_checked")
+            return render_section("loop_not_checked", deviation=_checked_thrust_deviation())
     return []
 
 
@@ -504,7 +544,7 @@ def _worst_rating(tuning: Tuning) -> Fact | None:
     """
     ratings = []
     for axis, advice in tuning.axes.items():
-        if isinstance(advice, Fact) or advice.refusals or axis in tuning.doubtful_axes:
+        if isinstance(advice, Fact) or _has_doubtful_margins(tuning, axis):
             return None
         decision = tuning.judgement.loop_decisions.get(axis)
         for rating in _rating_unless_contradicted(advice, decision):
@@ -590,8 +630,7 @@ def _gain_and_margin_table(advice: Advice, *, is_doubtful: bool) -> Table:
 
     Args:
         advice: advice on the axis, with its loops.
-        is_doubtful: whether a measured response contradicts the identified loop; then each of its margins is called
-            doubtful.
+        is_doubtful: whether the margins of the identified loop may be wrong; then each of them is called doubtful.
 
     Returns:
         The table, with a column for the gains that flew and, if gains are advised, one for the advised gains. If
@@ -620,6 +659,21 @@ def _gain_and_margin_table(advice: Advice, *, is_doubtful: bool) -> Table:
     return Table([f"{axis} (90 % interval)", *headers], rows)
 
 
+def _has_doubtful_margins(tuning: Tuning, axis: str) -> bool:
+    """Returns whether the margins of an identified loop may be wrong.
+
+    They may be if a measured response contradicts the loop. Where gains are withheld, the margins may be wrong for the
+    same reason.
+
+    Args:
+        tuning: advice for each axis, and the axes whose loops a measured response contradicts.
+        axis: "roll", "pitch" or "yaw"; its loop is identified.
+    """
+    advice = tuning.axes[axis]
+    assert isinstance(advice, Advice)
+    return axis in tuning.doubtful_axes or bool(advice.refusals)
+
+
 def margin_overview(tuning: Tuning) -> Table | None:
     """Returns one table of the stability margins and the predicted step responses of all axes, as flown and as advised.
 
@@ -635,9 +689,7 @@ def margin_overview(tuning: Tuning) -> Table | None:
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Fact):
             continue
-        # Where gains are withheld, the margins may be wrong for the same reason.
-        is_doubtful = axis in tuning.doubtful_axes or bool(advice.refusals)
-        remark = ", doubtful" if is_doubtful else ""
+        remark = ", doubtful" if _has_doubtful_margins(tuning, axis) else ""
         for loop_name in LOOP_NAMES:
             for variant, loop in compared_loops(advice).items():
                 cells = _margin_cells(loop.open_loop(loop_name), STEP_SECONDS[loop_name])

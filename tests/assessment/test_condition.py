@@ -23,6 +23,7 @@ from mavdem.ingest.telemetry import Component
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.motors.hover import hover_figures, hover_of
 from mavdem.report.condition import stream_contents
+from mavdem.report.fleet import short_name
 
 HOVER = Hover(hovering=60.0)
 
@@ -140,6 +141,15 @@ def test_the_boards_number_is_the_same_from_the_text_and_from_autopilot_version(
         == name_of(logged_outputs)
         == ("001a002f3039511333333539", "board")
     )
+
+
+def test_a_board_on_another_frame_is_another_vehicle():
+    quadrotor = with_texts(flown(), TEXT.encode())
+    unknown_frame = replace(quadrotor, vehicle=UNNAMED)
+    hexarotor = replace(quadrotor, vehicle="HEXAROTOR")
+    assert name_of(quadrotor) == name_of(unknown_frame)
+    assert name_of(hexarotor) == ("001a002f3039511333333539_hexarotor", "board")
+    assert short_name(name_of(hexarotor)[0]) == short_name(name_of(quadrotor)[0])
 
 
 def test_without_a_number_the_calibration_names_the_vehicle_and_defaults_do_not():

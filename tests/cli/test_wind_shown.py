@@ -79,6 +79,7 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     drag_parameters = read_parameters(tmp_path / "wind" / "drag.params")
     values = {name: setting[0] for name, setting in document["parameters"].items()}
     assert drag_parameters == approx(values) and values
+    assert 'download="legs.drag.params"' in page
     heading = (tmp_path / "wind" / "drag.params").read_text().splitlines()[0]
     assert "EKF2_DRAG_CTRL 1 switches on" in heading
     # A flight's log is a prior for another one, as its documents are.

@@ -76,6 +76,11 @@ def test_logs_are_dropped_followed_found_compared_and_deleted(tmp_path, browser)
         page.run("document.querySelector('#flights input').click()")
         page.run("document.getElementById('remove').click()")
         page.until(f"{ROWS} === 9")
+        # Enter opens the only flight that is found.
+        page.run("document.querySelector('[name=q]').select()")
+        page.command("Input.insertText", text="alone")
+        page.run("document.getElementById('find').requestSubmit()")
+        page.until("location.pathname.startsWith('/f/')")
         assert server.library.find("1", (), 1)[1] == 21
         assert page.said == []
 

@@ -234,7 +234,7 @@ def light_blocks(reviews: Mapping[str, Review]) -> Blocks:
         if second_light is not None and lights_are_equal(first_light, second_light):
             equal_names_by_level.setdefault(first_light["level"], []).append(name)
         else:
-            rows.append([name, _light_cell(first_light), _light_cell(second_light)])
+            rows.append([name, *_light_cells(first_light, second_light)])
     blocks: Blocks = []
     if rows:
         blocks.append(Table(["light", *reviews], rows, words=True))
@@ -268,8 +268,18 @@ def _axes_of_margins(light: JsonValues) -> frozenset[str]:
     return frozenset(value_at(light, "figures.names") or ())
 
 
-def _light_cell(light: JsonValues | None) -> Rated | str:
-    """Returns the cell of a light in a table: its level and its sentence; empty if a log does not have the light."""
-    if light is None:
-        return ""
-    return Rated(light["level"], Level(light["level"]), light["sentence"])
+def _light_cells(first_light: JsonValues, second_light: JsonValues | None) -> list[Rated | str]:
+    """Returns the cells of a light in a table, each with its level and its sentence.
+
+    Where the lights are about different IMUs, the second cell ends with how each IMU changed.
+
+    Args:
+        first_light: the light in the review document of the first log.
+        second_light: that in the document of the second log; None if it does not have the light, whose cell is empty.
+    """
+    first_cell = Rated(first_light["level"], Level(first_light["level"]), first_light["sentence"])
+    if second_light is None:
+        return [first_cell, ""]
+    remark = remark_on_imus(dict(zip(STATE_NAMES, (first_light, second_light), strict=True)))
+    second_reason = second_light["sentence"] + remark
+    return [first_cell, Rated(second_light["level"], Level(second_light["level"]), second_reason)]

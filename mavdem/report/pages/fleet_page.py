@@ -12,6 +12,7 @@ from markupsafe import Markup
 
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
+from mavdem.facts.urgency import Urgency
 from mavdem.fleet.flights import group_into_flights
 from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.fleet.row import UNKNOWN, FlightRows
@@ -122,6 +123,7 @@ def fleet_page(
         unjudged=_repeated_summaries(vehicles),
         lights=[*Light],
         not_used=NOT_USED,
+        least_urgency=Urgency.WATCH,
         light_counts=_light_counts(summaries),
         marks=LEVEL_MARKS,
         whole=WHOLE_FLIGHTS,
@@ -140,6 +142,7 @@ def fleet_page(
                 [line.link, line.file, *line_cells]
                 for line, line_cells in zip(lines, cells, strict=True)
             ],
+            "urgencies": [line.urgency for line in lines],
             "levels": BADGE_LEVELS,
             "labels": _labels_of_serial_numbers(summaries, names),
         },

@@ -25,7 +25,7 @@ from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.brief_events import place_among_equals, worst_events
 from mavdem.report.charts.chart import MAX_POINTS, Group, Plan
 from mavdem.report.charts.timeline import Timeline
-from mavdem.report.gain_changes import GainChanges
+from mavdem.report.gain_changes import GainChanges, ParameterDownload
 from mavdem.report.lights import earlier_lights
 from mavdem.report.notch_trial import NotchTrial
 from mavdem.report.numbers import display_unit, name_with_unit, rounded
@@ -100,6 +100,9 @@ class Chapter(NamedTuple):
 
     notch_trial: NotchTrial | None = None
     """A notch filter whose settings a reader tries, which is not printed; None without."""
+
+    downloads: Sequence[ParameterDownload] = ()
+    """Parameter files to download, below the rest."""
 
     sections: Sequence[Section] = ()
     """Parts with a sentence each, which are open where they are to be watched or bad."""

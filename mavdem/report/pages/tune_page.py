@@ -25,6 +25,8 @@ from mavdem.report.loops import (
     compared_loops,
     is_about_loops,
     margin_overview,
+    measured_margins,
+    thrust_sentences,
     tune_blocks,
     tune_details,
     tuning_result,
@@ -95,7 +97,8 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
     blocks += tune_blocks(
         tuning, is_full=False, has_tables_elsewhere=True, headline_above=str(heading)
     )
-    blocks += _measured_margins(tuning, assessment)
+    blocks += measured_margins(tuning, assessment.margins)
+    blocks += thrust_sentences(tuning)
     blocks += _kept_gains(tuning, evidence)
     gyro = gyro_chapter(assessment, timeline=None, has_spectrograms=True)
     chapters = [
@@ -120,23 +123,6 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
     # The row of lights is left out: this page is only about the loops, whose margins it shows in full.
     head = Head(heading.level, lights={}, changes=changes)
     return render_document(name, SUBTITLE, summary, chapters, head=head)
-
-
-def _measured_margins(tuning: Tuning, assessment: Assessment) -> list[Sentence]:
-    """Returns what was measured of the stability margins of the axes whose loops are not known, such as a resonance.
-
-    Margins that were measured by an injected signal are left out: the reason why the loop is not known has them.
-
-    Args:
-        tuning: the advice for each axis, or the fact (coded finding) that says why there is none.
-        assessment: assessment of the log, with the margins of each axis.
-    """
-    axes_and_facts = []
-    for margins in assessment.margins:
-        has_no_loop = isinstance(tuning.axes.get(margins.axis), Fact)
-        if has_no_loop and margins.injected is None:
-            axes_and_facts += [(margins.axis, fact) for fact in margins.facts]
-    return sentences_by_axes(axes_and_facts)
 
 
 def _kept_gains(tuning: Tuning, evidence: Evidence) -> list[Table]:

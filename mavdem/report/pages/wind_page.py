@@ -1,7 +1,9 @@
 """The page of ``mavdem wind``: the wind over time, on the map and by height, the airspeed, and the drag."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import PurePath
+from types import MappingProxyType
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.lights.wind import wind_light
@@ -20,6 +22,7 @@ from mavdem.report.condition import (
     wind_blocks,
     wind_tables,
 )
+from mavdem.report.gain_changes import parameter_downloads
 from mavdem.report.pages.page import Chapter, Head, render_document
 from mavdem.report.palette import MEASURED, PREDICTED
 from mavdem.report.screen import warnings_of_lights
@@ -32,6 +35,9 @@ The wind of the longest flight, from lean and velocity over ground, with 90 % ba
 where it comes from."""
 """What stands below the title."""
 
+NO_FILES: Mapping[str, str] = MappingProxyType({})
+"""No files with parameters to set."""
+
 
 def wind_page(
     name: str,
@@ -39,6 +45,7 @@ def wind_page(
     assessment: Assessment,
     parameters: dict[str, ParameterValue],
     cautions: Sequence[Block] = (),
+    drag_files: Mapping[str, str] = NO_FILES,
 ) -> str:
     """Renders the page of ``mavdem wind``.
 
@@ -49,6 +56,7 @@ def wind_page(
         assessment: assessment of the log, which gives the history of the flight and the warnings.
         parameters: parameters of the autopilot's drag model to set, with their intervals.
         cautions: sentences that limit what is shown, such as that the drag is of another vehicle.
+        drag_files: texts of the files with these parameters, by the ending of their names, such as ``.params``.
 
     Returns:
         The page as HTML.
@@ -76,6 +84,7 @@ def wind_page(
         [*wind_tables(wind), *drag_blocks(wind.drag, autopilot, parameters)],
         [rose] if has_rose else [],
         is_side_by_side=True,
+        downloads=[*parameter_downloads(drag_files, f"{PurePath(name).stem}.drag", "Drag:")],
     )
     head = Head(
         # The edge is about the wind, but a green one would call a flight sound that ended in a crash.

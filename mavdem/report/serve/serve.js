@@ -69,7 +69,15 @@
   let shownQuery = searchForm?.elements.q?.value ?? "", timer;
   const searchAfter = wait => { clearTimeout(timer); timer = setTimeout(search, wait); };
   searchForm?.elements.q?.addEventListener("input", () => searchAfter(150));
-  searchForm?.addEventListener("submit", event => { event.preventDefault(); searchAfter(0); });
+  // Enter in the search opens the only flight that is found.
+  searchForm?.addEventListener("submit", async event => {
+    event.preventDefault();
+    clearTimeout(timer);
+    const searchNumber = latestSearch + 1;
+    await search();
+    const found = flightRows()?.querySelectorAll("a.name") ?? [], isPart = new URL(location).searchParams.has("offset");
+    if (shownQuery && found.length === 1 && !isPart && searchNumber === latestSearch) location = found[0].href;
+  });
   $("compare")?.addEventListener("click", () => {
     const [b, a] = chosenIds();
     location = `/compare?a=${a}&b=${b}`;

@@ -370,6 +370,10 @@ def test_the_vibration_of_each_imu_is_compared_with_its_own(difference):
         reviewed_difference(difference, {"A": worse, "B": better})
     )
     assert sentence.text == ("watch in A, good in B. IMU 2: 16 → 7.4 m/s²; IMU 3: 8.5 → 7.9 m/s².")
+    lights, *_ = light_blocks({"A": worse, "B": better})
+    ((_, worse_cell, better_cell),) = lights.rows
+    assert worse_cell.reason == "Vibration 16.2 m/s² on IMU 2."
+    assert better_cell.reason.endswith("IMU 3. IMU 2: 16 → 7.4 m/s²; IMU 3: 8.5 → 7.9 m/s².")
     # Clips are a reason of their own.
     worse["lights"]["vibration"]["figures"]["clips"] = 3
     *_, sentence = headline_of_comparison(

@@ -426,7 +426,7 @@ def test_a_note_of_many_flights_has_two_lines_until_it_is_chosen(tmp_path, brows
 BRIEF = """(() => {
 const drawn = () => [...document.querySelectorAll('#flights tbody tr[data-at]')];
 const state = () => [drawn().length, document.getElementById('count').textContent];
-const found = {first: state(), levels: drawn().map(one => one.querySelector('.rating').className)};
+const found = {first: state(), files: drawn().map(one => one.querySelector('td').title)};
 const cut = [...document.querySelectorAll('#flights .clip')];
 document.getElementById('all_flights').click();
 return {...found, cut: cut.length, all: state()};
@@ -437,16 +437,21 @@ return {...found, cut: cut.length, all: state()};
 def test_a_phone_shows_what_needs_a_look_first_and_all_flights_when_they_are_asked_for(
     tmp_path, browser
 ):
+    lost = {"headline": "It fell.", "headline_level": "bad", "headline_rank": 0}
+    columns_by_number = {
+        5: lost,
+        10: {"health": "fault"},
+        20: {"health": "drift"},
+        30: {**lost, "simulated": 1.0},
+    }
     flights = []
     for number in range(40):
-        health = {10: "fault", 20: "drift"}.get(number, "ok")
-        flights.append(flight_row("quad", number, health=health))
+        columns = {"health": "ok", **columns_by_number.get(number, {})}
+        flights.append(flight_row("quad", number, **columns))
     _, shown_by_browser = browser.shown(fleet_page(flights), BRIEF, tmp_path, width=390)
-    assert shown_by_browser["first"] == [2, "To look at first: 2 of 40 flights"]
-    assert (
-        shown_by_browser["levels"] == ["rating bad", "rating watch"]
-        and shown_by_browser["cut"] == 0
-    )
+    assert shown_by_browser["first"] == [3, "To look at first: 3 of 40 flights"]
+    assert shown_by_browser["files"] == [flights[number].file for number in (5, 10, 20)]
+    assert shown_by_browser["cut"] == 0
     assert shown_by_browser["all"][0] > 12 and shown_by_browser["all"][1] == "40 flights"
 
 
