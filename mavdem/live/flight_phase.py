@@ -217,16 +217,7 @@ class FlightPhase:
         Returns:
             The reports, with "undefined" in the place of those that are wrong.
         """
-        height = Signals(telemetry).height
-        min_collective = flight_states.min_airborne_collective(telemetry.parameters)
-        mean_collective = time_series.averaged_series(collective)
-        for row in np.flatnonzero(reports.time > self._review_time):
-            time = float(reports.time[row])
-            has_thrust = mean_collective.value_at(time) > min_collective
-            height_then = nan if height is None else height.value_at(time)
-            self._report_check.add(
-                LandedReport(time, int(reports.values[row]), has_thrust, height_then)
-            )
+        self._check_new_reports(reports, telemetry, collective)
         # When the autopilot began to report the ground, and how far the vehicle rose nevertheless, m.
         first_wrong_time = self._report_check.first_time
         rise = self._report_check.contradicted_rise
@@ -242,6 +233,27 @@ class FlightPhase:
             basis=(LANDED_STATE_MESSAGE,),
         )
         return with_undefined_ground(reports, (first_wrong_time, latest_time))
+
+    def _check_new_reports(
+        self, reports: TimeSeries, telemetry: Telemetry, collective: TimeSeries
+    ) -> None:
+        """Adds the reports of the landed state since the last review to their check, with thrust and height then.
+
+        Args:
+            reports: MAV_LANDED_STATE (N,) of the last seconds.
+            telemetry: messages of the last seconds, with the height, and the vehicle's parameters.
+            collective: mean of the motors in the last seconds, as a fraction of their range.
+        """
+        height = Signals(telemetry).height
+        min_collective = flight_states.min_airborne_collective(telemetry.parameters)
+        mean_collective = time_series.averaged_series(collective)
+        is_new = reports.time > self._review_time
+        for time, state in zip(
+            reports.time[is_new].tolist(), reports.values[is_new].tolist(), strict=True
+        ):
+            has_thrust = mean_collective.value_at(time) > min_collective
+            height_then = nan if height is None else height.value_at(time)
+            self._report_check.add(LandedReport(time, int(state), has_thrust, height_then))
 
     def _update_airborne(self, now: float, airborne: Intervals) -> None:
         """Decides whether the vehicle is airborne, and notes when it left the ground.

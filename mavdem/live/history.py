@@ -496,7 +496,7 @@ class LiveHistory:
             queue.append(_Prediction(predicted_time, values, band, outputs))
 
     def _compare_predictions(self, time: float, outputs: list[float]) -> _PredictedAngle:
-        """Compares the predictions for one time with the measurement at that time, and adds the errors to the sums.
+        """Compares the predictions for one time with the measurement at that time.
 
         The horizon of a prediction is how far ahead it was made, s. Each horizon has a queue in which its predictions
         wait until their time comes, in the order of their times, so those that are due are at its front. Predictions
@@ -525,13 +525,21 @@ class LiveHistory:
                 self._comparisons.append(_Comparison(horizon, prediction, outputs))
                 if horizon == reported_horizon:
                     reported_angle = _PredictedAngle(prediction.outputs[0], prediction.band[0])
-        # The latest comparisons may still be withdrawn, where a landing or a loss of control is recognised later. Only
-        # earlier ones are added to the sums.
+        self._sum_confirmed_errors(time)
+        return reported_angle
+
+    def _sum_confirmed_errors(self, time: float) -> None:
+        """Adds the errors of predictions to the sums once they can no longer be withdrawn.
+
+        They are withdrawn where a landing or a loss of control is recognised some seconds after it began.
+
+        Args:
+            time: time of the latest row, s of the timeline. Comparisons of the last ``MAX_WITHDRAWN_SECONDS`` wait.
+        """
         confirmed_time = time - MAX_WITHDRAWN_SECONDS
         while self._comparisons and self._comparisons[0].time < confirmed_time:
             confirmed_comparison = self._comparisons.popleft()
             _add_prediction_error(self._error_sums, confirmed_comparison)
-        return reported_angle
 
     def clear_wind_torque(self, start_time: float) -> None:
         """Makes the wind torque of earlier rows unknown (NaN), since a weak motor caused it, not the wind.

@@ -9,7 +9,7 @@ from mavdem.assessment.flights import flights_in_boot
 from mavdem.assessment.separate_flights import telemetry_of_spans
 from mavdem.dataset.segments import recorded_spans
 from mavdem.dataset.signals import Signals
-from mavdem.ingest.telemetry import Log, Telemetry, selected_rows
+from mavdem.ingest.telemetry import Columns, Fields, Log, Telemetry, selected_rows
 
 LASTING_MESSAGES = frozenset({"AUTOPILOT_VERSION", "AVAILABLE_MODES", "PARAM_VALUE"})
 """Messages that an autopilot sends once, on request, and whose content holds until it restarts."""
@@ -75,16 +75,31 @@ def _since_last_landing(telemetry: Telemetry) -> Telemetry:
     first_takeoff, _ = flights[0]
     messages = {}
     for name, columns in telemetry.messages.items():
-        time = columns["time"]
-        if name in LASTING_MESSAGES:
-            # What was stated earlier still holds, so it gets the start time; the order of the messages stays.
-            messages[name] = {**columns, "time": np.maximum(time, start_time)}
-            continue
-        is_kept = time >= start_time
-        if name == "STATUSTEXT":
-            # ``SEVERITIES`` lists those that warn, 0 to 4; the numbers above only inform.
-            is_information = columns["severity"] >= len(SEVERITIES)
-            is_kept |= is_information & (time < first_takeoff)
-        if is_kept.any():
-            messages[name] = selected_rows(columns, is_kept)
+        kept_columns = _columns_since(name, columns, start_time, first_takeoff)
+        if len(kept_columns["time"]):
+            messages[name] = kept_columns
     return replace(telemetry, messages=messages)
+
+
+def _columns_since(name: str, columns: Columns, start_time: float, first_takeoff: float) -> Fields:
+    """Returns the messages of one type that belong to the latest flight of a boot.
+
+    Args:
+        name: name of the message.
+        columns: its columns, with ``time``, s of the boot clock.
+        start_time: when the messages of the latest flight begin, s.
+        first_takeoff: take-off of the first flight of the boot, s.
+
+    Returns:
+        Columns of the kept messages, which may have no rows.
+    """
+    time = columns["time"]
+    if name in LASTING_MESSAGES:
+        # What was stated earlier still holds, so it gets the start time; the order of the messages stays.
+        return {**columns, "time": np.maximum(time, start_time)}
+    is_kept = time >= start_time
+    if name == "STATUSTEXT":
+        # ``SEVERITIES`` lists those that warn, 0 to 4; the numbers above only inform.
+        is_information = columns["severity"] >= len(SEVERITIES)
+        is_kept |= is_information & (time < first_takeoff)
+    return selected_rows(columns, is_kept)

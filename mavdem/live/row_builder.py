@@ -217,8 +217,7 @@ class RowBuilder:
 
         A segment is a series of rows on one uniform time grid, without a gap. The format of its rows is the time step,
         s, the messages that they are made of, and the motors whose outputs are their inputs. Most segments have the
-        same format as the one before. If the order of the motors is only assumed, that is reported too, since the
-        directions of their torques depend on it.
+        same format as the one before.
 
         Args:
             inputs: the motors whose outputs become the rows' inputs.
@@ -226,29 +225,44 @@ class RowBuilder:
         # The grid has begun, which decides its step from the attitude and motor outputs.
         assert self._grid.dt is not None and self.attitude_message is not None
         former_format = self.row_format
-        geometry = inputs.motors.geometry
-        motor_message = inputs.motors.message
-        dt = self._grid.dt
-        self.row_format = RowFormat(
+        row_format = RowFormat(
             self._boot,
-            dt=dt,
+            dt=self._grid.dt,
             attitude_message=self.attitude_message,
-            motor_message=motor_message,
-            geometry=geometry,
+            motor_message=inputs.motors.message,
+            geometry=inputs.motors.geometry,
             scale=inputs.motors.scale,
             rates=self._grid.rates,
             grid_start=self._grid.start_time,
         )
-        if former_format is not None:
-            has_same_step = former_format.dt == dt
-            has_same_motors = (
-                former_format.motor_message == motor_message and former_format.geometry == geometry
+        self.row_format = row_format
+        if former_format is None:
+            self._report_row_format(row_format)
+            return
+        has_same_step = former_format.dt == row_format.dt
+        has_same_message = former_format.motor_message == row_format.motor_message
+        has_same_motors = former_format.geometry == row_format.geometry
+        # The user need not know of a difference in the rates or in the beginning of the grid.
+        if not (has_same_step and has_same_message and has_same_motors):
+            self._report_row_format(row_format)
+
+    def _report_row_format(self, row_format: RowFormat) -> None:
+        """Reports that rows of a format begin and, if the order of their motors is only assumed, that it is.
+
+        The directions of the motors' torques depend on that order.
+
+        Args:
+            row_format: the format, with messages, time step and motors of the rows.
+        """
+        geometry = row_format.geometry
+        self._report(
+            Fact(
+                RowsFact.ROWS_BEGIN,
+                names=(row_format.attitude_message, row_format.motor_message),
+                step=row_format.dt,
+                inputs=len(geometry.names),
             )
-            if has_same_step and has_same_motors:
-                # Only the rates and the beginning of the grid differ, which the user need not know.
-                return
-        names = (self.attitude_message, motor_message)
-        self._report(Fact(RowsFact.ROWS_BEGIN, names=names, step=dt, inputs=len(geometry.names)))
+        )
         if geometry.assumed:
             self._report(Fact(RowsFact.MOTOR_ORDER_ASSUMED, basis=geometry.basis))
 

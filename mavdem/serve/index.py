@@ -352,15 +352,6 @@ def columns_of_flight(rows: Sequence[FlightRow]) -> JsonValues:
         Values by the names of the columns.
     """
     first_row = rows[0]
-    date = ""
-    future_date = ""
-    if first_row.date is not None:
-        date_text = first_row.date.isoformat(timespec="seconds")
-        # A date that had not come yet when the log was read is that of a wrong clock.
-        if first_row.past_date is None:
-            future_date = date_text
-        else:
-            date = date_text
     lights = {str(light): getattr(first_row, f"light_{light}") or "" for light in Light}
     wind_low, wind_high = first_row.wind_speed_interval or (None, None)
     return {
@@ -368,8 +359,7 @@ def columns_of_flight(rows: Sequence[FlightRow]) -> JsonValues:
         "vehicle_basis": first_row.vehicle_basis or "",
         "frame": first_row.frame or "",
         "autopilot": first_row.autopilot or "",
-        "date": date,
-        "future_date": future_date,
+        **_date_columns(first_row),
         "simulated": first_row.simulated or 0,
         "duration": first_row.duration,
         "flight_time": first_row.flight_time,
@@ -386,6 +376,21 @@ def columns_of_flight(rows: Sequence[FlightRow]) -> JsonValues:
         "wind_high": wind_high,
         **lights,
     }
+
+
+def _date_columns(row: FlightRow) -> dict[str, str]:
+    """Returns the columns ``date`` and ``future_date`` of a flight, of which at least one is empty.
+
+    A date that had not come yet when the log was read is that of a wrong clock.
+
+    Args:
+        row: a row of the flight in the fleet's table.
+    """
+    columns = {"date": "", "future_date": ""}
+    if row.date is not None:
+        column = "future_date" if row.past_date is None else "date"
+        columns[column] = row.date.isoformat(timespec="seconds")
+    return columns
 
 
 def _motor_with_fault(rows: Sequence[FlightRow]) -> int | None:

@@ -354,6 +354,17 @@ class Library:
         (version,) = self.db.execute("pragma data_version").fetchone()
         if version == self._thread_state.fleet_version:
             return
+        with self.transaction() as db:
+            self._insert_new_fleet_logs(db)
+            self._complete_fleet_entries(db)
+        self._thread_state.fleet_version = version
+
+    def _insert_new_fleet_logs(self, db: sqlite3.Connection) -> None:
+        """Adds entries for the logs of ``mavdem track`` that the index does not have.
+
+        Args:
+            db: the connection, within a transaction.
+        """
         # The keys of all logs that the index has. Paths of the fleet's table ``logs`` are absolute and have this
         # system's separator; paths in the index may be relative to the library's folder and have the one of POSIX.
         indexed_logs = """select logs.log from entries
@@ -361,21 +372,26 @@ class Library:
         new_rows_query = f"""select row, file from flights where file is not null and log not in ({indexed_logs})
         and not exists (select 1 from entries where path = file) order by rowid"""
         folder = utf8_text(f"{self.folder}{os.sep}")
-        with self.transaction() as db:
-            new_rows = self.store.sound_rows(new_rows_query, [folder, os.sep])
-            for file, rows_of_file in group_by(new_rows, lambda row: row.file).items():
-                insert_entry(db, entry_of_fleet_log(file, rows_of_file))
-            incomplete_rows_query = f"""select row, file from flights join entries on file = path
-            where {INCOMPLETE_SQL} and {COMPLETE_ROW_SQL} order by flights.rowid"""
-            incomplete_rows = self.store.sound_rows(incomplete_rows_query)
-            for file, rows_of_file in group_by(incomplete_rows, lambda row: row.file).items():
-                columns = columns_of_flight(rows_of_file)
-                assignments = ", ".join(f"{name} = :{name}" for name in columns)
-                db.execute(
-                    f"update entries set {assignments} where path = :path",
-                    {**columns, "path": file},
-                )
-        self._thread_state.fleet_version = version
+        new_rows = self.store.sound_rows(new_rows_query, [folder, os.sep])
+        for file, rows_of_file in group_by(new_rows, lambda row: row.file).items():
+            insert_entry(db, entry_of_fleet_log(file, rows_of_file))
+
+    def _complete_fleet_entries(self, db: sqlite3.Connection) -> None:
+        """Completes entries without flight time, modes and gains from rows of the fleet's table that have these now.
+
+        Args:
+            db: the connection, within a transaction.
+        """
+        completed_rows_query = f"""select row, file from flights join entries on file = path
+        where {INCOMPLETE_SQL} and {COMPLETE_ROW_SQL} order by flights.rowid"""
+        completed_rows = self.store.sound_rows(completed_rows_query)
+        for file, rows_of_file in group_by(completed_rows, lambda row: row.file).items():
+            columns = columns_of_flight(rows_of_file)
+            assignments = ", ".join(f"{name} = :{name}" for name in columns)
+            db.execute(
+                f"update entries set {assignments} where path = :path",
+                {**columns, "path": file},
+            )
 
     # Looking up and changing entries
 
@@ -568,7 +584,7 @@ class Library:
         Raises:
             Refusal: the log identifies its vehicle, or has not been read yet.
         """
-        assigned_vehicle = self._vehicle_with_name(plain_name(name))
+        assigned_vehicle = self._vehicle_by_given_name(plain_name(name))
         with self.transaction() as db:
             rows = [row for row in self.flight_rows([entry]) if row.vehicle == entry.vehicle]
             if not rows or rows[0].vehicle_basis not in (SYSTEM_ID_BASIS, GIVEN_BASIS):
@@ -584,7 +600,7 @@ class Library:
         self.table_is_outdated.set()
         return entry
 
-    def _vehicle_with_name(self, name: str) -> str:
+    def _vehicle_by_given_name(self, name: str) -> str:
         """Returns the vehicle to which a user gave a name, as its logs call it.
 
         If not exactly one vehicle has the name, the name itself is returned, for a new vehicle.

@@ -287,20 +287,21 @@ class LinkMonitor:
             incoming: recording of the session.
             executor: the process in which models are learned.
         """
+        stream = LiveStream(
+            MODEL_AXIS,
+            self._next_vehicle or self._chosen_vehicle,
+            rates_requested=self._request_rate is not None,
+        )
         session = LiveSession(
             self._link,
-            LiveStream(
-                MODEL_AXIS,
-                self._next_vehicle or self._chosen_vehicle,
-                rates_requested=self._request_rate is not None,
-            ),
+            stream,
             Settings(),
-            _ignore,
-            _ignore,
-            self._take_event,
-            executor,
-            incoming.recording,
-            self._request_rate,
+            open_display=_ignore,
+            report_status=_ignore,
+            report_event=self._take_event,
+            executor=executor,
+            recording=incoming.recording,
+            requested_rate=self._request_rate,
             # An empty name: the user finds the recording in the library when the session has ended.
             recording_name="",
             keeps_vehicle=self._chosen_vehicle is not None,

@@ -51,7 +51,7 @@ from mavdem.serve.search import needs_complete_entries, search_problems, unknown
 from mavdem.serve.stored_parameters import parse_parameters, read_parameters
 from mavdem.serve.stored_series import read_series
 from mavdem.serve.uploads import MAX_FILES
-from mavdem.serve.visible_library import VisibleLibrary, refuse_missing_file
+from mavdem.serve.visible_library import SearchResult, VisibleLibrary, refuse_missing_file
 
 FLIGHTS_PER_PAGE = 100
 """Flights on one page of the list."""
@@ -96,6 +96,18 @@ def _changes_from_baseline(name: str, rows: FlightRows, healthy_rows: FlightRows
     assert difference is not None
     # The page itself says that several vehicles may have the name.
     return baseline_blocks(latest_row, difference, has_identity_cautions=False)
+
+
+def _search_hints(result: SearchResult) -> list[str]:
+    """Returns hints for the user on what may be wrong with a search, such as a value that is no number.
+
+    Args:
+        result: the search with what it found. Only if it found nothing, unknown properties are among the hints.
+    """
+    hints = search_problems(result.query)
+    if not result.entries:
+        hints += unknown_terms(result.query)
+    return hints
 
 
 class Pages:
@@ -152,9 +164,6 @@ class Pages:
         if visitor["may_read"]:
             anomalous_rows = self._visible_library.rows_with_motor_anomaly(result.entries)
             vehicle_names = self._library.vehicle_names()
-        problems = search_problems(result.query)
-        if not result.entries:
-            problems += unknown_terms(result.query)
         not_known_count = 0
         if visitor["may_read"] and needs_complete_entries(result.query):
             not_known_count = self._library.incomplete_count()
@@ -164,7 +173,7 @@ class Pages:
             entries=result.entries,
             total=result.total,
             query=result.query,
-            problems=problems,
+            problems=_search_hints(result),
             not_known_count=not_known_count,
             order=result.order,
             offset=result.offset,

@@ -608,26 +608,44 @@ def parameter_chart(assessment: Assessment) -> Chart:
     estimates_of_parts = [parameter_estimates(part.physical) for part in history]
     # Names, colours and scales of the lines, in the order of the estimates.
     traces = parameter_traces(history[0].physical, analysis.flights[0].input_units[0])
-    gap = np.array([np.nan])
+    times_of_parts = [part.samples.time for part in history]
     lines = []
     for number, trace in enumerate(traces):
-        times: list[Array] = []
-        values: list[Array] = []
-        half_widths: list[Array] = []
-        for part, estimates in zip(history, estimates_of_parts, strict=True):
-            value, half_width = trace.scale * estimates[number]
-            part_time = part.samples.time
-            # A further sample with NaN breaks the line after the part.
-            times += [part_time, part_time[-1:]]
-            values += [np.full(len(part_time), value), gap]
-            half_widths += [np.full(len(part_time), half_width), gap]
-        band = np.concatenate(half_widths)
-        is_identifiable = not np.isnan(band).all()
+        # One parameter in each part: its value and the half width of its band.
+        trace_estimates = [trace.scale * estimates[number] for estimates in estimates_of_parts]
+        is_identifiable = not np.isnan(trace_estimates).all()
         if is_identifiable:
-            time = np.concatenate(times)
-            line = Line.with_band(trace.name, trace.colour, time, np.concatenate(values), band)
-            lines.append(line)
+            lines.append(_line_of_parts(trace.name, trace.colour, times_of_parts, trace_estimates))
     return over_time("Physical parameters", "", lines)
+
+
+def _line_of_parts(
+    name: str, colour: str, times: Sequence[Array], estimates: Sequence[Array]
+) -> Line:
+    """Returns a line that is constant in each part of a flight, with its 90 % band, and interrupted between the parts.
+
+    Args:
+        name: name of the line.
+        colour: its colour.
+        times: times of the samples of each part, s.
+        estimates: for each part the value and the half width of its band, (2,).
+    """
+    line_times: list[Array] = []
+    values: list[Array] = []
+    half_widths: list[Array] = []
+    # A further sample with NaN breaks the line after each part.
+    gap = np.array([np.nan])
+    for part_time, (value, half_width) in zip(times, estimates, strict=True):
+        line_times += [part_time, part_time[-1:]]
+        values += [np.full(len(part_time), value), gap]
+        half_widths += [np.full(len(part_time), half_width), gap]
+    return Line.with_band(
+        name,
+        colour,
+        np.concatenate(line_times),
+        np.concatenate(values),
+        np.concatenate(half_widths),
+    )
 
 
 def torque_chart(learned: Learned) -> Chart:
