@@ -41,6 +41,7 @@ from mavdem.facts.lights import Unjudged
 from mavdem.facts.sources import Repair
 from mavdem.ingest import Log
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
+from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.advice import gain_reduction_advice
 from mavdem.loops.axis_loops import Loop, LoopsByAxis, identified_loops
 from mavdem.wind_velocity.from_log import WindEvidence
@@ -201,6 +202,16 @@ class Evidence:
     def parameters_in_flight(self) -> ParametersInFlight:
         """The autopilot's parameters in the flight by which margins and tracking are judged."""
         return parameter_history(self.signals).during(self.settled_segments(EXCITATION_MODES))
+
+    @cached_property
+    def flown_parameters(self) -> Parameters:
+        """The autopilot's parameters while the vehicle was in the air, by name.
+
+        One that had several values meanwhile has the last one of the recording, and so have all of a vehicle that did
+        not fly.
+        """
+        boots = np.array([span.boot for span in recorded_spans(self.signals)], dtype=int)
+        return parameter_history(self.signals).during(self.flight_segments(boots)).any_values
 
     @property
     def command_arguments(self) -> list[str]:

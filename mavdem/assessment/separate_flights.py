@@ -144,11 +144,18 @@ def telemetry_of_spans(signals: Signals, spans: Segments) -> Telemetry:
     values_at_start = history.at(BootTime(first_boot, -inf))
     values_at_end = history.at(end)
     initial_values = {}
+    later_values = {}
     for name in history.settings:
         if values_at_start[name] != values_at_end[name]:
             initial_values[name] = values_at_start[name]
+        if values_at_end[name] != history.last_values[name]:
+            later_values[name] = history.last_values[name]
     return replace(
-        telemetry, messages=messages, parameters=values_at_end, initial_parameters=initial_values
+        telemetry,
+        messages=messages,
+        parameters=values_at_end,
+        initial_parameters=initial_values,
+        later_parameters=later_values,
     )
 
 
@@ -174,6 +181,7 @@ def _of_other_autopilot(telemetry: Telemetry, messages: Tables, autopilot: str) 
         autopilot=autopilot,
         parameters=parameters,
         initial_parameters={},
+        later_parameters={},
     )
 
 

@@ -45,7 +45,7 @@ class ParametersInFlight:
     changed_names: Names
     """Names of the other parameters, in alphabetical order, which had several values meanwhile."""
     last_values: Parameters
-    """Values by name at the end of the log, which the vehicle still has."""
+    """Values by name at the end of the recording, which the vehicle still has."""
 
     @classmethod
     def unchanged(cls, parameters: Parameters) -> Self:
@@ -54,7 +54,7 @@ class ParametersInFlight:
 
     @property
     def any_values(self) -> Parameters:
-        """A value of each parameter by name: that in flight, or the last one of a parameter that had several."""
+        """A value of each parameter by name: that in flight, or the present one of a parameter that had several."""
         return {**self.last_values, **self.values}
 
 
@@ -68,6 +68,9 @@ class ParameterHistory:
 
     last_values: Parameters
     """Values of all parameters at the end of the log, by name."""
+    present_values: Parameters
+    """The values that the vehicle still has, by name: others than the last ones if a later boot of the recording, which
+    is not part of the log, reported them."""
     settings: ReadOnlyDict[str, tuple[ParameterSetting, ...]]
     """The settings of each parameter that changed, in the order of the log; the first is from ``BEFORE_LOG``."""
 
@@ -95,7 +98,7 @@ class ParameterHistory:
                 changed_names.append(name)
             elif values_in_flight:
                 values[name] = values_in_flight.pop()
-        return ParametersInFlight(values, tuple(sorted(changed_names)), self.last_values)
+        return ParametersInFlight(values, tuple(sorted(changed_names)), self.present_values)
 
 
 @cached_per_vehicle()
@@ -121,7 +124,9 @@ def parameter_history_of(telemetry: Telemetry) -> ParameterHistory:
         has_changed = settings_of_parameter[0].value != telemetry.parameters.get(name)
         if len(settings_of_parameter) > 1 or has_changed:
             settings_of_changed[name] = tuple(settings_of_parameter)
-    return ParameterHistory(telemetry.parameters, ReadOnlyDict(settings_of_changed))
+    return ParameterHistory(
+        telemetry.parameters, telemetry.present_parameters, ReadOnlyDict(settings_of_changed)
+    )
 
 
 def _reported_settings(telemetry: Telemetry) -> dict[str, list[ParameterSetting]]:

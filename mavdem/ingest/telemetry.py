@@ -79,6 +79,8 @@ class Telemetry(ImmutableResult):
         board: the number of the autopilot's board, which no other has, in hexadecimal; empty if the log has none.
         hardware: the kind of board, as its firmware calls it ("PX4_FMU_V5"); empty if the log has none.
         initial_parameters: the first values of those parameters that changed, by name.
+        later_parameters: the last values of those parameters that changed after these messages, by name, if these are
+            a part of a recording.
         default_parameters: the firmware's defaults for this vehicle, by name, of those parameters whose default the log
             gives; empty if it gives none.
         is_ended_on_purpose: whether the user ended the recording, so that its end tells nothing about the vehicle;
@@ -100,8 +102,14 @@ class Telemetry(ImmutableResult):
     board: str = ""
     hardware: str = ""
     initial_parameters: Parameters = field(default_factory=dict)
+    later_parameters: Parameters = field(default_factory=dict)
     default_parameters: Parameters = field(default_factory=dict)
     is_ended_on_purpose: bool = False
+
+    @property
+    def present_parameters(self) -> Parameters:
+        """The parameters at the end of the whole recording, by name, which the vehicle still has."""
+        return {**self.parameters, **self.later_parameters}
 
     def name_in_source(self, message: str) -> str:
         """Returns the name of a message in the source: DataFlash's "RCOU" for "SERVO_OUTPUT_RAW"."""

@@ -156,6 +156,19 @@ def test_each_battery_has_levels_of_its_own(number, parameters, level):
     assert fact.level == level
 
 
+def test_a_limit_that_is_set_after_the_landing_does_not_judge_the_flight():
+    sagging = np.where((TIME > 20.0) & (TIME < 45.0), 14.2, 15.6)
+    reports = columns(
+        np.array([1.0, HOVER.landed + 2.0]),
+        param_id=np.array([b"BATT_LOW_VOLT"] * 2),
+        param_type=9,
+        param_value=np.array([14.5, 13.0]),
+    )
+    telemetry = with_batteries({0: sagging}, parameters={"BATT_LOW_VOLT": 13.0})
+    fact = power_light(evidence(changed(telemetry, "PARAM_VALUE", **reports)))
+    assert (fact.level, fact.figures["voltage_limit"]) == ("watch", 14.5)
+
+
 @pytest.mark.parametrize(
     ("state", "is_bad"), [(CRITICAL, True), (EMERGENCY, True), (CHARGING, False)]
 )

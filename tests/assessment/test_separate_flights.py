@@ -10,6 +10,8 @@ from pytest import approx, fixture, mark
 from mavdem.assessment.assess import assess, assess_recording
 from mavdem.assessment.axis import Options
 from mavdem.assessment.separate_flights import separate_flights
+from mavdem.dataset.parameter_history import parameter_history
+from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
 from mavdem.documents import complete_document
 from mavdem.documents.review import review_document
@@ -17,6 +19,7 @@ from mavdem.facts import Level
 from mavdem.facts.loops import GainFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.ingest.telemetry import concatenated_columns, log_of_vehicles
+from mavdem.loops.advice import gains_to_lower
 from mavdem.report.review import review_screen
 
 RATE = 50.0
@@ -83,8 +86,8 @@ OSCILLATING = ShortHover(frequency=6.0)
 
 @fixture(scope="module")
 def assessment():
-    """Three flights, of which the first oscillates with a gain that the pilot lowered afterwards."""
-    signals = recording((OSCILLATING, 2.262), (SOUND, 0.3), (SOUND, 0.197))
+    """Three flights, of which the first oscillates with a gain that the pilot lowered a little afterwards."""
+    signals = recording((OSCILLATING, 2.262), (SOUND, 2.0), (SOUND, 1.9))
     log = log_of_vehicles((signals.telemetry,), 0, 0)
     return assess_recording(log, signals, options=Options(with_model=False))
 
@@ -118,12 +121,25 @@ def test_what_comes_before_the_first_clock_of_a_boot_does_not_count_in_the_boot_
     assert gains == [0.25, 0.3]
 
 
+def test_a_gain_that_a_later_boot_lowered_is_not_lowered_again():
+    first, *_ = separate_flights(recording((SOUND, 2.262), (SOUND, 0.3), (SOUND, 0.197)))
+    in_flight = [Segment(0, 10.0, 20.0)]
+    parameters = parameter_history(first.signals).during(in_flight)
+    assert parameters.values["ATC_RAT_RLL_P"] == 2.262
+    reduction = gains_to_lower(["ATC_RAT_RLL_P"], parameters)
+    assert not reduction.changes
+    (fact,) = reduction.changed
+    assert fact.code is GainFact.GAIN_LOWERED_SINCE
+    assert fact.figures["present_value"] == 0.197
+
+
 @mark.slow
-def test_the_worst_flight_is_assessed_and_its_gains_are_lowered_from_what_they_were(assessment):
+def test_the_worst_flight_is_assessed_and_its_gains_are_lowered_to_two_thirds(assessment):
     assert assessment.headline.code is MarginsLight.OSCILLATES
     advice = assessment.headline.figures["reason"]
     assert advice.code is GainFact.LOWER_GAINS
-    assert advice.figures["changes"][0] == ("ATC_RAT_RLL_P", 2.262, approx(1.508))
+    # The vehicle still has the gain of the last flight, and two thirds of the first one's are less.
+    assert advice.figures["changes"][0] == ("ATC_RAT_RLL_P", 1.9, approx(1.508))
     verdicts = assessment.flight_verdicts
     assert [verdict.number for verdict in verdicts] == [1, 2, 3]
     assert [verdict.fact.level is Level.BAD for verdict in verdicts] == [True, False, False]

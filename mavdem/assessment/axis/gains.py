@@ -241,7 +241,7 @@ def changed_gains_at_end(signals: Signals, controller: Controller) -> Fact | Non
     """Returns the fact that a log ends with other gains of an axis than a control loop was identified with.
 
     A pilot, or AutoTune, may have changed them after the flight that the loop is identified from. The vehicle still has
-    the gains that it had at the end of the log.
+    the gains that it had at the end of the log or, if that is a part of a recording, at the end of the recording.
 
     Args:
         signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
@@ -251,9 +251,10 @@ def changed_gains_at_end(signals: Signals, controller: Controller) -> Fact | Non
         The fact; None if no gain differs. Its ``changes`` are, for each gain that does, its name, its value in the loop
         and its value at the end of the log.
     """
-    last_gains = gain_history(signals)[-1].values
+    later_values = signals.telemetry.later_parameters
     changes = []
-    for name, value in last_gains:
+    for name, value_at_end in gain_history(signals)[-1].values:
+        value = later_values.get(name, value_at_end)
         value_of_loop = controller.parameters.get(name, value)
         if value_of_loop != value:
             changes.append((name, value_of_loop, value))

@@ -49,13 +49,14 @@ def present_parameter_files(names: Iterable[str], vehicle: Telemetry) -> dict[st
 
     Args:
         names: names of the new parameters.
-        vehicle: vehicle that they are for, with its parameters at the end of the log.
+        vehicle: vehicle that they are for, with its parameters at the end of the recording.
 
     Returns:
         The text of each file by the ending of its name, such as ``.before.params``; empty if the log has none of the
         parameters.
     """
-    values = {name: vehicle.parameters[name] for name in names if name in vehicle.parameters}
+    present = vehicle.present_parameters
+    values = {name: present[name] for name in names if name in present}
     if not values:
         return {}
     texts = parameter_files(values, vehicle, PRESENT_HEADING)

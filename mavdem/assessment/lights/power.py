@@ -23,7 +23,7 @@ from mavdem.dataset.time_series import TimeSeries, recorded_series
 from mavdem.facts import Fact, Level
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.power import PowerLight
-from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.telemetry import Parameters
 
 LOW_VOLTAGE_SECONDS = 10.0
 """Time, s, that a voltage must stay below a limit to count: the default of ArduPilot's BATT_LOW_TIMER."""
@@ -204,7 +204,7 @@ def batteries_in_flight(evidence: Evidence) -> list[Battery]:
     Returns:
         The batteries, the emptiest first.
     """
-    parameters = evidence.signals.telemetry.parameters
+    parameters = evidence.flown_parameters
     batteries = []
     for battery in batteries_worst_first(evidence.signals):
         is_recorded_in_flight = len(evidence.averages_in_flight(battery.voltage)) > 0
@@ -231,7 +231,7 @@ def judge_battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
         the largest ``current``, A, and the internal ``resistance``, ohm, each None if it is not known. If there are
         several batteries, or the battery is not the first, the fact also has its number as ``battery``.
     """
-    parameters = evidence.signals.telemetry.parameters
+    parameters = evidence.flown_parameters
     averages = np.sort(evidence.averages_in_flight(battery.voltage))
     cells = cell_count(parameters, battery)
     lasting_voltage = _lasting_voltage(battery.voltage, averages)
@@ -351,9 +351,9 @@ def _charge_fact(evidence: Evidence, battery: Battery) -> Fact | None:
     is_ardupilot = telemetry.autopilot == "ARDUPILOTMEGA"
     lowest_fraction = _lowest_charge(evidence, battery)
     if is_ardupilot:
-        limits = ardupilot_charge_levels(telemetry.parameters, battery.number)
+        limits = ardupilot_charge_levels(evidence.flown_parameters, battery.number)
     else:
-        limits = _px4_charge_levels(telemetry)
+        limits = _px4_charge_levels(telemetry.autopilot, evidence.flown_parameters)
     # A limit of 0 is no limit. PX4 rounds the percentage up, so that it has warned already where its limit is reported.
     highest_limit = max(limits.watch, limits.bad)
     is_low = highest_limit > 0 and lowest_fraction <= highest_limit
@@ -404,21 +404,22 @@ def _lowest_charge(evidence: Evidence, battery: Battery) -> float:
     return float(charge_fractions.min(initial=1.0))
 
 
-def _px4_charge_levels(telemetry: Telemetry) -> Limits:
+def _px4_charge_levels(autopilot: str, parameters: Parameters) -> Limits:
     """Returns the charges, as fractions of the full one, below which PX4's parameters call a battery low or critical.
 
     Args:
-        telemetry: messages and parameters of the vehicle.
+        autopilot: the MAV_AUTOPILOT without its prefix.
+        parameters: the autopilot's parameters in flight, by name.
 
     Returns:
         The limits. Without the parameters these are the defaults of PX4, or 0 for any other autopilot: no limit.
     """
     default_low, default_critical = 0.0, 0.0
-    if telemetry.autopilot == "PX4":
+    if autopilot == "PX4":
         default_low, default_critical = PX4_LOW_CHARGE, PX4_CRITICAL_CHARGE
     return Limits(
-        watch=telemetry.parameters.get("BAT_LOW_THR", default_low),
-        bad=telemetry.parameters.get("BAT_CRIT_THR", default_critical),
+        watch=parameters.get("BAT_LOW_THR", default_low),
+        bad=parameters.get("BAT_CRIT_THR", default_critical),
     )
 
 
@@ -464,7 +465,7 @@ def _charged_cell_voltage(evidence: Evidence, battery: Battery) -> float | None:
         The voltage, averaged over 2 s, if it is at least ``CHARGED_CELL_VOLTAGE``; None if it is lower, or the number
         of cells is not known.
     """
-    cells = cell_count(evidence.signals.telemetry.parameters, battery)
+    cells = cell_count(evidence.flown_parameters, battery)
     if cells is None:
         return None
     cell_voltage = float(evidence.averages_in_flight(battery.voltage).min()) / cells

@@ -66,7 +66,7 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
     # The velocity of calm air may be 0, and its speed may not.
     interval = wind.speed_interval if wind.calm else wind.mean_speed_interval
     lowest_speed, highest_speed = interval
-    lean_fraction = _lean_fraction(evidence.condition, evidence.signals.telemetry)
+    lean_fraction = _lean_fraction(evidence.condition, evidence.flown_parameters)
     is_rough = not is_speed_known(interval)
     level = _level_of_wind(wind, lean_fraction, estimator, is_rough=is_rough)
     reason: Fact | None = None
@@ -141,19 +141,19 @@ def _velocity_message_of_spare_core(telemetry: Telemetry) -> str | None:
     return None
 
 
-def _lean_fraction(condition: Condition, telemetry: Telemetry) -> float:
+def _lean_fraction(condition: Condition, parameters: Parameters) -> float:
     """Returns the fraction of its largest lean that the vehicle needs to hold against the wind.
 
     The lean is the length of the vector of mean roll and pitch in settled flight, rad.
 
     Args:
         condition: condition of the vehicle, with its mean lean.
-        telemetry: parameters of the autopilot; one of ``LEAN_LIMIT_PARAMETERS`` limits the lean.
+        parameters: parameters of the autopilot in flight; one of ``LEAN_LIMIT_PARAMETERS`` limits the lean.
 
     Returns:
         Mean lean over the limit; 0 if lean or limit is not known.
     """
-    limit = lean_limit(telemetry.parameters)
+    limit = lean_limit(parameters)
     if limit is None:
         return 0.0
     # Roll and pitch, rad; without settled flight there is none, and the length is 0.
