@@ -97,6 +97,17 @@ class _TextChunk(NamedTuple):
     """The characters."""
 
 
+class _Subsystem(NamedTuple):
+    """One of ArduPilot's subsystems, which report errors by ERR messages."""
+
+    name: str
+    """Its name in ArduPilot's source."""
+    event_code: str
+    """Code of the event as which its errors are reported."""
+    subject: str
+    """What such an event is about, such as "compass"."""
+
+
 class _ErrorMessage(NamedTuple):
     """One ERR message of a DataFlash log."""
 
@@ -179,13 +190,13 @@ def autopilot_messages(telemetry: Telemetry) -> list[StatusText]:
     if _has_old_severities(messages):
         messages = [text._replace(severity=NO_SEVERITY) for text in messages]
     for error in _error_messages(telemetry):
-        subsystem = f"{error.subsystem}"
-        if 1 <= error.subsystem <= len(_MEANINGS["subsystems"]):
-            name, _, _ = _MEANINGS["subsystems"][error.subsystem - 1]
-            subsystem = f"{error.subsystem} ({name})"
+        subsystem = _known_subsystem(error.subsystem)
+        subsystem_text = f"{error.subsystem}"
+        if subsystem is not None:
+            subsystem_text = f"{error.subsystem} ({subsystem.name})"
         is_over = error.error_code == 0 and error.subsystem != PRIMARY_FILTER_SUBSYSTEM
         severity = NO_SEVERITY if is_over else SEVERITIES.index(ERROR_SEVERITY)
-        text = f"ERR: Subsys {subsystem}, ECode {error.error_code}"
+        text = f"ERR: Subsys {subsystem_text}, ECode {error.error_code}"
         messages.append(StatusText(error.time, error.boot, severity, text))
     return sorted(messages, key=lambda message: (message.boot, message.time))
 
@@ -329,7 +340,8 @@ def _problems_of_errors(telemetry: Telemetry) -> Iterator[Fact]:
     An ERR message has the number of a subsystem and an error code. The code 0 means that an error of this subsystem is
     over, so a problem lasts until the same subsystem logs 0 in the same boot. One subsystem is different: it reports
     which lane (instance) of the EKF is the primary one, with the number of the lane as code. There 0 is a lane too, and
-    the change has no end.
+    the change has no end. A subsystem that the table of meanings lacks reports a general error of the autopilot, whose
+    subject is the number of the subsystem.
 
     Args:
         telemetry: messages of the vehicle.
@@ -339,14 +351,19 @@ def _problems_of_errors(telemetry: Telemetry) -> Iterator[Fact]:
         is_lane_change = message.subsystem == PRIMARY_FILTER_SUBSYSTEM
         if message.error_code == 0 and not is_lane_change:
             continue
-        event_code, subject = _event_of_subsystem(message.subsystem)
+        event_code = ReportedEvent.AUTOPILOT_ERROR
+        subject = f"{message.subsystem}"
+        subsystem = _known_subsystem(message.subsystem)
+        if subsystem is not None:
+            event_code = ReportedEvent(subsystem.event_code)
+            subject = subsystem.subject
         if is_lane_change:
             subject = f"lane {message.error_code}"
             end_time = None
         else:
             end_time = _end_of_error(message, messages)
         yield Fact(
-            ReportedEvent(event_code),
+            event_code,
             time=message.time,
             end_time=end_time,
             subject=subject,
@@ -363,21 +380,12 @@ def _error_messages(telemetry: Telemetry) -> list[_ErrorMessage]:
     return [_ErrorMessage(*row) for row in rows]
 
 
-def _event_of_subsystem(subsystem: int) -> tuple[str, str]:
-    """Returns as which event an error of one of ArduPilot's subsystems is reported, and what the event is about.
-
-    Args:
-        subsystem: number of the subsystem in ERR messages, from 1.
-
-    Returns:
-        The code of the event, and its subject, such as "compass". A subsystem that is not in the table of meanings is
-        a general error of the autopilot, whose subject is the number of the subsystem.
-    """
+def _known_subsystem(number: int) -> _Subsystem | None:
+    """Returns one of ArduPilot's subsystems by its number in ERR messages, from 1; None if it is not in the table."""
     subsystems = _MEANINGS["subsystems"]
-    if 1 <= subsystem <= len(subsystems):
-        _, event_code, subject = subsystems[subsystem - 1]
-        return event_code, subject
-    return ReportedEvent.AUTOPILOT_ERROR, f"{subsystem}"
+    if not 1 <= number <= len(subsystems):
+        return None
+    return _Subsystem(*subsystems[number - 1])
 
 
 def _end_of_error(error: _ErrorMessage, messages: Sequence[_ErrorMessage]) -> float | None:
@@ -414,30 +422,43 @@ def _problems_of_events(telemetry: Telemetry) -> Iterator[Fact]:
             yield Fact(ReportedEvent(code), time=time, subject=subject, boot=boot, basis=("EV",))
 
 
-def mode_change_reason(number: float | None) -> tuple[str, Level]:
-    """Returns why ArduPilot changed the flight mode, in words, and how serious that reason is.
+class ModeChangeReason(NamedTuple):
+    """Why ArduPilot changed the flight mode."""
 
-    A mode that the pilot selected is good, for example, and one that a failsafe selected is not.
+    text: str
+    """The reason in words; empty if it is not known."""
+
+    level: Level
+    """How serious it is: a mode that the pilot selected is good, one that a failsafe selected is not."""
+
+
+def mode_change_reason(number: float | None) -> ModeChangeReason:
+    """Looks up why ArduPilot changed the flight mode.
 
     Args:
         number: the field ``Rsn`` of the message MODE, ArduPilot's ModeReason; None or 0 if it is not known.
-
-    Returns:
-        The reason, empty if it is not known, and its level.
     """
     # The table of ``message_patterns.toml`` has the reasons by their number.
     reasons = _MEANINGS["reasons"]
     if not number or int(number) >= len(reasons):
-        return "", Level.GOOD
+        return ModeChangeReason("", Level.GOOD)
     text, level = reasons[int(number)]
-    return text, Level(level)
+    return ModeChangeReason(text, Level(level))
 
 
 def _rows_of_message(telemetry: Telemetry, message: str, *fields: str) -> Iterator[Any]:
-    """Yields a tuple of time, boot and the ``fields`` of each ``message`` of a DataFlash log; nothing of other logs."""
+    """Yields each message of one type in a DataFlash log as a tuple of values; nothing for other logs.
+
+    Args:
+        telemetry: messages of the vehicle.
+        message: name of the message, such as "ERR".
+        fields: names of its fields, whose values follow time (s since boot) and boot in the tuple.
+    """
     columns = telemetry.messages.get(message)
-    if columns is not None:
-        yield from zip(*(columns[name].tolist() for name in ("time", "boot", *fields)), strict=True)
+    if columns is None:
+        return
+    values_of_fields = [columns[name].tolist() for name in ("time", "boot", *fields)]
+    yield from zip(*values_of_fields, strict=True)
 
 
 def in_time_order(facts: Iterable[Fact]) -> list[Fact]:

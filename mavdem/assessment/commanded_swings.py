@@ -74,7 +74,8 @@ def path_leans(signals: Signals, boot: int, tracking: AttitudeTracking) -> Array
     accelerations = np.zeros((len(tracking.time), 2))
     is_gap = np.diff(setpoints.time) > MAX_SETPOINT_GAP
     for start, end in split_at_gaps(setpoints.time, is_gap):
-        rows = slice(*np.searchsorted(tracking.time, [start, end]))
+        first_row, end_row = np.searchsorted(tracking.time, [start, end])
+        rows = slice(first_row, end_row)
         accelerations[rows] = _path_accelerations(tracking.time[rows], setpoints, start, end)
     north, east = accelerations.T
     heading = tracking.angles[:, YAW]
@@ -89,8 +90,9 @@ def commanded_lean(
 ) -> float | None:
     """Returns the largest lean of a swing that the path commanded; None if the path did not make the swing.
 
-    The path makes a swing if it leans to the side of each lean before that has its peak, and if that is on average the
-    greater part (``MIN_COMMANDED_SHARE``) of the leans.
+    A swing consists of leans to alternate sides. The path made it under two conditions: before the peak of each lean,
+    the path itself leans to the same side, as a cause comes before its effect; and on average it leans by at least
+    ``MIN_COMMANDED_SHARE`` of the vehicle's lean.
 
     Args:
         time: (N,) times of the samples, s, ascending.
@@ -99,12 +101,13 @@ def commanded_lean(
         peaks_of_swing: indices of the samples with the largest angles, to alternate sides; at least two.
     """
     peak_times = time[peaks_of_swing]
-    # Before the first peak there is as much time as after it.
-    previous_times = [2 * peak_times[0] - peak_times[1], *peak_times[:-1]]
+    # The lean of each peak begins at the peak before. The first lean counts as long as the second one.
+    start_of_first_lean = 2 * peak_times[0] - peak_times[1]
+    start_times = [start_of_first_lean, *peak_times[:-1]]
     shares = []
     largest_lean = 0.0
-    for peak, previous_time in zip(peaks_of_swing, previous_times, strict=True):
-        rows = slice(np.searchsorted(time, previous_time), peak + 1)
+    for peak, start_time in zip(peaks_of_swing, start_times, strict=True):
+        rows = slice(np.searchsorted(time, start_time), peak + 1)
         leans_to_side = path_lean[rows] * np.sign(angle[peak])
         row_of_largest = int(np.argmax(leans_to_side))
         lean = float(leans_to_side[row_of_largest])

@@ -34,6 +34,9 @@ Its own delay is 2 s, and it waits for the vehicle to lie still.
 MAX_EARLY_REPORT = 1.0
 """Time, s, by which the report may seem to come before the crash, since stamps of messages differ: a choice."""
 
+FIGURES_OF_LOSS = ("height", "height_source", "speed", "boot")
+"""Figures that the ending takes over from the loss, None where the loss does not have them."""
+
 OPTIONAL_FIGURES = ("onset", "is_ground", "satellite_height")
 """Figures that only some losses have, and that the ending takes over from the loss."""
 
@@ -81,6 +84,10 @@ def find_ending(
     adds_to_cause = motor_report is not None and (
         cause is None or cause.subject != motor_report.subject
     )
+    figures = {name: loss.figures.get(name) for name in FIGURES_OF_LOSS}
+    for name in OPTIONAL_FIGURES:
+        if name in loss.figures:
+            figures[name] = loss.figures[name]
     return Fact(
         ENDINGS.get(loss.code, Ending.LOSS_REPORTED),
         time=loss.time,
@@ -90,8 +97,7 @@ def find_ending(
         word=motor_report if adds_to_cause else None,
         mode="" if cause is not None else signals.mode_at(boot, loss_onset(loss) or 0.0),
         witnesses=loss.figures.get("witnesses", ()),
-        **{name: loss.figures.get(name) for name in ("height", "height_source", "speed", "boot")},
-        **{name: loss.figures[name] for name in OPTIONAL_FIGURES if name in loss.figures},
+        **figures,
     )
 
 

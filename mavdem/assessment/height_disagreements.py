@@ -123,7 +123,7 @@ def disagreement(
     initial: float,
     flight_interval: TimeInterval,
     *,
-    is_known: bool = False,
+    has_begun_before: bool = False,
 ) -> Fact | None:
     """Returns the event that the heights by barometer and by satellites disagree in a flight, or in its latest part.
 
@@ -135,7 +135,8 @@ def disagreement(
         difference: how much higher the barometer reads (N,), m.
         initial: the difference at take-off, m.
         flight_interval: start and end of the flight, s since boot.
-        is_known: whether they disagreed just before these samples, so that ``MAX_AGREEMENT`` alone decides.
+        has_begun_before: whether they disagreed just before these samples, so that a difference of ``MAX_AGREEMENT``
+            is enough to go on disagreeing.
 
     Returns:
         The latest such event, which begins with the drift, with the largest change of the difference since take-off as
@@ -149,7 +150,7 @@ def disagreement(
     first_time = take_off if isfinite(take_off) else float(difference.time[0])
     weather_change = WEATHER_RATE * (times - first_time)
     disagreements = true_intervals(times, abs(changes) >= MAX_AGREEMENT + weather_change)
-    if not is_known:
+    if not has_begun_before:
         # Of these intervals only those count in which the difference was large for long.
         large_intervals = true_intervals(times, abs(changes) >= MIN_DISAGREEMENT + weather_change)
         lasting_intervals = [interval for interval in large_intervals if _lasts(interval, times)]
@@ -171,26 +172,28 @@ def disagreement(
 
 
 def _drift_start(times: Array, changes: Array, do_disagree: Flags) -> float:
-    """Estimates when the difference of both heights began to grow, as if it had grown steadily.
+    """Estimates when the difference of both heights began to grow, as if it had grown at a constant rate from 0.
 
-    When the heights disagree, the difference has grown to ``MAX_AGREEMENT`` already. How long that took is estimated by
-    the time that it takes from there to ``MIN_DISAGREEMENT``, and subtracted. Before the difference last had the other
-    sign it cannot have grown.
+    The samples of a disagreement begin when the difference has grown to ``MAX_AGREEMENT``. This is half of
+    ``MIN_DISAGREEMENT``: at a constant rate the first half took as long as the second half, which the samples show. So
+    the growth began as long before. It cannot have begun before the difference last had the other sign.
 
     Args:
         times: (N,) times of the differences, s.
         changes: (N,) change of the difference since the take-off, m.
-        do_disagree: (N,) whether the heights disagree, from ``MAX_AGREEMENT`` on; at least one is true.
+        do_disagree: (N,) whether a sample belongs to the disagreement, which begins at ``MAX_AGREEMENT``; at least one
+            does.
 
     Returns:
         The time, s; not before the first sample.
     """
     first_disagreement = int(np.argmax(do_disagree))
     disagreement_start = float(times[first_disagreement])
-    is_far = do_disagree & (abs(changes) >= MIN_DISAGREEMENT)
+    is_large = do_disagree & (abs(changes) >= MIN_DISAGREEMENT)
     growth_seconds = 0.0
-    if is_far.any():
-        growth_seconds = float(times[np.argmax(is_far)]) - disagreement_start
+    if is_large.any():
+        first_large_time = float(times[np.argmax(is_large)])
+        growth_seconds = first_large_time - disagreement_start
     is_before = times < disagreement_start
     has_other_sign = np.sign(changes) != np.sign(changes[first_disagreement])
     times_of_other_sign = times[is_before & has_other_sign]
@@ -199,7 +202,12 @@ def _drift_start(times: Array, changes: Array, do_disagree: Flags) -> float:
 
 
 def _lasts(interval: TimeInterval, times: Array) -> bool:
-    """Returns whether an interval has ``MIN_DISAGREEMENT_SECONDS`` within the samples at some times (N,), s."""
+    """Returns whether an interval lasts ``MIN_DISAGREEMENT_SECONDS`` or longer, as far as there are samples.
+
+    Args:
+        interval: start and end, s since boot; infinite if it reaches an end of the record.
+        times: (N,) times of all samples, s since boot.
+    """
     start, end = interval
     duration = min(end, float(times[-1])) - max(start, float(times[0]))
     return duration >= MIN_DISAGREEMENT_SECONDS

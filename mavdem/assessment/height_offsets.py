@@ -67,7 +67,10 @@ def height_offsets(sensors: BootSensors, flight_interval: TimeInterval) -> Itera
 
 def _has_other_height_source(parameters: Parameters) -> bool:
     """Returns whether the autopilot's estimate of the height is set to follow a rangefinder, a beacon or vision."""
-    return any(parameters.get(name) in values for name, values in OTHER_HEIGHT_SOURCES.items())
+    for name, values_of_other_sources in OTHER_HEIGHT_SOURCES.items():
+        if parameters.get(name) in values_of_other_sources:
+            return True
+    return False
 
 
 def _offset_from_both_sensors(
@@ -93,21 +96,22 @@ def _offset_from_both_sensors(
     if not is_estimated.any():
         return None
     above_satellites = above_satellites.select(is_estimated)
-    time = above_satellites.time
-    estimate_error = np.interp(time, estimate.time, estimate.values) - np.interp(
-        time, barometer.time, barometer.values
+    fix_times = above_satellites.time
+    barometer_height = np.interp(fix_times, barometer.time, barometer.values)
+    estimated_height = np.interp(fix_times, estimate.time, estimate.values)
+    estimate_above_barometer = TimeSeries(
+        fix_times, above_satellites.boot, estimated_height - barometer_height
     )
-    above_barometer = TimeSeries(time, above_satellites.boot, estimate_error)
     initial_satellites = initial_difference(above_satellites, take_off)
-    initial_barometer = initial_difference(above_barometer, take_off)
-    if initial_satellites is None or initial_barometer is None:
+    initial_estimate = initial_difference(estimate_above_barometer, take_off)
+    if initial_satellites is None or initial_estimate is None:
         return None
-    is_in_flight = in_intervals(time, [flight_interval])
-    time = time[is_in_flight]
-    # How far the estimate and the altitude by satellites are above the barometer, which itself is at 0. What precedes
-    # and follows the flight does not enter the means.
+    is_in_flight = in_intervals(fix_times, [flight_interval])
+    time = fix_times[is_in_flight]
+    # How far the estimate and the altitude by satellites are above the barometer since the take-off; the barometer
+    # itself is at 0. What precedes and follows the flight does not enter the means.
     estimate_height = windowed_mean(
-        time, estimate_error[is_in_flight] - initial_barometer, OFFSET_MEAN_SECONDS
+        time, estimate_above_barometer.values[is_in_flight] - initial_estimate, OFFSET_MEAN_SECONDS
     )
     satellite_height = windowed_mean(
         time, initial_satellites - above_satellites.values[is_in_flight], OFFSET_MEAN_SECONDS
@@ -116,7 +120,7 @@ def _offset_from_both_sensors(
     lower_sensor = np.minimum(satellite_height, 0.0)
     distance_above = np.maximum(estimate_height - higher_sensor, 0.0)
     distance_below = np.maximum(lower_sensor - estimate_height, 0.0)
-    # Close to the ends of the flight a mean is that of fewer seconds.
+    # Close to the ends of the flight a mean is of fewer seconds. ``time`` may be empty, hence the slices.
     half_window = OFFSET_MEAN_SECONDS / 2
     is_whole_mean = (time >= time[:1] + half_window) & (time <= time[-1:] - half_window)
     if not is_whole_mean.any():

@@ -224,7 +224,7 @@ def _board_number_in_messages(telemetry: Telemetry) -> str:
 
 
 def _texts(telemetry: Telemetry) -> list[str]:
-    """Returns the autopilot's texts."""
+    """Returns the contents of all texts that the autopilot sent, such as "ArduCopter V4.3.0", without their times."""
     return [text.text for text in status_texts(telemetry)]
 
 

@@ -160,12 +160,12 @@ def longest_rejection(time: Array, ratios: Array, failsafe_limit: float) -> Reje
     durations = [longest_true_duration(time, is_exceeded) for is_exceeded in is_rejected.T]
     largest_ratios = ratios.max(axis=0)
     failsafe_duration = longest_true_duration(time, _meets_failsafe(ratios, failsafe_limit))
-    # If the failsafe would have acted, the worst innovation must be one that it checks.
-    candidates = [
-        column
-        for column, name in enumerate(INNOVATIONS)
-        if name is not EstimatorRatio.HEIGHT or failsafe_duration < FAILSAFE_SECONDS
-    ]
+    # If the failsafe would have acted, the worst innovation must be one that it checks: not that of the height.
+    has_failsafe_acted = failsafe_duration >= FAILSAFE_SECONDS
+    candidates = []
+    for column, name in enumerate(INNOVATIONS):
+        if not (has_failsafe_acted and name is EstimatorRatio.HEIGHT):
+            candidates.append(column)
     # The largest is the worst of innovations that exceeded the limit equally long, or not at all.
     worst_column = max(candidates, key=lambda column: (durations[column], largest_ratios[column]))
     rejected_intervals = true_intervals(time, is_rejected[:, worst_column])
@@ -243,4 +243,5 @@ def is_low_passed(telemetry: Telemetry, name: EstimatorRatio) -> bool:
 
 def instance_name(telemetry: Telemetry, number: int) -> str:
     """Returns the autopilot's name of an instance of its estimator: "core 1" of ArduPilot, "instance 1" of PX4."""
-    return f"{'instance' if telemetry.autopilot == 'PX4' else 'core'} {number}"
+    kind = "instance" if telemetry.autopilot == "PX4" else "core"
+    return f"{kind} {number}"

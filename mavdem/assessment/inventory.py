@@ -98,7 +98,12 @@ def inventory(log: Log, vehicles: Sequence[VehicleContents] | None = None) -> Js
 
 
 def vehicle_contents(telemetry: Telemetry, log: Log) -> VehicleContents:
-    """Returns what a log contains on the vehicle of this ``telemetry``."""
+    """Returns what a log contains of one vehicle, before anything is learned from it.
+
+    Args:
+        telemetry: messages and parameters of the vehicle.
+        log: the log of the flight, with all components that sent messages and the times of reception.
+    """
     signals = Signals(telemetry)
     learnability = learnability_of(signals, log.components)
     identity = identify_vehicle(signals, log.receive_time[0])
@@ -211,11 +216,13 @@ def _message_rate(columns: Columns) -> float | None:
         The rate, Hz; None if the message does not come twice in a boot.
     """
     for field in columns.keys() & {"port", "group_mlx"}:
+        # The index of the instance of each row among all instances.
         instances, instance_of_row = np.unique(columns[field], return_inverse=True)
         if len(instances) > 1:
             most_frequent = np.bincount(instance_of_row).argmax()
             columns = selected_rows(columns, instance_of_row == most_frequent)
-    steps = np.diff(columns["time"])[np.diff(columns["boot"]) == 0]
+    is_within_boot = np.diff(columns["boot"]) == 0
+    steps = np.diff(columns["time"])[is_within_boot]
     # Messages of several sensors of a kind have the same stamp: such steps of 0 are left out.
     steps = steps[steps > MIN_STEP]
     if not len(steps):
@@ -227,7 +234,7 @@ def _message_rate(columns: Columns) -> float | None:
 
 
 def _missing_fraction(telemetry: Telemetry) -> float | None:
-    """Returns the fraction of the messages missing from a stream: the median of all streams; None without a stream.
+    """Returns the fraction of the messages that are missing from the periodic streams of a vehicle.
 
     In a step of n times the usual one, n − 1 messages are missing. The usual step is the mean of the middle half of the
     steps, and not the median, since steps may alternate: an autopilot with a loop of 4 ms sends a message of 100 Hz in
@@ -237,7 +244,7 @@ def _missing_fraction(telemetry: Telemetry) -> float | None:
         telemetry: messages of the vehicle; those with fewer than ``MIN_MESSAGES_FOR_STEP`` are left out.
 
     Returns:
-        Fraction of the messages that should be there, 0 to 1.
+        Fraction of the messages that should be there, 0 to 1: the median of all streams; None without a stream.
     """
     missing_fractions = []
     for columns in telemetry.messages.values():

@@ -81,7 +81,8 @@ def lasting_runs(time: Array, is_true: Flags, gap: float, min_samples: int = 2) 
         # start.
         count_before_start = np.searchsorted(lasting_run_starts, start)
         count_before_end = np.searchsorted(lasting_run_starts, end)
-        if count_before_end > count_before_start:
+        has_lasting_run = count_before_end > count_before_start
+        if has_lasting_run:
             intervals.append((start, end))
     return intervals
 

@@ -74,7 +74,7 @@ class CommandChange(NamedTuple):
     """Median before the loss."""
 
     later: float
-    """Quantile in the loss."""
+    """Quantile of the commands in the loss."""
 
     @property
     def rise(self) -> float:

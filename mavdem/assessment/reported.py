@@ -383,26 +383,20 @@ def _arming_events(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
 
 
 def _take_offs_and_landings(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
-    """Yields take-offs and landings in one boot.
+    """Yields take-offs and landings in one boot, and false reports of a landing.
 
-    The flights are found by motor outputs and heights, because the autopilot's land detector may be mistaken. As they
-    are found in averages, their times are inexact. So if the land detector reports a change within
-    ``AVERAGING_SECONDS``, the event gets the time of this report. The outputs of vehicles that are not multirotors do
-    not show flights: their events are the reports of the land detector alone. Vehicles that stay on the ground or water
-    have no such events. A landing that the land detector reports high in a flight is an event of its own, and so are
-    its reports of the ground that height and motors contradict.
+    The flights are found by motor outputs and heights, because the autopilot's land detector may be mistaken. A landing
+    that the land detector reports high in a flight is an event of its own, and so are its reports of the ground that
+    height and motors contradict. Vehicles that stay on the ground or water have no such events.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         recorded_span: recorded time of one boot.
     """
-    vehicle = signals.telemetry.vehicle
-    if vehicle in SURFACE_VEHICLES:
+    if signals.telemetry.vehicle in SURFACE_VEHICLES:
         return
     boot = recorded_span.boot
     detector_changes = _land_detector_changes(signals, boot)
-    detected_times = detector_changes.time
-    motor_message = DEMAND_MESSAGE if signals.motors is None else signals.motors.message
     for contradicted in contradicted_landings(signals, boot):
         start, end = contradicted.interval
         yield _reported_event(
@@ -414,9 +408,10 @@ def _take_offs_and_landings(signals: Signals, recorded_span: Segment) -> Iterato
             end_time=end,
             largest_height=contradicted.rise,
         )
-    for take_off, landing in flights_off_ground(signals, boot):
+    for flight in flights_off_ground(signals, boot):
+        take_off, _ = flight
         height = BootSensors(signals, boot, take_off).height_above_take_off
-        for start, end in _landings_detected_high(detector_changes, height, (take_off, landing)):
+        for start, end in _landings_detected_high(detector_changes, height, flight):
             yield _reported_event(
                 signals,
                 recorded_span,
@@ -425,23 +420,46 @@ def _take_offs_and_landings(signals: Signals, recorded_span: Segment) -> Iterato
                 start,
                 end_time=end,
             )
-        for code, time in (
-            (ReportedEvent.OFF_GROUND, take_off),
-            (ReportedEvent.ON_GROUND, landing),
-        ):
-            # A time is infinite if the record begins or ends in the air.
-            if not isfinite(time):
-                continue
-            detected_time = _nearest_within(detected_times, time, AVERAGING_SECONDS)
-            if detected_time is not None:
-                yield _reported_event(
-                    signals, recorded_span, "EXTENDED_SYS_STATE", code, detected_time
-                )
-                continue
-            # Motors that stop in the air, for example after a failure, end a flight without a landing.
-            is_stop_in_air = code is ReportedEvent.ON_GROUND and stopped_in_air(height, landing)
-            if vehicle in POSSIBLE_MULTIROTORS and not is_stop_in_air:
-                yield _reported_event(signals, recorded_span, motor_message, code, time)
+        yield from _ends_of_flight(signals, recorded_span, flight, height, detector_changes.time)
+
+
+def _ends_of_flight(
+    signals: Signals,
+    recorded_span: Segment,
+    flight: TimeInterval,
+    height: TimeSeries | None,
+    detected_times: Array,
+) -> Iterator[Fact]:
+    """Yields the take-off and the landing of one flight.
+
+    A flight is found in averages, so that its start and end are inexact. If the land detector reports a change within
+    ``AVERAGING_SECONDS``, the event gets the time of this report. The outputs of vehicles that are not multirotors do
+    not show flights: their events are the reports of the land detector alone.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        recorded_span: recorded time of the boot.
+        flight: start and end of the flight, s since boot; infinite if the record begins or ends in the air, which gives
+            no event.
+        height: height (N,) above the take-off, m; None if it is not known.
+        detected_times: (K,) times of the changes that the land detector reports in the boot, s.
+    """
+    motor_message = DEMAND_MESSAGE if signals.motors is None else signals.motors.message
+    take_off, landing = flight
+    for code, time in (
+        (ReportedEvent.OFF_GROUND, take_off),
+        (ReportedEvent.ON_GROUND, landing),
+    ):
+        if not isfinite(time):
+            continue
+        detected_time = _nearest_within(detected_times, time, AVERAGING_SECONDS)
+        if detected_time is not None:
+            yield _reported_event(signals, recorded_span, "EXTENDED_SYS_STATE", code, detected_time)
+            continue
+        # Motors that stop in the air, for example after a failure, end a flight without a landing.
+        is_stop_in_air = code is ReportedEvent.ON_GROUND and stopped_in_air(height, landing)
+        if signals.telemetry.vehicle in POSSIBLE_MULTIROTORS and not is_stop_in_air:
+            yield _reported_event(signals, recorded_span, motor_message, code, time)
 
 
 def _nearest_within(times: Array, time: float, max_distance: float) -> float | None:

@@ -33,10 +33,10 @@ RATE_CHANGE_SECONDS = 0.02
 
 
 def simulation_fact(signals: Signals) -> Fact | None:
-    """Returns the fact that the flight was simulated, and how.
+    """Returns the fact that the flight was simulated, with the kind of simulator.
 
-    In a simulation with the autopilot's own hardware, PX4 has the parameter SYS_HITL. One in software is recognised by
-    the names of a simulator, or by a gyroscope without noise.
+    PX4 has the parameter SYS_HITL if a computer simulates the flight for a real autopilot. A simulation without one is
+    recognised by names of a simulator in the log, or by a gyroscope without noise.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -64,7 +64,7 @@ def named_simulator(telemetry: Telemetry) -> Simulator | None:
 
 
 def _names_software_simulator(telemetry: Telemetry) -> bool:
-    """Returns whether a log names a simulator as its source, so that its figures are of no real vehicle.
+    """Returns whether a log names a simulator in software as its source, so that it is of no real vehicle.
 
     ArduPilot's simulator has parameters SIM_… and "SITL" in the name of its board. PX4's has its own airframes, a
     parameter that connects it to Gazebo, and sensors on a bus for simulation; the type of the bus is in the lowest bits

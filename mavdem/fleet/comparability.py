@@ -62,9 +62,9 @@ def incomparability_reason(states: Sequence[Flights]) -> Fact | None:
 
 
 def has_other_frame(states: Sequence[Flights]) -> bool:
-    """Returns whether two states are of other frames or autopilots, so that they are no one vehicle's.
+    """Returns whether two states differ in frame or autopilot, so that they are of two vehicles.
 
-    A board that was moved to another frame keeps its serial number, but what flies is another vehicle.
+    The serial number of the board does not show that: a board that was moved to another frame keeps it.
 
     Args:
         states: the flights of the first and of the second state.
@@ -111,7 +111,7 @@ def _known_properties(flights: Flights, property_of: Callable[[FlightRow], str |
 
 
 def _frame(row: FlightRow) -> str | None:
-    """Returns the kind of frame, such as "QUADROTOR"; ``None`` where the log does not name a certain one."""
+    """Returns the kind of frame, such as "QUADROTOR"; ``None`` if the log names none, or only ``GENERIC_FRAME``."""
     return None if row.frame == GENERIC_FRAME else row.frame
 
 

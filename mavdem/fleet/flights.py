@@ -27,9 +27,9 @@ Flights = Sequence[AxisRows]
 
 
 def log_row(flight: AxisRows) -> FlightRow:
-    """Returns a row of a flight from which to read values of its log, such as date and vehicle.
+    """Returns the first row of a flight, from which to read values of its log, such as date and vehicle.
 
-    They are the same in all rows of the flight, which differ only in the values of their axes.
+    They are the same in all rows of the flight: the rows differ only in values that belong to an axis.
     """
     return flight[0]
 

@@ -211,6 +211,23 @@ class QuantityChange(NamedTuple):
         return float(sd * (quantile_of_test + quantile_of_error))
 
 
+class StateMean(NamedTuple):
+    """Mean of one quantity over the flights of a state, with the variance of this mean and where that comes from.
+
+    The parts of the variance are kept apart, since τ² and the variances within flights have different degrees of
+    freedom.
+    """
+
+    value: float
+    """The mean."""
+
+    variance: float
+    """Variance of the mean."""
+
+    variance_from_between: float
+    """Part of it that comes from the variance τ² between flights; the rest comes from errors within the flights."""
+
+
 class StateEstimates(NamedTuple):
     """The estimates of one quantity in the f flights of a state."""
 
@@ -240,6 +257,21 @@ class StateEstimates(NamedTuple):
         expected_squares = self.variances.sum() * (1 - 1 / flight_count)
         return float(squared_deviations.sum() - expected_squares)
 
+    def weighted_mean(self, variance_between: float) -> StateMean:
+        """Returns the mean of the flights, weighted by the inverse of the variance of each flight's estimate.
+
+        Args:
+            variance_between: variance τ² of the quantity between flights, which adds to the variance within each.
+        """
+        weights = 1 / (self.variances + variance_between)
+        total_weight = weights.sum()
+        relative_weights = weights / total_weight
+        return StateMean(
+            value=float(weights @ self.values / total_weight),
+            variance=float(1 / total_weight),
+            variance_from_between=float((relative_weights**2).sum() * variance_between),
+        )
+
 
 def quantity_change(
     quantity: Quantity,
@@ -266,17 +298,10 @@ def quantity_change(
     between_freedom = PRIOR_FREEDOM + sum(state.values.size - 1 for state in states)
     variance_between = variance_between_flights(quantity.kind, states, between_freedom)
 
-    # The variances of both means add up to the variance of the difference. It is split into the parts that come from τ²
-    # and from within the flights, since τ² and the variances within flights have different degrees of freedom.
-    means = []
-    variance = 0.0
-    variance_from_between = 0.0
-    for state in states:
-        weights = 1 / (state.variances + variance_between)
-        total_weight = weights.sum()
-        means.append(float(weights @ state.values / total_weight))
-        variance += float(1 / total_weight)
-        variance_from_between += float(((weights / total_weight) ** 2).sum() * variance_between)
+    state_means = [state.weighted_mean(variance_between) for state in states]
+    # The variances of both means add up to the variance of the difference.
+    variance = sum(mean.variance for mean in state_means)
+    variance_from_between = sum(mean.variance_from_between for mean in state_means)
     variance_from_within = variance - variance_from_between
     # The degrees of freedom of a sum of two variances, by Welch and Satterthwaite.
     freedom = variance**2 / (
@@ -285,7 +310,7 @@ def quantity_change(
 
     sd = hypot(sqrt(variance), allowance)
     half_width = coverage_factor(freedom=freedom) * sd
-    mean_before, mean_after = means
+    mean_before, mean_after = (mean.value for mean in state_means)
     difference = mean_after - mean_before
     # Two-sided probability of such a difference if nothing changed.
     p_value = float(2 * scipy.special.stdtr(freedom, -abs(difference) / sd))

@@ -309,7 +309,8 @@ def decision_columns(decision: LoopDecision | None) -> JsonValues:
         decision: decision on the loops of one axis; None without identified loops.
 
     Returns:
-        ``loop_verdict`` and ``loop_action``, each the value of its code; empty without a decision.
+        ``loop_verdict``, the value of the diagnosis, such as "oscillates"; and ``loop_action``, the advice in
+        sentences, None if nothing is to be done. Empty without a decision.
     """
     if decision is None:
         return {}

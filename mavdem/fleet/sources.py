@@ -56,9 +56,17 @@ def is_url(name: str) -> bool:
     return URL_SCHEME.match(name) is not None
 
 
-def find_logs(
-    names: Sequence[str], excluded_folder: Path | None = None
-) -> tuple[list[LogSource], list[Fact]]:
+class FoundLogs(NamedTuple):
+    """The logs that names on the command line refer to."""
+
+    logs: list[LogSource]
+    """The logs, each once, in the order of their paths."""
+
+    problems: list[Fact]
+    """A fact for each name that refers to no log, or whose files cannot be listed."""
+
+
+def find_logs(names: Sequence[str], excluded_folder: Path | None = None) -> FoundLogs:
     """Finds the logs that names on the command line refer to.
 
     A file is a log, whatever its content. In a folder and its subfolders, the files that look like logs are taken.
@@ -66,9 +74,6 @@ def find_logs(
     Args:
         names: files, folders, patterns such as ``logs/**/*.bin``, and URLs of all these.
         excluded_folder: a folder whose files are left out, such as the folder of the results.
-
-    Returns:
-        The logs, each once, in the order of their paths; and a fact for each name that refers to no log.
     """
     logs: dict[str, LogSource] = {}
     problems = []
@@ -87,7 +92,7 @@ def find_logs(
             problems.append(Fact(FleetFolderFact.NO_LOG_NAMED, path=name))
         for source in sources:
             logs[source.path] = source
-    return [logs[path] for path in sorted(logs)], problems
+    return FoundLogs([logs[path] for path in sorted(logs)], problems)
 
 
 def _without_file_scheme(name: str) -> str:

@@ -240,22 +240,25 @@ class Store:
                 return
             # A key ends in the size of the content.
             size = int(outcome.key.rpartition("-")[2]) if outcome.key else source.size
-            entry = (
-                path,
-                source.version,
-                size,
-                outcome.key,
-                content,
-                outcome.ended,
-                outcome.seconds,
-                outcome.megabytes,
-                limits.seconds,
-                limits.megabytes,
-                metadata.version("mavdem"),
-                is_tracked,
+            entry = {
+                "path": path,
+                "version": source.version,
+                "size": size,
+                "key": outcome.key,
+                "log": content,
+                "ended": outcome.ended,
+                "seconds": outcome.seconds,
+                "megabytes": outcome.megabytes,
+                "time_limit": limits.seconds,
+                "memory_limit": limits.megabytes,
+                "mavdem_version": metadata.version("mavdem"),
+                "tracked": is_tracked,
+            }
+            columns = ", ".join(entry)
+            placeholders = ", ".join(f":{column}" for column in entry)
+            self.db.execute(
+                f"insert or replace into logs ({columns}) values ({placeholders})", entry
             )
-            parameters = ", ".join("?" * len(entry))
-            self.db.execute(f"insert or replace into logs values ({parameters})", entry)
             self._delete_rows("log = ?", [content])
             for row in rows_with_assigned_vehicles(self.db, outcome.rows):
                 values = [

@@ -292,13 +292,8 @@ class LogReader:
             if ending == "memory" and was_first_log:
                 too_large = Fact(ReadingFact.READING_TOO_LARGE, memory_limit=limits.megabytes)
                 return replace(failed(job, "memory", too_large), megabytes=limits.megabytes)
-        if exit_code is None:
-            reason = "unknown exit code"
-        elif exit_code < 0:
-            reason = signal_name(-exit_code)
-        else:
-            reason = f"exit code {exit_code}"
-        return failed(job, "died", Fact(ReadingFact.READER_DIED, reason=reason, attempts=ATTEMPTS))
+        died = Fact(ReadingFact.READER_DIED, reason=_exit_text(exit_code), attempts=ATTEMPTS)
+        return failed(job, "died", died)
 
     def _start_process(self, read: ReadLog) -> BaseProcess:
         """Starts the worker's process, and waits until it has imported its modules.
@@ -467,6 +462,19 @@ def exit_code_of_ended(process: BaseProcess) -> int | None:
     while process.exitcode is None and time.monotonic() < deadline:
         time.sleep(0.001)
     return process.exitcode
+
+
+def _exit_text(exit_code: int | None) -> str:
+    """Returns how a process ended, such as "exit code 1", or the name of the signal that killed it.
+
+    Args:
+        exit_code: exit code of the process; negative, the signal that killed it; None if it is not known.
+    """
+    if exit_code is None:
+        return "unknown exit code"
+    if exit_code < 0:
+        return signal_name(-exit_code)
+    return f"exit code {exit_code}"
 
 
 def _receive(read: ReadLog) -> None:

@@ -133,7 +133,7 @@ class HeightWatch:
         former_event = self._latest_disagreement
         is_ongoing = former_event is not None and former_event.end_time is None
         recent_event = disagreement(
-            difference, self._takeoff_difference, flight_interval, is_known=is_ongoing
+            difference, self._takeoff_difference, flight_interval, has_begun_before=is_ongoing
         )
         if recent_event is None:
             return None

@@ -13,27 +13,24 @@ from mavdem.facts.ending import MotionEvent
 class CountedEvent(NamedTuple):
     """The longest event of its kind, which stands for all of them."""
 
-    number: int
-    """Its index among all events, from 0."""
-    total: int
-    """Number of events of its kind, which are as bad."""
+    event_index: int
+    """Its index among all events of the flight."""
+    event_count: int
+    """Number of events of its kind, itself included."""
 
 
 def worst_events(events: Sequence[Fact]) -> list[CountedEvent]:
-    """Selects the events of a flight that a short list shows: of each kind that warns the longest, with their number.
+    """Selects the events of a flight that a short list shows: one event of each kind, with the number of its kind.
 
-    The worst kinds come first (``severity_rank``).
-
-    Events of one kind have the same code, level and subject; they warn if they are bad or to be watched. An event of
-    the motion, such as a fast rotation, is left out if the flight ended at the same time by what ``ENDINGS`` lists for
-    it, since that ending states more.
+    Only events that are bad or to be watched are shown. Events of one kind have the same code, level and subject, and
+    the longest of them is selected; of events without a duration, the first. An event of the motion, such as a tumble,
+    is left out if the flight ended at the same time by what ``ENDINGS`` lists for it, since that ending states more.
 
     Args:
         events: events of a log, in the order of time, each a coded finding.
 
     Returns:
-        Index of the longest event of each kind (of events without a duration, the first one), and their number, the
-        worst kind first; kinds that are as bad are in the order of time.
+        The selected events, the worst kind first (``severity_rank``); kinds that are as bad are in the order of time.
     """
     codes_and_times = {(event.code, event.time) for event in events}
     counts: Counter[tuple[str, str, str]] = Counter()
@@ -48,9 +45,8 @@ def worst_events(events: Sequence[Fact]) -> list[CountedEvent]:
         if _duration(event) > _duration(events[longest_index]):
             longest_indices[kind] = index
     counted_events = [CountedEvent(index, counts[kind]) for kind, index in longest_indices.items()]
-
     # The sort is stable, so that events that are as bad stay in the order of time.
-    counted_events.sort(key=lambda counted: severity_rank(events[counted.number]))
+    counted_events.sort(key=lambda counted: severity_rank(events[counted.event_index]))
     return counted_events
 
 
@@ -61,26 +57,27 @@ def _duration(event: Fact) -> float:
     return event.end_time - event.time
 
 
-def place_among_equals(event: Fact, count: int) -> str:
-    """Returns how many events of its kind one stands for, to follow its sentence; empty for a single one.
+def count_text(event: Fact, event_count: int) -> str:
+    """Returns a remark on how many events of its kind an event stands for, which follows the sentence of the event.
 
     Args:
-        event: the event that is shown: the longest of its kind or, of moments, the first.
-        count: number of events of its kind.
+        event: the event that is shown: the longest of its kind or, if they have no duration, the first.
+        event_count: number of events of its kind, itself included.
 
     Returns:
-        Text such as " (longest of 3)" or " (first of 3)".
+        Text such as " (longest of 3)" or " (first of 3)"; empty for a single event.
     """
-    if count == 1:
+    if event_count == 1:
         return ""
-    place = "longest" if _duration(event) > 0 else "first"
-    return f" ({place} of {count})"
+    rank = "longest" if _duration(event) > 0 else "first"
+    return f" ({rank} of {event_count})"
 
 
 def with_saturations_counted(events: Facts) -> Iterator[Fact]:
-    """Yields the events of a flight, but of each motor only the first saturation, with the number of all of them.
+    """Yields the events of a flight, with all saturations of a motor as one event.
 
-    A motor may reach its output limit hundreds of times in a flight, which would fill the list of events.
+    A motor may reach its output limit hundreds of times in a flight, which would fill the list of events. So its first
+    saturation is yielded, with the number of all of them as the figure ``count``.
 
     Args:
         events: events of the flight, in the order of time.
@@ -91,5 +88,5 @@ def with_saturations_counted(events: Facts) -> Iterator[Fact]:
         if event.code is not saturation:
             yield event
         elif event.subject in counts_by_motor:
-            # The first saturation of this motor stands for all of them, so that its count is taken out.
+            # The count is taken out, so that further saturations of this motor are skipped.
             yield event.replace(count=counts_by_motor.pop(event.subject))

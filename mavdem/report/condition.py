@@ -239,8 +239,8 @@ def _wind_estimate_sentences(
         # The drag of typical multirotors, 1/s: both ends of its interval, as the mean over the body axes x and y.
         typical_drag = wind.drag.interval("linear").mean(axis=1)
     # A vehicle also leans without wind, by a misaligned attitude or an offset load, and the intervals of the wind allow
-    # for that. Its standard deviation is an acceleration, m/s²; divided by gravity, it is an angle, rad. The factor
-    # makes it the half width of a 90 % interval.
+    # for that. The standard deviation of this lean is given as an acceleration, m/s², and divided by gravity it is an
+    # angle, rad. The coverage factor makes it the half width of a 90 % interval.
     lean_allowance = coverage_factor() * LEAN_SD / GRAVITY
     return render_section(
         "wind",

@@ -93,7 +93,7 @@ def fleet_blocks(
         vehicles=named_count,
         # Otherwise some of the vehicles in the headline are flights under a shared name.
         are_all_named=named_count == len(vehicles_of_headline),
-        flown=_flown_summary(summaries),
+        flown=_flown_totals(summaries),
         duplicate_logs=sum(summary.flown.duplicates for summary in summaries),
         unjudged=unjudged_count,
         unnamed_flights=unnamed_flights,
@@ -320,17 +320,27 @@ def _health_summary(
     )
 
 
-def _flown_summary(summaries: Sequence[VehicleSummary]) -> dict[str, object] | None:
-    """Returns how much a fleet has flown, as values for the template of its page.
+class FlownTotals(NamedTuple):
+    """How much a fleet has flown, for the template of its page."""
 
-    A tier is the kind of model that a log allows, such as a full one, or one of the slow motion only.
+    flights: int
+    """Number of flights."""
+
+    hours: float
+    """Settled flight of all of them, h."""
+
+    dates: list[datetime]
+    """First and last date of a flight; empty if no date is known."""
+
+    kinds: str
+    """The kinds of model that the logs allow (their tiers), in words, with the number of flights of each kind."""
+
+
+def _flown_totals(summaries: Sequence[VehicleSummary]) -> FlownTotals | None:
+    """Returns how much a fleet has flown; None without a flight.
 
     Args:
         summaries: summary of the flights under each name.
-
-    Returns:
-        "flights", their number; "hours" of settled flight; "dates", the first and the last one, or none if no date is
-        known; and "kinds", each tier in words with the number of its flights. None without a flight.
     """
     flight_count = 0
     seconds = 0.0
@@ -348,12 +358,12 @@ def _flown_summary(summaries: Sequence[VehicleSummary]) -> dict[str, object] | N
     for tier, tier_description in TIER_WORDS.items():
         if flights_by_tier[tier]:
             kinds.append(f"{tier_description} ({flights_by_tier[tier]})")
-    return {
-        "flights": flight_count,
-        "hours": seconds / SECONDS_PER_HOUR,
-        "dates": [min(dates), max(dates)] if dates else [],
-        "kinds": listed(kinds),
-    }
+    return FlownTotals(
+        flights=flight_count,
+        hours=seconds / SECONDS_PER_HOUR,
+        dates=[min(dates), max(dates)] if dates else [],
+        kinds=listed(kinds),
+    )
 
 
 def _unused_blocks(rows: Sequence[UnusedRow]) -> Blocks:

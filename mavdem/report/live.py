@@ -224,8 +224,8 @@ def moment_text(event: Event) -> str:
     moment = time_of_day(event.reception)
     if not isfinite(event.clock):
         return moment
-    boot = f"boot {event.boot + 1}, " if event.boot else ""
-    return f"{moment} · {boot}{event.clock:.1f} s"
+    boot_text = f"boot {event.boot + 1}, " if event.boot else ""
+    return f"{moment} · {boot_text}{event.clock:.1f} s"
 
 
 def live_report(

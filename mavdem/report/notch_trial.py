@@ -453,27 +453,27 @@ def _trial_charts(
     response = notch_response(notches, controller.gyro_rate, frequency)
     gain = 20 * np.log10(np.maximum(abs(response), MIN_GAIN))
     phase = np.degrees(np.angle(response))
-    filter_words = "this notch" if len(filters) == 1 else "these notches"
+    filter_text = "this notch" if len(filters) == 1 else "these notches"
     charts = [
         Chart(
-            f"Gain of {filter_words}",
+            f"Gain of {filter_text}",
             axis,
-            Axis(f"Gain of {filter_words} (dB)", limits=(20 * np.log10(MIN_GAIN), 3.0)),
+            Axis(f"Gain of {filter_text} (dB)", limits=(20 * np.log10(MIN_GAIN), 3.0)),
             (Line("gain", COMMAND, frequency, gain),),
             marks=(crossover, Mark(peak, "peak")),
             group="notch",
         ),
         Chart(
-            f"Phase of {filter_words}",
+            f"Phase of {filter_text}",
             axis,
-            Axis(f"Phase of {filter_words} (°)"),
+            Axis(f"Phase of {filter_text} (°)"),
             (Line("phase", COMMAND, frequency, phase),),
             marks=(crossover,),
             group="notch",
         ),
     ]
     if has_spectrum:
-        gyro = _GyroPower(spectrum, without_filters(controller, filters), notches, filter_words)
+        gyro = _GyroPower(spectrum, without_filters(controller, filters), notches, filter_text)
         charts.insert(0, _spectrum_chart(gyro, peak, max_frequency))
     return Group.side_by_side(charts)
 

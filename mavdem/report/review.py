@@ -23,7 +23,7 @@ from mavdem.ingest import Log
 from mavdem.report.blocks import Sentence, shortened
 from mavdem.report.brief_events import (
     CountedEvent,
-    place_among_equals,
+    count_text,
     with_saturations_counted,
     worst_events,
 )
@@ -286,8 +286,8 @@ def _event_lines(assessment: Assessment, columns: int) -> Iterator[str]:
         columns: number of characters in a line of the terminal.
     """
     previous_boot = None
-    for index, count in _screen_events(assessment):
-        event = assessment.events[index]
+    for event_index, event_count in _screen_events(assessment):
+        event = assessment.events[event_index]
         # The number of the boot, by which the autopilot's restarts are counted; only some events have it.
         boot = event.figures.get("boot", previous_boot)
         if previous_boot is not None and boot > previous_boot:
@@ -295,8 +295,8 @@ def _event_lines(assessment: Assessment, columns: int) -> Iterator[str]:
         previous_boot = boot
         has_time = event.time is not None and isfinite(event.time)
         label = f"{event.time:.1f} s" if has_time else "event"
-        place = place_among_equals(event, count)
-        yield _shortened_line(_label_and_level(label, event), event, columns, place)
+        label_and_level = _label_and_level(label, event)
+        yield _shortened_line(label_and_level, event, columns, count_text(event, event_count))
 
 
 def _screen_events(assessment: Assessment) -> list[CountedEvent]:
@@ -317,12 +317,12 @@ def _screen_events(assessment: Assessment) -> list[CountedEvent]:
     light_codes_and_times = {(light.code, light.time) for light in assessment.lights.values()}
     shown_events = []
     for counted_event in worst_events(assessment.events):
-        event = assessment.events[counted_event.number]
+        event = assessment.events[counted_event.event_index]
         is_in_light = (event.code, event.time) in light_codes_and_times
         if not is_in_light and not _is_part_of_headline(event, assessment.headline):
             shown_events.append(counted_event)
     shown_events = shown_events[:MAX_SCREEN_EVENTS] + _modes_of_headline(assessment)
-    # A counted event begins with its number, and events are numbered in the order of time.
+    # A counted event begins with its index, and events are numbered in the order of time.
     return sorted(shown_events)
 
 
@@ -343,7 +343,7 @@ def _modes_of_headline(assessment: Assessment) -> list[CountedEvent]:
     for index, event in enumerate(assessment.events):
         if event.code is not ReportedEvent.MODE_CHANGED:
             continue
-        mode = CountedEvent(index, 1)
+        mode = CountedEvent(index, event_count=1)
         if index < headline_index:
             mode_before = [mode]
         elif _is_during(event, assessment.headline):
@@ -467,17 +467,17 @@ def _wrapped_fact(name: str, fact: Fact, columns: int) -> list[str]:
     )
 
 
-def _shortened_line(label_and_level: str, fact: Fact, columns: int, count_text: str = "") -> str:
+def _shortened_line(label_and_level: str, fact: Fact, columns: int, remark: str = "") -> str:
     """Returns one line of a fact: its label, its level, and its sentence without the clauses that do not fit.
 
     Args:
         label_and_level: the first two columns of the line.
         fact: the light or event, a coded finding with a level and a sentence.
         columns: number of characters in a line.
-        count_text: text after the sentence on how many equal events there are; empty for a single one.
+        remark: text after the sentence, such as how many events of the same kind there are; empty for none.
     """
-    available_columns = columns - len(label_and_level) - len(count_text)
-    return f"{label_and_level}{shortened(headline(fact), available_columns)}{count_text}"
+    available_columns = columns - len(label_and_level) - len(remark)
+    return f"{label_and_level}{shortened(headline(fact), available_columns)}{remark}"
 
 
 def _label_and_level(label: str, fact: Fact) -> str:

@@ -692,14 +692,15 @@ def detail_blocks(learned: Learned) -> Blocks:
 
 
 def pole_sentences(A: Array) -> list[Sentence]:
-    """Returns a sentence on the poles of a model, and on whether it is stable.
+    """Returns a sentence on the poles of a model, the slowest first, and on whether it is stable.
 
     A complex pair of poles p has the natural frequency |p|/2π, Hz, and the damping ratio −Re p/|p|. A real pole has the
     time constant 1/|p|, s.
 
     Args:
-        A: state matrix (n, n), 1/s; its eigenvalues are the poles; the slowest come first.
+        A: state matrix (n, n), 1/s, whose eigenvalues are the poles.
     """
     # A complex pair is represented by the pole with the positive imaginary part.
     poles = [pole for pole in np.linalg.eigvals(A) if pole.imag >= 0]
-    return render_section("poles", poles=sorted(poles, key=lambda pole: -pole.real))
+    poles.sort(key=lambda pole: pole.real, reverse=True)
+    return render_section("poles", poles=poles)

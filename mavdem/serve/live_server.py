@@ -18,7 +18,7 @@ from mavdem.live import clock
 from mavdem.live.session import LiveSession
 from mavdem.live.session_status import SessionStatus
 from mavdem.report.live import live_title
-from mavdem.report.pages.library_page import render_server_page, script, script_hashes
+from mavdem.report.pages.library_page import render_server_page, script_hashes, server_script
 from mavdem.report.pages.page_link import PageLink
 from mavdem.serve.guard import POLICY_HEADER, Guard
 from mavdem.serve.listening import (
@@ -188,4 +188,4 @@ def _redirect_to_live_page(request: HttpRequest) -> Response:
 
 def _script(request: HttpRequest) -> Response:
     """Answers with the script of the pages that say why something is refused."""
-    return Response(script(), media_type="text/javascript")
+    return Response(server_script(), media_type="text/javascript")

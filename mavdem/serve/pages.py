@@ -34,8 +34,8 @@ from mavdem.report.difference.reviewed import ComparedState, compared_states
 from mavdem.report.pages.difference_page import comparison_page
 from mavdem.report.pages.library_page import (
     render_server_page,
-    script,
     script_hashes_of_page,
+    server_script,
     vehicle_page,
     with_server_script,
     with_toolbar,
@@ -587,7 +587,7 @@ class Pages:
 
     def script(self, request: HttpRequest) -> Response:
         """Answers with the JavaScript of the pages."""
-        return Response(script(), media_type="text/javascript")
+        return Response(server_script(), media_type="text/javascript")
 
     def sample_log(self, request: HttpRequest) -> Response:
         """Answers with the sample log."""

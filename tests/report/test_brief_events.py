@@ -14,7 +14,7 @@ from mavdem.facts.online import SurpriseCause
 from mavdem.facts.session import MissingMessages, RowsFact, SessionFact
 from mavdem.facts.witnesses import SensorFact
 from mavdem.live.history import LiveHistory
-from mavdem.report.brief_events import place_among_equals, worst_events
+from mavdem.report.brief_events import count_text, worst_events
 from mavdem.report.loops import decision_sentences
 from mavdem.report.pages.flight_page import _numbered_events, _numbered_live_events
 from mavdem.report.pages.page import Head, PageEvent
@@ -59,9 +59,9 @@ def test_the_longest_event_of_a_kind_stands_for_all():
     events = (*CLIPS[:2], longest, CLIPS[3])
     ((index, count),) = worst_events(events)
     assert (events[index], count) == (longest, 4)
-    assert place_among_equals(longest, count) == " (longest of 4)"
-    assert place_among_equals(HIT, 2) == " (first of 2)"
-    assert place_among_equals(longest, 1) == ""
+    assert count_text(longest, count) == " (longest of 4)"
+    assert count_text(HIT, 2) == " (first of 2)"
+    assert count_text(longest, 1) == ""
 
 
 def test_a_page_says_once_what_to_do_and_what_shows_an_event():

@@ -154,7 +154,9 @@ def _with_repair_as_action(decision: LoopDecision, repairs: Facts) -> LoopDecisi
         decision: the decision on a vehicle without a fault. If it has no action, none is added.
         repairs: why the vehicle must be repaired, at least one reason; the first one is the action.
     """
-    action = None if decision.action is None else _action_to_remedy(repairs[0])
+    action = None
+    if decision.action is not None:
+        action = _action_to_remedy(repairs[0])
     return LoopDecision(
         decision.axis,
         decision.diagnosis,
@@ -260,7 +262,9 @@ def _decision_on_uncertain_loop(
         return None
     action = _advice_to_fly_doublets(margins.axis, loop_fact)
     reason = loop_fact.replace(action=action)
-    reasons_against_gains = () if margins.contradiction is None else (margins.contradiction,)
+    reasons_against_gains: Facts = ()
+    if margins.contradiction is not None:
+        reasons_against_gains = (margins.contradiction,)
     return LoopDecision(margins.axis, LoopDiagnosis.UNKNOWN, reason, action, reasons_against_gains)
 
 
@@ -309,7 +313,7 @@ def _decision_by_identified_loop(
     if reasons_against_gains:
         action = _action_to_remedy(reasons_against_gains[0])
     else:
-        advice = _advice_that_may_be_unsound(loop, raises_sound_gains=False)
+        advice = _advice_if_basis_is_uncertain(loop, raises_sound_gains=False)
         flight_before_gains = _flight_before_gains(advice)
         if flight_before_gains is not None:
             action = flight_before_gains
@@ -321,7 +325,7 @@ def _decision_by_identified_loop(
     )
 
 
-def _advice_that_may_be_unsound(loop: Loop, *, raises_sound_gains: bool) -> Advice | None:
+def _advice_if_basis_is_uncertain(loop: Loop, *, raises_sound_gains: bool) -> Advice | None:
     """Designs new gains, as `mavdem tune` does, unless the flight is certainly a sufficient basis for them.
 
     The design itself shows whether the flight is a basis for its gains, but it takes time. It is skipped if nearly all
@@ -349,7 +353,7 @@ def _flight_before_gains(advice: Advice | None) -> Fact | None:
 
     Args:
         advice: the gains that `mavdem tune` advises; None if the flight surely shows enough
-            (:func:`_advice_that_may_be_unsound`).
+            (:func:`_advice_if_basis_is_uncertain`).
 
     Returns:
         The advice to fly; None if the gains may be loaded now, or none would change.
@@ -465,10 +469,14 @@ def _decision_to_raise_gains(observations: LoopObservations, loop: Loop) -> Loop
     if reasons_against_gains:
         action = _action_to_remedy(reasons_against_gains[0])
     else:
-        advice = _advice_that_may_be_unsound(loop, raises_sound_gains=True)
-        action = _flight_before_gains(advice) or Fact(
-            LoopAction.RAISE_AS_ADVISED, axis=axis, arguments=observations.tune_arguments
-        )
+        advice = _advice_if_basis_is_uncertain(loop, raises_sound_gains=True)
+        flight_before_gains = _flight_before_gains(advice)
+        if flight_before_gains is not None:
+            action = flight_before_gains
+        else:
+            action = Fact(
+                LoopAction.RAISE_AS_ADVISED, axis=axis, arguments=observations.tune_arguments
+            )
     reason = observations.tracking.replace(action=action)
     return LoopDecision(
         axis,
@@ -583,8 +591,8 @@ def _advice_to_lower_gains(observations: LoopObservations, loop_name: str) -> Fa
 def _advice_to_compare_peaks(observations: LoopObservations, peak_fact: Fact) -> Fact:
     """Returns the advice to hover with lower gains, which shows whether the loop makes a peak in the rate's spectrum.
 
-    A lower gain moves the loop away from its stability limit, so that a peak of too little margin falls. Vibration and
-    test signals do not depend on the gains.
+    A peak that comes from too little margin becomes lower, since a lower gain moves the loop away from its stability
+    limit. A peak that comes from vibration or a test signal stays.
 
     Args:
         observations: observations of the axis, with the parameters of the autopilot.

@@ -238,16 +238,26 @@ class Timeline(NamedTuple):
         labelled_events = []
         for event, label in zip(self.events, labels, strict=True):
             if event.has_time:
-                labelled_events.append((event, label))
+                labelled_events.append(_LabelledEvent(event, label))
         # The sort is stable, so that within a rank the latest event stays first: the end of a flight matters more than
         # what led to it.
         labelled_events.reverse()
-        labelled_events.sort(key=lambda event_and_label: _rank_of_mark(event_and_label[0]))
+        labelled_events.sort(key=lambda labelled_event: _rank_of_mark(labelled_event.event))
         marks = []
         for event, label in labelled_events:
             colour = BAD if event.is_alarm else MEASURED
             marks.append(Mark(event.seconds, label, colour))
         return tuple(marks)
+
+
+class _LabelledEvent(NamedTuple):
+    """An event of a flight, with the label of its mark in charts."""
+
+    event: Event
+    """The event."""
+
+    label: str
+    """What is written beside its mark; empty for nothing."""
 
 
 def _rank_of_mark(event: Event) -> int:

@@ -72,11 +72,11 @@ def detail_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
     sentences = sentences_without_change(reviewed)
     # If there are no changes at all, the missing figures are named above.
     if difference.changes:
-        sentences += sentences_on_missing_figures(difference)
+        sentences += sentences_on_missing_quantities(difference)
     return [*sentences, *method]
 
 
-def sentences_on_missing_figures(difference: VehicleDifference) -> list[Sentence]:
+def sentences_on_missing_quantities(difference: VehicleDifference) -> list[Sentence]:
     """Returns the sentences on figures that could not be compared, such as margins that one side does not have.
 
     Args:
@@ -255,7 +255,7 @@ def change_sentences(
     """
     difference = reviewed.difference
     if not difference.changes:
-        return sentences_on_missing_figures(difference)
+        return sentences_on_missing_quantities(difference)
     motors = reviewed.motors
     unexplained_changes, by_gains = changes_by_cause(
         difference, changes_by_relevance(difference, without=motors.evidence)
@@ -274,13 +274,13 @@ def change_sentences(
         if change.is_doubtful and change not in motors.evidence:
             doubtful.append(change)
     tested_changes = difference.tested
-    tested_doubtful_changes = [change for change in doubtful if change in tested_changes]
-    surest_p = None
+    p_values_of_doubtful = [change.p for change in doubtful if change in tested_changes]
+    smallest_p = None
     chance_of_any = None
-    if tested_doubtful_changes:
-        surest_p = min(change.p for change in tested_doubtful_changes)
-        # Probability that at least one of so many independent figures has such a p-value by chance.
-        chance_of_any = 1 - (1 - surest_p) ** len(tested_changes)
+    if p_values_of_doubtful:
+        smallest_p = min(p_values_of_doubtful)
+        # Probability that at least one of so many independent quantities has such a p-value by chance.
+        chance_of_any = 1 - (1 - smallest_p) ** len(tested_changes)
     # All trims together give the probability of a weak motor. It is stated if they show none, but single ones are
     # doubtful.
     fault_probability = None
@@ -298,7 +298,7 @@ def change_sentences(
         fault_probability=fault_probability,
         are_two_vehicles=reviewed.are_two_vehicles,
         tested_count=len(tested_changes),
-        surest_p=surest_p,
+        surest_p=smallest_p,
         chance_of_any=chance_of_any,
     )
 

@@ -94,9 +94,11 @@ def condition_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
     before, after = reviewed.difference.conditions
     rows = [
         ConditionRow(BATTERY, "V", (_cell(before.voltage, 1), _cell(after.voltage, 1))),
-        ConditionRow(MOTOR_OUTPUT, "%", (_percent(before.collective), _percent(after.collective))),
+        ConditionRow(
+            MOTOR_OUTPUT, "%", (_percent_cell(before.collective), _percent_cell(after.collective))
+        ),
         *wind_rows(reviewed.reviews),
-        ConditionRow("mean roll and pitch", "°", (_lean(before), _lean(after))),
+        ConditionRow("mean roll and pitch", "°", (_lean_cell(before), _lean_cell(after))),
     ]
     for axis in AXES:
         torque_before = before.wind_torque.get(axis)
@@ -138,7 +140,10 @@ def vibration_row(reviewed: ReviewedDifference) -> ConditionRow:
         side: value_at(reviewed.reviews.get(side) or {}, "lights.vibration") or {}
         for side in STATE_NAMES
     }
-    for imu, (first_level, second_level) in vibrations_of_same_imu(lights_by_side).items():
+    # The IMU that the light of A names comes first.
+    levels_by_imu = vibrations_of_same_imu(lights_by_side)
+    if levels_by_imu:
+        imu, (first_level, second_level) = next(iter(levels_by_imu.items()))
         cells = (rounded(first_level), rounded(second_level))
         return ConditionRow(f"vibration of {imu}", "m/s²", cells)
     before, after = reviewed.difference.conditions
@@ -158,12 +163,12 @@ def _rounded_cell(value: float | None) -> str:
     return UNKNOWN_FIGURE if value is None else rounded(value)
 
 
-def _percent(fraction: float | None) -> str:
+def _percent_cell(fraction: float | None) -> str:
     """Returns a fraction in whole percent; ``UNKNOWN_FIGURE`` for one that is not known."""
     return UNKNOWN_FIGURE if fraction is None else _cell(100 * fraction, 0)
 
 
-def _lean(conditions: Conditions) -> str:
+def _lean_cell(conditions: Conditions) -> str:
     """Returns the table cell of a flight's mean roll and pitch, whole degrees, such as "+1 and −4".
 
     Args:

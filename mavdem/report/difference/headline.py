@@ -29,7 +29,7 @@ from mavdem.report.difference.lights import (
     BadLight,
     Review,
     bad_lights,
-    levels_and_reason,
+    compared_levels,
     lights_of_both,
     remark_on_imus,
     vibrations_of_same_imu,
@@ -250,8 +250,9 @@ def _sentence_on_watched_motors(reviewed: ReviewedDifference) -> list[Sentence]:
     if not reviewed.motors.differs:
         return []
     motor_lights = lights_of_both(reviewed.reviews)[Light.MOTORS]
-    levels, reason = levels_and_reason(motor_lights)
-    return [Sentence(f"{levels}. {reason}", lead=f"{Light.MOTORS.capitalize()}:")]
+    compared_light = compared_levels(motor_lights)
+    text = f"{compared_light.levels}. {compared_light.reason}"
+    return [Sentence(text, lead=f"{Light.MOTORS.capitalize()}:")]
 
 
 def sentences_on_watched_lights(reviews: Mapping[str, Review]) -> list[Sentence]:

@@ -67,8 +67,10 @@ def bad_lights(reviews: Mapping[str, Review]) -> list[BadLight]:
             continue
         first_bad_light = lights_by_side[bad_sides[0]]
         axis = value_at(first_bad_light, "figures.axis") or ""
-        levels, reason = levels_and_reason(lights_by_side)
-        bad_light = BadLight(name, tuple(bad_sides), axis, levels, reason)
+        compared_light = compared_levels(lights_by_side)
+        bad_light = BadLight(
+            name, tuple(bad_sides), axis, compared_light.levels, compared_light.reason
+        )
         is_headline = False
         for side in bad_sides:
             headline_sentence = value_at(reviews[side], "headline.sentence")
@@ -97,20 +99,30 @@ def lights_of_both(reviews: Mapping[str, Review]) -> dict[str, dict[str, JsonVal
     return lights_of_both
 
 
-def levels_and_reason(lights_by_side: Mapping[str, JsonValues]) -> tuple[str, str]:
-    """Returns two texts on a status light in both logs: its levels, and the reason for the worse one.
+class ComparedLevels(NamedTuple):
+    """A status light in both logs, in words."""
+
+    levels: str
+    """Level in each log, such as "bad in A, good in B"."""
+
+    reason: str
+    """Reason for the worse level, such as "Motor 3 lost 19 to 41 % of its thrust at 47 s."."""
+
+
+def compared_levels(lights_by_side: Mapping[str, JsonValues]) -> ComparedLevels:
+    """Compares a status light of two logs: its levels, and the reason for the worse one.
 
     Args:
         lights_by_side: the light in the review document of each log, by side, "A" and "B"; at least one is bad or to be
             watched.
 
     Returns:
-        The levels, such as "bad in A, good in B", and the reason, such as "Motor 3 lost 19 to 41 % of its thrust at
-        47 s.". If both lights have the same level for different reasons, both reasons are in the text; and if one is
-        unknown, why it is.
+        Levels and reason in words. If both lights have the same level for different reasons, the text has both reasons;
+        if one of the lights is unknown, it also says why.
     """
     first_side, second_side = STATE_NAMES
-    first, second = lights_by_side[first_side], lights_by_side[second_side]
+    first = lights_by_side[first_side]
+    second = lights_by_side[second_side]
     if first["level"] != second["level"]:
         # The lights have different levels, and one of them is bad or "watch". The second is worse if it is bad, or if
         # it is to be watched and the first is good or unknown.
@@ -121,12 +133,12 @@ def levels_and_reason(lights_by_side: Mapping[str, JsonValues]) -> tuple[str, st
         for side, light in lights_by_side.items():
             if light["level"] == Level.UNKNOWN:
                 reason += f" {side}: {light['sentence']}"
-        return levels, reason
+        return ComparedLevels(levels, reason)
     levels = f"{first['level']} in {first_side} and {second_side}"
     if first["sentence"] == second["sentence"]:
-        return levels, first["sentence"]
+        return ComparedLevels(levels, first["sentence"])
     reasons = f"{first_side}: {first['sentence']} {second_side}: {second['sentence']}"
-    return levels, reasons + remark_on_imus(lights_by_side)
+    return ComparedLevels(levels, reasons + remark_on_imus(lights_by_side))
 
 
 def vibrations_of_same_imu(

@@ -71,9 +71,9 @@ class ReviewedDifference(NamedTuple):
 
     @property
     def is_simulation_against_flight(self) -> bool:
-        """Whether one of the logs is of a simulated flight, and the other shows nothing of that.
+        """Whether one log is of a simulated flight and the other, as far as it shows, of a real one.
 
-        A fleet does not have whether its flights were simulated.
+        It is not known of a fleet whether its flights were simulated.
         """
         is_known_of_both = all("simulated" in self.reviews.get(side, {}) for side in STATE_NAMES)
         return is_known_of_both and len(self.simulated_sides) == 1

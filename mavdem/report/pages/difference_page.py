@@ -31,7 +31,7 @@ from mavdem.report.charts.flight_charts import MIN_DENSITY
 from mavdem.report.difference.changes import (
     difference_blocks,
     explained_bounds,
-    sentences_on_missing_figures,
+    sentences_on_missing_quantities,
     unchanged_quantity_sentences,
 )
 from mavdem.report.difference.conditions import condition_table
@@ -123,14 +123,15 @@ def comparison_page(
     for (side, description), address in zip(descriptions.items(), addresses, strict=True):
         key.append(KeyEntry(SIDE_COLOURS[side], side, description, address))
     headline = headline_of_comparison(reviewed)
+    chapters: Sequence[Chapter] = ()
+    # A flight does not differ from itself.
+    if not reviewed.difference.is_of_same_flight:
+        chapters = _chapters(reviewed, headline, flights)
     return render_document(
         " and ".join(names),
         subtitle="",
         blocks=_summary(reviewed, headline),
-        # A flight does not differ from itself.
-        chapters=()
-        if reviewed.difference.is_of_same_flight
-        else _chapters(reviewed, headline, flights),
+        chapters=chapters,
         back=back,
         key=key,
     )
@@ -143,19 +144,7 @@ def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Bloc
         reviewed: comparison of both flights.
         headline: the sentences that head the comparison.
     """
-    summary: Blocks = []
-    # What is to be watched, and what follows it, stands in small letters below the headlines. So does a caution, such
-    # as that the flights are of two vehicles. These differ in much, so that only the first difference is a headline.
-    cautions = identity_cautions(reviewed)
-    watched = sentences_on_watched_lights(reviewed.reviews)
-    is_headline = True
-    for sentence in headline:
-        is_headline = is_headline and sentence not in watched
-        if is_headline and sentence not in cautions:
-            summary.append(headline_sentence(f"{sentence.lead} {sentence.text}".strip()))
-            is_headline = not reviewed.are_two_vehicles
-        else:
-            summary.append(sentence)
+    summary = _headline_in_two_sizes(reviewed, headline)
     if not reviewed.difference.is_of_same_flight:
         summary += identity_remarks(reviewed)
         if not reviewed.parameters:
@@ -165,6 +154,32 @@ def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Bloc
     if not reviewed.difference.is_of_same_flight:
         summary += condition_table(reviewed)
     return summary
+
+
+def _headline_in_two_sizes(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Blocks:
+    """Returns the sentences that head the page: the important ones in large letters, the others as usual text.
+
+    A caution, such as that the flights are of two vehicles, is in usual text. So is what is only to be watched, and all
+    that follows it. Two vehicles differ in much, so that of their differences only the first is in large letters.
+
+    Args:
+        reviewed: comparison of both flights.
+        headline: the sentences that head the comparison, in their order.
+    """
+    cautions = identity_cautions(reviewed)
+    watched_lights = sentences_on_watched_lights(reviewed.reviews)
+    blocks = Blocks()
+    may_be_large = True
+    for sentence in headline:
+        if sentence in watched_lights:
+            may_be_large = False
+        if sentence in cautions or not may_be_large:
+            blocks.append(sentence)
+            continue
+        blocks.append(headline_sentence(f"{sentence.lead} {sentence.text}".strip()))
+        if reviewed.are_two_vehicles:
+            may_be_large = False
+    return blocks
 
 
 def _chapters(
@@ -183,11 +198,11 @@ def _chapters(
     # Names of files and dates, which stand at the top, would fill each chart's legend.
     legend = {side: side for side in SIDE_COLOURS}
     series_charts = list(_series_charts(flights, legend))
-    words = difference_blocks(reviewed, headline)
+    all_sentences = difference_blocks(reviewed, headline)
     if not reviewed.parameters:
         # What is known of parameters then stands at the top.
         stated_above = parameter_sentences(reviewed)
-        words = [sentence for sentence in words if sentence not in stated_above]
+        all_sentences = [sentence for sentence in all_sentences if sentence not in stated_above]
     motors = _motor_chapter(reviewed, legend, series_charts)
     steps = _step_chapter(reviews_by_side, legend)
     changed_chapters = []
@@ -208,7 +223,7 @@ def _chapters(
         margins._replace(folded=True),
         _parameter_chapter(reviewed),
         _single_side_chapter(series_charts),
-        Chapter("In words", words, folded=True),
+        Chapter("In words", all_sentences, folded=True),
     ]
 
 
@@ -347,7 +362,7 @@ def _change_chapter(reviewed: ReviewedDifference) -> Chapter:
     difference = reviewed.difference
     evidence = reviewed.motors.evidence
     if not difference.changes:
-        return Chapter("What changed", sentences_on_missing_figures(difference))
+        return Chapter("What changed", sentences_on_missing_quantities(difference))
     drawing = change_plan(difference, evidence)
     changes_in_drawing = drawn_changes(difference)
     caption = CHANGES_CAPTION
@@ -558,11 +573,11 @@ def _margin_rows(reviews_by_side: Reviews) -> list[list[str]]:
 
 
 def _margin_cell(loop: Review, key: str, scale: float) -> str:
-    """Returns a figure of a loop with its interval, such as "57 (50 to 63)"; a dash if any of it is not known.
+    """Returns a margin of a loop with its interval, such as "57 (50 to 63)"; a dash if any of it is not known.
 
     Args:
-        loop: the loop in a review document; empty where it was not identified.
-        key: key of the figure.
+        loop: the loop in a review document; empty if it was not identified.
+        key: key of the margin in the document, such as "phase_margin".
         scale: factor from its unit in the document to the one in which it is shown.
     """
     interval = loop.get(f"{key}_interval")

@@ -80,7 +80,7 @@ def interface_words() -> dict[str, dict[str, str]]:
 
 
 @cache
-def script() -> bytes:
+def server_script() -> bytes:
     """Returns the script of these pages, ``serve.js``."""
     return (files("mavdem.report") / "serve" / "serve.js").read_bytes()
 

@@ -22,7 +22,7 @@ from mavdem.facts.event import Event
 from mavdem.facts.session import SessionFact
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.brief_events import place_among_equals, worst_events
+from mavdem.report.brief_events import count_text, worst_events
 from mavdem.report.charts.chart import MAX_POINTS, Group, Plan
 from mavdem.report.charts.timeline import Timeline
 from mavdem.report.gain_changes import GainChanges, ParameterDownload
@@ -179,7 +179,7 @@ class PageEvent(NamedTuple):
             sentence = first_clause(sentence)
         if self.total == 1:
             return sentence
-        return f"{without_full_stop(sentence)}{place_among_equals(self.cause, self.total)}."
+        return f"{without_full_stop(sentence)}{count_text(self.cause, self.total)}."
 
     @property
     def sentence(self) -> str:
@@ -337,7 +337,7 @@ class Head(NamedTuple):
             return events_of_flight
         causes = [page_event.cause for page_event in events_of_flight]
         # The number of events of each kind, by the index of its longest one, the worst kind first.
-        counts = {kind.number: kind.total for kind in worst_events(causes)}
+        counts = {kind.event_index: kind.event_count for kind in worst_events(causes)}
         important_indices = list(counts)
         for index, page_event in enumerate(events_of_flight):
             if page_event.is_headline:

@@ -99,7 +99,7 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
     )
     blocks += measured_margins(tuning, assessment.margins)
     blocks += thrust_sentences(tuning)
-    blocks += _kept_gains(tuning, evidence)
+    blocks += _table_of_kept_gains(tuning, evidence)
     gyro = gyro_chapter(assessment, timeline=None, has_spectrograms=True)
     chapters = [
         _step_chapter(tuning, assessment),
@@ -125,7 +125,7 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
     return render_document(name, SUBTITLE, summary, chapters, head=head)
 
 
-def _kept_gains(tuning: Tuning, evidence: Evidence) -> list[Table]:
+def _table_of_kept_gains(tuning: Tuning, evidence: Evidence) -> list[Table]:
     """Returns a table of the present gains of the axes whose gains do not change, which no other table has.
 
     Args:
