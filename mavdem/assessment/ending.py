@@ -76,10 +76,6 @@ def find_ending(
         return None
     boot = loss.figures["boot"]
     motor_report = _motor_report(signals, bad_events, boot)
-    # A motor is named only if cause and report do not name two different ones.
-    named_motors = {fact.subject for fact in (cause, motor_report) if fact and fact.subject}
-    is_cause_of_all_motors = cause is not None and cause.code in CAUSES_OF_ALL_MOTORS
-    concerns_one_motor = len(named_motors) == 1 and not is_cause_of_all_motors
     # A report on the motor that the cause names already says nothing new.
     adds_to_cause = motor_report is not None and (
         cause is None or cause.subject != motor_report.subject
@@ -92,13 +88,29 @@ def find_ending(
         ENDINGS.get(loss.code, Ending.LOSS_REPORTED),
         time=loss.time,
         end_time=loss.end_time,
-        subject=named_motors.pop() if concerns_one_motor else "",
+        subject=_failed_motor(cause, motor_report),
         cause=cause,
         word=motor_report if adds_to_cause else None,
         mode="" if cause is not None else signals.mode_at(boot, loss_onset(loss) or 0.0),
         witnesses=loss.figures.get("witnesses", ()),
         **figures,
     )
+
+
+def _failed_motor(cause: Fact | None, motor_report: Fact | None) -> str:
+    """Returns the name of the one motor that cause and report blame; empty if they blame none, or two different ones.
+
+    Args:
+        cause: the fact about what failed first; None if it is not known. If it concerns all motors, none is named.
+        motor_report: report of the autopilot that a motor failed; None without one.
+    """
+    if cause is not None and cause.code in CAUSES_OF_ALL_MOTORS:
+        return ""
+    motors = set()
+    for fact in (cause, motor_report):
+        if fact is not None and fact.subject:
+            motors.add(fact.subject)
+    return motors.pop() if len(motors) == 1 else ""
 
 
 def _cause_of_loss(

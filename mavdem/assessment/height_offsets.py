@@ -118,12 +118,12 @@ def _offset_from_both_sensors(
     )
     higher_sensor = np.maximum(satellite_height, 0.0)
     lower_sensor = np.minimum(satellite_height, 0.0)
-    distance_above = np.maximum(estimate_height - higher_sensor, 0.0)
-    distance_below = np.maximum(lower_sensor - estimate_height, 0.0)
+    # An estimate between both sensors is its own nearest height, so that its offset is 0.
+    nearest_height = np.clip(estimate_height, lower_sensor, higher_sensor)
+    offset = estimate_height - nearest_height
     # Close to the ends of the flight a mean is of fewer seconds. ``time`` may be empty, hence the slices.
     half_window = OFFSET_MEAN_SECONDS / 2
     is_whole_mean = (time >= time[:1] + half_window) & (time <= time[-1:] - half_window)
     if not is_whole_mean.any():
         return None
-    offset = distance_above - distance_below
     return TimeSeries(time, above_satellites.boot[is_in_flight], offset).select(is_whole_mean)

@@ -66,19 +66,7 @@ def fleet_blocks(
             vehicles_without_name[name] = vehicle
         else:
             vehicles_of_headline[name] = vehicle
-    # Vehicles whose logs name them, the ones among them whose motors no flight judges, and flights of other vehicles.
-    named_count = 0
-    unjudged_count = 0
-    unnamed_flights = 0
-    simulated_flights = 0
-    for summary in summaries:
-        simulated_flights += summary.flown.simulated
-        if summary.has_shared_name:
-            unnamed_flights += summary.flown.flights
-        elif summary.vehicle is not None:
-            named_count += 1
-            if summary.vehicle.health == UNKNOWN:
-                unjudged_count += 1
+    counts = _headline_counts(summaries)
     bad_latest_texts = _bad_latest_flights(vehicles_without_name, names)
     bad_unnamed_count = _count_bad_unnamed_flights(summaries, vehicles_of_headline)
     # Only the latest flight under each shared name is described, and none if several are in a list below.
@@ -90,20 +78,68 @@ def fleet_blocks(
         health=_health_summary(
             vehicles_of_headline, names, shared_names, lists_follow=lists_follow
         ),
-        vehicles=named_count,
+        vehicles=counts.named_vehicles,
         # Otherwise some of the vehicles in the headline are flights under a shared name.
-        are_all_named=named_count == len(vehicles_of_headline),
+        are_all_named=counts.named_vehicles == len(vehicles_of_headline),
         flown=_flown_totals(summaries),
-        duplicate_logs=sum(summary.flown.duplicates for summary in summaries),
-        unjudged=unjudged_count,
-        unnamed_flights=unnamed_flights,
+        duplicate_logs=counts.duplicate_logs,
+        unjudged=counts.unjudged_vehicles,
+        unnamed_flights=counts.unnamed_flights,
         bad_unnamed_flights=bad_unnamed_count,
-        simulated_flights=simulated_flights,
+        simulated_flights=counts.simulated_flights,
         bad_names=bad_names,
         are_all_described=len(bad_latest_texts) == bad_unnamed_count,
     )
     unused_rows = [row for summary in summaries for row in summary.unused if row.is_first]
     return [*blocks, *_unused_blocks(unused_rows)]
+
+
+class _HeadlineCounts(NamedTuple):
+    """Numbers of vehicles, flights and logs that the headline of a fleet states."""
+
+    named_vehicles: int
+    """Vehicles whose logs name them."""
+
+    unjudged_vehicles: int
+    """Those of them whose motors were judged in no flight."""
+
+    unnamed_flights: int
+    """Flights under a name that several vehicles may share."""
+
+    simulated_flights: int
+    """Flights that were simulated."""
+
+    duplicate_logs: int
+    """Further logs of a flight that is counted already."""
+
+
+def _headline_counts(summaries: Sequence[VehicleSummary]) -> _HeadlineCounts:
+    """Counts vehicles, flights and logs for the headline of a fleet.
+
+    Args:
+        summaries: summary of the flights under each name.
+    """
+    named_vehicles = 0
+    unjudged_vehicles = 0
+    unnamed_flights = 0
+    simulated_flights = 0
+    duplicate_logs = 0
+    for summary in summaries:
+        simulated_flights += summary.flown.simulated
+        duplicate_logs += summary.flown.duplicates
+        if summary.has_shared_name:
+            unnamed_flights += summary.flown.flights
+        elif summary.vehicle is not None:
+            named_vehicles += 1
+            if summary.vehicle.health == UNKNOWN:
+                unjudged_vehicles += 1
+    return _HeadlineCounts(
+        named_vehicles,
+        unjudged_vehicles=unjudged_vehicles,
+        unnamed_flights=unnamed_flights,
+        simulated_flights=simulated_flights,
+        duplicate_logs=duplicate_logs,
+    )
 
 
 def _bad_latest_flights(vehicles: Mapping[str, VehicleFlights], names: GivenNames) -> list[str]:

@@ -265,12 +265,13 @@ def flown_path(timeline: Timeline | None, wind: MapWind | None = None) -> Plan |
     description = (
         f"Path over ground, {np.ptp(east):.0f} m wide and {np.ptp(north):.0f} m high; north is up."
     )
+    # What the script of the page needs to show the place, height and wind at the time under the cursor.
     track = {"time": time, "x": x, "y": y, "height": height}
     if wind is not None:
         track |= wind.interpolated_at(time)
-    packed_track: JsonValues = {
-        name: packed(values, is_logarithmic=False) for name, values in track.items()
-    }
+    packed_track: JsonValues = {}
+    for name, values in track.items():
+        packed_track[name] = packed(values, is_logarithmic=False)
     return Plan("Flown path", description, svg, packed_track)
 
 

@@ -104,6 +104,9 @@ def fleet_page(
     """
     lines = _newest_first(summaries)
     cells = [_named_cells(line, names) for line in lines]
+    table_rows = []
+    for line, line_cells in zip(lines, cells, strict=True):
+        table_rows.append([line.link, line.file, *line_cells])
     vehicles = _vehicle_sections(summaries, changes or {}, charts, names)
     blocks = fleet_blocks(summaries, names, lists_follow=True)
     # The page begins with the summary; the reasons why logs were not used come at its end. Without a vehicle there are
@@ -138,10 +141,7 @@ def fleet_page(
         ),
         table={
             "kinds": [column.kind for column in COLUMNS.values()],
-            "rows": [
-                [line.link, line.file, *line_cells]
-                for line, line_cells in zip(lines, cells, strict=True)
-            ],
+            "rows": table_rows,
             "urgencies": [line.urgency for line in lines],
             "levels": BADGE_LEVELS,
             "labels": _labels_of_serial_numbers(summaries, names),
