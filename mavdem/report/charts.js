@@ -652,7 +652,9 @@
   // Adds a chart of the flight below the others: the figure, which "replace" gives other points and "remove" takes away.
   const addLines = (column, label, lines) => {
     const { times, values } = joined(lines);
-    const { x, marks, spans } = groups.flight.charts[0].data_, isStrip = !groups.flight.charts[0].data_.lines.length;
+    // Events and shaded times are those of another plot; a strip, such as that of the modes, has none of them.
+    const { x, marks, spans, lines: linesOfOther } = (groups.flight.charts.find(chart => chart.data_.lines.length) ?? groups.flight.charts[0]).data_;
+    const isStrip = !linesOfOther.length;
     const axis = { label, log: false, ends: null, names: [] }, drawn = lines.map(({ name, colour }, i) => ({ name, colour, kind: "line", y: values[i] }));
     const data = { title: label, x, y: axis, at: times, lines: drawn, levels: [], marks, spans: isStrip ? [] : spans, group: "flight" };
     const figure = element("figure", "chart"), header = element("header");

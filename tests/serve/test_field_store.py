@@ -11,10 +11,12 @@ from recorded_flights import FLIGHT
 from serving import TOKEN, serving
 
 from mavdem.errors import Refusal
-from mavdem.facts import Level
+from mavdem.facts import Fact, Level
+from mavdem.facts.event import Event
+from mavdem.facts.session import VehicleFact
 from mavdem.fleet.workers import outcome_of
 from mavdem.report.blocks import Sentence
-from mavdem.report.charts.chart import Line, over_time
+from mavdem.report.charts.chart import Line, Span, over_time
 from mavdem.report.charts.timeline import Timeline
 from mavdem.report.pages.page import Head, render_document
 from mavdem.report.palette import PREDICTED
@@ -202,10 +204,13 @@ def test_columns_of_killed_servers_are_removed_and_those_of_others_stay(tmp_path
 
 
 def page_of_a_flight(start, end):
-    """The page of a flight with one chart from start to end, s."""
+    """The page of a flight from start to end, s, with a strip of modes and a chart with an event."""
     time = np.linspace(start, end, 60)
     height = over_time("Height", "m", [Line("height", PREDICTED, time, np.sin(time))])
-    head = Head(Level.GOOD, {}, timeline=Timeline((height,), (start, end)))
+    modes = (Span(start, end, "Hold"),)
+    events = (Event(start + 1, Fact(VehicleFact.NO_VEHICLE_YET)),)
+    timeline = Timeline((height,), (start, end), modes=modes, events=events)
+    head = Head(Level.GOOD, {}, timeline=timeline)
     return render_document("flight.tlog", "", [Sentence("", "One.")], head=head)
 
 
@@ -219,7 +224,8 @@ def test_a_field_is_searched_plotted_linked_to_and_removed_in_a_browser(served, 
     page_path.write_text(page_of_a_flight(samples["time"][0], samples["time"][-1]))
     status = "document.getElementById('fieldstatus').textContent"
     listed = "[...document.querySelectorAll('#fieldlist button')].map(one => one.textContent)"
-    charts = "document.documentElement.charts.groups.flight?.charts.length"
+    drawn = "document.documentElement.charts.groups.flight?.charts.filter(one => one.data_.lines.length)"
+    charts = f"{drawn}.length"
     with browser.tab() as tab:
         tab.open(f"{served.address}/f/{entry.id}")
         tab.until(f"{charts} === 1")
@@ -237,6 +243,7 @@ def test_a_field_is_searched_plotted_linked_to_and_removed_in_a_browser(served, 
         tab.until(f"{charts} === 2 && {status}.includes('samples, below the other plots')")
         pressed = "document.querySelector('#fieldlist button').getAttribute('aria-pressed')"
         assert tab.run(pressed) == "true"
+        assert tab.run(f"{drawn}.map(one => one.data_.marks.length)") == [1, 1]
         # With Shift a second field joins the plot of the first.
         tab.run(
             f"{search}.value = 'attitude pitchspeed'; {search}.dispatchEvent(new Event('input'))"
