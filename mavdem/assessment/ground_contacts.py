@@ -393,7 +393,7 @@ class _Contact:
         )
         if is_hit and onset < contact:
             event = event.replace(onset=onset)
-        if is_hit and self._is_near_rest(height, rest):
+        if is_hit and self._is_contact_with_ground(height, rest):
             event = event.replace(is_ground=True)
         return checked_event(event, sensor_facts)
 
@@ -485,10 +485,11 @@ class _Contact:
             return self.sensors.height_at(time)
         return float(heights_after.min())
 
-    def _is_near_rest(self, height: float | None, rest: Rest | None) -> bool:
-        """Returns whether a contact was with the ground: at the height of the take-off and of the resting place.
+    def _is_contact_with_ground(self, height: float | None, rest: Rest | None) -> bool:
+        """Returns whether the vehicle touched the ground itself, and not something above it, such as a tree.
 
-        Heights may differ by ``LANDING_STEP``, since the ground is not level and heights drift in flight.
+        Then it touched it about where it came to rest, and rests about as high as it took off. Heights may differ by
+        ``LANDING_STEP``, since the ground is not level and heights drift in flight.
 
         Args:
             height: height of the contact above the take-off, m; None if it is not known.
@@ -497,7 +498,9 @@ class _Contact:
         resting_height = None if rest is None else self.sensors.height_at(rest.time)
         if height is None or resting_height is None:
             return False
-        return resting_height <= LANDING_STEP and height - resting_height <= LANDING_STEP
+        rests_on_ground = resting_height <= LANDING_STEP
+        fell_no_further = height - resting_height <= LANDING_STEP
+        return rests_on_ground and fell_no_further
 
     def _was_landing(
         self,

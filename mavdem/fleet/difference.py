@@ -95,8 +95,9 @@ class VehicleDifference(NamedTuple):
     def is_of_two_vehicles(self) -> bool:
         """Whether the states are known to be of two vehicles, so that differences need not be changes.
 
-        They are if their frames, autopilots or numbers of motors differ, or names of which each belongs to a single
-        vehicle. MAVLink system ids show neither that two logs are of one vehicle nor that they are of two.
+        They are if their frames, autopilots or numbers of motors differ. They are also if their names differ, provided
+        that each of the names belongs to a single vehicle. MAVLink system ids show neither that two logs are of one
+        vehicle nor that they are of two.
         """
         reasons = {missing.reason.code for missing in self.incomparable}
         if self.has_other_frame or Incomparable.OTHER_VEHICLES in reasons:

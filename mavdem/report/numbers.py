@@ -216,7 +216,7 @@ def rounded(value: float, digits: int = 2) -> str:
     return f"{value:.{decimals}f}"
 
 
-def figure_with_interval(
+def estimate_with_interval(
     value: float | None, interval: Sequence[float] | None, scale: float = 1.0
 ) -> str:
     """Returns an estimate with the ends of its interval, such as "57 (50 to 63)"; empty if any of them is not known.

@@ -226,16 +226,15 @@ class Line(NamedTuple):
         values_of_lines = np.concatenate([line.y[np.isfinite(line.y)] for line in lines])
         if not len(values_of_lines):
             return self
-        low, high = values_of_lines.min(), values_of_lines.max()
-        margin = CLIP_SPANS * (high - low)
-
-        def clipped(values: Array | None) -> Array | None:
-            """Returns values within the range; None for a line without a band."""
-            return None if values is None else np.clip(values, low - margin, high + margin)
-
-        y = np.clip(self.y, low - margin, high + margin)
+        lowest = values_of_lines.min()
+        highest = values_of_lines.max()
+        margin = CLIP_SPANS * (highest - lowest)
+        limits = (lowest - margin, highest + margin)
+        # A line without a band has no edges.
+        lower_edge = None if self.lower_edge is None else np.clip(self.lower_edge, *limits)
+        upper_edge = None if self.upper_edge is None else np.clip(self.upper_edge, *limits)
         return self._replace(
-            y=y, lower_edge=clipped(self.lower_edge), upper_edge=clipped(self.upper_edge)
+            y=np.clip(self.y, *limits), lower_edge=lower_edge, upper_edge=upper_edge
         )
 
     def resampled(self, grid: Array) -> Line:

@@ -15,7 +15,7 @@ from mavdem.fleet.report_columns import NOT_IDENTIFIABLE, value_at
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.difference.lights import Review, vibrations_of_same_imu
 from mavdem.report.difference.reviewed import ReviewedDifference
-from mavdem.report.numbers import UNKNOWN_FIGURE, figure_with_interval, rounded
+from mavdem.report.numbers import UNKNOWN_FIGURE, estimate_with_interval, rounded
 from mavdem.report.templates import rounded_up
 
 BATTERY = "battery"
@@ -136,10 +136,10 @@ def vibration_row(reviewed: ReviewedDifference) -> ConditionRow:
     Args:
         reviewed: comparison of two states.
     """
-    lights_by_side = {
-        side: value_at(reviewed.reviews.get(side) or {}, "lights.vibration") or {}
-        for side in STATE_NAMES
-    }
+    lights_by_side = {}
+    for side in STATE_NAMES:
+        review = reviewed.reviews.get(side) or {}
+        lights_by_side[side] = value_at(review, "lights.vibration") or {}
     # The IMU that the light of A names comes first.
     levels_by_imu = vibrations_of_same_imu(lights_by_side)
     if levels_by_imu:
@@ -205,7 +205,7 @@ def _wind_speed_cell(wind: Review) -> str:
         _, upper_end = wind["speed_interval"]
         return f"below {rounded_up(upper_end, 1)}"
     key = "mean_speed" if "mean_speed" in wind else "speed"
-    return figure_with_interval(wind.get(key), wind.get(f"{key}_interval")) or UNKNOWN_FIGURE
+    return estimate_with_interval(wind.get(key), wind.get(f"{key}_interval")) or UNKNOWN_FIGURE
 
 
 def _wind_direction_cell(wind: Review) -> str:

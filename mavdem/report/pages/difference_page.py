@@ -51,7 +51,7 @@ from mavdem.report.loops import LOOP_FIGURES, TUNED_FIGURES
 from mavdem.report.numbers import (
     UNKNOWN_FIGURE,
     counted,
-    figure_with_interval,
+    estimate_with_interval,
     parameter_value_text,
 )
 from mavdem.report.pages.page import Chapter, KeyEntry, render_document
@@ -581,7 +581,7 @@ def _margin_cell(loop: Review, key: str, scale: float) -> str:
         scale: factor from its unit in the document to the one in which it is shown.
     """
     interval = loop.get(f"{key}_interval")
-    return figure_with_interval(loop.get(key), interval, scale) or UNKNOWN_FIGURE
+    return estimate_with_interval(loop.get(key), interval, scale) or UNKNOWN_FIGURE
 
 
 def _step_charts(reviews_by_side: Reviews, legend: Mapping[str, str], axis: str) -> Iterator[Chart]:

@@ -123,7 +123,7 @@ def fleet_page(
         unused_blocks=blocks[summary_length:],
         vehicles=vehicles,
         bad_unnamed_flights=_bad_unnamed_flights(summaries),
-        unjudged=_repeated_summaries(vehicles),
+        unjudged=_move_repeated_summaries(vehicles),
         lights=[*Light],
         not_used=NOT_USED,
         least_urgency=Urgency.WATCH,
@@ -642,7 +642,7 @@ def _light_counts(summaries: Sequence[VehicleSummary]) -> list[LightCounts]:
     return counts
 
 
-def _repeated_summaries(sections: Sequence[VehicleSection]) -> Table:
+def _move_repeated_summaries(sections: Sequence[VehicleSection]) -> Table:
     """Moves summaries that several vehicles have in common from their sections of the page into one table.
 
     Many vehicles of a fleet lack the same thing, such as enough flights to compare, and all their sections would say
