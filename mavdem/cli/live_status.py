@@ -39,6 +39,7 @@ from mavdem.report.live import (
     light_rows,
     statement_of_headline,
     status_line_text,
+    unrepaired_fault_text,
     unwatched_quantities_text,
     vehicle_text,
     watched_quantities_text,
@@ -473,6 +474,13 @@ class StatusLines:
             escape_unprintable(status_line_text(status)), boot_clock=status.boot_clock
         )
         self._print(shortened(line, STATUS_LINE_WIDTH))
+        fault_of_earlier_flight = unrepaired_fault_text(status)
+        headline = status.session_judgement.headline
+        if headline.code is SessionFact.FLIGHT_VERDICT:
+            fault_of_earlier_flight = headline.sentence
+        if fault_of_earlier_flight:
+            text = escape_unprintable(fault_of_earlier_flight)
+            self._print(stamped_line(text, boot_clock=status.boot_clock))
         if not is_new:
             self._print_next_step(status)
 
@@ -513,7 +521,7 @@ class StatusLines:
         Args:
             status: State of the live session.
         """
-        next_step = status.overall_judgement.next_step
+        next_step = status.session_judgement.next_step
         content = next_step.without_measurements
         has_reason = bool(next_step.figures.get("reason"))
         is_to_stay = next_step.code in (NextStep.FLY_ON, NextStep.HOVER_FIRST) and not has_reason
@@ -573,8 +581,11 @@ def _status_block(status: SessionStatus) -> Group:
     """
     texts = _status_texts(status)
     alarm_style = style_of_facts(*status.alarms)
-    headline_style = style_of_facts(*status.alarms, status.overall_judgement.headline)
+    headline_style = style_of_facts(*status.alarms, status.session_judgement.headline)
     parts: list[RenderableType] = [texts.vehicle, Text(texts.judgement, headline_style)]
+    unrepaired_fault = escape_unprintable(unrepaired_fault_text(status))
+    if unrepaired_fault:
+        parts.append(Text(unrepaired_fault, LEVEL_STYLES[Level.WATCH]))
     if status.vehicle is not None:
         table_width = min(STDERR.width, MAX_COLUMNS)
         parts.append(_table_of_lights(light_rows(status), table_width))
@@ -634,7 +645,7 @@ def _status_texts(status: SessionStatus) -> StatusTexts:
     Args:
         status: The status. Its ``no_model_reason`` is the fact that says why no model is learned now, if none is.
     """
-    judgement = status.overall_judgement
+    judgement = status.session_judgement
     judgement_text = _judgement_text(judgement)
     sentences = []
     for sentence in render_section("live_status", status=status, time=clock.unix_time()):

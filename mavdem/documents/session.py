@@ -207,7 +207,7 @@ def live_document(
         wind = dict(zip(WIND_KEYS, status.wind.compass, strict=True))
     return Live.from_results(
         # These fill the keys of what was judged, and further ones such as the vehicle and the rates.
-        status.overall_judgement,
+        status.session_judgement,
         status.findings or (),
         status,
         **alarm_figures(status.motor_alarms),

@@ -197,6 +197,14 @@ class Fact:
         return self.sentence
 
     @property
+    def forbids_flight(self) -> bool:
+        """Whether what to do about it is not to fly before something is inspected or repaired."""
+        # Which codes forbid it stands beside their sentences.
+        from mavdem.report.templates import forbids_flight
+
+        return forbids_flight(self)
+
+    @property
     def sentence_and_remedy(self) -> str:
         """The sentence and, after it, the remedy."""
         return " ".join(filter(None, self._words))

@@ -147,6 +147,7 @@ class SessionFact(Code):
     FLIGHT_LEARNED = "flight_learned"
     REPORTS_LEFT_OUT = "reports_left_out"
     FLIGHT_VERDICT = "flight_verdict"
+    UNREPAIRED_FAULT = "unrepaired_fault"
     FLIGHT_OF_RECORDING = "flight_of_recording"
     VEHICLE_VERDICT = "vehicle_verdict"
     VEHICLE_OF_RECORDING = "vehicle_of_recording"

@@ -363,9 +363,54 @@ class SessionStatus(ImmutableResult):
         if not self.verdicts:
             return []
         *earlier_verdicts, latest_verdict = self.verdicts
-        if self.is_recording_judged or not latest_verdict.is_lost_in_air:
+        is_of_earlier_flight = latest_verdict.number != self.flight_number
+        is_from_before_restart = latest_verdict.is_lost_in_air and not self.is_recording_judged
+        if not is_of_earlier_flight and not is_from_before_restart:
             latest_verdict = latest_verdict._replace(judgement=self.overall_judgement)
-        return worst_first([*earlier_verdicts, latest_verdict])
+        # Of flights that are as bad, the latest comes first: its next step is the one to take.
+        return worst_first([latest_verdict, *reversed(earlier_verdicts)])
+
+    @property
+    def worst_earlier_verdict(self) -> FlightVerdict | None:
+        """The worst bad verdict on a flight of the session before the latest one; None if no such flight was bad."""
+        for verdict in self.verdicts_worst_first:
+            if verdict.number != self.flight_number and verdict.judgement.headline.is_bad:
+                return verdict
+        return None
+
+    @property
+    def session_judgement(self) -> Judgement:
+        """The judgement to show: of the latest flight, but on the ground with the headline of a worse earlier flight.
+
+        A take-off does not repair what was found before, so that the worst verdict of the session heads it while the
+        vehicle does not fly, and at the end. The lights remain those of the latest flight.
+        """
+        judgement = self.overall_judgement
+        worst_verdict = self.worst_earlier_verdict
+        if worst_verdict is None or (self.is_flying and not self.is_over):
+            return judgement
+        if self.verdicts_worst_first[0] != worst_verdict:
+            return judgement
+        next_step = worst_verdict.judgement.next_step
+        return replace(judgement, headline=worst_verdict.fact, next_step=next_step)
+
+    @property
+    def unrepaired_fault(self) -> Fact | None:
+        """The fault of an earlier flight that forbids to fly, and of which mavdem does not know that it was repaired.
+
+        None without such a fault, or if the headline of ``session_judgement`` states it.
+        """
+        verdict = self.worst_earlier_verdict
+        if verdict is None or not verdict.judgement.headline.forbids_flight:
+            return None
+        if self.session_judgement.headline == verdict.fact:
+            return None
+        return Fact(
+            SessionFact.UNREPAIRED_FAULT,
+            reason=verdict.fact,
+            next_step=verdict.judgement.next_step,
+            is_in_flight=self.is_flying and not self.is_over,
+        )
 
     @property
     def link_loss(self) -> Fact | None:
@@ -418,7 +463,7 @@ class SessionStatus(ImmutableResult):
     @property
     def further_alarms(self) -> Facts:
         """The active alarms that the headline does not state, with these figures or with newer ones."""
-        headline_fault = cause_of_alarm(self.overall_judgement.headline)
+        headline_fault = cause_of_alarm(self.session_judgement.headline)
         further_alarms = []
         for alarm in self.active_alarms:
             fault = cause_of_alarm(alarm)

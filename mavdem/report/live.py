@@ -72,7 +72,8 @@ def status_line_text(status: SessionStatus) -> str:
     """Returns the status of a live session as one line of text, for an output that is not a terminal, such as a file.
 
     It has the vehicle and its phase of flight, the battery, the wind, the link, whether a model is learned and why not.
-    From the first take-off on it has the names of the status lights by level, the worst first.
+    If the headline is bad, it has what to do first. From the first take-off on it has the names of the status lights
+    by level, the worst first.
 
     Args:
         status: state of the session, with the status lights: the judgement of each part of the vehicle by a level.
@@ -84,7 +85,13 @@ def status_line_text(status: SessionStatus) -> str:
         if names:
             lights_of_levels.append(f"{level}: {', '.join(names)}")
     # The template "live_line" makes one sentence of all these.
-    [sentence] = render_section("live_line", status=status, lights=lights_of_levels)
+    judgement = status.session_judgement
+    first_step = ""
+    if judgement.headline.is_bad:
+        first_step, *_ = str(judgement.next_step).split(". ")
+    [sentence] = render_section(
+        "live_line", status=status, lights=lights_of_levels, first_step=first_step
+    )
     return sentence.text
 
 
@@ -195,6 +202,19 @@ def headline_and_next_step(judgement: Judgement) -> list[str]:
     return [headline_text, f"Next: {next_step}"]
 
 
+def unrepaired_fault_text(status: SessionStatus) -> str:
+    """Returns the line on a fault of an earlier flight that may not have been repaired, and what to do about it.
+
+    Args:
+        status: state of the session.
+
+    Returns:
+        The sentences; empty without such a fault, and if it is the headline.
+    """
+    fault = status.unrepaired_fault
+    return "" if fault is None else fault.sentence_and_remedy
+
+
 def closing_lines(status: SessionStatus) -> list[str]:
     """Returns the last words on a session: its verdict and the next step or, after several flights, all verdicts.
 
@@ -206,7 +226,7 @@ def closing_lines(status: SessionStatus) -> list[str]:
     """
     verdicts = status.verdicts_worst_first
     if len(verdicts) < 2:
-        return headline_and_next_step(status.overall_judgement)
+        return headline_and_next_step(status.session_judgement)
     lines = [verdict.fact.sentence for verdict in verdicts]
     _, *next_step_lines = headline_and_next_step(verdicts[0].judgement)
     return [lines[0], *next_step_lines, *lines[1:]]

@@ -18,7 +18,11 @@ from mavdem.live.display import DisplayRow
 from mavdem.live.history import REPORTED_HORIZON
 from mavdem.plant.online_wind_torque import is_torque_resolved
 from mavdem.report.blocks import markdown
-from mavdem.report.live import headline_and_next_step, watched_quantities_text
+from mavdem.report.live import (
+    headline_and_next_step,
+    unrepaired_fault_text,
+    watched_quantities_text,
+)
 from mavdem.report.numbers import (
     TORQUE_UNIT,
     display_unit,
@@ -202,7 +206,7 @@ def current_value_texts(
         parameters and free energy; and what is watched.
     """
     model_judgement = status.model_judgement
-    judgement = status.overall_judgement
+    judgement = status.session_judgement
     estimate = row.estimate
     physical = None if estimate is None else estimate.physical
     # A wind torque that is smaller than its error is left out.
@@ -213,6 +217,7 @@ def current_value_texts(
         "live_cards",
         status=status,
         headline_lines=headline_and_next_step(judgement),
+        unrepaired_fault=unrepaired_fault_text(status),
         lights=judgement.lights,
         levels=LIGHT_LEVELS,
         watched=watched_quantities_text(status.watch_facts),

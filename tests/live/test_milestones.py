@@ -26,7 +26,7 @@ from mavdem.live.learning import FlightLearning
 from mavdem.live.milestones import MAX_VERDICTS, Milestones
 from mavdem.live.session_status import Latency, SessionStatus
 from mavdem.plant.parameters import Physical
-from mavdem.report.live import closing_lines, headline_and_next_step
+from mavdem.report.live import closing_lines, headline_and_next_step, unrepaired_fault_text
 from mavdem.report.templates import as_clause
 
 PHYSICAL = partial_record(
@@ -150,6 +150,38 @@ def test_a_session_of_several_flights_ends_with_all_verdicts_the_worst_first():
     assert first_line == f"Flight 1 (0:34 min): {as_clause(loss)}."
     assert next_step == f"Next: {lost.verdict.judgement.next_step}"
     assert second_line.startswith("Flight 2 (0:22 min): ")
+
+
+def test_a_take_off_does_not_hide_what_forbids_to_fly():
+    """The second flight is too short to be judged, and nothing shows that the motor was inspected."""
+    milestones = Milestones("roll", Mock())
+    weak = {Light.MOTORS: Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 3", share=0.9)}
+    first = SessionStatus(is_flying=True, flight_number=1, flight_seconds=34.0, worst_lights=weak)
+    second = SessionStatus(is_flying=True, flight_number=2, flight_seconds=9.0, vehicle="1:1")
+    for now, status in enumerate((first, replace(first, is_flying=False), second)):
+        milestones.update(learning_with(), status, float(now))
+    [verdict, _] = milestones.verdicts
+    advice = str(verdict.judgement.next_step)
+    assert advice.startswith("Do not fly")
+
+    flying = replace(second, verdicts=milestones.verdicts)
+    assert flying.session_judgement == flying.overall_judgement
+    text = unrepaired_fault_text(flying)
+    assert text.startswith("Flight 1 (0:34 min): motor 3") and text.endswith(
+        f"land. After landing: {advice}"
+    )
+    # The status of the first second of a flight comes before that flight has a verdict.
+    assert unrepaired_fault_text(replace(flying, verdicts=milestones.verdicts[:1])) == text
+    for ended in (replace(flying, is_flying=False), replace(flying, is_over=True)):
+        judgement = ended.session_judgement
+        assert judgement.headline == verdict.fact and str(judgement.next_step) == advice
+        assert judgement.headline.is_bad and not unrepaired_fault_text(ended)
+        assert closing_lines(ended)[:2] == headline_and_next_step(judgement)
+
+    # A fault of the latest flight that is as bad comes first, and the earlier one is not forgotten.
+    both = replace(flying, is_flying=False, worst_lights=weak)
+    assert both.session_judgement == both.overall_judgement
+    assert unrepaired_fault_text(both).endswith(f"If it was not: {advice}")
 
 
 def test_a_crash_comes_before_a_weak_motor_whatever_the_order_of_the_flights():

@@ -32,7 +32,14 @@ from mavdem.facts.log import LogLight
 from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.facts.motors import MotorsLight, MotorWatchFact
 from mavdem.facts.power import PowerLight
-from mavdem.facts.session import LinkFact, MissingMessages, RowsFact, SessionFact, VehicleFact
+from mavdem.facts.session import (
+    LinkFact,
+    MissingMessages,
+    RowsFact,
+    SessionFact,
+    TimeUse,
+    VehicleFact,
+)
 from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.ingest.telemetry import Telemetry
@@ -40,6 +47,7 @@ from mavdem.ingest.vocabulary import EstimatorRatio
 from mavdem.live import LiveStream
 from mavdem.live.active_alarms import CALM_SECONDS
 from mavdem.live.flight_lights import FlightLights
+from mavdem.live.history import LiveHistory
 from mavdem.live.motor_limits import ALARMING_SHARE
 from mavdem.live.recent_messages import MAX_ROWS, RecentMessages
 from mavdem.live.session_status import Latency, SessionStatus
@@ -49,6 +57,7 @@ from mavdem.live.watch_list import not_watched
 from mavdem.live.watchdog import DECISION_SECONDS, TRACKING_PERIOD, Watchdog
 from mavdem.live.wind import WindEstimate
 from mavdem.report.live import vehicle_text, watched_quantities_text
+from mavdem.report.pages.flight_page import live_page
 
 
 @dataclass(frozen=True)
@@ -1099,6 +1108,25 @@ def test_an_alarm_that_stays_after_the_landing_is_shown_as_a_fault(monkeypatch):
     shown = shown_status(status, monkeypatch)
     assert "The autopilot reports a critical battery." in shown
     assert "ALARM" not in shown and "no attitude" not in shown
+
+
+def test_what_forbids_to_fly_since_an_earlier_flight_stands_on_terminal_lines_and_page(
+    monkeypatch, capsys
+):
+    weak = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 3", share=0.9)
+    first = SessionStatus("1:1", flight_number=1, worst_lights={Light.MOTORS: weak}).verdict
+    second = SessionStatus("1:1", is_flying=True, flight_number=2, verdicts=(first,))
+    account = dict.fromkeys(TimeUse, 0.0)
+    for status in (second, replace(second, is_flying=False)):
+        StatusLines(None).show(Mock(shown_status=status))
+        texts = {
+            "terminal": shown_status(status, monkeypatch, width=1000),
+            "lines": capsys.readouterr().out,
+            "page": live_page("udp", "roll", LiveHistory(), status, account, None),
+        }
+        for surface, text in texts.items():
+            assert "Flight 1: motor 3" in text.replace("\N{NO-BREAK SPACE}", " "), surface
+            assert "Do not fly" in text, surface
 
 
 def test_the_terminal_rings_once_for_each_alarm_and_never_elsewhere(monkeypatch):

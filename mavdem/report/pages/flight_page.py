@@ -785,9 +785,15 @@ def live_page(
         refresh_seconds: time after which a server has a newer page, s; None for a page that does not change.
     """
     # Imported here: a page of a log needs nothing of live sessions.
-    from mavdem.report.live import light_rows, live_alarm, live_title, statement_of_headline
+    from mavdem.report.live import (
+        light_rows,
+        live_alarm,
+        live_title,
+        statement_of_headline,
+        unrepaired_fault_text,
+    )
 
-    judgement = status.overall_judgement
+    judgement = status.session_judgement
     timeline = live_timeline(history, axis)
     if timeline is not None:
         first_time, last_time = timeline.span
@@ -827,10 +833,14 @@ def live_page(
     heading = sentences.headline
     if not status.is_over:
         heading = headline_sentence(statement_of_headline(heading.lead, judgement.headline))
+    summary = [heading, sentences.next_step]
+    unrepaired_fault = unrepaired_fault_text(status)
+    if unrepaired_fault:
+        summary.append(Sentence(unrepaired_fault, lead="Earlier flight:"))
     return render_document(
         live_title(status, link, names),
         _live_subtitle(status, link),
-        [heading, sentences.next_step],
+        summary,
         chapters,
         back,
         head,
