@@ -46,13 +46,7 @@ def lights_before_model(
     """
     lights = dict(unjudged(reason).lights)
     for light, quantity in AWAITED_QUANTITIES.items():
-        why_not_judged = _reason_not_watched(quantity, watch_facts, reason)
-        if why_not_judged is None:
-            # A quantity that is watched will be judged in settled flight, the tracking after some seconds of it.
-            why_not_judged = Fact(WatchFact.SETTLED_FLIGHT_AWAITED)
-            if quantity is WatchedQuantity.TRACKING:
-                why_not_judged = Fact(WatchFact.TRACKING_AWAITED, duration=MIN_SETTLED_SECONDS)
-        lights[str(light)] = Fact(Unjudged.NOT_JUDGED, reason=why_not_judged)
+        lights[str(light)] = _awaited_light(quantity, watch_facts, reason)
     lights[str(Light.MOTORS)] = _motors_light(watch_facts, reason)
     lights[str(Light.MARGINS)] = _margins_light(watch_facts, reason)
     if watch_facts and no_wind_reason is None:
@@ -65,6 +59,25 @@ def lights_before_model(
     elif min(fastest_rates(rates)) >= MIN_STREAM_RATE:
         lights[str(Light.LOG)] = _fast_enough_fact(rates)
     return lights
+
+
+def _awaited_light(
+    quantity: WatchedQuantity, watch_facts: Mapping[str, Fact], reason: Fact
+) -> Fact:
+    """Returns the light of a quantity that is judged in settled flight: why it is not judged yet.
+
+    Args:
+        quantity: one of ``AWAITED_QUANTITIES``.
+        watch_facts: since when each quantity is watched, or why it is not, by its name.
+        reason: why there is no model.
+    """
+    why_not_judged = _reason_not_watched(quantity, watch_facts, reason)
+    if why_not_judged is None:
+        # What is watched will be judged in settled flight, the tracking after some seconds of it.
+        why_not_judged = Fact(WatchFact.SETTLED_FLIGHT_AWAITED)
+        if quantity is WatchedQuantity.TRACKING:
+            why_not_judged = Fact(WatchFact.TRACKING_AWAITED, duration=MIN_SETTLED_SECONDS)
+    return Fact(Unjudged.NOT_JUDGED, reason=why_not_judged)
 
 
 def _reason_not_watched(

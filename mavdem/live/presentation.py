@@ -2,12 +2,13 @@
 
 from collections.abc import Callable
 from math import nan
+from typing import NamedTuple
 
 from mavdem.assessment.autopilot_messages import REPEAT_SECONDS
 from mavdem.containers import Numbers
 from mavdem.dem import Estimate, Learned
 from mavdem.errors import failure_fact
-from mavdem.facts import Fact
+from mavdem.facts import Code, Fact
 from mavdem.facts.event import Event
 from mavdem.facts.session import LinkFact, SessionFact
 from mavdem.facts.watch import WatchFact
@@ -23,6 +24,19 @@ from mavdem.live.wind import WindEstimate
 
 OpenDisplay = Callable[[RowFormat], Display | None]
 """Returns the display of rows of a format; None where there is none."""
+
+
+class _RepetitionKey(NamedTuple):
+    """What two reports of the same thing have in common, whatever their measured figures are."""
+
+    code: Code
+    """Code of the fact."""
+
+    subject: str
+    """What the fact is about, such as a motor."""
+
+    detail: object
+    """Text of the autopilot, alarm of another vehicle, or level of a lost link; None for all other facts."""
 
 
 class Presentation:
@@ -52,7 +66,7 @@ class Presentation:
         self._motor_alarms = motor_alarms
         self._display: Display | None = None
         # When a fact with each ``_repetition_key`` was reported last, s of the monotonic clock.
-        self._report_times: dict[object, float] = {}
+        self._report_times: dict[_RepetitionKey, float] = {}
         self._report_limit = ReportLimit()
 
     @property
@@ -271,17 +285,11 @@ def _pose_values(pose: LatestPose | None) -> Numbers:
     return (roll, pitch, roll_setpoint, pitch_setpoint, yaw, north, east, height)
 
 
-def _repetition_key(fact: Fact) -> tuple[object, ...]:
-    """Returns a key that repeated reports of the same thing share: code, subject, and a detail.
-
-    The detail is the text of a message from the autopilot, the alarm of another vehicle, or the level of a lost link;
-    otherwise None.
+def _repetition_key(fact: Fact) -> _RepetitionKey:
+    """Returns the key that a fact shares with its repetitions, such as the same text of the autopilot sent again.
 
     Args:
         fact: the fact that is reported to the user.
-
-    Returns:
-        The key (code, subject, detail).
     """
     detail = fact.figures.get("text")
     if fact.code is WatchFact.OTHER_VEHICLE_ALARM:
@@ -289,7 +297,7 @@ def _repetition_key(fact: Fact) -> tuple[object, ...]:
     elif fact.code is LinkFact.LOST_IN_FLIGHT:
         # A link that is lost for long is worse news than one that has just been lost.
         detail = fact.level
-    return fact.code, fact.subject, detail
+    return _RepetitionKey(fact.code, fact.subject, detail)
 
 
 def _no_display(_: RowFormat) -> Display | None:

@@ -416,32 +416,17 @@ class RowBuilder:
         Returns:
             A format that is made for this row, and the row; None while there are rows, or where samples are missing.
         """
-        if self._grid.is_running or self.inputs is None or self.attitude_message is None:
+        if self._grid.is_running:
             return None
+        row_format = self._format_of_latest_row()
+        # The outputs in ``inputs.motors`` are older: they were selected in the latest review.
         outputs = self.latest_motor_outputs()
-        if outputs is None:
+        if row_format is None or outputs is None:
             return None
-        motors = self.inputs.motors
         # The streams are attitude, then the ports of the motors.
         attitude = self._row_streams[0]
-        rate = slowest_rate([motors.time, attitude.time])
-        # Without a rate, from two samples of each stream, the format would have no step.
-        if not rate:
-            return None
-        time = attitude.time[-1]
-        row_format = RowFormat(
-            self._boot,
-            dt=1 / rate,
-            attitude_message=self.attitude_message,
-            motor_message=motors.message,
-            geometry=motors.geometry,
-            scale=motors.scale,
-            rates=(rate, rate),
-            grid_start=time,
-        )
         row = AlignedRow(
-            time,
-            # The outputs in ``motors`` are older: they were selected in the latest review.
+            attitude.time[-1],
             np.array(outputs),
             self._angle_and_rate(attitude.latest),
             self._grid.segment,
@@ -449,3 +434,26 @@ class RowBuilder:
             is_free_flight=False,
         )
         return FormattedRow(row_format, row)
+
+    def _format_of_latest_row(self) -> RowFormat | None:
+        """Returns the format of the row that :meth:`latest_row` makes; its step is that of the slower message.
+
+        It is None before messages are chosen, and before each has two samples, which show its rate.
+        """
+        if self.inputs is None or self.attitude_message is None:
+            return None
+        motors = self.inputs.motors
+        attitude = self._row_streams[0]
+        rate = slowest_rate([motors.time, attitude.time])
+        if not rate:
+            return None
+        return RowFormat(
+            self._boot,
+            dt=1 / rate,
+            attitude_message=self.attitude_message,
+            motor_message=motors.message,
+            geometry=motors.geometry,
+            scale=motors.scale,
+            rates=(rate, rate),
+            grid_start=attitude.time[-1],
+        )

@@ -66,6 +66,7 @@ def vehicle_state(slow_messages: RecentMessages, vehicle: Telemetry, now: float)
     columns |= slow_messages.columns(["AVAILABLE_MODES"])
     signals = Signals(replace(vehicle, messages=columns))
     armed = signals.armed
+    # Whether the mode is one in which the vehicle lands by itself, over time.
     landing_mode = signals.landing
     voltages = {}
     for battery in signals.batteries:
