@@ -114,6 +114,11 @@ class Table(NamedTuple):
     is_printed: bool = True
     """Whether the paper of a page has it: a long list in which things are looked up serves a screen."""
 
+    @property
+    def longest_cell(self) -> int:
+        """Number of letters of the longest cell behind the first column; 0 where there is none."""
+        return max([len(cell) for row in self.rows for cell in row[1:]], default=0)
+
 
 Block = Sentence | Table
 Blocks = list[Block]

@@ -630,7 +630,7 @@ def _gain_and_margin_table(advice: Advice, *, is_doubtful: bool) -> Table:
 
     Args:
         advice: advice on the axis, with its loops.
-        is_doubtful: whether the margins of the identified loop may be wrong; then each of them is called doubtful.
+        is_doubtful: whether the margins of the identified loop may be wrong; then the header calls them doubtful.
 
     Returns:
         The table, with a column for the gains that flew and, if gains are advised, one for the advised gains. If
@@ -641,14 +641,13 @@ def _gain_and_margin_table(advice: Advice, *, is_doubtful: bool) -> Table:
     rows = []
     for name, advised_value in advice.parameters.items():
         rows.append([name, f"{advice.gains[name].now:.4g}", f"{advised_value:.4g}"])
-    remark = "doubtful: " if is_doubtful else ""
     for loop_name in LOOP_NAMES:
         for figure_name in TUNED_FIGURES:
             figure = LOOP_FIGURES[figure_name]
             row = [f"{loop_name}: {figure.header}"]
             for loop in loops.values():
                 text = _figure_text(loop.open_loop(loop_name), figure_name, figure.scale)
-                row.append(remark + text)
+                row.append(text)
             rows.append(row)
     if advice.parameters:
         wind_errors = [rounded(loop.lean_in_wind) for loop in loops.values()]
@@ -656,7 +655,8 @@ def _gain_and_margin_table(advice: Advice, *, is_doubtful: bool) -> Table:
     headers = list(loops)
     if advice.parameters and not advice.is_sound:
         headers[-1] = "tried, not to be loaded"
-    return Table([f"{axis} (90 % interval)", *headers], rows)
+    remark = ", margins doubtful" if is_doubtful else ""
+    return Table([f"{axis} (90 % interval{remark})", *headers], rows)
 
 
 def _has_doubtful_margins(tuning: Tuning, axis: str) -> bool:
@@ -801,25 +801,24 @@ def margin_tables(loops: LoopsByAxis, doubtful: Container[str] = ()) -> Iterator
 
     Args:
         loops: the loops to compare, by the header of their column, such as "now" and "advised".
-        doubtful: the headers of the loops that a measured response speaks against. Each of their figures is called
-            doubtful in its own cell, since a figure is often read without the text around the table.
+        doubtful: the headers of the loops that a measured response speaks against; their columns are called doubtful.
 
     Yields:
         A table with a row for each of ``LOOP_FIGURES`` and a column for each of ``loops``.
     """
     models = [loop.model for loop in loops.values()]
+    headers = []
+    for header in loops:
+        headers.append(f"{header} (doubtful)" if header in doubtful else header)
     for loop_name in LOOP_NAMES:
         rows = [["model of the plant", *models]]
         for attribute, figure in LOOP_FIGURES.items():
             row = [figure.header]
-            for header, loop in loops.items():
+            for loop in loops.values():
                 open_loop = loop.open_loop(loop_name)
-                text = _figure_text(open_loop, attribute, figure.scale)
-                if header in doubtful:
-                    text = f"doubtful: {text}"
-                row.append(text)
+                row.append(_figure_text(open_loop, attribute, figure.scale))
             rows.append(row)
-        yield Table([f"{loop_name} loop (90 % interval)", *loops], rows)
+        yield Table([f"{loop_name} loop (90 % interval)", *headers], rows)
 
 
 def _figure_text(loop: OpenLoop, attribute: str, scale: float) -> str:

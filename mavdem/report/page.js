@@ -124,7 +124,7 @@
   onClick("#whole", () => flight() && zoom(flight(), ...flight().whole));
 
   onClick("#all", all => {
-    const chapters = [...document.querySelectorAll("main .chapter > details, main details.part")], open = chapters.some(part => !part.open);
+    const chapters = [...document.querySelectorAll("main .chapter > details, main details:is(.part, .more)")], open = chapters.some(part => !part.open);
     for (const part of chapters) part.open = open;
     all.textContent = open ? "Close all" : "Open all";
   });

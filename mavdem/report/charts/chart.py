@@ -521,6 +521,9 @@ class Group(NamedTuple):
     is_flat: bool = False
     """Whether charts over time are as low as those of a single column, although there are several columns."""
 
+    has_common_x: bool = False
+    """Whether all charts of a column have one horizontal axis, which is drawn below the lowest chart alone."""
+
     @property
     def first_name(self) -> str:
         """Name of the column that a phone opens; empty where it opens all."""

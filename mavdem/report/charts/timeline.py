@@ -412,23 +412,27 @@ def axis_history_charts(axis: str, history: AxisHistory) -> Charts:
         axis: name of the axis.
         history: its angle and rate over time.
     """
-    title = axis.capitalize()
     charts = []
     if history.angle is not None:
         angle_lines = _lines_with_setpoint(axis, history.angle)
         if axis not in TILT_AXES:
             # After several turns the details of a heading would not show, so that it is drawn between -180° and 180°.
             angle_lines = [_wrapped_to_half_turns(line) for line in angle_lines]
-        charts.append(over_time(title, "°", angle_lines))
+        charts.append(over_time(axis.capitalize(), "°", angle_lines))
     if history.rate is None:
         return tuple(charts)
     rate_lines = _lines_with_setpoint("rate", history.rate)
-    charts.append(over_time(f"{title} rate", "°/s", rate_lines))
+    charts.append(over_time(rate_title(axis), "°/s", rate_lines))
     if len(rate_lines) > 1:
         setpoint_line, rate_line = rate_lines
         error_line = Line("error", DISTURBANCE, rate_line.x, rate_line.y - setpoint_line.y)
-        charts.append(over_time(f"{title} rate error", "°/s", [error_line]))
+        charts.append(over_time(f"{rate_title(axis)} error", "°/s", [error_line]))
     return tuple(charts)
+
+
+def rate_title(axis: str) -> str:
+    """Returns the title of the chart of an axis's body rate over time, such as "Roll rate"."""
+    return f"{axis.capitalize()} rate"
 
 
 def _lines_with_setpoint(name: str, signal: FollowedSetpoint) -> list[Line]:

@@ -35,13 +35,18 @@ from mavdem.facts.wind import WindLight
 from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.loops.advice import AdviceByAxis
 from mavdem.loops.resonance import controller_if_known
-from mavdem.report.blocks import Block, Blocks, Sentence, Table, headline_sentence, warning
+from mavdem.report.blocks import Blocks, Sentence, Table, headline_sentence, warning
 from mavdem.report.brief_events import with_saturations_counted
 from mavdem.report.charts import model_charts
-from mavdem.report.charts.chart import MAX_POINTS, MAX_POINTS_OF_SMALL_PAGE, Group
+from mavdem.report.charts.chart import MAX_POINTS, MAX_POINTS_OF_SMALL_PAGE, Charts, Group
 from mavdem.report.charts.flown_path import MapWind, flown_path
 from mavdem.report.charts.plans import frame_plan, rose_of_wind
-from mavdem.report.charts.timeline import Timeline, assessment_timeline, live_timeline
+from mavdem.report.charts.timeline import (
+    Timeline,
+    assessment_timeline,
+    live_timeline,
+    rate_title,
+)
 from mavdem.report.condition import air_blocks, log_blocks
 from mavdem.report.gain_changes import gain_changes
 from mavdem.report.instances import instance_table
@@ -66,6 +71,7 @@ from mavdem.report.pages.page import (
     Chapter,
     Head,
     PageEvent,
+    Section,
     anchor_of,
     render_document,
 )
@@ -355,7 +361,7 @@ def _levels_of_chapter(chapter: Chapter, lights: NamedFacts) -> set[Level]:
 
 def _anchors_of_lights(chapters: Sequence[Chapter]) -> dict[str, str]:
     """Returns the anchor of the chapter about each light, as far as the page has it."""
-    titles = {chapter.title for chapter in chapters if chapter.blocks or chapter.groups}
+    titles = {chapter.title for chapter in chapters if chapter.has_content}
     return {
         str(light): anchor_of(title) for light, title in CHAPTER_OF_LIGHT.items() if title in titles
     }
@@ -522,19 +528,38 @@ def _trust_chapter(trust_of_boots: Sequence[SensorTrust]) -> Chapter:
 def _axes_chapter(assessment: Assessment, timeline: Timeline) -> Chapter:
     """Returns the chapter of angles and rates with their setpoints, a column for each axis, and how well they track.
 
+    If the tracking is bad, the chapter is open when the page is loaded. Then only the rates are shown at first, by
+    which an axis that was lost is recognised: the plots over the flight have roll and pitch already. The other charts
+    are in a part to open, so that the page stays short.
+
     Args:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
         timeline: charts of the flight over time.
     """
-    columns = {}
-    for axis, charts in timeline.axis_charts.items():
-        if charts:
-            columns[axis] = tuple(timeline.marked(chart) for chart in charts)
     light = assessment.lights["tracking"]
-    blocks = [*_tracking_blocks(light, assessment.tracking, assessment.headline)]
+    columns: dict[str, Charts] = {}
+    rates: dict[str, Charts] = {}
+    others: dict[str, Charts] = {}
+    for axis, unmarked_charts in timeline.axis_charts.items():
+        if not unmarked_charts:
+            continue
+        charts = tuple(timeline.marked(chart) for chart in unmarked_charts)
+        columns[axis] = charts
+        rates[axis] = tuple(chart for chart in charts if chart.title == rate_title(axis))
+        others[axis] = tuple(chart for chart in charts if chart.title != rate_title(axis))
     group = Group.of_axes(columns, light)
+    blocks: Blocks = [*_tracking_sentences(light, assessment.headline)]
+    error_tables = _tracking_tables(assessment.tracking)
+    sections = []
+    is_parted = all(rates.values()) and all(others.values())
+    if light.is_bad and is_parted:
+        group = Group.of_axes(rates, light)
+        other_group = Group.of_axes(others, light)
+        sections.append(Section("Angles and errors", groups=[other_group], blocks=error_tables))
+    else:
+        blocks += error_tables
     level_scope = _scope_of_tracking_level(assessment, light)
-    return Chapter("Three axes", blocks, [group], level_scope=level_scope)
+    return Chapter("Three axes", blocks, [group], level_scope=level_scope, sections=sections)
 
 
 def _scope_of_tracking_level(assessment: Assessment, light: Fact) -> str:
@@ -555,27 +580,39 @@ def _scope_of_tracking_level(assessment: Assessment, light: Fact) -> str:
     return f" in settled flight, until {loss_onset(loss):.1f} s"
 
 
-def _tracking_blocks(light: Fact, axes: NamedFacts, headline: Fact) -> Iterator[Block]:
-    """Yields what a page says about the tracking of setpoints: a sentence, and a table of the errors of each axis.
+def _tracking_sentences(light: Fact, headline: Fact) -> list[Sentence]:
+    """Returns the sentence on how well the attitude follows its setpoints, unless the page has it already.
 
-    The sentence is left out where the page has it already: in the headline, which also says how a flight was lost, or
-    beside the status lights, which say that only multirotors are judged.
+    The page has it in the headline, which also says how a flight was lost, or beside the status lights, which say that
+    only multirotors are judged.
 
     Args:
         light: the judgement of how well all axes track, a fact (a coded finding) with a level.
-        axes: a fact for each axis, whose figures are the errors and the delay, each with its unit.
         headline: the headline of the page.
+
+    Returns:
+        A list with the sentence, or an empty one.
     """
     is_in_headline = light.code in Ending or light == headline
-    if light.code is not Unjudged.MULTIROTORS_ONLY and not is_in_headline:
-        yield Sentence(str(light), lead="Tracking:")
+    if light.code is Unjudged.MULTIROTORS_ONLY or is_in_headline:
+        return []
+    return [Sentence(str(light), lead="Tracking:")]
+
+
+def _tracking_tables(axes: NamedFacts) -> list[Table]:
+    """Returns the table of the tracking errors of each axis in settled flight; none where no error is known.
+
+    Args:
+        axes: a fact for each axis, whose figures are the errors and the delay, each with its unit.
+    """
     rows = []
     for axis, fact in axes.items():
         cells = _tracking_cells(fact)
         if any(cells):
             rows.append([axis, *cells])
-    if rows:
-        yield Table(["tracking", *TRACKING_FIGURES.values()], rows)
+    if not rows:
+        return []
+    return [Table(["tracking", *TRACKING_FIGURES.values()], rows)]
 
 
 def _tracking_cells(fact: Fact) -> list[str]:

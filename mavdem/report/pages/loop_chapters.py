@@ -230,9 +230,9 @@ def loops_chapters(
     columns = {axis: loop_charts(axis_loops) for axis, axis_loops in loops_by_axis.items()}
     text = "Open loops with 90 % bands. Dashed: where the gain is 1, with the phase margin."
     if any(len(compared) > 1 for compared in loops_by_axis.values()):
-        text += " Blue: with the gains now; green: with the advised ones."
+        text += " Blue: gains now; green: advised."
     group = Group.of_axes(columns, assessment.lights[Light.MARGINS], text)
-    yield Chapter("Control loops", summary, [group])
+    yield Chapter("Control loops", summary, [group._replace(has_common_x=True)])
     groups: list[Group] = []
     # The page of a flight must be fast to make. That of `mavdem tune` also has the twin's hover in wind.
     flights_of_twin = assessment.gain_trial if advice else None

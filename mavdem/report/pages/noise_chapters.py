@@ -1,7 +1,5 @@
 """Chapters of vibration: over time, and as spectra of gyro, accelerometer, motors' demand and D term, with filters."""
 
-from collections.abc import Iterator
-
 from mavdem.assessment import Assessment
 from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
 from mavdem.dataset.axes import AXES
@@ -17,7 +15,8 @@ from mavdem.report.charts.flight_charts import (
 from mavdem.report.charts.hardware_charts import vibration_charts
 from mavdem.report.charts.timeline import Timeline
 from mavdem.report.loops import filter_sentences
-from mavdem.report.pages.page import Chapter
+from mavdem.report.pages.page import Chapter, Section
+from mavdem.vibration.spectra import Spectrum
 
 ACCELEROMETER = "accelerometer"
 """Name of the accelerometer in ``MeasuredNoise``."""
@@ -30,7 +29,7 @@ AXES_OF_SENSORS = {ACCELEROMETER: ("forward", "right", "down")}
 
 VIBRATION_CAPTION = """\
 The light judges the mean of settled flight, not single peaks. Clips add up from the left edge on; those of an impact\
- are drawn, but not judged."""
+ are not judged."""
 """What stands below the charts of vibration and clips."""
 
 UNNAMED_LINE_CAPTION = f"""\
@@ -44,7 +43,8 @@ def vibration_chapter(
 ) -> Chapter:
     """Returns the chapter to which the light of the vibration leads: vibration, clips and spectra of gyro and IMU.
 
-    Vibration and clips over time come first, with the limits of the light. The spectra show where they come from.
+    Vibration and clips over time come first, with the limits of the light. The spectra of the gyro show where they come
+    from. Its spectrograms and the accelerometer follow in parts to open, since two rows of plots say enough at first.
 
     Args:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
@@ -58,11 +58,13 @@ def vibration_chapter(
         charts = vibration_charts(assessment.evidence, timeline, light)
         if charts:
             groups.append(Group.side_by_side(charts, VIBRATION_CAPTION))
-    groups += gyro.groups
-    groups += _spectrum_groups(
-        assessment.noise, ACCELEROMETER, timeline, has_spectrograms=has_spectrograms
-    )
-    return gyro._replace(title="Vibration", groups=groups)
+    sections = [*gyro.sections]
+    accelerometer_groups = _spectra(assessment.noise, ACCELEROMETER)
+    if has_spectrograms:
+        accelerometer_groups += _spectrograms(assessment.noise, ACCELEROMETER, timeline)
+    if accelerometer_groups:
+        sections.append(Section("Spectra of the accelerometer", groups=accelerometer_groups))
+    return gyro._replace(title="Vibration", groups=[*groups, *gyro.groups], sections=sections)
 
 
 def gyro_chapter(
@@ -70,7 +72,8 @@ def gyro_chapter(
 ) -> Chapter:
     """Returns the chapter of the gyro's vibration: its spectra, the filters of the fastest loop, and spectrograms.
 
-    The fastest loop is the one with the highest crossover frequency, which the filters' delay concerns most.
+    The fastest loop is the one with the highest crossover frequency, which the filters' delay concerns most. The
+    spectrograms are a part to open.
 
     Args:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
@@ -82,10 +85,12 @@ def gyro_chapter(
     loop = fastest_loop(assessment)
     if loop is not None:
         blocks += filter_sentences(loop)
-    groups = [
-        *_spectrum_groups(noise, GYRO, timeline, has_spectrograms=has_spectrograms, loop=loop)
-    ]
-    return Chapter("Spectra", blocks, groups)
+    sections = []
+    if has_spectrograms:
+        spectrograms = _spectrograms(noise, GYRO, timeline)
+        if spectrograms:
+            sections.append(Section("Gyro over time and throttle", groups=spectrograms))
+    return Chapter("Spectra", blocks, _spectra(noise, GYRO, loop), sections=sections)
 
 
 def fastest_loop(assessment: Assessment) -> Loop | None:
@@ -106,42 +111,54 @@ def controller_spectra_chapter(
     """
     groups: list[Group] = []
     for signal in CONTROLLER_SIGNALS:
-        groups += _spectrum_groups(noise, signal, timeline, has_spectrograms=has_spectrograms)
+        groups += _spectra(noise, signal)
+        if has_spectrograms:
+            groups += _spectrograms(noise, signal, timeline)
     title = "Spectra of the controllers"
     return Chapter(title, (), groups, folded=True, is_printed_closed=False)
 
 
-def _spectrum_groups(
-    noise: MeasuredNoise,
-    sensor: str,
-    timeline: Timeline | None,
-    *,
-    has_spectrograms: bool,
-    loop: Loop | None = None,
-) -> Iterator[Group]:
-    """Yields the spectra of the three axes of a sensor before and after its filters, and its spectrograms.
-
-    A sensor that was not logged yields nothing.
+def _spectra(noise: MeasuredNoise, sensor: str, loop: Loop | None = None) -> list[Group]:
+    """Returns the spectra of the three axes of a sensor before and after its filters, side by side.
 
     Args:
         noise: spectra of all sensors.
         sensor: name of the sensor in ``noise``.
-        timeline: timeline of the flight, whose events are marked in the spectrogram over time.
-        has_spectrograms: whether there are spectrograms, which take much of a page.
         loop: the loop whose filters are drawn, if any.
+
+    Returns:
+        One group of charts; none for a sensor that was not logged.
     """
-    spectrum = noise.spectra.get(f"{sensor}_before", noise.spectra.get(sensor))
-    if spectrum is None:
-        return
+    if _first_spectrum(noise, sensor) is None:
+        return []
     charts = axis_spectrum_charts(noise, loop, sensor, AXES_OF_SENSORS.get(sensor, AXES))
     mark_names = {mark.name for chart in charts.values() for mark in chart.marks}
     caption = UNNAMED_LINE_CAPTION if UNNAMED_LINE in mark_names else ""
-    yield Group.of_axes({axis: [chart] for axis, chart in charts.items()}, caption=caption)
-    if has_spectrograms:
-        spectrograms = [*spectrogram_charts(spectrum)]
-        # The first spectrogram is over time; a second one, over throttle, has no place for events.
-        if timeline is not None:
-            spectrograms[0] = timeline.marked(spectrograms[0])._replace(spans=())
-        yield Group.side_by_side(
-            spectrograms, "All axes together; 0 dB is the highest power in the plot."
-        )
+    return [Group.of_axes({axis: [chart] for axis, chart in charts.items()}, caption=caption)]
+
+
+def _spectrograms(noise: MeasuredNoise, sensor: str, timeline: Timeline | None) -> list[Group]:
+    """Returns the spectrograms of a sensor over time and over throttle, side by side.
+
+    Args:
+        noise: spectra of all sensors.
+        sensor: name of the sensor in ``noise``.
+        timeline: timeline of the flight, whose events are marked in the spectrogram over time; None if no vehicle flew.
+
+    Returns:
+        One group of charts; none for a sensor that was not logged.
+    """
+    spectrum = _first_spectrum(noise, sensor)
+    if spectrum is None:
+        return []
+    spectrograms = [*spectrogram_charts(spectrum)]
+    # The first spectrogram is over time; a second one, over throttle, has no place for events.
+    if timeline is not None:
+        spectrograms[0] = timeline.marked(spectrograms[0])._replace(spans=())
+    caption = "All axes together; 0 dB is the highest power in the plot."
+    return [Group.side_by_side(spectrograms, caption)]
+
+
+def _first_spectrum(noise: MeasuredNoise, sensor: str) -> Spectrum | None:
+    """Returns the spectrum of a sensor before its filters or, if that was not logged, behind them; None without any."""
+    return noise.spectra.get(f"{sensor}_before", noise.spectra.get(sensor))

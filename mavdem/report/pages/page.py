@@ -46,13 +46,14 @@ _WORD = re.compile("[a-z0-9]+")
 
 
 class Section(NamedTuple):
-    """A part of a chapter that shows its title, its level and one sentence, and the rest when it is opened."""
+    """A part of a chapter that shows its title, mostly a level and one sentence, and the rest when it is opened."""
 
     title: str
     """Heading."""
 
-    fact: Fact
-    """What it says; a level that is unknown is not shown, since nothing was judged."""
+    fact: Fact | None = None
+    """What it says; a level that is unknown is not shown, since nothing was judged. None for further charts of what the
+    chapter shows above; they are closed."""
 
     groups: Sequence[Group] = ()
     """Groups of charts."""
@@ -105,7 +106,7 @@ class Chapter(NamedTuple):
     """Parameter files to download, below the rest."""
 
     sections: Sequence[Section] = ()
-    """Parts with a sentence each, which are open where they are to be watched or bad."""
+    """Parts below the rest, which are open where their facts are to be watched or bad."""
 
     @property
     def anchor(self) -> str:
@@ -317,6 +318,22 @@ class Head(NamedTuple):
         if self.timeline is None or opening_span in (None, self.timeline.span):
             return None
         return self.timeline.whole_flight_group(opening_span)
+
+    @property
+    def further_plots(self) -> str:
+        """What the plots after the first ones show, for their heading, such as "motors minus their mean, battery"."""
+        if self.timeline is None:
+            return ""
+        names: list[str] = []
+        for group in self.timeline.overview_groups[1:]:
+            for column in group.columns:
+                for panel in column:
+                    name = panel.title[0].lower() + panel.title[1:]
+                    # Speed and direction of the wind are one subject.
+                    is_named = any(name.startswith(other) for other in names)
+                    if not is_named:
+                        names.append(name)
+        return ", ".join(names)
 
     @property
     def earlier_lights(self) -> dict[str, str]:

@@ -160,7 +160,7 @@ def test_tags_close_in_order_ids_are_unique_and_nothing_is_fetched_or_owned(flig
 
 
 ZOOM = """(async () => {
-for (const part of document.querySelectorAll(".chapter > details, .fold")) part.open = true;
+for (const part of document.querySelectorAll(".chapter > details, .part, .fold")) part.open = true;
 const { groups } = document.documentElement.charts;
 while (!(groups.flight?.charts.length > 10)) await new Promise(done => setTimeout(done, 20));
 const group = groups.flight, chart = group.charts[2], over = chart.over;
@@ -689,12 +689,13 @@ def test_a_section_shows_its_sentence_and_opens_where_it_is_to_be_watched():
         longest_gap=1.5,
         dropouts=0,
     )
-    sections = [Section("Temperatures", warm), Section("Recording", gaps)]
+    sections = [Section("Temperatures", warm), Section("Recording", gaps), Section("More plots")]
     text = render_document("a.tlog", "", [], [Chapter("Hardware", folded=True, sections=sections)])
-    temperatures, recording = text.split('<details class="part"')[1:]
+    temperatures, recording, more_plots = text.split('<details class="part"')[1:]
     assert "In flight IMU 20 to 25 °C." in temperatures and "rating" not in temperatures
     assert recording.startswith(" open>") and '"rating watch"' in recording
     assert "longest gap in flight 1.5 s, from 15.0 s." in recording
+    assert more_plots.startswith(">\n<summary><strong>More plots</strong></summary>")
 
 
 SPAN = """(async () => {
@@ -720,7 +721,7 @@ def test_the_plots_of_a_lost_flight_open_around_the_loss(tmp_path, browser):
     page = render_document("x", "", [], head=head)
     _, (opened, whole_range) = browser.shown(page, SPAN, tmp_path, 1280)
     assert (opened, whole_range) == ([62.0, 80.0], [0.0, 80.0])
-    assert "The plots open around the loss." in page
+    assert "The plots show the loss." in page
     for head_without_span in (head._replace(has_log=False), head._replace(events=())):
         assert head_without_span.opening_span is head_without_span.whole_flight is None
     ((whole_flight,),) = head.whole_flight.columns
