@@ -160,7 +160,7 @@ def test_tags_close_in_order_ids_are_unique_and_nothing_is_fetched_or_owned(flig
 
 
 ZOOM = """(async () => {
-for (const part of document.querySelectorAll(".chapter > details, .part, .fold")) part.open = true;
+for (const part of document.querySelectorAll(".chapter > details, #vibration .part, .fold")) part.open = true;
 const { groups } = document.documentElement.charts;
 while (!(groups.flight?.charts.length > 10)) await new Promise(done => setTimeout(done, 20));
 const group = groups.flight, chart = group.charts[2], over = chart.over;
