@@ -159,6 +159,8 @@ def _unstated_remedies(
     for remedy in candidates:
         text_above = " ".join([report, *remedies])
         if remedy not in stated_remedies and remedy not in text_above:
+            # A remedy that is part of this one need not stand before it.
+            remedies = [earlier for earlier in remedies if earlier not in remedy]
             remedies.append(remedy)
     return remedies
 
