@@ -17,6 +17,7 @@ from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.assessment.axis.responses import Responses, measure_responses
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flight_verdict import FlightVerdict
+from mavdem.assessment.flown_flights import flown_flights
 from mavdem.assessment.instances import Instance, list_instances
 from mavdem.assessment.inventory import VehicleContents, inventory
 from mavdem.assessment.judgement import Judgement
@@ -32,6 +33,7 @@ from mavdem.dem.parallel import in_second_process
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.assessment import NoModel
+from mavdem.facts.session import SessionFact
 from mavdem.flight import boot_number
 from mavdem.immutable import ReadOnlyDict, freeze
 from mavdem.ingest import Log
@@ -125,6 +127,33 @@ class Assessment:
     def _headline_with_flight(self) -> Fact:
         """The headline, with the number of its flight if that is one of several."""
         return self.flight_verdicts[0].fact if self.flight_verdicts else self.headline
+
+    @cached_property
+    def flight_of_headline(self) -> Fact | None:
+        """In which of several flights that are judged together the event in the headline was, by its time.
+
+        None for a single flight, and for a headline without a time, such as one on the margins of all flights.
+        """
+        time = self.headline.time
+        if self.evidence is None or time is None:
+            return None
+        first_number = 1
+        if self.recorded_flight is not None:
+            first_number = self.recorded_flight.flight.first_number
+        flights = flown_flights(self.evidence.signals)
+        boots = {flight.boot for flight in flights}
+        # The clock of each boot begins anew, and not every event names its boot.
+        if len(flights) < 2 or len(boots) > 1:
+            return None
+        for number, flight in enumerate(flights, start=first_number):
+            if flight.start <= time <= flight.end:
+                return Fact(
+                    SessionFact.FLIGHT_OF_HEADLINE,
+                    time=flight.start,
+                    end_time=flight.end,
+                    number=number,
+                )
+        return None
 
     @property
     def has_settled_flight(self) -> bool:

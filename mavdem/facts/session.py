@@ -149,6 +149,7 @@ class SessionFact(Code):
     FLIGHT_VERDICT = "flight_verdict"
     UNREPAIRED_FAULT = "unrepaired_fault"
     FLIGHT_OF_RECORDING = "flight_of_recording"
+    FLIGHT_OF_HEADLINE = "flight_of_headline"
     VEHICLE_VERDICT = "vehicle_verdict"
     VEHICLE_OF_RECORDING = "vehicle_of_recording"
     SAMPLE_SKIPPED = "sample_skipped"

@@ -255,9 +255,12 @@ def flight_sentences(assessment: Assessment, *, has_headline_above: bool) -> lis
             out here.
 
     Returns:
-        The sentences, verdicts the worst first; empty if the recording has one vehicle, and is assessed as a whole.
+        The sentences, verdicts the worst first; empty if the recording has one vehicle, and is assessed as a whole,
+        unless the event in its headline was in one of several flights.
     """
     facts = []
+    if has_headline_above and assessment.flight_of_headline is not None:
+        facts.append(assessment.flight_of_headline)
     if assessment.flight_verdicts:
         worst_flight, *other_flights = assessment.flight_verdicts
         facts.append(Fact(SessionFact.FLIGHT_OF_RECORDING, number=worst_flight.number))

@@ -3,19 +3,23 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from hover import X_QUAD, X_QUAD_PARAMETERS, Hover, columns
+from hover import X_QUAD, X_QUAD_PARAMETERS, Hover, columns, evidence_of
 from known_gains import ARDUPILOT
-from pytest import approx, fixture, mark
+from pytest import MonkeyPatch, approx, fixture, mark
 
+from mavdem.assessment import Assessment
 from mavdem.assessment.assess import assess, assess_recording
 from mavdem.assessment.axis import Options
+from mavdem.assessment.flown_flights import flown_flights
+from mavdem.assessment.judgement import unjudged
 from mavdem.assessment.separate_flights import separate_flights
 from mavdem.dataset.parameter_history import parameter_history
 from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
 from mavdem.documents import complete_document
 from mavdem.documents.review import review_document
-from mavdem.facts import Level
+from mavdem.facts import Fact, Level
+from mavdem.facts.ending import Ending
 from mavdem.facts.loops import GainFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.ingest.telemetry import concatenated_columns, log_of_vehicles
@@ -169,3 +173,18 @@ def test_of_several_vehicles_each_is_judged_and_the_report_is_of_the_worst():
     document = complete_document("review", review_document(assessment))
     assert [fact["figures"]["name"] for fact in document["vehicles_facts"]] == ["2:1", "1:1"]
     assert not assess(log, "1", options=Options(with_model=False)).vehicle_verdicts
+
+
+def test_an_event_in_the_headline_is_of_one_of_the_flights_that_are_judged_together():
+    hover = ShortHover()
+    evidence = evidence_of(Signals(hover.telemetry(RATE, RATE)))
+    flight = flown_flights(evidence.signals)[0]
+    flights = [flight, replace(flight, start=100.0, end=130.0)]
+    crash = Fact(Ending.CRASHED, Level.BAD, time=120.0, height=2.0, cause=None, word=None)
+    assessment = Assessment(evidence.log, replace(unjudged(crash), headline=crash), evidence)
+    assert assessment.flight_of_headline is None
+    with MonkeyPatch.context() as patch:
+        patch.setattr("mavdem.assessment.record.flown_flights", lambda _: flights)
+        fact = replace(assessment).flight_of_headline
+    assert fact.figures["number"] == 2
+    assert fact.sentence.startswith("That was in flight 2, from 100 to 130 s")
