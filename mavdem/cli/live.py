@@ -1,6 +1,6 @@
 """``mavdem live``: attaches to a MAVLink link, learns while the vehicle flies, and writes model and page at the end."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, replace
@@ -23,6 +23,7 @@ from mavdem.cli.live_files import (
     written_file_lines,
     written_files,
 )
+from mavdem.cli.live_lines import FILE_MARKER, VERDICT_MARKER
 from mavdem.cli.live_status import StatusLines
 from mavdem.cli.options import (
     NumberRange,
@@ -44,7 +45,8 @@ from mavdem.documents.session import Live as LiveDocument
 from mavdem.documents.session import live_document
 from mavdem.errors import Unreadable, error_message
 from mavdem.facts import Fact
-from mavdem.facts.session import LinkFact, TimeUse
+from mavdem.facts.loops import GainFact
+from mavdem.facts.session import LinkFact
 from mavdem.fleet.priors import earlier_drag, earlier_flight
 from mavdem.live import LiveStream
 from mavdem.live.gain_advice import GainAdviser
@@ -55,7 +57,7 @@ from mavdem.live.session_loop import run_session
 from mavdem.live.session_status import STATUS_PERIOD, SessionStatus
 from mavdem.live.vehicle_selection import Component
 from mavdem.machine import LOOPBACK
-from mavdem.report.live import closing_lines
+from mavdem.report.live import NEXT_STEP_LEAD, closing_lines
 from mavdem.report.pages.flight_page import live_page
 from mavdem.report.templates import as_clause
 
@@ -428,7 +430,8 @@ def _follow_vehicle(
             session.report_gain_advice(is_at_end=True)
         status = _with_final_judgement(status, session)
         for line in closing_lines(status):
-            status_lines.print_conclusion(escape_unprintable(line))
+            marker = "" if line.startswith(NEXT_STEP_LEAD) else VERDICT_MARKER
+            status_lines.print_conclusion(escape_unprintable(line), marker)
         dashboard.report(session, status)
         resources.close()
         if dashboard.is_recording_empty:
@@ -448,8 +451,14 @@ def _follow_vehicle(
             model=paths.model if code == EXIT_DONE else None,
             page=None if is_page_lost else paths.page,
         )
-        for line in _lines_on_written_files(written_paths, recording, session, account):
-            status_lines.print_conclusion(escape_unprintable(line))
+        frame_count = 0 if recording is None else recording.frame_count
+        for line in written_file_lines(written_paths, frame_count):
+            status_lines.print_conclusion(escape_unprintable(line), FILE_MARKER)
+        advice = None if session.gain_adviser is None else session.gain_adviser.facts
+        has_gain_files = any(fact.code is GainFact.GAINS_WRITTEN for fact in advice or ())
+        status_lines.print_conclusion(
+            escape_unprintable(gains_line(advice, account)), FILE_MARKER if has_gain_files else ""
+        )
         files = written_files(written_paths, recording)
         document = live_document(session, status, account, files) if options.as_json else None
         is_ended_by_user = is_end_requested()
@@ -617,25 +626,3 @@ def _with_final_judgement(status: SessionStatus, session: LiveSession) -> Sessio
         is_recording_judged=session.flight.judging.is_of_recording,
         recording_verdict=session.recording_failure,
     )
-
-
-def _lines_on_written_files(
-    paths: OutputPaths,
-    recording: RawRecording | None,
-    session: LiveSession,
-    account: Mapping[TimeUse, float],
-) -> list[str]:
-    """Returns lines on what the session has written and what opens it, and which gains, or why there are none.
-
-    Args:
-        paths: Paths of the written files; None for a file that was not written.
-        recording: Raw recording of the stream, if there is one.
-        session: The session, which has ended.
-        account: Seconds of the session by their use.
-    """
-    lines = written_file_lines(paths, 0 if recording is None else recording.frame_count)
-    advice = None
-    if session.gain_adviser is not None:
-        advice = session.gain_adviser.facts
-    lines.append(gains_line(advice, account))
-    return lines

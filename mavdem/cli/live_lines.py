@@ -2,6 +2,7 @@
 
 A line is ``14:03:07   182.4 s  TEXT``: the time of day, the time on the vehicle's boot clock ("-" before it is known),
 and a text. Lines of alarms have ``ALARM`` before the text, those of their ends ``ALARM OVER``, and no other line has.
+At the end verdicts have ``VERDICT`` and written files ``FILE``.
 """
 
 from math import isfinite, nan
@@ -24,6 +25,12 @@ ALARM_MARKER = "ALARM"
 
 ALARM_OVER_MARKER = "ALARM OVER"
 """Words before the text of an alarm that is over."""
+
+VERDICT_MARKER = "VERDICT"
+"""Word before the verdict on a flight at the end of a session."""
+
+FILE_MARKER = "FILE"
+"""Word before the name of a file that the session has written."""
 
 CLOCK_WIDTH = 8
 """Width of the time on the vehicle's clock, characters: "999999.9", which is 11 days."""
@@ -70,7 +77,9 @@ def event_line(event: Event, *, has_remedy: bool = True, ends_alarm: bool = Fals
     marker = ALARM_OVER_MARKER if ends_alarm else ""
     if fact.code is WatchFact.ALARM_OVER:
         marker = ALARM_OVER_MARKER
-        sentence = fact.figures["reason"].sentence
+        if not fact.figures.get("is_at_landing"):
+            # That it is over, the marker says.
+            sentence = fact.figures["reason"].sentence
     elif fact.code is SessionFact.ALARM:
         # The sentence of this fact begins with "Alarm:", which the marker says.
         marker = ALARM_MARKER

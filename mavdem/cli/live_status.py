@@ -452,6 +452,9 @@ class StatusLines:
             status: State of the live session: vehicle, learning, alarms, lights and next step.
         """
         self._print_no_vehicle_event(status)
+        if status.vehicle is None and self._no_vehicle_event is not None:
+            # Messages come, and their sender is mostly known a moment later.
+            return
         state = PrintedState(
             status.vehicle,
             is_waiting=status.no_model_reason is not None,
@@ -502,16 +505,19 @@ class StatusLines:
             self._no_vehicle_event = None
         elif monotonic() - self._no_vehicle_time >= SEARCH_SECONDS:
             self._no_vehicle_event = None
-            self._print(event_line(event))
+            # It is printed some seconds late, and the times of the lines must not run backwards.
+            self._print(event_line(event._replace(reception=clock.unix_time())))
 
-    def print_conclusion(self, text: str) -> None:
+    def print_conclusion(self, text: str, marker: str = "") -> None:
         """Prints a line at the end of a session: its judgement, and the files that it has written.
 
         Args:
             text: The line. In lines below each other it begins with the time like all others.
+            marker: Word before the text in lines below each other, by which programs find the line; empty for none.
         """
         if self._has_stamps:
-            self._print_below(stamped_line(text))
+            marked_text = f"{marker} {text}" if marker else text
+            self._print_below(stamped_line(marked_text))
         else:
             self._print_below(text, indent=0)
 

@@ -44,6 +44,7 @@ SESSION_STATES: frozenset[Code] = LEARNING_STATES | {
     RateFact.MESSAGE_ABSENT,
     RateFact.RATES_ASKED_AGAIN,
     RateFact.RATES_CONTESTED,
+    RateFact.RATES_NOT_RESTORED,
     RateFact.RATE_BELOW_ASKED,
     RateFact.RATE_FELL,
     RateFact.RATE_REFUSED,

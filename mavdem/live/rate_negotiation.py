@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from math import inf
 
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.facts.session import RateFact
 from mavdem.ingest.mavlink.payloads import FrameSender
 from mavdem.ingest.motors import control_parameters, motor_parameters
@@ -138,14 +138,23 @@ class RateNegotiation:
             self._arrival_rates = ArrivalRates()
             self._request.allow_new_requests()
 
-    def restore(self) -> None:
+    def restore(self, *, is_silent_on_ground: bool = False) -> None:
         """Restores the vehicle's own message rates at the end of a session, and waits for its confirmation.
 
         Rates that the vehicle does not confirm are sent again, ``MAX_TRIES`` times in all, since radios lose frames. If
         some rate remains unconfirmed, a fact reports it, as the vehicle may keep the requested rates.
+
+        Args:
+            is_silent_on_ground: whether the vehicle does not fly, and has sent nothing for some seconds, as one that is
+                switched off. It cannot confirm anything, and has its own rates again when it is switched on.
         """
         request = self._request
         if request is None:
+            return
+        frames = request.restoring_frames()
+        if is_silent_on_ground and frames:
+            self._intake.send(frames)
+            self._log(Fact(RateFact.RATES_NOT_RESTORED, Level.UNKNOWN, is_on_ground=True))
             return
         if not self._intake.is_lost:
             for _ in range(MAX_TRIES):

@@ -877,8 +877,10 @@ class LiveSession:
         self._presentation.log(margins)
 
     def end(self) -> None:
-        """Restores the vehicle's rates, which it must confirm, and ends the recording."""
-        self._rates.restore()
+        """Restores the vehicle's rates, which it must confirm if it still sends or flies, and ends the recording."""
+        message_age = self._silence_monitor.message_age(self.intake.read_until)
+        is_silent = message_age is not None and message_age >= SILENCE_SECONDS
+        self._rates.restore(is_silent_on_ground=is_silent and not self.stream.is_flying)
         self.intake.end_recording()
 
 

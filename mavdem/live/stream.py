@@ -387,7 +387,12 @@ class LiveStream:
         has_attitude = not isnan(self._clock.now)
         if not has_attitude:
             return self._rate_check.no_attitude
-        return self._review.no_rows_reason
+        reason = self._review.no_rows_reason
+        is_of_ground = reason is not None and reason.code is SessionFact.NOT_FLYING
+        if is_of_ground and self.is_flying:
+            # The vehicle has taken off since the latest review, half a second ago at most.
+            return None
+        return reason
 
     @property
     def latest_restart(self) -> TimeInterval | None:

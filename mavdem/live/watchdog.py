@@ -1270,7 +1270,12 @@ class Watchdog:
                 self.ground_contact = None
             if not is_end_reported:
                 continue
-            alarm_over = Fact(WatchFact.ALARM_OVER, time=fault_time, reason=alarm)
+            alarm_over = Fact(
+                WatchFact.ALARM_OVER,
+                time=fault_time,
+                reason=alarm,
+                is_at_landing=not review.is_flying,
+            )
             reported_ends.append(alarm_over)
             if review.is_flying and quantity in PRESENT_FAULTS:
                 # The flight had the fault: the status light keeps its level.

@@ -27,6 +27,9 @@ from mavdem.report.templates import (
     time_of_day,
 )
 
+NEXT_STEP_LEAD = "Next: "
+"""Beginning of the line with the next step."""
+
 
 def watched_quantities_text(watch_facts: Sequence[Fact]) -> str:
     """Returns a line for the pilot: which quantities a live session watches since when, and which not and why.
@@ -112,8 +115,9 @@ def light_rows(status: SessionStatus) -> list[LightRow]:
     """Returns the rows of the table of status lights of a live flight, one for each part of the vehicle.
 
     A row has the level of the light and one figure, such as the battery's voltage. The light of the log, which judges
-    the rates of the messages, is left out unless it warns. After the link was lost, the figure of a light that was good
-    is how long ago that was.
+    the rates of the messages, is left out unless it warns. A light that warns and has no figure has
+    the beginning of its sentence. After the link was lost, the figure of a light that was good is how long ago that
+    was.
 
     Args:
         status: state of the session.
@@ -123,6 +127,11 @@ def light_rows(status: SessionStatus) -> list[LightRow]:
         if light.code is WatchFact.GOOD_IN_FLIGHT:
             # This fact only says that the light was good in flight, and holds it as a figure.
             light = light.figures["light"]
+        if light.code is WatchFact.ALARM_OVER:
+            # Which part is meant, such as the motor, is in the reason of the alarm.
+            alarm = cause_of_alarm(light)
+            alarm_time = light.time if alarm.time is None else alarm.time
+            light = alarm.replace(light.level, time=alarm_time)
         lights[name] = light
     rows = []
     # The template "live_lights" makes a sentence for each light in the table. Its lead is the name of the light, and
@@ -134,6 +143,8 @@ def light_rows(status: SessionStatus) -> list[LightRow]:
         if light.code is Unjudged.KNOWN_BEFORE:
             [age] = render_section("live_light_before", duration=light.figures["duration"])
             figure = age.text
+        if not figure and light.is_watch_or_bad:
+            figure = as_clause(first_clause(light.sentence))
         rows.append(LightRow(light_name, light.level, figure))
     return rows
 
@@ -199,7 +210,7 @@ def headline_and_next_step(judgement: Judgement) -> list[str]:
     next_step = str(judgement.next_step)
     if next_step in headline_text:
         return [headline_text]
-    return [headline_text, f"Next: {next_step}"]
+    return [headline_text, f"{NEXT_STEP_LEAD}{next_step}"]
 
 
 def unrepaired_fault_text(status: SessionStatus) -> str:

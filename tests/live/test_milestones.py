@@ -214,12 +214,12 @@ def test_a_landed_state_that_flaps_fills_no_memory_and_hides_no_crash():
 def test_a_flight_whose_link_was_lost_in_the_air_is_reported_too():
     flight = (0, 1, True, 11.0)
     [lost] = reported_flights(flight, (1, 1, False, None), (1, 2, True, 0.5))
-    assert str(lost).startswith("Flight 1 (0:11 min), lost in the air with its messages")
+    assert str(lost).startswith("Flight 1 (0:11 min), its end not received")
     # After a restart in the air the same flight goes on, until the next take-off.
     goes_on = [flight, (1, 1, False, None), (1, 1, True, None)]
     assert not reported_flights(*goes_on)
     [landed] = reported_flights(*goes_on, (1, 1, False, None), (1, 2, True, 0.5))
-    assert "lost in the air" not in str(landed)
+    assert "not received" not in str(landed)
 
 
 def test_a_flight_that_ends_in_the_air_is_no_landing():

@@ -371,7 +371,17 @@ def test_rates_are_asked_for_and_given_back(now, monkeypatch):
     assert asked[:2] == [(510, 30, 0), (510, 36, 0)] and (511, 30, 5_000) in asked
     # Nobody confirms it: it is sent again, and said.
     assert asked.count((511, 30, 250_000)) == 3
-    assert session.history.events[-1].fact.code is RateFact.RATES_NOT_RESTORED
+    unconfirmed = session.history.events[-1].fact
+    assert unconfirmed.code is RateFact.RATES_NOT_RESTORED and unconfirmed.is_watch_or_bad
+    # A vehicle that was switched off on the ground cannot confirm it, and nothing is to be done.
+    session.stream._phase.is_flying = False
+    session._silence_monitor.message_time -= 60.0
+    now[0] += 60.0
+    session.end()
+    switched_off = session.history.events[-1]
+    assert switched_off.fact.code is RateFact.RATES_NOT_RESTORED
+    assert not switched_off.fact.is_watch_or_bad and "reboot" not in switched_off.sentence
+    assert switched_off.is_session_state
 
 
 def test_the_judgement_of_a_recording_waits_for_the_ground_and_for_the_end():

@@ -56,8 +56,9 @@ from mavdem.live.vehicle_state import VehicleState
 from mavdem.live.watch_list import not_watched
 from mavdem.live.watchdog import DECISION_SECONDS, TRACKING_PERIOD, Watchdog
 from mavdem.live.wind import WindEstimate
-from mavdem.report.live import vehicle_text, watched_quantities_text
+from mavdem.report.live import light_rows, vehicle_text, watched_quantities_text
 from mavdem.report.pages.flight_page import live_page
+from mavdem.report.templates import time_of_day
 
 
 @dataclass(frozen=True)
@@ -644,6 +645,7 @@ def test_alarms_and_their_ends_are_marked_in_lines_of_one_form(capsys):
         resumed,
         Fact(SessionFact.ALARM, reason=limit),
         Fact(WatchFact.ALARM_OVER, time=50.0, reason=limit),
+        Fact(WatchFact.ALARM_OVER, time=50.0, reason=limit, is_at_landing=True),
         lost,
         resumed,
         resumed,
@@ -654,7 +656,9 @@ def test_alarms_and_their_ends_are_marked_in_lines_of_one_form(capsys):
     printed = capsys.readouterr().out.splitlines()
     starts = [re.split(r"- s  ", line)[1] for line in printed]
     markers = [re.match(r"(ALARM OVER|ALARM|)", start).group() for start in starts]
-    assert markers == ["", "ALARM", "ALARM OVER", "ALARM", "ALARM OVER", ""]
+    assert markers == ["", "ALARM", "ALARM OVER", "ALARM OVER", "ALARM", "ALARM OVER", ""]
+    # A landing ends an alarm without curing anything.
+    assert "not its cause" not in starts[2] and "not its cause" in starts[3]
     assert "Alarm" not in "".join(printed)
 
 
@@ -1072,9 +1076,28 @@ def test_a_weak_motor_takes_one_line_of_the_table_on_a_narrow_terminal(monkeypat
     )
     status = SessionStatus("1:1", worst_lights={Light.MOTORS: weak})
     lines = shown_status(status, monkeypatch).splitlines()
-    assert any(
-        re.match(r"motors +BAD +motor 1: −32 to −59 % +vibration +unknown", line) for line in lines
-    )
+    motors_line = r"motors +BAD +motor 1: −32 to −59 % +vibration +unknown"
+    assert any(re.match(motors_line, line) for line in lines)
+    # That its alarm is over hides neither the motor nor the loss.
+    over = Fact(WatchFact.ALARM_OVER, Level.BAD, time=50.0, reason=weak)
+    lines = shown_status(replace(status, worst_lights={Light.MOTORS: over}), monkeypatch)
+    assert any(re.match(motors_line, line) for line in lines.splitlines())
+
+
+def test_a_light_that_warns_has_words_beside_its_level():
+    judged = Fact(SessionFact.LIGHT_OF_RECORDING, Level.BAD)
+    [motors, *_] = light_rows(SessionStatus("1:1", worst_lights={Light.MOTORS: judged}))
+    assert motors.level is Level.BAD and motors.figure
+
+
+def test_a_take_off_ends_what_is_said_of_a_vehicle_on_the_ground(hot, monkeypatch):
+    """The review, which decides why nothing is learned, comes twice a second."""
+    stream = hot.stream
+    monkeypatch.setattr(stream._review, "no_rows_reason", Fact(SessionFact.NOT_FLYING))
+    monkeypatch.setattr(stream._phase, "is_flying", True)
+    assert stream.status().no_model_reason is None
+    monkeypatch.setattr(stream._phase, "is_flying", False)
+    assert stream.status().no_model_reason is not None
 
 
 def test_lines_below_each_other_say_that_attitude_is_back_during_an_alarm(capsys):
@@ -1167,9 +1190,9 @@ def test_lines_above_a_status_are_about_the_vehicle_and_short(monkeypatch):
 def test_the_conclusion_below_other_lines_begins_with_the_time_and_goes_on_below_its_text():
     terminal_output = io.StringIO()
     console = Console(file=terminal_output, width=60, force_terminal=True, color_system=None)
-    StatusLines(None, console).print_conclusion("The motors are sound. " * 4)
+    StatusLines(None, console).print_conclusion("The motors are sound. " * 4, "VERDICT")
     first, *others = terminal_output.getvalue().splitlines()
-    column = first.index("The motors")
+    column = first.index("VERDICT The motors")
     assert re.match(r"\d\d:\d\d:\d\d +- s  $", first[:column])
     assert others
     for line in others:
@@ -1204,10 +1227,16 @@ def test_a_missing_vehicle_is_reported_only_where_messages_come_and_none_is_foun
         lines = StatusLines(None)
         lines.print_event(Event(9.0, search, reception=0.0))
         lines.show(Mock(shown_status=SessionStatus(no_model_reason=reason)))
-        assert "No vehicle found yet." not in capsys.readouterr().out
+        printed = capsys.readouterr().out
+        # While a sender is being looked at, no state contradicts it.
+        assert "No vehicle found yet." not in printed and bool(printed) == (reason is silent)
         now[0] += 6.0
         lines.show(Mock(shown_status=SessionStatus(no_model_reason=reason)))
-        counts.append(capsys.readouterr().out.count("No vehicle found yet."))
+        late = capsys.readouterr().out
+        counts.append(late.count("No vehicle found yet."))
+        # The event is printed late, and with the time of that, so that times do not run backwards.
+        stamps = [line.split()[0] for line in late.splitlines()]
+        assert stamps == sorted(stamps) and time_of_day(0.0) not in stamps
     assert counts == [0, 1]
 
 
