@@ -35,7 +35,7 @@ class Stage(Document):
     problem: str
     """why it cannot be read; empty where it can"""
     headline: str
-    """the worst that was found, or how the flight was lost, one sentence"""
+    """the worst that was found in the log alone, or how the flight was lost, one sentence"""
     level: str
     """level of the headline: good, watch, bad or unknown"""
     lights: dict[str, str]
@@ -81,6 +81,8 @@ class Flight(Stage):
     """largest height above the take-off"""
     next_step: str
     """what to do about it"""
+    motor_anomaly: str = ""
+    """how the motors differ from those in other flights of the vehicle, a fault or drift; empty where they do not"""
     modes: CommaSeparated
     """flight modes, in order"""
     motor: int | None

@@ -38,6 +38,7 @@ class FleetFolderFact(Code):
     FLEET_NOT_WRITTEN = "fleet_not_written"
     BASELINE_UNKNOWN = "baseline_unknown"
     BASELINE_WITHOUT_FLIGHT = "baseline_without_flight"
+    BASELINE_MOTORS_BAD = "baseline_motors_bad"
 
 
 class NoPrior(Code):

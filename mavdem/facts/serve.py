@@ -30,6 +30,7 @@ class RefusalReason(Code):
     NO_SUCH_FIELD = "no_such_field"
     LOG_NOT_READ = "log_not_read"
     VEHICLE_IDENTIFIED = "vehicle_identified"
+    MOTORS_BAD = "motors_bad"
     STILL_BEING_READ = "still_being_read"
 
 

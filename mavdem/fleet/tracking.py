@@ -17,6 +17,7 @@ from mavdem.errors import Unreadable
 from mavdem.facts import Fact, Facts
 from mavdem.facts.fleet import FleetFolderFact, ReadingFact
 from mavdem.facts.motors import HealthUnknown
+from mavdem.fleet.baseline import row_with_bad_motors
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.health_figures import column_array, health_figures
 from mavdem.fleet.judgement import AssessRows, publish_judgements
@@ -210,8 +211,8 @@ def track(
         The number of logs, how many were read now, the problems with others, and the rows of the baseline.
 
     Raises:
-        Unreadable: the names match no log and the fleet does not exist, the baseline contains no flight, the folder
-            cannot be written, or its store is damaged.
+        Unreadable: the names match no log and the fleet does not exist, the baseline contains no flight or one with bad
+            motors, the folder cannot be written, or its store is damaged.
     """
     logs, problems = find_logs(names, folder)
     if not logs and not is_fleet(folder):
@@ -234,7 +235,7 @@ def track(
 
 
 def _checked_baseline(rows: FlightRows) -> FlightRows:
-    """Checks that at least one of the flights that the user named as healthy can serve as a baseline.
+    """Checks that the flights that the user named as healthy can serve as a baseline.
 
     Args:
         rows: rows of these flights in the fleet's table.
@@ -243,8 +244,11 @@ def _checked_baseline(rows: FlightRows) -> FlightRows:
         The same rows.
 
     Raises:
-        Unreadable: none of the flights has figures.
+        Unreadable: none of the flights has figures, or the motors of one are bad.
     """
+    bad_row = row_with_bad_motors(rows)
+    if bad_row is not None:
+        raise Unreadable(FleetFolderFact.BASELINE_MOTORS_BAD, path=bad_row.file)
     has_flight_with_figures = any(row.is_read for row in rows)
     if has_flight_with_figures:
         return rows

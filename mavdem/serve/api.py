@@ -383,6 +383,13 @@ class Api:
         await run_in_threadpool(self._library.set_baseline, baseline.flights)
         return _json(baseline)
 
+    async def remove_baseline(self, request: HttpRequest) -> Response:
+        """Removes the baseline of the vehicle whose name in its logs is ``vehicle`` in the query."""
+        self._rights.require(request, Permission.WRITE)
+        vehicle = request.query_params.get("vehicle", "")
+        await run_in_threadpool(self._library.remove_baseline, vehicle)
+        return Response(status_code=204)
+
     async def name_vehicle(self, request: HttpRequest) -> Response:
         """Gives a name to a vehicle, and answers with the name as it is stored."""
         self._rights.require(request, Permission.WRITE)

@@ -126,6 +126,7 @@ class Server:
             "GET /api/flights/{id}/samples": api.samples,
             "POST /api/flights/{id}/viewer": api.open_viewer,
             "PUT /api/baseline": api.set_baseline,
+            "DELETE /api/baseline": api.remove_baseline,
             "PUT /api/vehicle": api.name_vehicle,
             "GET /api/progress": api.progress,
             "GET /api/openapi.json": api.describe,

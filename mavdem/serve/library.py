@@ -27,6 +27,7 @@ from mavdem.errors import Refusal, Unreadable, error_message
 from mavdem.facts import Fact
 from mavdem.facts.serve import ListingOrder, RefusalReason, Sharing, Stage, StartFailure
 from mavdem.fleet.assigned_vehicles import assign_vehicle, rows_with_assigned_vehicles
+from mavdem.fleet.baseline import row_with_bad_motors
 from mavdem.fleet.names import (
     GivenNames,
     content_hash,
@@ -653,15 +654,49 @@ class Library:
     def set_baseline(self, ids: Iterable[str]) -> None:
         """Marks some flights as healthy, so that other flights of their vehicles are compared with them.
 
-        They replace all that were marked before. Flights of unnamed vehicles are left out, since flights of other
-        vehicles with the same MAVLink system id would be compared with them.
+        They replace those of the same vehicles that were marked before. Flights of unnamed vehicles are left out, since
+        flights of other vehicles with the same MAVLink system id would be compared with them.
 
         Args:
             ids: ids of the healthy flights in the index.
+
+        Raises:
+            Refusal: there is no such flight, the motors of one are bad, or the disk is full.
         """
-        rows = self.flight_rows([self.entry(id) for id in ids])
-        with refuse_full_disk():
-            self.store.healthy = [row for row in rows if row.is_read and row.has_own_name]
+        healthy_rows = []
+        for id in ids:
+            entry = self.entry(id)
+            rows = self.flight_rows([entry])
+            if row_with_bad_motors(rows) is not None:
+                name = self.names.flights.get(entry.content_hash) or entry.name
+                raise Refusal(RefusalReason.MOTORS_BAD, name=name)
+            healthy_rows += [row for row in rows if row.is_read and row.has_own_name]
+        self._replace_baseline({row.vehicle for row in healthy_rows}, healthy_rows)
+
+    def remove_baseline(self, vehicle: str) -> None:
+        """Removes the baseline of a vehicle, whose flights are then compared with its first sound ones.
+
+        Args:
+            vehicle: name of the vehicle in its logs.
+
+        Raises:
+            Refusal: the disk is full.
+        """
+        self._replace_baseline({vehicle}, [])
+
+    def _replace_baseline(self, vehicles: set[str], healthy_rows: FlightRows) -> None:
+        """Replaces the baselines of some vehicles; those of others stay.
+
+        Args:
+            vehicles: names of the vehicles in their logs.
+            healthy_rows: rows of their healthy flights in the fleet's table.
+
+        Raises:
+            Refusal: the disk is full.
+        """
+        with self.transaction():
+            kept_rows = [row for row in self.store.healthy if row.vehicle not in vehicles]
+            self.store.healthy = [*kept_rows, *healthy_rows]
         self.table_is_outdated.set()
 
     def delete(self, id: str) -> None:

@@ -23,6 +23,7 @@ from mavdem.facts.serve import ListingOrder, Permission, RefusalReason, Stage
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import baseline_differences
 from mavdem.fleet.flights import group_by_vehicle
+from mavdem.fleet.names import content_hash
 from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.fleet.workers import PAGES, POLL_SECONDS
 from mavdem.ingest.formats import detect_format
@@ -476,15 +477,17 @@ class Pages:
         # A log may have several vehicles, so its rows in the fleet's table are filtered by the name, too.
         rows = [row for row in self._library.flight_rows(entries) if row.vehicle == name]
         healthy_rows = [row for row in self._library.store.healthy if row.vehicle == name]
-        # A flight has a row for each axis, all with the same key.
-        healthy_flights = {row.key for row in healthy_rows}
+        # A flight has a row for each axis, all with the same key. A flight of the baseline may have been deleted since.
+        healthy_flights = {content_hash(row.key) for row in healthy_rows}
+        baseline_entries = [entry for entry in entries if entry.content_hash in healthy_flights]
         anomalous_rows = self._visible_library.rows_with_motor_anomaly(entries)
         html = vehicle_page(
             group_by_vehicle(rows).get(name, []),
             _changes_from_baseline(name, rows, healthy_rows),
             name=name,
             entries=entries,
-            baseline=len(healthy_flights),
+            baseline_count=len(healthy_flights),
+            baseline_entries=baseline_entries,
             anomalous_rows=anomalous_rows,
             flights_to_compare=self._flights_to_compare(entries, anomalous_rows),
             **self._visible_library.visitor_values(request),

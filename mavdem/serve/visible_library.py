@@ -16,7 +16,7 @@ from mavdem.facts.serve import ListingOrder, Permission, RefusalReason, Sharing,
 from mavdem.fleet.flights import worst_row
 from mavdem.fleet.row import FlightRow
 from mavdem.report.fleet import ANOMALOUS_HEALTHS
-from mavdem.report.pages.library_page import interface_words
+from mavdem.report.pages.library_page import interface_words, lights_beside_fleet
 from mavdem.results import REPORT_FILE
 from mavdem.serve.index import LibraryEntry
 from mavdem.serve.library import Library
@@ -222,6 +222,8 @@ class VisibleLibrary:
     def documents(self, entries: Sequence[LibraryEntry]) -> list[Flight]:
         """Returns flights of the library as JSON documents, with the names that users gave to them and their vehicles.
 
+        Motors are judged as on pages and in searches: by the log, and in comparison with the vehicle's other flights.
+
         Args:
             entries: index entries of the flights.
 
@@ -229,11 +231,20 @@ class VisibleLibrary:
             The documents, in the order of the entries.
         """
         names = self.library.names
+        anomalous_rows = self.rows_with_motor_anomaly(entries)
         documents = []
         for entry in entries:
             flight_name = names.flights.get(entry.content_hash, "")
             vehicle_name = names.vehicles.get(entry.vehicle, "")
-            document = Flight.from_results(entry, given_name=flight_name, vehicle_name=vehicle_name)
+            anomalous_row = anomalous_rows.get(entry.id)
+            motor_anomaly = None if anomalous_row is None else anomalous_row.health_reason
+            document = Flight.from_results(
+                entry,
+                given_name=flight_name,
+                vehicle_name=vehicle_name,
+                lights=lights_beside_fleet(entry.lights, anomalous_row),
+                motor_anomaly=motor_anomaly or "",
+            )
             documents.append(document)
         return documents
 

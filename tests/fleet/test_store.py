@@ -497,6 +497,13 @@ def test_a_baseline_is_no_part_of_the_table_and_stays_until_another_is_given(tmp
     (damaged,) = make_logs(tmp_path, 1, "damaged")
     assert refusal(lambda: reasons([tmp_path / "nothing"])) is FleetFolderFact.BASELINE_UNKNOWN
     assert refusal(lambda: reasons([damaged])) is FleetFolderFact.BASELINE_WITHOUT_FLIGHT
+    bad_rows = (replace(FULL, light_motors="bad"), replace(FULL, health="fault"))
+    for number, bad_row in enumerate(bad_rows):
+        folder = tmp_path / f"bad {number}"
+        folder.mkdir()
+        fleet_of(folder, [bad_row])
+        assert refusal(lambda: reasons([folder])) is FleetFolderFact.BASELINE_MOTORS_BAD  # noqa: B023
+    assert reasons() == {"", healthy[1].name}
 
 
 @mark.slow

@@ -45,7 +45,7 @@ def read_made_up(path, key, page):
     results_folder = path.parents[2] / RESULTS / path.parent.name
     results_folder.mkdir(exist_ok=True)
     names = "flight.mcap,flight.rrd" if "model" in headline else ""
-    lights = {f"light_{light}": "good" for light in Light} | {"light_motors": "bad"}
+    lights = {f"light_{light}": "good" for light in Light} | {"light_motors": "watch"}
     columns = {
         "vehicle": "quad 7",
         "headline": headline,
@@ -56,6 +56,7 @@ def read_made_up(path, key, page):
         columns |= {"vehicle": "ardupilotmega-1", "vehicle_basis": "system id"}
         columns |= {"autopilot": "ARDUPILOTMEGA", "frame": "QUADROTOR", "system": 1}
     if "weak" in headline:
+        lights |= {"light_motors": "bad"}
         columns |= {"health": "fault", "health_reason": "Motor 3 lost thrust."}
     columns |= {"page": f"{RESULTS}/{path.parent.name}/{PAGE_FILE}"}
     rows = [

@@ -262,3 +262,52 @@ def test_a_field_is_searched_plotted_linked_to_and_removed_in_a_browser(served, 
         tab.run("document.querySelector('button.close').click()")
         tab.until(f"{charts} === 1 && !location.search.includes('plot=')")
         assert tab.said == []
+
+
+STUBBED_FIELDS = """(() => {
+  const message = (name, fields) => (
+    { message: name, name_in_source: name, fields, units: fields.map(() => ""), instances: [], rate: 220 }
+  );
+  const messages = [
+    message(
+      "battery_status", ["voltage_cell_v[0]", "voltage_cell_v[1]", "voltage_filtered_v", "voltage_v"]
+    ),
+    message("system_power", ["voltage5v_v"]),
+  ];
+  const answer = { ok: true, status: 200, json: async () => ({ messages }) };
+  window.requested = [];
+  window.fetch = address => {
+    requested.push(address);
+    return new Promise(resolve => { window.answerFields = () => resolve(answer); });
+  };
+})()"""
+"""Script that replaces the server's list of fields by a made-up one, which comes when ``answerFields`` is called."""
+
+
+@pytest.mark.slow
+def test_the_best_match_comes_first_and_an_early_enter_is_of_the_words_before_it(served, browser):
+    """A scalar with the fewest other words precedes an array; Enter without words plots nothing that is typed later."""
+    flight = flight_with_log(served, FLIGHT.read_bytes())
+    entry = served.library.entry(flight.rsplit("/", 1)[1])
+    page_path = served.library.results_folder(entry) / PAGE_FILE
+    page_path.write_text(page_of_a_flight(0.0, 60.0))
+    with browser.tab() as tab:
+        tab.open(f"{served.address}/f/{entry.id}")
+        tab.until("document.querySelector('#fields summary') !== null")
+        tab.run(STUBBED_FIELDS)
+        tab.run("document.querySelector('#fields summary').click()")
+        tab.until("window.answerFields !== undefined")
+        tab.run("document.getElementById('fieldsearch').focus()")
+        tab.command("Input.dispatchKeyEvent", type="keyDown", key="Enter", code="Enter")
+        tab.command("Input.insertText", text="battery voltage")
+        tab.run("answerFields()")
+        names = "[...document.querySelectorAll('#fieldlist button span:first-child')].map(one => one.textContent)"
+        tab.until(f"{names}.length === 5")
+        assert tab.run(names) == [
+            "battery_status.voltage_v",
+            "battery_status.voltage_filtered_v",
+            "battery_status.voltage_cell_v[all 2]",
+            "battery_status.voltage_cell_v[0]",
+            "battery_status.voltage_cell_v[1]",
+        ]
+        assert len(tab.run("requested")) == 1

@@ -137,7 +137,7 @@ def _server_environment() -> Environment:
         "healths": HEALTH_LEVELS,
         "MAX_PARTS": MAX_FLIGHTS_OF_LOG,
         "MAX_VEHICLE_LINKS": MAX_VEHICLE_LINKS,
-        "lights_beside_fleet": _lights_beside_fleet,
+        "lights_beside_fleet": lights_beside_fleet,
         "wind_speed_text": wind_speed_text,
     }
     # A dictionary of its own: the environment of other pages does not have these values.
@@ -147,8 +147,8 @@ def _server_environment() -> Environment:
     return jinja
 
 
-def _lights_beside_fleet(lights: Mapping[str, str], row: FlightRow | None) -> dict[str, str]:
-    """Returns the levels of a flight's status lights as the list of flights shows them.
+def lights_beside_fleet(lights: Mapping[str, str], row: FlightRow | None) -> dict[str, str]:
+    """Returns the levels of a flight's status lights as lists and documents of flights have them.
 
     A light is the judgement of one part of the vehicle, such as its motors, with a level: good, watch, bad or unknown.
     A log's lights are judged by the log alone. If the motors work otherwise than in the vehicle's other flights, their

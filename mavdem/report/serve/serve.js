@@ -30,6 +30,7 @@
   // The table of flights: search as one types, choice, and what is being read.
   const searchForm = $("find"), flightRows = () => $("flights")?.tBodies[0];
   const chosenIds = () => [...document.querySelectorAll('#flights input[name="id"]:checked')].map(box => box.value);
+  let baselineNote = "";
   const updateButtons = () => {
     const count = chosenIds().length;
     const unread = document.querySelector("#flights input[data-unread]:checked");
@@ -41,7 +42,7 @@
     }
     if ($("remove")) $("remove").disabled = !count;
     if ($("assign")) $("assign").disabled = !count;
-    if ($("chosen")) $("chosen").textContent = count ? `${count} chosen` : "";
+    if ($("chosen")) $("chosen").textContent = count ? `${count} chosen` : baselineNote;
   };
   document.addEventListener("change", event => { if (event.target.name === "id") updateButtons(); });
   updateButtons();
@@ -83,7 +84,19 @@
     location = `/compare?a=${a}&b=${b}`;
   });
   $("baseline")?.addEventListener("click", async () => {
-    try { await callApi("PUT", "/api/baseline", { flights: chosenIds() }); location.reload(); } catch (error) { alert(error.message); }
+    const ids = chosenIds();
+    try { await callApi("PUT", "/api/baseline", { flights: ids }); } catch (error) { alert(error.message); return; }
+    // The page of a vehicle names its baseline.
+    if ($("naming")) { location.reload(); return; }
+    baselineNote = `Baseline set: ${ids.length} flight${ids.length === 1 ? "" : "s"}. The page of the vehicle names it, and can remove it.`;
+    for (const box of document.querySelectorAll('#flights input[name="id"]')) box.checked = false;
+    updateButtons();
+    // The other flights are judged again meanwhile.
+    searchAfter(3000);
+  });
+  $("nobaseline")?.addEventListener("click", async event => {
+    const query = new URLSearchParams({ vehicle: event.target.dataset.vehicle });
+    try { await callApi("DELETE", `/api/baseline?${query}`); location.reload(); } catch (error) { alert(error.message); }
   });
   $("remove")?.addEventListener("click", async () => {
     const ids = chosenIds();
@@ -430,6 +443,7 @@
     }, 250);
   });
   const MAX_SHOWN_FIELDS = 60;
+  const wordsOfName = name => name.toLowerCase().split(/[^a-z0-9]+/).filter(Boolean);
   // The elements of arrays, such as "gyro[0]", by the array's name.
   const elementsOf = fields => {
     const arrays = new Map();
@@ -445,8 +459,10 @@
     const list = $("fieldlist"), words = $("fieldsearch").value.toLowerCase().split(/\s+/).filter(Boolean);
     list.replaceChildren();
     const add = (text, note, action, isPressed) => {
-      const button = element("button", text, element("li", "", list));
+      const button = element("button", "", element("li", "", list)), name = element("span", "", button);
       button.type = "button";
+      // A long name is broken after a full stop or an underscore only.
+      for (const part of text.split(/(?<=[._])/)) name.append(part, document.createElement("wbr"));
       if (note) element("span", note, button, "soft");
       if (isPressed != null) button.setAttribute("aria-pressed", isPressed);
       button.addEventListener("click", action);
@@ -457,13 +473,14 @@
       }
       return;
     }
-    const found = [];
-    // Fields whose own name has a searched word come first, and times last: nobody plots a clock over time.
-    const rankOf = field => {
-      const fieldWords = words.flatMap(word => word.split(".")).filter(Boolean), shown = field.toLowerCase();
-      if (/^time|timestamp|^t$/.test(shown)) return 3;
-      if (fieldWords.includes(shown)) return 0;
-      return fieldWords.some(word => shown.includes(word)) ? 1 : 2;
+    const found = [], searchedWords = words.flatMap(wordsOfName);
+    // Times come last: nobody plots a clock over time. Before them come arrays, and fields whose own name has no searched
+    // word. Otherwise the name with the fewest words that are not searched for comes first.
+    const rankOf = (message, field) => {
+      const fieldWords = wordsOfName(field.replace(/\[.*/, "")), isTime = /^time|timestamp|^t$/i.test(field);
+      const hasSearchedWord = searchedWords.some(word => field.toLowerCase().includes(word));
+      const extraWords = [...wordsOfName(message.shown), ...fieldWords].filter(word => !searchedWords.some(one => word.includes(one)));
+      return [isTime, !hasSearchedWord, field.includes("["), extraWords.length];
     };
     const noteOn = (message, field) => [unitOf({ message: message.shown, field }), message.rate && `${Number(message.rate.toPrecision(2))} Hz`].filter(Boolean).join(", ");
     for (const message of listedMessages) {
@@ -471,10 +488,13 @@
         const wanted = fields.map(one => ({ message: message.shown, field: one, instance }));
         const name = fieldName({ message: message.shown, field, instance }), searched = `${name} ${message.message}.${field}`.toLowerCase();
         if (!words.every(word => searched.includes(word)) && !(words.length === 1 && `${message.shown}.${field}`.toLowerCase().startsWith(words[0]))) continue;
-        found.push({ name, wanted, note: noteOn(message, fields[0]), rank: rankOf(field) });
+        found.push({ name, wanted, note: noteOn(message, fields[0]), rank: rankOf(message, field) });
       }
     }
-    found.sort((a, b) => a.rank - b.rank);
+    found.sort((a, b) => {
+      const different = a.rank.findIndex((value, i) => value !== b.rank[i]);
+      return different < 0 ? 0 : a.rank[different] - b.rank[different];
+    });
     for (const { name, wanted, note } of found.slice(0, MAX_SHOWN_FIELDS)) add(name, note, event => plotFields(wanted, event.shiftKey), wanted.every(plotOf));
     if (found.length > MAX_SHOWN_FIELDS) element("li", `and ${found.length - MAX_SHOWN_FIELDS} more: add a word`, list, "soft");
     if (!found.length) element("li", "No field has all these words.", list, "soft");
@@ -515,7 +535,12 @@
     list.id = "fieldlist";
     details.append(label, status, list);
     fieldsPart.replaceChildren(details);
-    input.addEventListener("input", showFields);
+    // An Enter is of the words before it: it does not count for those that are typed later.
+    input.addEventListener("input", () => {
+      if (isEnterWaiting) status.textContent = "Reading the log …";
+      isEnterWaiting = null;
+      showFields();
+    });
     // Enter plots the first field that is found, so that no hand leaves the keyboard.
     input.addEventListener("keydown", event => {
       if (event.key !== "Enter") return;
