@@ -6,6 +6,7 @@ A light is the judgement of one part of the vehicle, such as its motors: a fact 
 from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.session import LinkFact, MissingMessages
+from mavdem.live.global_position import GlobalPosition
 from mavdem.live.takeoff_place import Displacement
 
 LONG_LOSS_SECONDS = 10.0
@@ -22,6 +23,7 @@ def link_loss_fact(
     reception: float | None,
     displacement: Displacement | None,
     voltage: float | None,
+    last_position: GlobalPosition | None,
     *,
     cause: Fact | None,
     is_over: bool,
@@ -34,6 +36,7 @@ def link_loss_fact(
         reception: UNIX time of the last message, s; None where that is not known.
         displacement: where the vehicle was then, from its take-off; None where that is not known.
         voltage: voltage of its battery then, V; None where that is not known.
+        last_position: its latest geographic position; None where none came.
         cause: what was found before and may explain the silence, such as an alarm; None for nothing.
         is_over: whether the session has ended, so that the age grows no more.
 
@@ -47,7 +50,7 @@ def link_loss_fact(
     if displacement is not None:
         distance = displacement.distance
         height = displacement.height
-    return Fact(
+    fact = Fact(
         LinkFact.LOST_IN_FLIGHT,
         Level.BAD if is_long_loss or has_bad_cause else Level.WATCH,
         subject=reason.subject or MissingMessages.MESSAGES,
@@ -59,6 +62,14 @@ def link_loss_fact(
         cause=cause,
         reason=reason,
         is_over=is_over,
+    )
+    if last_position is None:
+        return fact
+    return fact.replace(
+        latitude=last_position.latitude,
+        longitude=last_position.longitude,
+        home_height=last_position.height,
+        position_reception=last_position.reception,
     )
 
 

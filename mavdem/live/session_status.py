@@ -37,6 +37,7 @@ from mavdem.facts.session import LinkFact, MissingMessages, RowsFact, SessionFac
 from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.immutable import ImmutableResult
+from mavdem.live.global_position import GlobalPosition
 from mavdem.live.history import REPORTED_HORIZON
 from mavdem.live.link import SILENCE_SECONDS
 from mavdem.live.link_loss import LONG_LOSS_SECONDS, lights_during_silence, link_loss_fact
@@ -160,6 +161,9 @@ class SessionStatus(ImmutableResult):
     displacement: Displacement | None = None
     """How far it is from its latest take-off by satellites and barometer, where the autopilot has rebooted in flight:
     its origin is another one then. None elsewhere, or where they do not come."""
+
+    last_position: GlobalPosition | None = None
+    """Its latest geographic position, by which it is searched once its link is lost; None where none came."""
 
     message_age: float | None = None
     """Time since the last message of the followed vehicle, s; None before any."""
@@ -324,7 +328,8 @@ class SessionStatus(ImmutableResult):
         link_loss = self.link_loss
         if link_loss is not None:
             # What was found before, such as a weak motor, is the cause that this fact has.
-            return _judgement_with_headline(link_loss, judgement.lights)
+            lights_to_show = self._lights_with_recording(judgement.lights)
+            return _judgement_with_headline(link_loss, lights_to_show)
         return self._judgement_with_recording(judgement)
 
     def _judgement_of_unjudged_flight(self, judgement: Judgement) -> Judgement:
@@ -433,6 +438,7 @@ class SessionStatus(ImmutableResult):
             self.last_reception,
             self.displacement_from_takeoff,
             voltage,
+            self.last_position,
             cause=self._warning_before_silence,
             is_over=self.is_over,
         )
@@ -639,10 +645,19 @@ class SessionStatus(ImmutableResult):
         if is_awaited and judgement.headline.is_watch_or_bad:
             return judgement
         next_step = Fact(NextStep.DO_AS_ADVISED, reason=verdict)
-        lights = judgement.lights
-        if not is_awaited:
-            lights = _lights_of_recording(lights, verdict.figures["levels"])
+        lights = self._lights_with_recording(judgement.lights)
         return replace(judgement, headline=verdict, next_step=next_step, lights=lights)
+
+    def _lights_with_recording(self, lights: NamedFacts) -> NamedFacts:
+        """Returns the lights of a flight that is over, by its recording where that is judged apart from this session.
+
+        Args:
+            lights: the lights by this session.
+        """
+        verdict = self.recording_verdict
+        if verdict is None or verdict.code is not SessionFact.RECORDING_JUDGED:
+            return lights
+        return _lights_of_recording(lights, verdict.figures["levels"])
 
     def _judgement_of_silent_vehicle(self, judgement: Judgement, reason: Fact) -> Judgement:
         """Returns a judgement for a vehicle in flight whose messages do not come: how it flies is not known.

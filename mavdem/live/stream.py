@@ -26,6 +26,7 @@ from mavdem.ingest.motors import MOTOR_MESSAGES, POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Parameters
 from mavdem.live.boot_clock import BootClock, TimedMessage
 from mavdem.live.flight_phase import PHASE_MESSAGES, FlightPhase
+from mavdem.live.global_position import GlobalPosition, received_position
 from mavdem.live.height_watch import BAROMETER_MESSAGE, RECEIVER_MESSAGE
 from mavdem.live.messages import (
     IMU_MESSAGES,
@@ -141,6 +142,8 @@ class LiveStream:
         self._clock = BootClock(self._report)
         self._pose = PoseTracker()
         self._takeoff_place = TakeoffPlace()
+        # The latest geographic position; None before any. A reboot does not move it.
+        self._last_position: GlobalPosition | None = None
         self._rate_check = RateCheck(axis, can_request=not rates_requested, report=self._report)
         self._review = VehicleReview(
             self._vehicles, self._rate_check, self.motor_alarms, self.wind, self._report
@@ -363,6 +366,7 @@ class LiveStream:
             position=None if self.pose is None else self.pose.position,
             takeoff_position=self._pose.takeoff_position if is_takeoff_seen else None,
             displacement=None if is_takeoff_seen else self._takeoff_place.displacement,
+            last_position=self._last_position,
             watch_facts=self.watch_facts,
             worst_lights=watchdog.status_lights.latest,
             wind=self.wind.latest,
@@ -572,6 +576,8 @@ class LiveStream:
             self._watch_drift(time, (north, east))
         elif message.name == "GLOBAL_POSITION_INT":
             self._pose.add_global_position(time, position, is_flying=self.is_flying)
+            new_position = received_position(position, self._stamp)
+            self._last_position = new_position or self._last_position
         if first_wind is not None:
             self._report(first_wind)
 

@@ -42,6 +42,13 @@ from mavdem.serve.live_pages import (
 MAX_SILENT_PAGES = 12
 """Pages in a row during which nothing is received, a minute in all, after which the session of a vehicle is over."""
 
+MAX_SILENT_PAGES_IN_AIR = 120
+"""The same of a vehicle that was last in the air, 10 min in all: a choice.
+
+Most links that are lost in flight come back, since the vehicle returns or lands by itself, for which its battery lasts
+some minutes. Until then the flight goes on, with its take-off, its lights and the reference of its motors.
+"""
+
 MAX_SILENT_PAGES_AFTER_LANDING = 3
 """The same after a landing, 15 s in all: a choice. The vehicle was switched off, or its next flight is one of its own.
 
@@ -121,11 +128,11 @@ class _FinishedFlight(NamedTuple):
 class LinkMonitor:
     """Runs live sessions on a link, one after the other, in a thread; nothing is sent to the vehicle unless asked for.
 
-    A session ends when its vehicle is silent for a minute, after a landing for 15 s, or for ``SUCCESSION_SECONDS``
-    while another one sends, which the next session follows; when its vehicle restarts after a landing, or takes off
-    again after it restarted on the ground while its link was lost in the air, since its next flight is one of its
-    own; and when the server ends. After an error, such as a full disk, no further session begins; what was recorded
-    until then is kept.
+    A session ends when its vehicle is silent for a minute, after a landing for 15 s, after its link was lost in the
+    air for 10 min, or for ``SUCCESSION_SECONDS`` while another one sends, which the next session follows; when its
+    vehicle restarts after a landing, or takes off again after it restarted on the ground while its link was lost in
+    the air, since its next flight is one of its own; and when the server ends. After an error, such as a full disk, no
+    further session begins; what was recorded until then is kept.
 
     Attributes:
         problem: why no session runs any more; None while one does.
@@ -186,6 +193,8 @@ class LinkMonitor:
         self._is_in_air = False
         self._has_restarted = False
         self._has_restarted_in_air = False
+        # Whether the vehicle was in the air when its messages ended, and nothing shows that the flight is over.
+        self._is_missed_in_air = False
         self._is_stopping = ThreadEvent()
         self._silent_pages = 0
         self._frames_at_last_page = 0
@@ -314,6 +323,7 @@ class LinkMonitor:
         self._is_in_air = False
         self._has_restarted = False
         self._has_restarted_in_air = False
+        self._is_missed_in_air = False
         return session
 
     def _vehicle_of_next_session(self, session: LiveSession) -> Component | None:
@@ -355,7 +365,7 @@ class LinkMonitor:
         first_time = datetime.fromtimestamp(incoming.recording.first_stamp, UTC)
         entry = self._library.add(incoming.path, _recording_name(first_time))
         address = f"/f/{entry.id}"
-        self._latest_flight = PageLink(f"Latest flight: {entry.name}", address)
+        self._latest_flight = PageLink("Latest flight", address)
         self._log_added()
         self._report_saved_flight(address)
         if session.stream.followed_vehicle is not None and not self._is_stopping.is_set():
@@ -476,7 +486,9 @@ class LinkMonitor:
     def _is_over(self) -> bool:
         """Returns whether the session is to end, since the server stops or the vehicle has been silent for long."""
         longest_silence = MAX_SILENT_PAGES
-        if self._has_landed:
+        if self._is_missed_in_air:
+            longest_silence = MAX_SILENT_PAGES_IN_AIR
+        elif self._has_landed:
             longest_silence = MAX_SILENT_PAGES_AFTER_LANDING
         return self._is_stopping.is_set() or self._silent_pages >= longest_silence
 
@@ -543,6 +555,7 @@ class LinkMonitor:
         """
         start_time = clock.monotonic()
         status = session.status
+        self._is_missed_in_air = status.link_loss is not None
         if self._finished_page and not _awaits_vehicle(status):
             self._finished_page = ""
             self._finished_flight = None

@@ -25,6 +25,7 @@ from mavdem.facts.session import (
 )
 from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import WatchedQuantity, WatchFact
+from mavdem.live.global_position import GlobalPosition
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.takeoff_place import Displacement
 from mavdem.live.vehicle_state import VehicleState
@@ -283,6 +284,12 @@ def test_a_link_lost_in_flight_says_for_how_long_where_the_vehicle_was_and_what_
     assert long.alarms == (long.link_loss,) and silent.alarms == () == long.further_alarms
     over = replace(long, is_over=True, last_reception=1e9).overall_judgement.headline
     assert re.match(r"Link lost at \d\d:\d\d:\d\d, in flight", str(over))
+    position = GlobalPosition(47.3977421, -8.5455938, 20.4, 1e9)
+    placed = str(replace(silent, last_position=position).link_loss)
+    assert re.search(r"15\.8 V; last position 47\.39774, -8\.54559 at \d\d:\d\d:\d\d\.$", placed)
+    # Where the take-off was not seen, the height is that above the home position.
+    unseen = str(replace(silent, last_position=position, displacement=None).link_loss)
+    assert ", in flight: last position 47.39774, -8.54559, 20 m above home, at " in unseen
     landed = replace(long, is_flying=False)
     assert landed.link_loss is None and landed.overall_judgement.lights[Light.MOTORS].is_good
 

@@ -39,6 +39,8 @@ def test_without_a_local_position_the_global_one_shows_distance_and_height():
     flight = Unplaced(Hover(hovering=8.0), attitude=20.0, motors=20.0).frames(end=12.8)
     status = replay(by_time(flight, positions)).stream.status()
     assert status.displacement_from_takeoff == (approx(11.1, abs=0.1), approx(10.0))
+    # It is also where the vehicle is searched once its link is lost.
+    assert status.last_position[:3] == (approx(47.0001), approx(8.5), approx(10.5))
 
 
 def test_distance_and_height_from_the_take_off_are_shown_in_flight(monkeypatch):

@@ -22,11 +22,13 @@ from mavdem.cli.serve import serve_command
 from mavdem.facts import Fact, Level
 from mavdem.facts.event import Event as HappenedEvent
 from mavdem.facts.events import ReportedEvent
+from mavdem.facts.lights import Light
 from mavdem.facts.serve import RefusalReason
 from mavdem.facts.session import LinkFact, RowsFact, SessionFact, TimeUse, VehicleFact
 from mavdem.fleet.names import NO_NAMES
 from mavdem.ingest import read_log
 from mavdem.live import clock
+from mavdem.live.global_position import GlobalPosition
 from mavdem.live.history import LiveHistory
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session_status import SessionStatus
@@ -47,6 +49,7 @@ def heard(tmp_path, monkeypatch):
     """What begins a session that hears a vehicle; and its library, what it warns of, and the logs that came."""
     monkeypatch.setattr(link_monitor, "PAGE_SECONDS", 0.1)
     monkeypatch.setattr(link_monitor, "MAX_SILENT_PAGES", 5)
+    monkeypatch.setattr(link_monitor, "MAX_SILENT_PAGES_IN_AIR", 5)
     library = Library(tmp_path)
     come = []
     warned = []
@@ -93,7 +96,8 @@ def test_a_session_has_a_page_and_leaves_its_log(tmp_path, heard):
     assert '<a href="/">← Flights</a>' in live.page.html and "the last 0 s" not in live.page.html
     (entry,), _ = library.find("1", [], 10)
     # While the next session waits for a vehicle, the page is that of the flight, and leads to its recording.
-    until(lambda: "This flight is over." in live.page.html)
+    until(lambda: "Saved so far:" in live.page.html)
+    assert "This flight is over." not in live.page.html
     assert f'<a href="/f/{entry.id}">' in live.page.html
     (telemetry,) = read_log(library.log_path(entry)).vehicles
     assert (telemetry.system, telemetry.component) == (1, 1)
@@ -104,18 +108,22 @@ def test_a_session_has_a_page_and_leaves_its_log(tmp_path, heard):
         assert server.get("/live").status == 404 and "/live" not in server.get("/").text
 
 
-@mark.parametrize(("has_landed", "longest_silence"), [(False, 60), (True, 15)])
+@mark.parametrize(
+    ("is_flying", "has_landed", "longest_silence"),
+    [(False, False, 60), (False, True, 15), (True, False, 600)],
+)
 def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_long(
-    idle, monkeypatch, has_landed, longest_silence
+    idle, monkeypatch, is_flying, has_landed, longest_silence
 ):
     live, _ = idle
     live._has_landed = has_landed
     monkeypatch.setattr(live_pages, "live_page", Mock(return_value=""))
-    session = Mock(status=SessionStatus("1:1"))
+    silence = Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=3.0)
+    session = Mock(status=SessionStatus("1:1", silence, is_flying=is_flying))
     session.history.events = []
     session.stream.followed_vehicle.frame_count = 0
     seconds = -20 * link_monitor.PAGE_SECONDS
-    for page, frames in enumerate([0] * 20 + [7] * 20):
+    for page, frames in enumerate([0] * 20 + [7] * 130):
         # Another vehicle sends on the same link all the time.
         session.intake.recording.frame_count = page
         session.stream.followed_vehicle.frame_count = frames
@@ -154,6 +162,31 @@ def test_the_page_of_a_flight_whose_end_nobody_saw_says_when_the_link_was_lost(i
     verdict = link_monitor.AWAITED_IN_SESSION
     page = link_monitor._finished_page(session, NO_NAMES, PageLink("a.tlog", "/f/abc"), verdict)
     assert page.startswith("Link lost at ") and page.endswith(", in flight.")
+
+
+def test_the_page_of_a_vehicle_lost_in_the_air_is_not_over_and_has_the_log_as_the_library_judges_it():
+    session = Mock()
+    session.history = LiveHistory()
+    session.link.name = "udpin:127.0.0.1:14550"
+    session.stream.axis = "roll"
+    session.time_account.return_value = dict.fromkeys(TimeUse, 0.0)
+    session.stream.status.return_value = SessionStatus("1:1", is_flying=True)
+    session.status = SessionStatus(
+        "1:1",
+        Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=3.0),
+        is_flying=True,
+        last_reception=1e9,
+        last_position=GlobalPosition(47.3977421, -8.5455938, 20.4, 1e9),
+    )
+    levels = dict.fromkeys(Light, "good") | {Light.LOG: "watch"}
+    judged = Fact(
+        SessionFact.RECORDING_JUDGED, Level.WATCH, headline="", next_step="", levels=levels
+    )
+    page = link_monitor._finished_page(session, NO_NAMES, PageLink("a.tlog", "/f/abc"), judged)
+    assert "This flight is over" not in page
+    assert 'Saved so far: <a href="/f/abc">a.tlog</a>' in page
+    assert '<a href="geo:47.39774,-8.54559">' in page
+    assert '<dt>Log</dt><dd class="watch">' in page
 
 
 def test_the_page_has_an_alarm_at_once_and_other_changes_every_five_seconds(idle, monkeypatch):

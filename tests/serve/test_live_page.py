@@ -8,7 +8,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.event import Event
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorWatchFact
-from mavdem.facts.session import TimeUse, VehicleFact
+from mavdem.facts.session import RowsFact, TimeUse, VehicleFact
 from mavdem.facts.watch import WatchFact
 from mavdem.live import clock
 from mavdem.live.history import LiveHistory
@@ -177,6 +177,16 @@ def test_a_page_that_stays_open_goes_on_after_a_reboot(session, tab):
     # The clock begins again at 5 s; the timeline goes on after the 108 s before.
     tab.until(f"{FLIGHT}.span[1] > 110.9 && {LAST_TIME} > 110.9")
     assert tab.run(f"{FLIGHT}.whole[0]") < 101.0
+
+
+def test_the_plots_of_a_vehicle_that_was_lost_end_soon_after_its_last_message(session, tab):
+    session.fly(8.0)
+    tab.until(f"{FLIGHT}.span[1] > 111")
+    end = tab.run(f"{FLIGHT}.span[1]")
+    silence = Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=3.0)
+    session.show(SessionStatus("1:1", silence, is_flying=True, message_age=60.0))
+    tab.until(f"{FLIGHT}.span[1] > {end}")
+    assert tab.run(f"{FLIGHT}.span[1]") < end + 5.0
 
 
 def test_a_page_that_stays_open_shows_the_flight_of_a_restarted_server(session, tab):
@@ -352,9 +362,11 @@ def test_an_opened_light_that_is_good_shows_its_figures_and_stays_open_after_the
     session.show(SessionStatus("1:1", is_flying=True, message_age=0.0, **lights))
     tab.size(390)
     tab.until("document.querySelector('[data-light=motors] dd.good')")
-    assert not tab.run(reason)
+    figure = "document.querySelector('[data-light=motors] .brief')"
+    assert not tab.run(reason) and tab.run(f"{figure}.checkVisibility()")
+    assert tab.run(f"{figure}.textContent") == "none at its limit"
     tab.run("document.querySelector('[data-light=motors]').focus()")
-    assert tab.run(reason)
+    assert tab.run(reason) and not tab.run(f"{figure}.checkVisibility()")
     session.saved_flight = PageLink("flight.tlog", "/flights/1")
     session.show(SessionStatus("1:1", message_age=0.0, **lights))
     tab.until("document.querySelector('main').innerText.includes('This flight is over')")

@@ -62,10 +62,10 @@ MIN_PATH_SIZE = 0.5
 A choice: a steady hover moves by some decimetres, and fills a good part of it.
 """
 
-MIN_LIVE_PATH_SIZE = 10.0
-"""The same while the vehicle flies, m: satellites place it to a few metres, so that a hover is a dot that drifts.
+MIN_LIVE_PATH_SIZE = 3.0
+"""The same while the vehicle flies, m, with which the rings of distance are 1 m apart: a choice.
 
-A choice. Without it a hover fills the map with the noise of its position.
+Without it a hover fills the map with the noise of its position.
 """
 
 

@@ -136,10 +136,10 @@ GAINS_TITLE = "Gains"
 SILENCES_OF_LINK = (LinkFact.LOST_IN_FLIGHT, LinkFact.CONNECTION_LOST, RowsFact.NOTHING_RECEIVED)
 """Events of a live session whose advice is out of date once messages come again."""
 
-MAX_SHOWN_SILENCE = 20.0
+MAX_SHOWN_SILENCE = 3.0
 """Time for which the time axis of a live page goes on after the last message, s: a choice.
 
-The plots show the last 30 s, so that the last 10 s before the silence stay in sight.
+It shows that nothing comes. The plots show 30 s, most of which must be the last ones before the silence.
 """
 
 SECONDS_PER_MINUTE = 60
@@ -862,6 +862,8 @@ def live_page(
         flight_number=history.flight.number,
         links=links,
         saved_flight=saved_flight,
+        is_lost_in_air=status.link_loss is not None,
+        last_position=_position_of_lost_vehicle(status),
         alarm=live_alarm(status),
         alarm_count=history.alarm_count,
         refresh_seconds=refresh_seconds,
@@ -884,6 +886,21 @@ def live_page(
         # A page of a session that goes on is sent every few seconds.
         MAX_POINTS if status.is_over else MAX_POINTS_OF_SMALL_PAGE,
     )
+
+
+def _position_of_lost_vehicle(status: SessionStatus) -> str:
+    """Returns latitude and longitude of a vehicle whose link was lost in the air, as a geo URI has them (RFC 5870).
+
+    Args:
+        status: state of the session now, or at its end.
+
+    Returns:
+        The position, such as "47.39774,8.54559"; empty without a lost link, or where no position came.
+    """
+    position = status.last_position
+    if status.link_loss is None or position is None:
+        return ""
+    return f"{position.latitude:.5f},{position.longitude:.5f}"
 
 
 def _shown_silence(status: SessionStatus) -> float:

@@ -284,6 +284,12 @@ class Head(NamedTuple):
     saved_flight: PageLink | None = None
     """The page of a live flight in the library, once it is over; None without one."""
 
+    is_lost_in_air: bool = False
+    """Whether the link of that vehicle was lost in the air, so that its flight may go on."""
+
+    last_position: str = ""
+    """Latitude and longitude of that vehicle, degrees, for a link that opens a map; empty where they are not known."""
+
     day_in_name: date | None = None
     """Day in the name of the log's file, which is shown where the log has no date; None without one."""
 
