@@ -73,7 +73,7 @@ class Server:
             reading.notify,
             sample_log,
             has_viewer=viewer is not None,
-            is_live=monitor is not None,
+            session_summary=None if monitor is None else lambda: monitor.summary,
             scripts=scripts,
         )
         self._live_pages = LivePages(rights, monitor)

@@ -28,6 +28,7 @@ from mavdem.live.session import LiveSession
 from mavdem.live.session_loop import run_session
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.vehicle_selection import Component
+from mavdem.report.live import live_title, vehicle_text
 from mavdem.report.pages.page_link import PageLink
 from mavdem.report.templates import Medium, sentences_for
 from mavdem.serve.index import LibraryEntry
@@ -167,6 +168,7 @@ class LinkMonitor:
         """
         self.problem: Fact | None = None
         self._page = SessionPage("", clock.monotonic())
+        self._summary = ""
         # When ``_update_page`` was called last, s of the monotonic clock.
         self._update_time = -inf
         # The page of the session before, which is shown until another vehicle is received; empty for none.
@@ -211,6 +213,13 @@ class LinkMonitor:
         self._is_stopping.set()
         self._thread.join()
         self._link.close()
+
+    @property
+    def summary(self) -> str:
+        """What the session is about in one line: its vehicle, and what it does; why no session runs any more."""
+        if self.problem is not None:
+            return str(self.problem)
+        return self._summary
 
     @property
     def page(self) -> SessionPage:
@@ -390,6 +399,8 @@ class LinkMonitor:
         if verdict == flight.verdict:
             return
         self._finished_flight = flight._replace(verdict=verdict)
+        if verdict.code is SessionFact.RECORDING_JUDGED:
+            self._report_event(Event(nan, verdict, reception=clock.unix_time()))
         self._finished_page = _finished_page(
             flight.session, self._library.names, flight.saved_flight, verdict
         )
@@ -543,6 +554,8 @@ class LinkMonitor:
         else:
             self._silent_pages = 0
         self._frames_at_last_page = frame_count
+        # It is updated with the count: when messages come again, the count of the silence must not end the session.
+        self._is_missed_in_air = session.status.link_loss is not None
 
     def _render_page(self, session: LiveSession) -> None:
         """Renders the HTML page of the running session as it is now.
@@ -555,7 +568,11 @@ class LinkMonitor:
         """
         start_time = clock.monotonic()
         status = session.status
-        self._is_missed_in_air = status.link_loss is not None
+        title = live_title(status, session.link.name, self._library.names)
+        self._summary = title
+        if status.vehicle is not None:
+            vehicle_state = vehicle_text(status).removeprefix(f"{status.vehicle}, ")
+            self._summary = f"{title}: {vehicle_state}"
         if self._finished_page and not _awaits_vehicle(status):
             self._finished_page = ""
             self._finished_flight = None

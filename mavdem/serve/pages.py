@@ -125,7 +125,7 @@ class Pages:
         sample_log: Path | None,
         *,
         has_viewer: bool,
-        is_live: bool,
+        session_summary: Callable[[], str] | None,
         scripts: Collection[str],
     ) -> None:
         """Stores the library and the settings of the server that the pages show.
@@ -135,7 +135,8 @@ class Pages:
             work_requested: function that is called after recordings or a page were requested.
             sample_log: a log that visitors may try the server with; None for no offer.
             has_viewer: whether recordings can be opened in a viewer on this machine.
-            is_live: whether a live session has a page.
+            session_summary: function that returns the vehicle of the live session and what it does; None without a
+                live session.
             scripts: hashes of the scripts that pages of this library may run, also of pages that earlier versions
                 wrote.
         """
@@ -146,7 +147,7 @@ class Pages:
         self._waiting_downloads = 0
         self._sample_log = sample_log
         self._has_viewer = has_viewer
-        self._is_live = is_live
+        self._session_summary = session_summary
         self._scripts = frozenset(scripts)
 
     def list_flights(self, request: HttpRequest) -> Response:
@@ -181,7 +182,8 @@ class Pages:
             page=FLIGHTS_PER_PAGE,
             is_empty=is_library_empty,
             sample=self._sample_log,
-            is_live=self._is_live,
+            is_live=self._session_summary is not None,
+            session_summary=self._session_summary() if self._session_summary else "",
             vehicles=vehicle_names,
             anomalous_rows=anomalous_rows,
             flights_to_compare=self._flights_to_compare(result.entries, anomalous_rows),

@@ -33,6 +33,7 @@ from mavdem.live.history import LiveHistory
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.vehicle_selection import Component
+from mavdem.live.vehicle_state import VehicleState
 from mavdem.report.live import moment_text
 from mavdem.report.pages.page import PageLink
 from mavdem.serve import link_monitor, live_pages
@@ -131,6 +132,22 @@ def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_long(
         seconds += link_monitor.PAGE_SECONDS * (not live._is_over())
     live._link.close()
     assert seconds == longest_silence
+
+
+def test_a_flight_goes_on_when_messages_come_again_after_a_loss_in_the_air(idle, monkeypatch):
+    live, _ = idle
+    monkeypatch.setattr(live_pages, "live_page", Mock(return_value=""))
+    silence = Fact(RowsFact.NOTHING_RECEIVED, subject="messages", duration=3.0)
+    lost = SessionStatus("1:1", silence, is_flying=True)
+    session = Mock(status=lost)
+    session.history.events = []
+    session.intake.recording.frame_count = session.stream.followed_vehicle.frame_count = 7
+    for _ in range(20):
+        live._update_page(session)
+    session.status = replace(lost, no_model_reason=None)
+    # The event that messages come again is on the page before the next count.
+    live._render_page(session)
+    assert not live._is_over()
 
 
 def test_the_page_counts_the_seconds_since_a_vehicle_fell_silent_in_flight(idle, monkeypatch):
@@ -261,7 +278,7 @@ def test_the_page_of_a_finished_flight_has_the_verdict_of_the_library_once_it_is
     idle, monkeypatch
 ):
     """Until then it says that the log is being read."""
-    live, _ = idle
+    live, told = idle
     library = live._library
     monkeypatch.setattr(
         live_pages, "live_page", lambda *args, **_: str(args[3].overall_judgement.headline)
@@ -278,6 +295,19 @@ def test_the_page_of_a_finished_flight_has_the_verdict_of_the_library_once_it_is
     library.change(entry.id, headline="Too little margin.", level="watch")
     live._update_finished_page(live._finished_flight)
     assert live._finished_page == "Too little margin."
+    assert [str(event.fact) for event in told] == ["Too little margin."]
+
+
+def test_the_list_of_flights_says_which_vehicle_the_session_has_and_what_it_does(idle, monkeypatch):
+    live, _ = idle
+    monkeypatch.setattr(live_pages, "live_page", Mock(return_value=""))
+    session = Mock()
+    session.history.events = []
+    session.link.name = "udpin:127.0.0.1:14550"
+    state = VehicleState("Loiter", is_armed=True, voltage=15.84, system=1, autopilot="PX4")
+    session.status = SessionStatus("1:1", is_flying=True, state=state, message_age=0.1)
+    live._render_page(session)
+    assert live.summary == "Vehicle, PX4, vehicle 1: mode Loiter, in flight, battery 15.8 V."
 
 
 def test_the_terminal_has_alarms_the_link_and_where_the_flight_is_saved(idle):
@@ -340,6 +370,7 @@ def test_a_full_disk_ends_the_session_and_says_so(tmp_path, monkeypatch, heard, 
     with serving(tmp_path / "other", monitor=live) as server:
         answer = server.get("/live")
         assert answer.status == 503 and "No space left" in answer.text
+        assert "No space left" in server.get("/").text
 
 
 def test_what_the_socket_holds_when_the_server_ends_is_recorded(tmp_path, monkeypatch):
