@@ -66,7 +66,11 @@ class ReviewScreen:
             print_review_lines(first_lines(findings, text_columns()))
 
     def show(self, assessment: Assessment) -> None:
-        """Prints what of the screen has not been printed yet."""
+        """Prints the screen: all of it, or the second part if ``show_first_lines`` has printed the first.
+
+        Args:
+            assessment: The complete assessment of the log.
+        """
         columns = text_columns()
         if self._first_findings is None:
             text = review_screen(assessment, columns)

@@ -153,7 +153,8 @@ class ControlWatch:
     def invalid_attitude(self, vehicle: Telemetry) -> Fact | None:
         """Returns the event that the attitudes have been NaN for ``MIN_INVALID_SECONDS``: the estimator has failed.
 
-        The event is the same as for a log, and is kept while the attitudes stay NaN, so that it keeps its beginning.
+        The event is found by the rules for logs, in the messages of the last seconds. It is searched for once, and then
+        kept while the attitudes stay NaN: later these messages no longer contain its beginning.
 
         Args:
             vehicle: identity and parameters of the vehicle, without messages.
@@ -165,9 +166,10 @@ class ControlWatch:
         if invalid_seconds < MIN_INVALID_SECONDS:
             self._invalid_attitude = None
         elif self._invalid_attitude is None:
-            signals = self.recent_signals(vehicle, None)
+            signals = self.recent_signals(vehicle, motion=None)
             any_time = (-inf, inf)
             for event in invalid_attitudes(signals, self._slow_messages.boot, any_time):
+                # Earlier events, after which the attitudes were numbers again, are left out.
                 is_ongoing = event.end_time is None
                 if is_ongoing:
                     self._invalid_attitude = event
@@ -387,10 +389,11 @@ class ControlWatch:
             return FlightEnd(is_in_air, is_falling, loss=None)
         attitude_loss = self._attitude_loss
         if attitude_loss is not None and attitude_loss.start_time < takeoff_time:
-            # It was in an earlier flight.
+            # The latest loss was in an earlier flight.
             attitude_loss = None
         if attitude_loss is None and not is_in_air:
-            # A vehicle that hits the ground upright, since it cannot hold its height, has none.
+            # The vehicle may have toppled over as it landed. One that hit the ground upright, since it could not hold
+            # its height, has no loss of attitude.
             attitude_loss = self._toppling(sensors, error, flight_interval)
         contact = ground_contact(sensors, error, flight_interval, attitude_loss, reports)
         losses = flight_losses(attitude_loss, contact)

@@ -264,8 +264,8 @@ class FlightPhase:
         """
         present_flight = _interval_at(now, airborne)
         is_new_flight = not self.is_flying
-        # The first review of a flight sees its beginning, unless the motors were not known yet: then a later one does.
-        # In a flight that began before the first message all reviews find minus infinity.
+        # The first review of a flight finds its beginning. It finds minus infinity if the flight began before the first
+        # message, or if the motors were not known yet; in the latter case a later review finds the beginning.
         is_takeoff_unseen = self._airborne_start == -inf
         if present_flight is not None and (is_new_flight or is_takeoff_unseen):
             takeoff_time, _ = present_flight
@@ -326,10 +326,10 @@ class FlightPhase:
     def _update_settled_start(self, now: float, climb_rate: TimeSeries | None) -> None:
         """Updates the time since which the flight is settled: neither in the climb-out nor possibly in a landing.
 
-        A flight becomes settled at the end of its climb-out, which the rules for logs find. After that, a descent may
-        be the beginning of a landing, so the flight counts as settled again only ``TRANSIENT_SECONDS`` after the
-        vehicle last sank. As long as it sinks, this time lies in the future, and ``is_settled`` is false. Descents are
-        ignored while the autopilot reports its landed state, since that shows a landing.
+        A flight becomes settled at the end of its climb-out. After that, a descent may be the beginning of a landing,
+        so the flight counts as settled again only ``TRANSIENT_SECONDS`` after the vehicle last sank. As long as it
+        sinks, this time lies in the future, and ``is_settled`` is false. Where the autopilot reports whether it has
+        landed, descents are ignored until the end of these reports, which show a landing by themselves.
 
         Args:
             now: present time, s.
@@ -338,11 +338,12 @@ class FlightPhase:
         if self._settled_start is None:
             self._note_end_of_climb_out(now, climb_rate)
         elif climb_rate is not None:
-            # Only climb rates since the last review are new. Each is the mean of a window around its time, and known
-            # ``AVERAGING_DELAY`` later, when this window is over.
-            end_of_last_review = self._review_time - AVERAGING_DELAY
-            unjudged_start = max(end_of_last_review, self._landed_state_end)
-            unjudged_rates = _between(climb_rate, unjudged_start, now - AVERAGING_DELAY)
+            # A climb rate is the mean of a window around its time, so it is known ``AVERAGING_DELAY``, half the window,
+            # later. Those that were known at the last review have been judged then.
+            judged_end = self._review_time - AVERAGING_DELAY
+            known_end = now - AVERAGING_DELAY
+            unjudged_start = max(judged_end, self._landed_state_end)
+            unjudged_rates = _between(climb_rate, unjudged_start, known_end)
             is_sinking = unjudged_rates.values <= -MAX_LEVEL_FLIGHT_SPEED
             sinking_times = unjudged_rates.time[is_sinking]
             if len(sinking_times):

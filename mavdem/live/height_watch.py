@@ -100,6 +100,7 @@ class HeightWatch:
         divergences = list(height_divergences(sensors, flight_interval))
         if not divergences:
             return None
+        # If it goes on since an earlier review, it keeps its start, of which the messages may have been forgotten.
         self._latest_divergence = _with_known_start(divergences[-1], self._latest_divergence)
         return self._latest_divergence
 

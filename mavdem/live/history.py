@@ -331,12 +331,16 @@ class LiveHistory:
         self.flight = self.flight._replace(end=self.now)
 
     def _forget_signals_before(self, start_time: float) -> None:
-        """Forgets rows, voltages, learned intervals, and predictions with their errors from before a time.
+        """Forgets the signals of the time before a flight, when that flight has just been noticed.
+
+        Rows (samples of the motion, which the page plots) and learned intervals are kept from the beginning of the
+        flight on. Voltages, predictions and their errors are all forgotten, and collected anew.
 
         Args:
-            start_time: s of the timeline.
+            start_time: beginning of the flight, s of the timeline.
         """
         self._rows = [row for row in self._rows if row[TIME_COLUMN] >= start_time]
+        # Long flights keep only every ``_stride``-th row. A new flight begins with each of its rows.
         self._stride = 1
         self._voltages.clear()
         self._predictions.clear()

@@ -93,6 +93,7 @@ def _reason_not_watched(
     """
     watch_fact = watch_facts.get(quantity)
     if watch_fact is not None:
+        # The figure is None in the fact of a quantity that is watched.
         stated_reason: Fact | None = watch_fact.figures["reason"]
         return stated_reason
     if not watch_facts:

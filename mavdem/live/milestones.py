@@ -102,9 +102,10 @@ class Milestones:
     def update(
         self, learning: FlightLearning, status: SessionStatus, now: float, boot: int = 0
     ) -> None:
-        """Reports that physical parameters are known, and after each flight what it has shown.
+        """Reports once that physical parameters are known, and after each landing or loss what the flight has shown.
 
-        The session calls it about once a second.
+        The session calls it about once a second. It also keeps the verdict on each flight (how it is judged,
+        and whether it was lost in the air) until the end of the session.
 
         Args:
             learning: learning that has the latest estimates.
@@ -114,7 +115,8 @@ class Milestones:
         """
         if boot != self._boot:
             self._note_restart(boot)
-        # The verdict comes first: a new flight forgets what was reported of the flight before.
+        # This comes before the other reports: if a new flight has begun, it forgets what was reported of the last one,
+        # so that the same is reported of the new one.
         self._update_verdict(status)
         physical = _latest_physical(learning)
         are_parameters_known = physical is not None and physical.identifiable
@@ -123,6 +125,7 @@ class Milestones:
             self._has_parameters = True
             parameter_figures = _parameter_figures(learning, physical)
             self._log(Fact(SessionFact.PARAMETERS_KNOWN, axis=self._axis, **parameter_figures))
+        # If the vehicle has just ended a flight, ``_landing_to_report`` becomes the time at which it did.
         self._note_landing(status, now)
         # A vehicle whose motors were stopped in the air is still falling: it has neither landed nor is it lost yet.
         is_end_known = status.has_landed or status.loss is not None

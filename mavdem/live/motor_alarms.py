@@ -171,7 +171,9 @@ class MotorAlarms:
     def _update_active_alarms(self, change: MotorChange) -> None:
         """Updates the active alarms after a change of one motor: one for each motor that is weak now.
 
-        If no motor is weak any more, the change is a recovery, and its event takes the place of the alarms.
+        The detector knows the sudden losses of thrust. A motor that became weak slowly has been reported by its slow
+        loss, which includes a sudden part of it, and so replaces that. If no motor is weak any more, the change is a
+        recovery, and its event takes the place of the alarms.
 
         Args:
             change: the change of one motor.
@@ -180,7 +182,7 @@ class MotorAlarms:
         self.change_time = change.onset_time
         losses_by_motor = {loss.name: loss for loss in self._detector.weak_motors.values()}
         if self._reported_loss is not None and self._gradual_watch is not None:
-            # The slow loss of a motor is its whole loss, and replaces a sudden part of it.
+            # The loss of the same motor as it is now; as it was reported if it cannot be found any more.
             gradual_loss = self._gradual_watch.loss or self._reported_loss
             losses_by_motor[gradual_loss.name] = gradual_loss
         if losses_by_motor:

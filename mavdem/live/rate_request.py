@@ -224,7 +224,8 @@ class _MessageInterval:
     def note_rate(self, rate: float) -> None:
         """Notes whether the message comes, and whether it comes as fast as is needed.
 
-        Once it does, settings are counted from zero again, so that it may be set anew if it becomes slow later.
+        The interval is set at most ``MAX_TRIES`` times in vain. ``set_count`` counts these settings, so it begins again
+        at 0 once the message comes fast enough: if it becomes slow later, all tries are available again.
 
         Args:
             rate: measured rate, Hz.
@@ -233,7 +234,8 @@ class _MessageInterval:
         self.is_absent = self.is_absent and rate == 0
         if rate >= self.needed_rate:
             self.set_count = 0
-            # A message that was fast enough by itself was not reached by a setting.
+            # A message that is fast enough without a setting has not reached a requested rate, so that a later fall of
+            # its rate is not reported as the loss of one.
             self.was_reached = self.may_have_changed
 
     def note_setting(self, now: float, rate: float) -> None:

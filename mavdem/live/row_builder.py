@@ -372,10 +372,11 @@ class RowBuilder:
         self._update_row_streams()
 
     def _update_row_streams(self) -> None:
-        """Sets the streams that rows are made of, by the chosen message of attitude and the chosen inputs.
+        """Chooses the streams of samples that rows are made of: first the attitude, then the motor outputs.
 
-        The order is attitude, then the ports of the motors. A port that has not sent anything yet gets an empty stream,
-        for which the grid waits.
+        A stream has the samples of one message and one port. A port is a group of motor outputs that are sent together;
+        attitude has the port 0. A port that has sent nothing yet gets an empty stream, and there are no rows before its
+        first sample.
         """
         if self.inputs is None or self.attitude_message is None:
             self._row_streams = ()

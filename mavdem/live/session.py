@@ -232,10 +232,13 @@ class LiveSession:
             self._report_status(self._with_awaited_recording(status))
 
     def _request_rates(self) -> None:
-        """Requests message rates from the vehicle, by the rates of the messages that are analysed so far.
+        """Requests higher message rates from the vehicle where its messages come too slowly.
 
-        Rates are measured by the vehicle's clock, which may run slower than this computer's, as in a simulation.
+        Messages are counted on this computer, up to the time of arrival until which all of them are analysed. They are
+        divided by the seconds of the vehicle's own clock in that time: a simulated vehicle may run slower than real
+        time, and then sends fewer messages per second of this computer's clock.
         """
+        # Time on this computer's monotonic clock, s; ``stream.now`` is the latest time on the vehicle's boot clock, s.
         analysed_time = self.backlog.analysed_until
         self._clock_speed.update(analysed_time, self.stream.now)
         self._rates.update(
@@ -839,6 +842,7 @@ class LiveSession:
         if reported_advice and judgement is not None:
             self._log_margins(judgement.lights[Light.MARGINS], tuple(reported_advice))
         for fact in reported_advice:
+            # The advice to leave gains as they are is left out if its reason was reported already.
             gains_unchanged = fact.code is GainFact.GAINS_LEFT
             if not gains_unchanged or not self._is_reason_reported_already(fact):
                 self._presentation.log(fact)

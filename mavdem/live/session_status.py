@@ -826,10 +826,14 @@ class SessionStatus(ImmutableResult):
         return {part: worst_fact(facts) for part, facts in findings.items() if facts}
 
     def _light_of_mean_wind(self, mean_wind: WindEstimate) -> Fact:
-        """Returns the light of the mean wind, with the time until which the wind was known if it is no longer.
+        """Returns the light of the wind: the fact (a coded finding) that states the mean wind and judges it.
 
         Args:
-            mean_wind: mean wind of the flight so far.
+            mean_wind: mean wind of the flight so far, with the time of its last estimate.
+
+        Returns:
+            The fact. If the wind cannot be estimated any more, it also has the figures ``known_until``, the time of
+            the last estimate, and ``obstacle``, the reason; its sentence then ends with "not known since …".
         """
         if self.no_wind_reason is None:
             return mean_wind.light
@@ -869,6 +873,7 @@ class SessionStatus(ImmutableResult):
         if reason is None:
             return Fact(SessionFact.BEING_LEARNED if self.is_flying else SessionFact.NOT_FLYING)
         is_flight_over = reason.code is SessionFact.FLIGHT_OVER
+        # The fact why less was learned of the flight than could be.
         shortfall = self.shortfall
         if (
             is_flight_over
@@ -961,12 +966,14 @@ def _is_event(fact: Fact) -> bool:
 def _lights_of_recording(
     lights_in_flight: NamedFacts, recorded_levels: Mapping[str, str]
 ) -> dict[str, Fact]:
-    """Returns the lights of a flight that is over, with the levels of its recording where that has one.
+    """Returns the lights of a flight that is over: for each part of the vehicle the fact with its judgement.
 
-    A light whose level is the same keeps its words. What the recording leaves unknown stays as it was in flight.
+    The recording of the flight is judged after its end, and gives each part a level: good, watch, bad or unknown. Where
+    it is another level than in flight, the light becomes a fact that states that of the recording. Where it is the same
+    one or unknown, the light of the flight stays.
 
     Args:
-        lights_in_flight: the judgement of each part of the vehicle in the session, by the name of the part.
+        lights_in_flight: the judgement of each part in the session, by the name of the part.
         recorded_levels: levels by the recording, by the same names; empty where a part is not judged.
     """
     lights = dict(lights_in_flight)

@@ -887,14 +887,17 @@ class Watchdog:
         """Judges whether the estimated attitude is NaN, by which the estimator has failed for certain.
 
         Args:
-            review: the review, whose fact on the estimator is replaced unless that is worse.
+            review: the review. The fact that it has on the estimator is replaced, unless that is worse. Its
+                ``last_found_times`` are the ends of faults that are over; a fault without one is there now.
         """
         invalid_attitude = self.control.invalid_attitude(review.vehicle)
         if invalid_attitude is None:
             return
-        other_fact = review.facts.get(WatchedQuantity.ESTIMATOR, invalid_attitude)
-        review.facts[WatchedQuantity.ESTIMATOR] = worst_fact([invalid_attitude, other_fact])
-        # The attitude is NaN now, whenever another fault of the estimator was there last.
+        found_facts = [invalid_attitude]
+        if WatchedQuantity.ESTIMATOR in review.facts:
+            found_facts.append(review.facts[WatchedQuantity.ESTIMATOR])
+        review.facts[WatchedQuantity.ESTIMATOR] = worst_fact(found_facts)
+        # The attitude is NaN now, so that the estimator has a fault now, even if another of its faults is over.
         review.last_found_times.pop(WatchedQuantity.ESTIMATOR, None)
 
     def _judge_motor_limits(

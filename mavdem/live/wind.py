@@ -507,20 +507,20 @@ class LiveWind:
     def _parameter_draws(self) -> Array:
         """Returns the parameters of the filters that run side by side, one row for each.
 
-        There is a filter for each combination of ``GUST_PARAMETERS`` and of ``DRAG_DRAWS`` random draws of the drag, so
-        that the spread of the estimates shows how well the drag is known. The seed is fixed, for equal results.
+        The drag of the vehicle is known only as a normal distribution: from earlier flights, or else from the
+        autopilot's parameters. ``DRAG_DRAWS`` random values are drawn of it, so that the spread of the filters'
+        estimates shows how well it is known. Each draw is combined with each row of ``GUST_PARAMETERS``, which has the
+        size and duration of gusts and the noise. The seed is fixed, so that equal flights give equal results.
 
         Returns:
-            (12 · 16, 6 + 4) drag and lean, then gusts and noise. The draws of the drag vary fastest.
+            (12 · 16, 6 + 4): in each row six values of a draw (drag and lean), then the four of a row of gusts and
+            noise. All 16 draws come with the first row of gusts and noise, then all with the second, and so on.
         """
         drag = self.earlier_drag or self.parameter_drag
         drags = normal_draws(drag.mean, drag.covariance, DRAG_DRAWS, seed=1)
-        return np.hstack(
-            [
-                np.tile(drags, (len(GUST_PARAMETERS), 1)),
-                np.repeat(GUST_PARAMETERS, DRAG_DRAWS, axis=0),
-            ]
-        )
+        drag_columns = np.tile(drags, (len(GUST_PARAMETERS), 1))
+        gust_columns = np.repeat(GUST_PARAMETERS, DRAG_DRAWS, axis=0)
+        return np.hstack([drag_columns, gust_columns])
 
     @staticmethod
     def _require_measurements(motion: _Motion) -> None:

@@ -536,7 +536,9 @@ class LinkMonitor:
         self._render_page(session)
 
     def _count_silent_pages(self, session: LiveSession) -> None:
-        """Counts successive pages between which the vehicle sent no frame; by the count the session ends.
+        """Counts how many pages of the session were made in a row without a new frame of the vehicle.
+
+        A page is made every few seconds. After a number of such pages the session ends.
 
         Args:
             session: the running session, which records what it receives.

@@ -167,8 +167,8 @@ def first_tab_paths(axis: str) -> dict[str, str]:
 def live_plot(title: str, origin: str) -> rrb.View:
     """Returns a plot of the last ``FLIGHT_SECONDS`` before the time cursor, and of the predictions after it.
 
-    The viewer loads only the samples of this range, which keeps it fast during a long flight. The axis extends beyond
-    them, to leave room for the legend.
+    The viewer loads only the samples of this range, which keeps it fast during a long flight. The axis of time begins
+    with them and ends later, to leave room for the legend: it is ``WIDTH_PER_SPAN`` times as long as the range.
 
     Args:
         title: title of the plot.
@@ -179,8 +179,8 @@ def live_plot(title: str, origin: str) -> rrb.View:
     """
     first_sample = rr.TimeRangeBoundary.cursor_relative(seconds=-FLIGHT_SECONDS)
     last_sample = rr.TimeRangeBoundary.cursor_relative(seconds=REPORTED_HORIZON)
-    width = WIDTH_PER_SPAN * (FLIGHT_SECONDS + REPORTED_HORIZON)
-    axis_end = rr.TimeRangeBoundary.cursor_relative(seconds=width - FLIGHT_SECONDS)
+    axis_seconds = WIDTH_PER_SPAN * (FLIGHT_SECONDS + REPORTED_HORIZON)
+    axis_end = rr.TimeRangeBoundary.cursor_relative(seconds=-FLIGHT_SECONDS + axis_seconds)
     axis = rrb.archetypes.TimeAxis(view_range=rr.TimeRange(start=first_sample, end=axis_end))
     visible_range = rrb.VisibleTimeRange(BOOT_CLOCK, start=first_sample, end=last_sample)
     return rrb.TimeSeriesView(

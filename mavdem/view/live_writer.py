@@ -448,9 +448,12 @@ class LiveWriter:
     def _draw_parameters(self, estimates: Sequence[tuple[DisplayRow, Estimate]]) -> None:
         """Draws control effectiveness, damping and motor time constant, each with its 90 % band.
 
+        They are the physical parameters of the latest model; early in a flight there are none yet.
+
         Args:
-            estimates: rows with their estimates; those without physical parameters break the lines.
+            estimates: rows with their estimates; those without physical parameters are skipped.
         """
+        # A list for each of the three parameters.
         samples_by_parameter: list[list[EstimateWithBand]] = [[], [], []]
         for row, estimate in estimates:
             if estimate.physical is None:
@@ -461,12 +464,13 @@ class LiveWriter:
             parameters = parameter_estimates(estimate.physical).tolist()
             for samples, (value, half_width) in zip(samples_by_parameter, parameters, strict=True):
                 samples.append(EstimateWithBand(row.segment, row.timeline_time, value, half_width))
-        # The viewer draws entities in the order of their paths: the three bands, 0 to 2, lie below the lines, 3 to 5.
+        # The viewer draws in the order of the paths. So that no band covers a line, the bands have the paths 0_band to
+        # 2_band, and the lines 3_line to 5_line.
         for number, trace in enumerate(self._parameter_traces):
-            line = Lines(f"parameters/{number + 3}_line", (trace.name,), (trace.colour,))
-            self._draw_with_band(
-                f"parameters/{number}_band", line, samples_by_parameter[number], trace.scale
-            )
+            band_path = f"parameters/{number}_band"
+            line_path = f"parameters/{number + len(samples_by_parameter)}_line"
+            line = Lines(line_path, (trace.name,), (trace.colour,))
+            self._draw_with_band(band_path, line, samples_by_parameter[number], trace.scale)
 
     def _draw_wind_torque(self, estimates: Sequence[tuple[DisplayRow, Estimate]]) -> None:
         """Draws the estimated wind torque with its 90 % band, at the time at which it acted.

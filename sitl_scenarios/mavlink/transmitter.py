@@ -276,15 +276,17 @@ class Transmitter:
         self.parameters = parameters(self._scenario, self.autopilot)
 
     def _fault_events(self) -> Iterator[_FaultEvent]:
-        """Yields the faults of the scenario that change clock, schedule or rates of its autopilot, in any order.
+        """Yields the faults that change clock, schedule or rates of the autopilot, in any order.
+
+        A scenario is a simulated flight that may have such faults: a second ground station that requests other rates, a
+        restart by the watchdog in flight, a reboot, and a jump of the clock.
 
         Yields:
-            Time of each fault, s after arming, with the method that lets it happen. A second ground station's requests
-            are repeated until the end of the scenario.
+            Time of each fault, s after arming, with the method that lets it happen.
         """
         faults = self._scenario.faults
         if faults.mavproxy_rate:
-            # A second ground station, MAVProxy, keeps asking for its own rate of all streams.
+            # The second ground station, MAVProxy, requests its rate again and again until the end of the scenario.
             end = total_seconds(self._scenario)
             for time in np.arange(0.0, end, MAVPROXY_SECONDS).tolist():
                 yield _FaultEvent(time, self._set_mavproxy_rates)

@@ -315,6 +315,9 @@ def _without_old_blocks(
 ) -> _KeptMessages:
     """Leaves out the blocks of a log that belong to another recording, such as an older file on the same memory card.
 
+    A block is a part of the file, from one byte offset to another, in which the stamps are those of another flight. Two
+    logs are returned as they are: one whose messages have no stamps, and one without such blocks.
+
     Args:
         recording: The log, whose messages are located.
         logged_tables: Its translated messages, by name.
@@ -326,6 +329,7 @@ def _without_old_blocks(
     clock = log_clock(logged_tables)
     if not clock.names:
         return _KeptMessages(recording, logged_tables, clock, ())
+    # A log begins with FMT, the definitions of its messages: where they are repeated, another log may begin.
     log_starts = recording.decode("FMT").position
     blocks = blocks_of_other_recordings(
         StampedMessages(clock.positions, clock.seconds, content),

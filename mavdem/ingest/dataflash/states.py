@@ -213,10 +213,11 @@ def _sorted_changes(changes: list[_DatedChange]) -> _StateChanges:
 def _with_changes_of_power_flags(event_changes: _StateChanges, tables: Tables) -> _StateChanges:
     """Adds the armings and disarmings that no event reports, by the flag of armed motors in POWR.
 
-    A log that is written only while the motors are armed may lack the event of the arming itself.
+    A log that is written only while the motors are armed may lack the event of the arming itself. The message POWR is
+    logged regularly, and its field Safety has a flag (one bit) that is set while the motors are armed.
 
     Args:
-        event_changes: Armings and disarmings (N,) by the events EV or ARM, dated to the event.
+        event_changes: Armings and disarmings (N,) by the messages EV or ARM, each with the time of its message.
         tables: Columns of DataFlash's messages, by the name of the message ("POWR").
 
     Returns:
@@ -243,18 +244,19 @@ def _with_changes_of_power_flags(event_changes: _StateChanges, tables: Tables) -
 def _event_changes_of_boot(
     boot: int, events: _StateChanges, flags: _ArmedFlags
 ) -> list[_DatedChange]:
-    """Lists the changes of the armed state by the events of one boot, from the state with which the flag begins.
+    """Lists the changes of the armed state that the events of one boot report, with the state at its beginning.
 
-    The first entry changes nothing: it has the state at the beginning of the boot, which is inferred from the first
-    event. A flag before that event shows this state directly, also where the events before it are missing.
+    The first entry is no event, but has the state at the beginning of the boot. It was inferred from the first event:
+    before an arming the motors were disarmed. Where POWR was logged before that event, its flag replaces this state,
+    since the flag is measured, and earlier events may be missing.
 
     Args:
-        boot: Number of the boot.
-        events: Changes (N,) by the events of the boot; the second one belongs to the first event.
-        flags: Armed flags (M,) of the boot.
+        boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
+        events: The state at the beginning, and the change by each event of the boot; N entries, at least two.
+        flags: States by the flag of armed motors in the messages POWR (M,) of the boot; may be empty.
 
     Returns:
-        The N changes.
+        The N entries.
     """
     changes = [
         _DatedChange(boot, time, before, after)

@@ -81,7 +81,9 @@ def missing_messages(previous_sequence: Any, next_sequence: Any) -> Any:
     Returns:
         The increase of the number of missing messages, −33 to 127.
     """
-    # The step modulo 256, 0 to 255. Large values are steps back: 255 is a message that is late by one.
+    # The step modulo 256, 0 to 255, since the numbers begin again at 0 after 255. Large values are steps back: after
+    # message 7, message 6 has the step 255. Its increase is 255 − 1 − 256 = −2: it is not missing itself, and the step
+    # from 6 to the next message, 8, counts 7 as missing once more.
     step = (next_sequence - previous_sequence) & (SEQUENCE_NUMBERS - 1)
     is_late = step >= SEQUENCE_NUMBERS - MAX_LATE_STEPS
     is_ahead = (step > 0) & (step <= MAX_MISSING_STEP)
@@ -384,8 +386,12 @@ class SenderLinks:
         recognised only after several switches. Until then the numbers are taken for those of a single counter: each
         switch looks like a gap, whose frames are counted in ``missing``. So at the recognition ``missing`` is set back
         to its value before the first of these switches, unless late frames have made it smaller since.
+
+        This is done only if the numbers of the two counters are further apart than frames of a single one that overtake
+        each other. Otherwise frames of a single counter may look like two, and the missing ones are really missing.
         """
-        # Only the values at the latest switches are stored, so that the first one is from before all of them.
+        # ``missing`` as it was before each of the latest switches, as many as lead to the recognition. The frames that
+        # this switch seems to miss are not counted yet.
         self._missing_at_switches.append(self.missing)
         had_two_counters = self._has_two_counters
         self._has_two_counters = self._counters.are_two_counters

@@ -81,8 +81,10 @@ def sender_stream_of(data: Bytes, all_frames: Frames, rows: Rows) -> SenderStrea
         A flag for each frame (n,) that is not a copy, and the number of missing frames.
     """
     steps = _sequence_steps(all_frames.sequence[rows])
+    # ``steps.irregular`` is the number of steps that are 0 or backwards; n frames have n − 1 steps.
     has_many_irregular_steps = steps.irregular > MIN_IRREGULAR_FRACTION * max(len(rows) - 1, 0)
-    # Only frames with a boot clock are compared: others may have the same bytes without being copies.
+    # Only frames with a boot clock are compared, by hashes of their bytes: others may have the same bytes without being
+    # copies.
     clock_indices = _indices_with_boot_clock(all_frames, rows)
     clock_rows = rows[clock_indices]
     hashes = np.zeros(0, dtype=np.uint32)

@@ -174,14 +174,16 @@ class _UntimedMessages(NamedTuple):
             reboot: The stamped messages before and after the restart.
             receive_times: Returns when the messages at some positions in the stream were received, s.
         """
-        bounds = np.array([reboot.last_position, reboot.first_position])
-        first_untimed, end_untimed = np.searchsorted(self.positions, bounds)
-        if first_untimed == end_untimed:
+        # Positions in the stream of the last stamped message before the restart and of the first one after it.
+        stamped_positions = np.array([reboot.last_position, reboot.first_position])
+        # The messages without a time between these two.
+        first_between, end_between = np.searchsorted(self.positions, stamped_positions)
+        if first_between == end_between:
             return
-        last_before, first_after = receive_times(bounds)
-        received = receive_times(self.positions[first_untimed:end_untimed])
-        is_of_next_boot = first_after - received < received - last_before
-        rows = self.rows[first_untimed:end_untimed][is_of_next_boot]
+        receive_time_before, receive_time_after = receive_times(stamped_positions)
+        received = receive_times(self.positions[first_between:end_between])
+        is_of_next_boot = receive_time_after - received < received - receive_time_before
+        rows = self.rows[first_between:end_between][is_of_next_boot]
         self.times.time[rows] = reboot.first_time
         self.times.boot[rows] = reboot.boot
 

@@ -286,10 +286,14 @@ class VehicleTracks:
     def _extend_first_track(self, readings: ReadingColumns) -> None:
         """Adds several readings at once to the first track, with which they are known to be consistent.
 
+        A track has the readings of one vehicle. Its latest readings, by which the next one is judged, become the latest
+        ones of all tracks, too.
+
         Args:
             readings: The readings (n,), at least one.
         """
         track = self._tracks[0]
+        # The clock of the track's latest reading, then the clocks of the new ones.
         clocks = np.append(track.latest.clock, readings.clock)
         track.clock_advances += int(np.count_nonzero(np.diff(clocks) > 0))
         track.latest = readings.reading(-1)

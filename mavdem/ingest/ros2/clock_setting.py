@@ -83,19 +83,23 @@ def _shifts_of_stamps(stamps: Integers, receive_stamps: Integers) -> tuple[Integ
     Returns:
         The shifts (N,), ns, and the number of settings.
     """
-    # Offsets are taken from the first one, so that floats resolve them to a microsecond.
+    # The offset between the two clocks, less that of the first message: a float has too few digits for UNIX ns.
     offsets = (stamps - receive_stamps) - (stamps[0] - receive_stamps[0])
     offset_seconds = offsets / NANOSECONDS
+    # Single messages that arrive late change no median.
     typical_offsets = scipy.ndimage.median_filter(offset_seconds, OFFSET_WINDOW, mode="mirror")
+    # Rows of the first message after each jump; a difference has the row of the message before it.
     jump_rows = 1 + np.flatnonzero(abs(np.diff(typical_offsets)) > MAX_STAMP_DEVIATION)
     shifts = np.zeros(len(stamps), dtype=np.int64)
     settings_count = 0
     for row in jump_rows.tolist():
-        # A longer silence before the jump is a restart of the autopilot, whose clock begins again.
+        # After a longer silence the autopilot has restarted, and its clock has begun again. A clock that is near zero
+        # makes a restart likely, so that a shorter silence is enough.
         silence = (receive_stamps[row] - receive_stamps[row - 1]) / NANOSECONDS
-        reads_nearly_zero = stamps[row] / NANOSECONDS <= MAX_RESTART_TIME
-        max_silence = MAX_SILENCE_BEFORE_ZERO if reads_nearly_zero else MAX_SILENCE
-        if silence <= max_silence:
+        is_near_zero = stamps[row] / NANOSECONDS <= MAX_RESTART_TIME
+        max_silence = MAX_SILENCE_BEFORE_ZERO if is_near_zero else MAX_SILENCE
+        is_clock_set = silence <= max_silence
+        if is_clock_set:
             shifts += _shifts_by_setting(offset_seconds, row)
             settings_count += 1
     return shifts, settings_count
