@@ -100,7 +100,7 @@ def assess(
     progress: ShowStep = show_nothing,
     show_findings: ShowFindings = ignore_findings,
 ) -> Assessment:
-    """Returns the assessment of a vehicle of a log, as :func:`mavdem.review` does.
+    """Assesses a flight of a vehicle in a log: events, status lights, the model, control loops and wind.
 
     Args:
         log: the log of a flight, with the messages of each vehicle.

@@ -167,10 +167,18 @@ def _vehicle_values(vehicle: VehicleContents) -> JsonValues:
         vehicle: telemetry, learnability, condition and identity of the vehicle.
 
     Returns:
-        Who the vehicle is: MAVLink ids, type, autopilot, identity. How much there is: number of ``parameters``,
-        ``messages`` by name with ``count`` and ``rate`` in Hz (``names`` has their names in the log's own format, such
-        as DataFlash), number of ``boots``, ``segments``, and ``repairs`` of the data. What the log is good for: whether
-        a model can be learned (the key ``verdict``), the tier and the condition. And the autopilot's warnings.
+        Values by key:
+
+        - ``system``, ``component``, ``vehicle``, ``autopilot``, ``identity``: MAVLink ids, types and names.
+        - ``translated_from``: format of a log that is not MAVLink, such as DataFlash.
+        - ``messages``: by name, their ``count`` and ``rate`` in Hz; ``names``: their names in the log's own format.
+        - ``parameters``, ``boots``: number of parameters, and of starts of the autopilot.
+        - ``segments``: segments of settled flight, on which a model can be trained.
+        - ``repairs``: corrections that the reader made to the data.
+        - ``verdict``: whether a model can be learned, and if not, why.
+        - ``tier`` with its reason and further keys: which kind of model the rates of the log allow.
+        - ``condition``: condition of the vehicle.
+        - ``autopilot_alarms``: warnings of the autopilot.
     """
     telemetry, learnability, condition, identity = vehicle
     boots = set[int]()

@@ -211,10 +211,11 @@ def with_action_on_loops(light: Fact, decisions: DecisionsByAxis) -> Fact:
         decisions: decisions on the loops, by axis.
 
     Returns:
-        A light that is not good, with what to do about all its axes as the figure ``action``. A good light whose
-        axis follows its setpoint badly gets the figure ``follows``, False, which its sentence states. All other good
-        lights, and those that name no axis, are unchanged.
+        The light. One that is not good has what to do about all its axes as the figure ``action``. A good one whose
+        axis follows its setpoint badly has the figure ``follows`` = False, and its sentence then says so. All other
+        good lights, and those that name no axis, are unchanged.
     """
+    # The axis that decides the light. A light that names several axes has all of them as the figure ``names``.
     axis = light.figures.get("axis", "")
     if axis not in decisions:
         return light

@@ -191,8 +191,8 @@ class Assessment:
     def loops(self) -> Mapping[str, Loop | NoLoop]:
         """The identified control loops by axis, "roll", "pitch" and "yaw".
 
-        Each is a ``Loop``, or a ``NoLoop`` whose ``refusal`` is the fact that says why the loop is not known. If no
-        vehicle was judged, that is the headline for all three.
+        Each is a ``Loop``, or a ``NoLoop`` whose ``refusal`` is the fact that says why the loop is not known. If the
+        log has no vehicle that could be judged, its headline says so, and is the refusal of all three axes.
         """
         if self.evidence is None:
             return ReadOnlyDict({axis: NoLoop(self.headline) for axis in AXES})

@@ -134,8 +134,9 @@ class PlantForecasts:
     def mean_squared_errors(self) -> Array:
         """Mean squared errors of forecasts of the training data, by the number of steps ahead.
 
-        Forecasts with known inputs start at many samples of the training data, each from the state of the filter there.
-        Their errors contain noise, wind and the errors of the model, so that no assumption about these is needed.
+        Forecasts with known inputs start at many samples of the training data, each from the state that the Kalman
+        filter predicts there. Their errors contain noise, wind and the errors of the model, so that no assumption about
+        these is needed.
 
         Shape (L, m), in the squares of the outputs' units; row i is i + 1 steps ahead. Infinite for steps at which a
         forecast overflows.
@@ -146,17 +147,17 @@ class PlantForecasts:
         stride = max(1, len(self.record) // TEST_FORECASTS)
         squared_errors = []
         for inputs, outputs in self.scaling.scale_segments(self.record):
-            # Forecast i is of the samples after starts[i]; states[i] is the state at the first of them.
-            start_samples = np.arange(
-                horizon // FILTER_SETTLING_FRACTION, len(outputs) - horizon, stride
-            )
-            first_state = self.process.second_state(inputs[0], outputs[0])
-            states = self.process.predicted_states(first_state, inputs[1:], outputs[1:])[
-                start_samples
-            ]
-            forecasts = self.process.simulate_from(start_samples + 1, horizon, states, inputs)
+            # Index of the first sample of each forecast. The filter has converged on the samples before the first one.
+            settling_samples = horizon // FILTER_SETTLING_FRACTION
+            first_samples = np.arange(settling_samples + 1, len(outputs) - horizon + 1, stride)
+            # The filter cannot predict sample 0, which no sample precedes. So it starts with the state of sample 1, and
+            # row i of its predictions is the state of sample i + 1.
+            second_state = self.process.second_state(inputs[0], outputs[0])
+            states = self.process.predicted_states(second_state, inputs[1:], outputs[1:])
+            first_states = states[first_samples - 1]
+            forecasts = self.process.simulate_from(first_samples, horizon, first_states, inputs)
             # (forecasts, horizon): index of the sample at each step of each forecast.
-            forecast_samples = start_samples[:, None] + 1 + np.arange(horizon)
+            forecast_samples = first_samples[:, None] + np.arange(horizon)
             squared_errors.append((outputs[forecast_samples] - forecasts) ** 2)
         mean_squares = np.concatenate(squared_errors).mean(axis=0) * self.scaling.output_scale**2
         return np.where(np.isfinite(mean_squares), mean_squares, np.inf)

@@ -177,6 +177,7 @@ class Comparison:
         methods = self.methods_of(kind)
         # All methods are compared with the first one. No method may make forecasts of this kind.
         summaries = [self._summary(method, kind, reference=methods[0]) for method in methods]
+        # The error ratio has the key "relative" in the published summaries.
         return tuple(sorted(summaries, key=itemgetter("relative")))
 
     def _summary(self, method: str, kind: ForecastKind, reference: str) -> JsonValues:

@@ -168,6 +168,7 @@ def _steered_rows(spectra: WelchSpectra, frequency: Array, angle_gain: float) ->
     is_steered &= frequency >= MIN_RESPONSE_FREQUENCY
     is_steered &= frequency <= MAX_FREQUENCY_RATIO * frequency[-1]
     steered_rows = np.flatnonzero(is_steered)
+    # A band begins where a row does not follow the row before it.
     band_starts = np.flatnonzero(np.diff(steered_rows) > 1) + 1
     bands = [band for band in np.split(steered_rows, band_starts) if len(band)]
     return max(

@@ -339,9 +339,10 @@ def can_reach_threshold(
     # The log density at the expected change itself: the squares of the errors are 0, so only the variance remains.
     log_perfect_density = -np.log(changes.variance).sum(axis=-1) / 2
     largest_log_factor = (log_perfect_density - log_density_without_change).max()
-    # An alarm compares one of two sums with the threshold: the factors of one cause over all windows, with prior odds
-    # of at most ``RECOVERIES_PER_LOSS``, or the factors of all causes in one window. Both together have no more terms
-    # than this. The joint recovery of all weak motors is one more cause.
+    # An alarm compares one of two sums with the threshold. The first adds the factors of one cause over all windows,
+    # each weighted by prior odds of at most ``RECOVERIES_PER_LOSS``. The second adds the factors of all causes in one
+    # window; there the joint recovery of all weak motors is one more cause. The terms of both sums together are a bound
+    # for each of them.
     window_count = len(log_density_without_change)
     cause_count = motor_causes + CAUSES_WITHOUT_MOTOR + 1
     term_count = RECOVERIES_PER_LOSS * window_count + cause_count

@@ -128,21 +128,29 @@ def window_changes(
 def changes_with_least_variance(
     means: WindowMeans, prior_variance: Array, prior_freedom: float
 ) -> WindowChanges:
-    """Returns the changes as :func:`window_changes` does, but with the least variance that they may have.
+    """Compares the mean of the last blocks with the mean before them, with a lower bound of the change's variance.
 
-    The long-run variance of a block is never estimated to be less than its prior variance, which is used here instead
-    of an estimate. This takes a fourth of the time.
+    A block is the mean over some seconds of flight, and a window the last blocks, in which something may have changed.
+    The estimate of the long-run variance of a block (:func:`window_changes`) is never below its prior variance. So the
+    prior itself gives the lower bound. This takes a fourth of the time of the estimate, and is enough to dismiss
+    changes that are small even by the lower bound.
 
     Args:
         means: means of a axes in w windows, and before them.
-        prior_variance: (a,) prior long-run variance of a block.
+        prior_variance: (a,) prior long-run variance of a block: n times the variance of the mean of n blocks.
         prior_freedom: Degrees of freedom of that prior.
 
     Returns:
         For each window the change, its least variance with its degrees of freedom, and the prior variance of a block.
     """
-    block_variance = np.broadcast_to(prior_variance, means.before.shape)
-    return _changes_of_means(means, block_variance, block_variance, prior_freedom)
+    # The prior is the same for all windows, and for the blocks before a window and in it.
+    least_variance = np.broadcast_to(prior_variance, means.before.shape)
+    return _changes_of_means(
+        means,
+        variance_before=least_variance,
+        variance_in_window=least_variance,
+        prior_freedom=prior_freedom,
+    )
 
 
 def _changes_of_means(

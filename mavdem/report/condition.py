@@ -66,21 +66,24 @@ def log_blocks(contents: JsonValues) -> Blocks:
 def vehicle_contents(vehicle: JsonValues) -> Blocks:
     """Returns the report on the messages of one vehicle in a log, and on whether a model can be learned from them.
 
-    It has sentences on the vehicle; on the kind of model that the message rates of the log allow (its tier); cautions;
-    repairs, which are corrections that the reader made to the log, such as of a clock that went back; and the time of
-    settled flight. A table of the periodic messages by their rate follows.
+    It has sentences on the vehicle; on the tier of the log, which is the kind of model that its message rates allow;
+    cautions; repairs, which are corrections that the reader made to the log, such as of a clock that went back; and
+    settled flight, in which the vehicle flies without large manoeuvres and a model can be trained. A table of the
+    periodic messages by their rate follows.
 
     Args:
-        vehicle: one of the vehicles of an inventory (``mavdem.assessment.inventory``), values by key.
+        vehicle: what a log contains of the vehicle, by the keys of the inventory's JSON document
+            (``mavdem.assessment.inventory``).
     """
-    # The inventory is a JSON document, whose key for the learnability of the log is "verdict".
+    # The key of the document for whether a model can be learned is "verdict".
     learnability = vehicle["verdict"]
     is_tilt = learnability.axis in TILT_AXES
+    # The templates of this section use values of the document by their keys, some only if the document has them.
     blocks: Blocks = [*render_section("vehicle", **vehicle, is_tilt=is_tilt)]
-    blocks += render_section("tier", **vehicle)
+    blocks += render_section("tier", tier=vehicle["tier"], allows=vehicle["allows"])
     blocks += [caution(fact) for fact in learnability.cautions]
     blocks += [Sentence(str(repair), lead="Noted:") for repair in vehicle["repairs"]]
-    blocks += render_section("settled", **vehicle)
+    blocks += render_section("settled", segments=vehicle["segments"], boots=vehicle["boots"])
     rows = []
     for rate, names in _messages_by_rate(vehicle).items():
         rows.append([rate, ", ".join(names)])

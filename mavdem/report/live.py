@@ -134,13 +134,14 @@ def light_rows(status: SessionStatus) -> list[LightRow]:
             light = alarm.replace(light.level, time=alarm_time)
         lights[name] = light
     rows = []
-    # The template "live_lights" makes a sentence for each light in the table. Its lead is the name of the light, and
-    # its text the figure.
+    # The section of templates "live_lights" has a paragraph for each light that the table shows. It is returned as a
+    # sentence, whose lead is the name of the light, and whose text is the figure.
     for sentence in render_section("live_lights", status=status, lights=lights):
         light_name = sentence.lead
         light = lights[light_name]
         figure = sentence.text
         if light.code is Unjudged.KNOWN_BEFORE:
+            # The link was lost, and the light was good before. This section has a single paragraph, "good 12 s ago".
             [age] = render_section("live_light_before", duration=light.figures["duration"])
             figure = age.text
         if not figure and light.is_watch_or_bad:

@@ -758,7 +758,9 @@ def _axis_details(advice: Advice, *, is_doubtful: bool) -> Blocks:
         advice: advice on the axis, with its loops.
         is_doubtful: whether a measured response contradicts the identified loop, and so all its margins.
     """
+    # The loops as flown and with the advised gains, by the header of their column in the tables.
     loops = compared_loops(advice)
+    # The headers of the columns that the tables mark as doubtful.
     doubtful_loops: Container[str] = ()
     if is_doubtful:
         doubtful_loops = loops

@@ -187,18 +187,25 @@ def _last_lines(assessment: Assessment, columns: int) -> list[str]:
 def headline_lines(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> list[str]:
     """Returns the lines of the headline of a review, wrapped for the terminal.
 
-    A headline that is a status light has its whole sentence, which names motors and numbers. One that is an event has
-    its short sentence, since the lines of evidence below it state the rest.
+    - If the recording has several flights or vehicles, the sentence begins with the one that the headline is about.
+    - A headline that is a status light has its whole sentence, which names motors and numbers.
+    - One that is an event has its short sentence, since the lines of evidence below it state the rest.
 
     Args:
         assessment: all results on the flight: events, status lights, model, loops and wind.
         columns: number of characters in a line.
     """
-    if assessment.stated_headline != assessment.headline:
-        return wrap(assessment.stated_headline.sentence, columns)
     fact = assessment.headline
+    # This fact is the headline itself, unless the flight or the vehicle is one of several and must be named.
+    fact_with_flight_or_vehicle = assessment.stated_headline
+    is_one_of_several = fact_with_flight_or_vehicle != fact
     is_light = fact in assessment.lights.values() and fact not in assessment.events
-    text = fact.sentence if is_light else headline(fact)
+    if is_one_of_several:
+        text = fact_with_flight_or_vehicle.sentence
+    elif is_light:
+        text = fact.sentence
+    else:
+        text = headline(fact)
     return wrap(text, columns)
 
 
@@ -302,9 +309,10 @@ def _event_lines(assessment: Assessment, columns: int) -> Iterator[str]:
 def _screen_events(assessment: Assessment) -> list[CountedEvent]:
     """Selects the events that a screen shows, in the order of time: the worst ``MAX_SCREEN_EVENTS``, each kind once.
 
-    There are none where nothing is bad and the headline is no event: the lights then say all. Events that the lights or
-    the headline state already are left out, and so is what happened in the same second as the headline's event, of
-    which it is a part. The flight mode in which that happened comes with them, and so do changes of the mode meanwhile.
+    There are none if nothing is bad and the headline is not an event: then the status lights state everything. Events
+    that the lights or the headline state already are left out, and so are events in the same second as the headline's
+    event, since they are parts of it. The change to the flight mode in which the headline's event began is added, and
+    so are the changes of the mode while it lasted.
 
     Args:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
@@ -322,8 +330,8 @@ def _screen_events(assessment: Assessment) -> list[CountedEvent]:
         if not is_in_light and not _is_part_of_headline(event, assessment.headline):
             shown_events.append(counted_event)
     shown_events = shown_events[:MAX_SCREEN_EVENTS] + _modes_of_headline(assessment)
-    # A counted event begins with its index, and events are numbered in the order of time.
-    return sorted(shown_events)
+    # The events of the flight are in the order of time, so that their indices are too.
+    return sorted(shown_events, key=lambda counted_event: counted_event.event_index)
 
 
 def _modes_of_headline(assessment: Assessment) -> list[CountedEvent]:

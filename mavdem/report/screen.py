@@ -168,7 +168,8 @@ def _learned_blocks(analysis: LogAnalysis) -> Blocks:
         if analysis.reason is None:
             return []
         return [Sentence(str(analysis.reason), lead="No model:")]
-    # Without a full model, sentences on the vehicle's condition follow, which describe the hover.
+    # The hover (output and headroom of each motor) is described here only with a full model: without one, sentences on
+    # the vehicle's condition follow, which describe it.
     hover = analysis.condition.hover if analysis.tier.allows_full_model else None
     return _model_blocks(analysis.findings, analysis.learned, analysis.held_out, hover)
 
@@ -247,7 +248,8 @@ def judgement_sentences(judgement: Judgement) -> JudgementSentences:
 def flight_sentences(assessment: Assessment, *, has_headline_above: bool) -> list[Sentence]:
     """Returns sentences that say which flight and vehicle of a recording is reported, and the verdicts on the others.
 
-    A recording with several flights or vehicles is reported by its worst flight and its worst vehicle.
+    A recording with several flights or vehicles is reported by its worst flight and its worst vehicle. A verdict is the
+    headline of one flight or vehicle: its worst problem, or that none was found.
 
     Args:
         assessment: assessment of the worst flight of the worst vehicle.
@@ -645,6 +647,7 @@ def parameter_reasons(physical: Physical | None, *, is_doubtful: bool = False) -
     if physical is None:
         return []
     reasons = physical.reasons
+    # The status is "reported", "biased" or "not identifiable".
     have_all_same_status = len(set(physical.status.values())) == 1
     if have_all_same_status:
         # The other parameters follow from the effectiveness, so that its reason is the cause of theirs.

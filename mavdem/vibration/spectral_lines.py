@@ -407,6 +407,7 @@ def _line_cause(track: _Track) -> LineCause:
         The cause; UNNAMED if it is not certain.
     """
     cause = _cause_of_exponent(track.exponent, track.frequency)
+    # Scores of the line's own exponent in all windows (W,).
     line_scores = track.scores[np.flatnonzero(track.exponent == EXPONENTS)[0]]
     # Rows of the scores by the cause of their exponent.
     rows_by_cause: dict[LineCause, list[int]] = {}
@@ -415,6 +416,7 @@ def _line_cause(track: _Track) -> LineCause:
     for other_cause, rows in rows_by_cause.items():
         if other_cause in (cause, LineCause.UNNAMED):
             continue
+        # Of all exponents of the other cause, the one with the highest mean score is its best explanation.
         scores = track.scores[rows]
         best_scores = scores[np.argmax(scores.mean(axis=1))]
         differences = line_scores - best_scores

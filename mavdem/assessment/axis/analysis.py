@@ -380,6 +380,7 @@ def _with_other_axes(
     """
     estimates_by_axis = {**analysis.estimates_by_axis}
     with progress("Estimating the physical parameters") as show_share:
+        # The second process may still be running: then this call waits for it.
         computed_estimates = estimates_of_other_axes()
         for axis in AXES[1:]:
             if axis in computed_estimates:

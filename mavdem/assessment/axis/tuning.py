@@ -484,6 +484,7 @@ def _next_step_towards_gains(judgement: Judgement, advice_by_axis: AdviceByAxis)
     for axis, advice in advice_by_axis.items():
         decision = judgement.loop_decisions.get(axis)
         if decision is not None and decision.action is not None:
+            # Doublets are quick stick movements to one side and then to the other, from which a loop can be identified.
             if decision.action.code is LoopAction.FLY_DOUBLETS:
                 return Fact(NextStep.DO_AS_ADVISED, reason=decision.action)
         conclusion = _conclusion(advice)
@@ -550,10 +551,11 @@ def _advice_on_loop(
 
 
 def _allows_new_gains(headline: Fact) -> bool:
-    """Returns whether new gains are the next step after a flight: whether no other fault must be mended before.
+    """Returns whether new gains may be the next step after a flight, or whether another fault must be mended before.
 
-    No other fault comes before them if the headline is about the loops and advises new gains or a flight before they
-    are loaded, or if it is about anything else that is not bad.
+    - A headline about the loops allows new gains if its own advice is to change gains, or to fly before they are
+      loaded.
+    - A headline about anything else allows them unless it is bad.
 
     Args:
         headline: the most serious fact of the flight; if it is about loops, its figure ``action`` is the advised

@@ -242,7 +242,9 @@ def _durations_of_rejection(rejection: Rejection, failsafe_limit: float) -> dict
         failsafe_limit: innovation ratio from which on ArduCopter's failsafe counts the time.
 
     Returns:
-        ``duration``, ``total_duration`` and ``failsafe_limit``, as described at :func:`_innovation_fact`.
+        ``duration``, s, without a break. If only ArduCopter's failsafe doubts the filter, that of the failsafe's
+        condition, with the ``failsafe_limit``. Otherwise that above the limit of the filter's test, with the
+        ``total_duration``, s, if the interruptions make a difference.
     """
     is_doubted_by_failsafe_only = rejection.triggers_failsafe and not rejection.is_rejected_long
     if is_doubted_by_failsafe_only:

@@ -130,8 +130,8 @@ class OnlineForecaster:
     def relearn(self, blocks: Iterable[MemoryBlock], axis_mixer: Array | None) -> None:
         """Discards all samples and learns from these blocks instead.
 
-        It is called when the mixer has changed, or when samples have turned out not to be of flight. The last model
-        predicts until the next fit.
+        It is called when the mixer has changed, or when samples have turned out not to be of flight. The fitted model
+        is kept, and predicts until the next fit. So the blocks are added without fits between them.
 
         Args:
             blocks: Blocks in the order of time.

@@ -466,7 +466,8 @@ class ClosedLoop(ForecasterBase):
         Returns:
             Means and variances (…, 2) of angle and rate, in the order in which the record has these two outputs.
         """
-        # Channels 0 and 1 are angle and rate. If the record has the rate first, their order is reversed.
+        # Channels 0 and 1 are angle and rate. ``angle_and_rate`` has the columns of these two in the record's outputs:
+        # (0, 1), or (1, 0) if the record has the rate first. Sorting by column restores the order of the outputs.
         order = np.argsort(self.angle_and_rate)
         means_with_offset = means + self.posterior.data.center
         return Forecast(means_with_offset[..., order], variances[..., order])

@@ -240,8 +240,8 @@ def _paper_free_energies(
         flights: hovers with the outputs of all systems.
 
     Returns:
-        By whether the inputs are known, F̄ (systems, flights, orders), nats; and the reasons why fits failed, each
-        once.
+        The free energy at its maximum, F̄ (systems, flights, orders), nats, by the keys of ``SETTINGS_BY_INPUTS``, which
+        say whether the inputs are known; and the reasons why fits failed, each once.
     """
     fits = []
     for inputs in SETTINGS_BY_INPUTS:
@@ -249,8 +249,9 @@ def _paper_free_energies(
             for flight in flights:
                 for order in ORDERS:
                     fits.append(OrderFit(system, inputs, order, flight))
-    # The results come in the order of the fits, so that they can be put into an array of the four loops' axes.
     fitted_orders = runner.map_jobs(fit_order, fits)
+    # The results come in the order of the fits, so that each loop above is an axis of the array, from the outermost to
+    # the innermost one.
     shape = (len(SETTINGS_BY_INPUTS), len(SYSTEMS), len(flights), len(ORDERS))
     all_free_energies = np.reshape([result.free_energy for result in fitted_orders], shape)
     free_energies = dict(zip(SETTINGS_BY_INPUTS, all_free_energies, strict=True))

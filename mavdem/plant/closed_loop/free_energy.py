@@ -107,7 +107,10 @@ def filter_segment(kalman_filter: KalmanFilter, samples: Array) -> FilteredSegme
     """
     T = len(samples)
     n = len(kalman_filter.A)
-    _, innovations = kalman_filter.filter(np.zeros(n), np.zeros((T, n)), samples)
+    # The state at the first sample has the mean 0, and no known input acts on the states.
+    initial_state = np.zeros(n)
+    known_forcing = np.zeros((T, n))
+    _, innovations = kalman_filter.filter(initial_state, known_forcing, samples)
     rows = kalman_filter.gain_rows(T)
     # The filter has one row for each step until it is steady, and the steady one for all later steps.
     gains = kalman_filter.gains[rows]

@@ -526,7 +526,11 @@ class Group(NamedTuple):
 
     @property
     def first_name(self) -> str:
-        """Name of the column that a phone opens; empty where it opens all."""
+        """Name of the only column that a phone, which has room for one, shows opened at first.
+
+        It is the column that was chosen (``first``), otherwise the first one. Empty if the columns have no names, or if
+        there is only one: then all are open.
+        """
         if self.first in self.names:
             return self.first
         if len(self.names) > 1:

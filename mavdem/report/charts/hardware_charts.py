@@ -151,10 +151,16 @@ def _clip_counts(vibration: ReportedVibration, timeline: Timeline) -> dict[str, 
 
 
 def _vibration_by_imu(vibration: ReportedVibration) -> dict[str, dict[str, TimeSeries | None]]:
-    """Returns the series of reported vibration, m/s², by the name of the line, by the title of the chart.
+    """Distributes the series of reported vibration over charts.
+
+    An autopilot that reports one level for each IMU gets a single chart, with a line for each IMU. If it reports
+    several axes, each IMU gets a chart, with a line for each axis.
 
     Args:
-        vibration: levels of all axes of all IMUs; the axes of the first IMU come first.
+        vibration: levels of all axes of all IMUs, m/s²; the axes of the first IMU come first.
+
+    Returns:
+        For each title of a chart a dictionary, with the series by the name of their line.
     """
     axis_count = len(vibration.axes)
     imu_count = vibration.levels.values.shape[1] // axis_count
@@ -162,13 +168,10 @@ def _vibration_by_imu(vibration: ReportedVibration) -> dict[str, dict[str, TimeS
     for column, values in enumerate(vibration.levels.values.T):
         imu_index, axis_index = divmod(column, axis_count)
         imu_name = f"IMU {imu_index + 1}"
-        if axis_count == 1:
-            # One chart has a line for each IMU.
-            title, line_name = "Vibration", imu_name
-        elif imu_count == 1:
-            title, line_name = "Vibration", vibration.axes[axis_index]
-        else:
-            title, line_name = f"Vibration of {imu_name}", vibration.axes[axis_index]
+        title = "Vibration"
+        if axis_count > 1 and imu_count > 1:
+            title = f"Vibration of {imu_name}"
+        line_name = vibration.axes[axis_index] if axis_count > 1 else imu_name
         charts.setdefault(title, {})[line_name] = replace(vibration.levels, values=values)
     return charts
 

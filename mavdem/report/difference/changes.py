@@ -224,7 +224,9 @@ def result_sentences(
 
 
 def subjects_not_compared(reviewed: ReviewedDifference) -> list[str]:
-    """Returns what a comparison of two states leaves open: families of figures, and gains or all parameters.
+    """Lists what could not be compared between two states of a vehicle: families of figures, gains and parameters.
+
+    A family is a group of figures of one subject, such as all figures of the control loops.
 
     Args:
         reviewed: comparison of two states.

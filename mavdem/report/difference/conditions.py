@@ -111,13 +111,17 @@ def condition_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
 
 
 def wind_rows(reviews_by_side: Mapping[str, Review]) -> list[ConditionRow]:
-    """Returns the wind speed, and the direction that the wind comes from, each with its 90 % interval.
+    """Returns two rows of a table of both flights: the wind speed, and the direction that the wind comes from.
+
+    Each value has its 90 % interval.
 
     Args:
-        reviews_by_side: review documents of both logs, by side; of a fleet, empty.
+        reviews_by_side: review documents of the two logs that are compared, by side, "A" and "B". In a comparison of
+            two fleets it is empty, since wind belongs to a single flight.
     """
     winds = []
     for side in STATE_NAMES:
+        # A missing review or wind is empty: then the cells say that the wind is not known.
         review = reviews_by_side.get(side) or {}
         winds.append(review.get("wind") or {})
     before, after = winds

@@ -401,7 +401,8 @@ def _overview_groups(
 ) -> list[Group]:
     """Returns the row of pictures at the top of the page: spectra of the gyro, vibration and mean motor output.
 
-    Each picture shows both flights. A quantity that was not recorded has no picture.
+    Each picture shows both flights; if only one of them has the quantity, its title says which one. A quantity that was
+    not recorded in either has no picture.
 
     Args:
         reviews_by_side: review documents of both logs, by side.

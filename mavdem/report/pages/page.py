@@ -315,10 +315,11 @@ class Head(NamedTuple):
 
     @property
     def whole_flight(self) -> Group | None:
-        """Small plots of the whole flight for the paper of a lost flight, whose other plots show only the loss.
+        """Small plots of the whole flight for the printed page of a lost flight, whose other plots show only the loss.
 
-        They are the first plots over the flight, mostly roll, pitch, height and motors. The time of the other plots is
-        grey in them. None if the other plots show the whole flight, or nothing can be plotted.
+        They are the first plots over the flight, mostly roll, pitch, height and motors. The time around the loss, which
+        the other plots show (``opening_span``), is grey in them. None if the other plots show the whole flight, or
+        nothing can be plotted.
         """
         opening_span = self.opening_span
         if self.timeline is None or opening_span in (None, self.timeline.span):
