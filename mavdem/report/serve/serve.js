@@ -197,7 +197,11 @@
     const left = flight.estimated_end ? remainingText(flight.estimated_end - Date.now() / 1000) : "";
     // The answer to an upload has no words yet.
     const words = flight.words ?? "Received";
-    if (flight.stage === "waiting") return (flight.ahead ? `${words}: ${flight.ahead} before it` : words) + left;
+    if (flight.stage === "waiting") {
+      // The place in the queue is not known before the first progress.
+      const place = flight.ahead === undefined ? "" : flight.ahead ? `, ${flight.ahead} before it` : ", next to be read";
+      return words + place + left;
+    }
     const share = flight.share === null || flight.share === undefined ? "" : ` ${Math.round(100 * flight.share)} %`;
     const seconds = flight.seconds === null || flight.seconds === undefined ? "" : `, ${flight.seconds} s so far`;
     return `${flight.step || words}${share}${seconds}${left}`;

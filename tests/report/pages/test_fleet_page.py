@@ -310,6 +310,12 @@ found.falling = cells(settled);
 type('QUAD-1 fault 0199.ulg');
 found.health = cells(3);
 found.count = document.getElementById('count').textContent;
+type('time>45');
+found.unknown = document.getElementById('count').textContent;
+type('motor:3');
+found.motor = lines().map(row => row.textContent);
+type('motor:30');
+found.otherMotor = lines().length;
 type('2026-01-07');
 found.few = cells(settled);
 lines()[0].click();
@@ -340,6 +346,9 @@ def test_a_browser_sorts_searches_and_prints_ten_thousand_flights(tmp_path, brow
     # Each log stands in the table ten times.
     flight_count = 10 * sum(log[0].has_flight for log in logs)
     unused_count = 10 * len(logs) - flight_count
+    assert "Not understood: time>45." in shown_by_browser["unknown"]
+    assert shown_by_browser["motor"] and shown_by_browser["otherMotor"] == 0
+    assert all("motor 3 works harder" in line for line in shown_by_browser["motor"])
     seconds = [log[0].duration for log in logs if log[0].duration is not None]
     numbers = [float(cell) for cell in shown_by_browser["rising"]]
     assert numbers == sorted(numbers) and numbers[0] == approx(min(seconds), rel=0.01)
