@@ -321,8 +321,11 @@ class LiveHistory:
             takeoff_time: when it began, s of the present boot's clock; minus infinity where that was not seen.
         """
         if number != self.flight.number:
+            # The offset turns times of the boot clock into times of the timeline, which goes on after a reboot.
             start_time = takeoff_time + self.timeline_offset
-            if not isfinite(start_time) and self.flight.number:
+            is_first_flight = self.flight.number == 0
+            if not isfinite(start_time) and not is_first_flight:
+                # The take-off was not seen, so that the signals until now may be of the flight before.
                 start_time = self.now
             self.flight = ShownFlight(
                 number, start_time, boot=self.boot, timeline_offset=self.timeline_offset

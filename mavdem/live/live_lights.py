@@ -54,7 +54,8 @@ def lights_before_model(
     if no_wind_reason is not None:
         lights[str(Light.WIND)] = Fact(Unjudged.NOT_JUDGED, reason=no_wind_reason)
     if reason.code is RowsFact.LIVE_RATES_TOO_LOW:
-        # Rates that are too low for a model are to be watched, as for a log.
+        # The figure "reason" is the fact which messages are too slow for a model. It becomes the light on the messages,
+        # with the level that it has for a log.
         lights[str(Light.LOG)] = reason.figures["reason"].replace(Level.WATCH)
     elif min(fastest_rates(rates)) >= MIN_STREAM_RATE:
         lights[str(Light.LOG)] = _fast_enough_fact(rates)

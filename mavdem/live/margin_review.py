@@ -228,12 +228,16 @@ def _with_duration_for_loops(margins: Fact) -> Fact:
 def _refusal_of_judged_loop(assessment: Assessment, margins: Fact) -> Fact | None:
     """Returns why the loop with the smallest margins was not identified by its setpoints; None if it was.
 
+    Margins are most reliable if setpoints moved the vehicle enough to identify its plant, the response to the motors,
+    in the closed loop. Otherwise the plant has the reason as its ``refusal``.
+
     Args:
         assessment: the assessment of the log.
         margins: its fact on the margins, whose figure ``axis`` names the loop with the smallest ones.
     """
     if assessment.evidence is None or margins.code is not MarginsLight.LOOP_MARGINS:
         return None
+    # An axis without a loop has the fact that says why in its place.
     loop = assessment.evidence.loops[margins.figures["axis"]]
     if not isinstance(loop, Loop):
         return None

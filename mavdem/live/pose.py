@@ -85,7 +85,7 @@ class PoseTracker:
             return
         if not self._has_local_position:
             self._has_local_position = True
-            # What was known so far is by another origin.
+            # Positions so far were by GLOBAL_POSITION_INT, and relative to another origin.
             self._ground_position = None
             self.takeoff_position = None
         self._store_position(time, position, is_flying=is_flying)

@@ -241,8 +241,8 @@ class _MessageInterval:
     def note_setting(self, now: float, rate: float) -> None:
         """Notes that the requested rate is set now, since the measured one is too low.
 
-        If the vehicle has not reported its own interval when it was queried, the measured one is restored at the end in
-        its place; at a rate of 0 the message was not sent.
+        The vehicle gets back its own interval, ``former_interval``, at the end of the session. If it has not reported
+        that when it was asked, the measured interval takes its place; at a rate of 0 the message was not sent.
 
         Args:
             now: s of a monotonic clock.
@@ -252,6 +252,7 @@ class _MessageInterval:
             self.former_interval = round(MICROSECONDS / rate) if rate else STOPPED
         self.reachable_rate = self.rate
         self.needed_rate = MIN_RATE_RATIO * self.rate
+        # The vehicle gets a setting that it cannot have forgotten yet, and whose effect is still to be measured.
         self.may_be_forgotten = False
         self.was_reached = False
         self.set_count += 1

@@ -82,7 +82,11 @@ class ReportLimit:
             self._shown_states[kind] = fact
 
     def pop_omitted_states(self, now: float, *, is_at_end: bool) -> Facts:
-        """Returns the present states that were left out, so that the last report of each state is not a wrong one.
+        """Returns states whose reports were left out, so that the last report that is shown states the present one.
+
+        For example, if a landed state that flaps between ground and air is last shown as "in the air", and the report
+        "on the ground" was left out after it, this report is returned. A kind of state is one that a vehicle has, such
+        as the landed state; if a left-out report repeats the shown one, nothing is returned of this kind.
 
         Args:
             now: present time, s of the monotonic clock.
@@ -92,6 +96,7 @@ class ReportLimit:
         for kind, fact in list(self._omitted_states.items()):
             if not is_at_end and not self._may_show(kind, now):
                 continue
+            # The state as it was shown last.
             shown_fact = self._shown_states[kind]
             is_other_state = (fact.code, fact.subject) != (shown_fact.code, shown_fact.subject)
             if is_other_state:

@@ -556,7 +556,8 @@ class LiveSession:
     def _keep_flight_data(self, status: SessionStatus) -> None:
         """Adds the battery's voltages to the history in flight; on the ground, notes that free flight is over.
 
-        No row notes that, since rows end at the landing.
+        ``is_free_flight`` states whether the vehicle flies unhindered by the ground, as in the latest row. Since there
+        are no rows after a landing, none would set it to false.
 
         Args:
             status: the present status, once a second.

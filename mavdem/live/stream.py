@@ -576,6 +576,7 @@ class LiveStream:
             self._watch_drift(time, (north, east))
         elif message.name == "GLOBAL_POSITION_INT":
             self._pose.add_global_position(time, position, is_flying=self.is_flying)
+            # Without a position fix the position before stays the latest one.
             new_position = received_position(position, self._stamp)
             self._last_position = new_position or self._last_position
         if first_wind is not None:

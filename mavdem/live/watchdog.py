@@ -624,7 +624,8 @@ class Watchdog:
             self._judge_end_of_flight(review, moment)
             reported_facts = self._judge_height_sensors_at_rest(review, moment)
         if self.has_landed and self._landing_report is not None:
-            # The autopilot reported the landing before; only now is it certain that it was none in the air.
+            # The autopilot has reported a landing, which waited until the vehicle is known to be on the ground: a land
+            # detector may report one in the air.
             reported_facts.append(self._landing_report)
             self._landing_report = None
         reasons_not_watched = self._reasons_not_watched(review.now, review.vehicle, motion)

@@ -652,10 +652,11 @@ class Library:
         return self.change(entry.id, sharing=widest_sharing, note=entry.note or note)
 
     def set_baseline(self, ids: Iterable[str]) -> None:
-        """Marks some flights as healthy, so that other flights of their vehicles are compared with them.
+        """Marks some flights as healthy: the baseline with which other flights of the same vehicle are compared.
 
-        They replace those of the same vehicles that were marked before. Flights of unnamed vehicles are left out, since
-        flights of other vehicles with the same MAVLink system id would be compared with them.
+        They replace those of the same vehicles that were marked before. Two kinds of flights are left out: those that
+        could not be read, and those of a vehicle without a name of its own. Such a vehicle is known by its MAVLink
+        system id alone, so that flights of other vehicles with this id would be compared with it.
 
         Args:
             ids: ids of the healthy flights in the index.
@@ -674,7 +675,9 @@ class Library:
         self._replace_baseline({row.vehicle for row in healthy_rows}, healthy_rows)
 
     def remove_baseline(self, vehicle: str) -> None:
-        """Removes the baseline of a vehicle, whose flights are then compared with its first sound ones.
+        """Removes the baseline of a vehicle, the flights that a user marked as healthy.
+
+        Its flights are then compared with its first sound ones.
 
         Args:
             vehicle: name of the vehicle in its logs.
@@ -697,6 +700,7 @@ class Library:
         with self.transaction():
             kept_rows = [row for row in self.store.healthy if row.vehicle not in vehicles]
             self.store.healthy = [*kept_rows, *healthy_rows]
+        # The thread that reads logs then writes the table of the fleet anew, with the new comparisons.
         self.table_is_outdated.set()
 
     def delete(self, id: str) -> None:

@@ -222,7 +222,8 @@ class VisibleLibrary:
     def documents(self, entries: Sequence[LibraryEntry]) -> list[Flight]:
         """Returns flights of the library as JSON documents, with the names that users gave to them and their vehicles.
 
-        Motors are judged as on pages and in searches: by the log, and in comparison with the vehicle's other flights.
+        Motors are judged as on pages and in searches: by the log, and in comparison with the vehicle's other flights. A
+        fault or drift that the comparison shows is their anomaly.
 
         Args:
             entries: index entries of the flights.
