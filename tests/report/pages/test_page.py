@@ -52,7 +52,7 @@ from mavdem.report.screen import analysis_blocks
 
 UNSEEN = "\N{RIGHT-TO-LEFT OVERRIDE}\a"
 NAME = HOSTILE + 200 * "x"
-VOID = {"meta", "path", "line", "circle", "rect", "br", "input"}
+VOID = {"meta", "path", "line", "circle", "rect", "br", "wbr", "input"}
 
 
 class Balanced(HTMLParser):
