@@ -62,10 +62,39 @@ DIVERGENCE_SECONDS = 10.0
 """Seconds after a height estimate diverged within which a loss follows from it: a fall from 100 m takes as long."""
 
 
+FAILURES_OF_ONE_MOTOR = (
+    FailedFirst.LIMIT_FIRST,
+    FailedFirst.THRUST_MISSING_FIRST,
+    FailedFirst.OUTPUT_FROZE_FIRST,
+    FailedFirst.MOTOR_OFF_FIRST,
+    FailedFirst.MOTOR_STOOD_STILL_FIRST,
+)
+"""Failures that name a motor, and so depend on the numbering of the motors."""
+
+
 def first_failure(
     signals: Signals, events: Sequence[Fact], loss: Fact, collective: float | None
 ) -> Fact | None:
     """Returns the fact about what failed first before a vehicle was lost; None if the log does not show it.
+
+    If it names a motor, and the numbering of the motors is an assumption, the fact has the figure ``assumed``.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        events: events of the flight, each a fact (a coded finding) with its time.
+        loss: the motion event by which the vehicle was lost.
+        collective: mean output of all motors in the hover, as a fraction of their range; None if it is not known.
+    """
+    failure = _failure_before_loss(signals, events, loss, collective)
+    if failure is None or failure.code not in FAILURES_OF_ONE_MOTOR or signals.motors is None:
+        return failure
+    return failure.replace(assumed=True) if signals.motors.geometry.assumed else failure
+
+
+def _failure_before_loss(
+    signals: Signals, events: Sequence[Fact], loss: Fact, collective: float | None
+) -> Fact | None:
+    """Returns the fact about what failed first, without a mark that the numbering of the motors is assumed.
 
     The first of these that the log shows is the cause:
 

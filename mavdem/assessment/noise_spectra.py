@@ -29,6 +29,9 @@ GYRO = "gyro"
 UNFILTERED_GYRO = "gyro_before"
 """Name of the spectrum of the gyro before its filters."""
 
+SAME_RATE_RATIO = 0.9
+"""Ratio of two sampling rates from which they are the same: rates of logs vary by a few percent. A choice."""
+
 
 class MeasuredNoise(NamedTuple):
     """Spectra of the sensors in flight, and what follows from them."""
@@ -44,6 +47,22 @@ class MeasuredNoise(NamedTuple):
     def lines(self) -> tuple[SpectralLine, ...]:
         """Lines of the gyro before its filters or, if that was not logged, after them."""
         return self.peaks.get(UNFILTERED_GYRO, self.peaks.get(GYRO, ()))
+
+    def slow_filtered_spectrum(self, sensor: str) -> Spectrum | None:
+        """Returns the spectrum of a sensor after its filters if it was sampled more slowly than before them.
+
+        What the filters pass above half of its sampling rate is folded below, and may raise it above the spectrum
+        before the filters.
+
+        Args:
+            sensor: name of the sensor, such as ``GYRO``.
+        """
+        filtered = self.spectra.get(sensor)
+        unfiltered = self.spectra.get(f"{sensor}_before")
+        if filtered is None or unfiltered is None:
+            return None
+        is_slow = filtered.nyquist_frequency < SAME_RATE_RATIO * unfiltered.nyquist_frequency
+        return filtered if is_slow else None
 
     @property
     def facts(self) -> Facts:
@@ -71,7 +90,8 @@ class MeasuredNoise(NamedTuple):
         """Yields a fact for each motor line with the ``share`` of its power that the gyro's filters remove, 0 to 1.
 
         The power is the mean in a band about the frequency of the line (``LINE_BAND``). Lines above the Nyquist
-        frequency of the filtered gyro cannot be compared, and are skipped.
+        frequency of the filtered gyro cannot be compared, and are skipped. So is a line that has more power after the
+        filters: that is faster vibration, folded at that frequency.
 
         Args:
             unfiltered_gyro: spectrum of the gyro before its filters.
@@ -83,10 +103,11 @@ class MeasuredNoise(NamedTuple):
                 lower, upper = np.multiply(LINE_BAND, line.frequency)
                 power_after = filtered_gyro.mean_power(lower, upper)
                 power_before = unfiltered_gyro.mean_power(lower, upper)
-                remaining_fraction = power_after / power_before
-                yield Fact(
-                    NoiseFact.FILTERS_REMOVE, frequency=line.frequency, share=1 - remaining_fraction
-                )
+                removed_share = 1 - power_after / power_before
+                if removed_share > 0:
+                    yield Fact(
+                        NoiseFact.FILTERS_REMOVE, frequency=line.frequency, share=removed_share
+                    )
 
 
 def _spectrum_fact(spectrum: Spectrum) -> Fact:

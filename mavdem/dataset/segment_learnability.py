@@ -150,7 +150,11 @@ def segment_cautions(signals: Signals, quality: QualityFigures) -> Iterator[Fact
         )
     if quality.consistency is not None and quality.consistency < MIN_TRUSTED_CONSISTENCY:
         # The integral of the recorded body rates explains too little of the changes of the angle.
-        yield Fact(Caution.RATE_EXPLAINS_LITTLE, consistency=quality.consistency)
+        yield Fact(
+            Caution.RATE_EXPLAINS_LITTLE,
+            consistency=quality.consistency,
+            span=RATE_INTEGRATION_SPAN,
+        )
 
 
 def slower_stream_rate(quality: QualityFigures) -> float:

@@ -90,15 +90,21 @@
     return `${owner} centre${places.length > 1 ? "s are" : " is"} at ${places.join(", ")} Hz. `;
   };
 
+  // What the filters take of the strongest peak; nothing if the spectrum has no peak.
+  const peakText = all => {
+    if (model.peak == null) return "";
+    const gain = decibels(response(all, model.peak).gain), deepest = gain <= decibels(0) ? "at least " : "";
+    return `At the peak of ${shown(model.peak, 0)} Hz ${filters.length > 1 ? "they take" : "it takes"} ${deepest}${shown(-gain)} dB. `;
+  };
+
   const update = () => {
     for (const slider of form.querySelectorAll("input[type=range]")) {
       const text = `${Number(settings[slider.name].toPrecision(4))} ${slider.dataset.unit}`;
       slider.nextElementSibling.textContent = text;
       slider.setAttribute("aria-valuetext", text);
     }
-    const all = notches(), { phase } = response(all, model.crossover), gain = decibels(response(all, model.peak).gain);
-    const deepest = gain <= decibels(0) ? "at least " : "";
-    form.querySelector(".effects").textContent = filters.map(movedText).join("") + `At the peak of ${shown(model.peak, 0)} Hz ${filters.length > 1 ? "they take" : "it takes"} ${deepest}${shown(-gain)} dB. `
+    const all = notches(), { phase } = response(all, model.crossover);
+    form.querySelector(".effects").textContent = filters.map(movedText).join("") + peakText(all)
       + `${model.place} ${shown(model.crossover)} Hz ${filters.length > 1 ? "they cost" : "it costs"} ${shown(-phase)}° of phase`
       + (filters.some(one => one.wasOn) ? `; as logged, ${shown(-before)}°.` : ".");
     form.querySelectorAll("a.button").forEach((link, i) => {

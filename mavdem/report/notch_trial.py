@@ -32,6 +32,7 @@ from mavdem.report.numbers import listed
 from mavdem.report.palette import BAD, COMMAND, MEASURED, PREDICTED
 from mavdem.report.tried_filters import (
     TriedFilter,
+    frequency_of_most_vibration,
     logged_notches,
     strongest_peaks,
     tried_filters,
@@ -180,7 +181,10 @@ def notch_trial(
     if spectrum.nyquist_frequency <= MAX_LOOP_FREQUENCY:
         return None
     peaks = strongest_peaks(noise, spectrum)
-    filters = tried_filters(controller, noise, peaks, motor_frequencies)
+    # Without a peak a filter begins somewhere in the range of vibration, and no peak is marked.
+    first_centers = peaks or (frequency_of_most_vibration(spectrum),)
+    strongest_peak = peaks[0] if peaks else None
+    filters = tried_filters(controller, noise, first_centers, motor_frequencies)
     if loop is not None:
         crossover_mark = Mark(loop.crossover, "crossover", BAD)
     else:
@@ -200,7 +204,7 @@ def notch_trial(
             controller,
             filters,
             spectrum,
-            peaks[0],
+            strongest_peak,
             crossover_mark,
             has_spectrum=not has_only_filtered_gyro,
         ),
@@ -208,6 +212,7 @@ def notch_trial(
             _remarks_on_trial(
                 filters,
                 has_loop=loop is not None,
+                has_peak=strongest_peak is not None,
                 has_only_filtered_gyro=has_only_filtered_gyro,
                 has_dynamic_notch=bool(controller.parameters.get("IMU_GYRO_DNF_EN", 0.0)),
             )
@@ -215,7 +220,7 @@ def notch_trial(
         endings=tuple(f"{ending} ({READERS[ending]})" for ending in endings),
         model={
             **_filter_equations(controller, filters),
-            "peak": peaks[0],
+            "peak": strongest_peak,
             "crossover": crossover_mark.x,
             "place": "At the crossover of" if loop is not None else "At",
             "files": [
@@ -230,6 +235,7 @@ def _remarks_on_trial(
     filters: Sequence[TriedFilter],
     *,
     has_loop: bool,
+    has_peak: bool,
     has_only_filtered_gyro: bool,
     has_dynamic_notch: bool,
 ) -> Iterator[str]:
@@ -238,11 +244,14 @@ def _remarks_on_trial(
     Args:
         filters: the notch filters of the gyro that can be tried.
         has_loop: whether a rate loop is identified, at whose crossover frequency the phase lag is stated.
+        has_peak: whether the spectrum has a peak, on which a notch filter may be placed.
         has_only_filtered_gyro: whether the log has the gyro only after one of these filters, which is on.
         has_dynamic_notch: whether PX4 has further notches, whose centres follow the motors or an FFT of the gyro.
     """
     if not has_loop:
         yield f"No rate loop is identified: the phase is stated at {ASSUMED_CROSSOVER:.0f} Hz."
+    if not has_peak:
+        yield "The gyro's spectrum has no peak that a notch filter could take."
     if not filters[0].is_logged:
         yield "The log has none of its parameters: see whether the firmware has them."
     has_moving_center = False
@@ -430,7 +439,7 @@ def _trial_charts(
     controller: Controller,
     filters: Sequence[TriedFilter],
     spectrum: Spectrum,
-    peak: float,
+    peak: float | None,
     crossover: Mark,
     *,
     has_spectrum: bool,
@@ -441,7 +450,7 @@ def _trial_charts(
         controller: controller with the parameters of the log.
         filters: notch filters of the gyro, each with the parameters that set it.
         spectrum: spectrum of the gyro, if possible before its filters.
-        peak: frequency of the strongest line, Hz.
+        peak: frequency of the strongest peak, Hz, which is marked; None if the spectrum has none.
         crossover: mark of the frequency at which the phase lag is stated.
         has_spectrum: whether the spectrum with other filters is known.
     """
@@ -454,13 +463,14 @@ def _trial_charts(
     gain = 20 * np.log10(np.maximum(abs(response), MIN_GAIN))
     phase = np.degrees(np.angle(response))
     filter_text = "this notch" if len(filters) == 1 else "these notches"
+    peak_marks = () if peak is None else (Mark(peak, "peak"),)
     charts = [
         Chart(
             f"Gain of {filter_text}",
             axis,
             Axis(f"Gain of {filter_text} (dB)", limits=(20 * np.log10(MIN_GAIN), 3.0)),
             (Line("gain", COMMAND, frequency, gain),),
-            marks=(crossover, Mark(peak, "peak")),
+            marks=(crossover, *peak_marks),
             group="notch",
         ),
         Chart(
@@ -474,7 +484,7 @@ def _trial_charts(
     ]
     if has_spectrum:
         gyro = _GyroPower(spectrum, without_filters(controller, filters), notches, filter_text)
-        charts.insert(0, _spectrum_chart(gyro, peak, max_frequency))
+        charts.insert(0, _spectrum_chart(gyro, peak_marks, max_frequency))
     return Group.side_by_side(charts)
 
 
@@ -494,7 +504,7 @@ class _GyroPower(NamedTuple):
     """Name of the notches in the legend, such as "this notch"."""
 
 
-def _spectrum_chart(gyro: _GyroPower, peak: float, max_frequency: float) -> Chart:
+def _spectrum_chart(gyro: _GyroPower, peak_marks: tuple[Mark, ...], max_frequency: float) -> Chart:
     """Returns the chart of the gyro's power spectrum in up to three places of the chain of filters.
 
     The lines are the measured spectrum, the input of the notches that are tried (behind all other filters), and their
@@ -504,7 +514,7 @@ def _spectrum_chart(gyro: _GyroPower, peak: float, max_frequency: float) -> Char
 
     Args:
         gyro: spectrum and filters.
-        peak: frequency of the strongest spectral line, Hz, which is marked.
+        peak_marks: mark of the strongest peak of the spectrum; empty if it has none.
         max_frequency: highest frequency of the chart, Hz.
     """
     spectrum = gyro.spectrum
@@ -539,6 +549,6 @@ def _spectrum_chart(gyro: _GyroPower, peak: float, max_frequency: float) -> Char
         FREQUENCY._replace(limits=(MIN_FREQUENCY, max_frequency)),
         Axis(f"Gyro, power ({unit})", is_logarithmic=True),
         tuple(line._replace(y=np.maximum(line.y, MIN_DENSITY)) for line in lines),
-        marks=(Mark(peak, "peak"),),
+        marks=peak_marks,
         group="notch",
     )

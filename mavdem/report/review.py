@@ -16,7 +16,7 @@ from mavdem.assessment.identity import day_in_file_name
 from mavdem.assessment.lights import REGISTRY
 from mavdem.assessment.simulation import simulation_fact
 from mavdem.dataset.signals import Signals
-from mavdem.facts import Fact, Level, NamedFacts
+from mavdem.facts import Fact, Facts, Level, NamedFacts
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Unjudged
 from mavdem.ingest import Log
@@ -283,7 +283,9 @@ def _wrapped_lines(text: str, columns: int) -> Iterator[str]:
 
 
 def _event_lines(assessment: Assessment, columns: int) -> Iterator[str]:
-    """Yields the lines of the events that a screen shows, in the order of time, each shortened to one line.
+    """Yields the lines of the events that a screen shows, in the order of time.
+
+    An event has one line, without subordinate clauses that do not fit; several if its main clause does not fit.
 
     If the autopilot restarted between two of them, its clock began again; a line says so, since the times are not in
     order then.
@@ -293,8 +295,10 @@ def _event_lines(assessment: Assessment, columns: int) -> Iterator[str]:
         columns: number of characters in a line of the terminal.
     """
     previous_boot = None
-    for event_index, event_count in _screen_events(assessment):
-        event = assessment.events[event_index]
+    # The same events as on the page, so that both give the same time.
+    events = tuple(with_saturations_counted(assessment.events))
+    for event_index, event_count in _screen_events(assessment, events):
+        event = events[event_index]
         # The number of the boot, by which the autopilot's restarts are counted; only some events have it.
         boot = event.figures.get("boot", previous_boot)
         if previous_boot is not None and boot > previous_boot:
@@ -303,10 +307,15 @@ def _event_lines(assessment: Assessment, columns: int) -> Iterator[str]:
         has_time = event.time is not None and isfinite(event.time)
         label = f"{event.time:.1f} s" if has_time else "event"
         label_and_level = _label_and_level(label, event)
-        yield _shortened_line(label_and_level, event, columns, count_text(event, event_count))
+        place = count_text(event, event_count)
+        line = _shortened_line(label_and_level, event, columns, place)
+        if "…" in line:
+            yield from _wrapped_fact(label, event, columns, place)
+        else:
+            yield line
 
 
-def _screen_events(assessment: Assessment) -> list[CountedEvent]:
+def _screen_events(assessment: Assessment, events: Facts) -> list[CountedEvent]:
     """Selects the events that a screen shows, in the order of time: the worst ``MAX_SCREEN_EVENTS``, each kind once.
 
     There are none if nothing is bad and the headline is not an event: then the status lights state everything. Events
@@ -316,45 +325,49 @@ def _screen_events(assessment: Assessment) -> list[CountedEvent]:
 
     Args:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
+        events: its events in the order of time, of each motor one saturation for all.
     """
-    has_bad_event = any(event.is_bad for event in assessment.events)
+    has_bad_event = any(event.is_bad for event in events)
     is_headline_event = assessment.headline in assessment.events
     if not (assessment.headline.is_bad or has_bad_event or is_headline_event):
         return []
     # An event that a light states already has the code and the time of that light.
     light_codes_and_times = {(light.code, light.time) for light in assessment.lights.values()}
     shown_events = []
-    for counted_event in worst_events(assessment.events):
-        event = assessment.events[counted_event.event_index]
+    for counted_event in worst_events(events):
+        event = events[counted_event.event_index]
         is_in_light = (event.code, event.time) in light_codes_and_times
         if not is_in_light and not _is_part_of_headline(event, assessment.headline):
             shown_events.append(counted_event)
-    shown_events = shown_events[:MAX_SCREEN_EVENTS] + _modes_of_headline(assessment)
+    shown_events = shown_events[:MAX_SCREEN_EVENTS] + _modes_of_headline(
+        assessment.headline, events
+    )
     # The events of the flight are in the order of time, so that their indices are too.
     return sorted(shown_events, key=lambda counted_event: counted_event.event_index)
 
 
-def _modes_of_headline(assessment: Assessment) -> list[CountedEvent]:
+def _modes_of_headline(headline_fact: Fact, events: Facts) -> list[CountedEvent]:
     """Returns the change to the flight mode in which the headline's event began, and the changes while it lasted.
 
     Args:
-        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
+        headline_fact: the fact in the headline.
+        events: events in the order of time.
 
     Returns:
         The changes in the order of time; empty if the headline is no event, or no mode was recorded.
     """
-    if assessment.headline not in assessment.events:
+    if headline_fact not in events:
         return []
-    headline_index = assessment.events.index(assessment.headline)
+    headline_index = events.index(headline_fact)
     mode_before: list[CountedEvent] = []
     modes_meanwhile: list[CountedEvent] = []
-    for index, event in enumerate(assessment.events):
+    for index, event in enumerate(events):
         if event.code is not ReportedEvent.MODE_CHANGED:
             continue
         mode = CountedEvent(index, event_count=1)
         if index < headline_index:
             mode_before = [mode]
-        elif _is_during(event, assessment.headline):
+        elif _is_during(event, headline_fact):
             modes_meanwhile.append(mode)
     return mode_before + modes_meanwhile
 
@@ -457,17 +470,18 @@ def _lines_of_light(name: str, fact: Fact, columns: int) -> list[str]:
     return _wrapped_fact(name, fact, columns)
 
 
-def _wrapped_fact(name: str, fact: Fact, columns: int) -> list[str]:
-    """Returns the lines of a status light: its name and level, and beside them its whole sentence.
+def _wrapped_fact(label: str, fact: Fact, columns: int, remark: str = "") -> list[str]:
+    """Returns the lines of a status light or event: its label and level, and beside them its whole sentence.
 
     Args:
-        name: name of the light.
-        fact: the light, a coded finding with a level and a sentence.
+        label: name of the light, or time of the event.
+        fact: the light or event, a coded finding with a level and a sentence.
         columns: number of characters in a line.
+        remark: text after the sentence, such as how many events of the same kind there are; empty for none.
     """
-    label_and_level = _label_and_level(name, fact)
+    label_and_level = _label_and_level(label, fact)
     return wrap(
-        headline(fact),
+        headline(fact) + remark,
         columns,
         initial_indent=label_and_level,
         subsequent_indent=" " * len(label_and_level),

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array
+from mavdem.arrays import SMALLEST_POSITIVE, Array
 from mavdem.assessment.noise_spectra import MeasuredNoise
 from mavdem.containers import Numbers
 from mavdem.facts.noise import NotchAdvice
@@ -25,6 +25,11 @@ from mavdem.loops.controllers import Controller
 from mavdem.loops.resonance import MAX_LOOP_FREQUENCY
 from mavdem.vibration.notch_filters import ARDUPILOT_ATTENUATION, RELATIVE_BANDWIDTHS
 from mavdem.vibration.spectra import Spectrum
+from mavdem.vibration.spectral_lines import (
+    MIN_LINE_FREQUENCY,
+    MIN_PEAK_PROMINENCE,
+    prominent_peaks,
+)
 
 ARDUPILOT_PREFIXES = ("INS_HNTCH_", "INS_HNTC2_")
 """Beginnings of the parameters of ArduPilot's harmonic notches that are offered. The second one, which came in 4.2, is
@@ -133,20 +138,39 @@ def _peak_for(index: int, peaks: Numbers) -> float:
 def strongest_peaks(noise: MeasuredNoise, spectrum: Spectrum) -> tuple[float, ...]:
     """Returns the frequencies of the vibration, Hz, on which a notch filter may be placed, the strongest first.
 
-    They are the frequencies of the lines in the spectra of the flight. If there is no line, it is the one frequency
-    above the bandwidth of all rate loops at which the spectrum is largest.
+    They are the frequencies of the lines in the spectra of the flight. If there is no line, they are the peaks of the
+    mean spectrum in the range of frequencies in which lines are looked for.
 
     Args:
         noise: spectra of the flight with their lines.
-        spectrum: spectrum of the gyro, which extends above that bandwidth.
+        spectrum: spectrum of the gyro.
+
+    Returns:
+        The frequencies; none if no peak stands out, such as in a spectrum that only falls.
     """
     if noise.lines:
         lines = sorted(noise.lines, key=lambda line: line.density, reverse=True)
         return tuple(line.frequency for line in lines)
+    density = spectrum.mean_density.sum(axis=0)
+    log_density = np.log(np.maximum(density, SMALLEST_POSITIVE))
+    peaks = [
+        peak
+        for peak in prominent_peaks(log_density, MIN_PEAK_PROMINENCE)
+        if spectrum.frequency[peak] >= MIN_LINE_FREQUENCY
+    ]
+    peaks.sort(key=lambda peak: -density[peak])
+    return tuple(spectrum.frequency[peaks].tolist())
+
+
+def frequency_of_most_vibration(spectrum: Spectrum) -> float:
+    """Returns the frequency above the bandwidth of all rate loops at which a spectrum is largest, Hz.
+
+    Args:
+        spectrum: spectrum of the gyro, which extends above that bandwidth.
+    """
     is_vibration = spectrum.frequency > MAX_LOOP_FREQUENCY
-    frequency = spectrum.frequency[is_vibration]
     density = spectrum.mean_density.sum(axis=0)[is_vibration]
-    return (float(frequency[np.argmax(density)]),)
+    return float(spectrum.frequency[is_vibration][np.argmax(density)])
 
 
 def _ardupilot_filter(

@@ -22,6 +22,8 @@ MIN_LINE_FREQUENCY = 15.0
 """Lowest frequency of a line, Hz: below it, vehicles are steered."""
 MIN_LINE_RATIO = 6.0
 """Least ratio of the power of a line to that around it: a line that is smeared by alignment makes at most 5."""
+MIN_PEAK_PROMINENCE = np.log(MIN_LINE_RATIO) / 2
+"""Least prominence of a peak in a mean logarithmic spectrum: half of a line's, in decibels, since a mean smears it."""
 SURROUNDING_WIDTH = 0.2
 """Width of the surroundings of a line to each side, relative to its frequency: a choice."""
 MIN_SURROUNDING_BINS = 7
@@ -113,8 +115,8 @@ def find_spectral_lines(spectrum: Spectrum) -> tuple[SpectralLine, ...]:
     candidates = []
     for exponent in SEARCH_EXPONENTS:
         mean_log_density = windows.aligned_mean(exponent)
-        # Half of the required ratio, in decibels, makes a candidate, whose ratio is then measured with its exponent.
-        for peak in prominent_peaks(mean_log_density, np.log(MIN_LINE_RATIO) / 2):
+        # A peak makes a candidate, whose ratio is then measured with its exponent.
+        for peak in prominent_peaks(mean_log_density, MIN_PEAK_PROMINENCE):
             if frequency[peak] >= MIN_LINE_FREQUENCY:
                 candidates.append(_line_near(spectrum, windows, frequency[peak]))
     # The same line may be found with several exponents.

@@ -116,6 +116,15 @@ def events_and_ending(telemetry, *reported):
     return {event.code: event for event in events}, find_ending(signals, events, 0.14)
 
 
+def test_a_motor_whose_number_is_assumed_is_named_with_that_remark():
+    """Without parameters, the numbers of the motors are those of the usual frame."""
+    telemetry = telemetry_of_lost_motor(1)
+    _, known = events_and_ending(telemetry)
+    _, assumed = events_and_ending(replace(telemetry, parameters={}))
+    assert "(motor numbering assumed)" in assumed.sentence
+    assert "assumed" not in known.sentence
+
+
 @mark.parametrize("rate", [10.0, 50.0])
 @mark.parametrize("motor", range(4))
 def test_a_loss_names_the_motor_on_the_side_of_the_fall_that_was_driven_hardest(motor, rate):

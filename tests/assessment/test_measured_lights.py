@@ -163,6 +163,10 @@ def test_supply_voltages_of_the_board_have_the_levels_of_their_limits(usual, lea
     volts[len(volts) // 2] = 0.0
     fact = power_light(evidence(telemetry_with("POWER_STATUS", Vcc=1000 * volts)))
     assert (fact.code, fact.level) == (code, level)
+    # The average over 2 s follows the fall, unless the supply is low throughout.
+    falls = code in (PowerLight.SUPPLY_FELL, PowerLight.SUPPLY_LOW)
+    is_low_at_first = usual < BOARD_VOLTAGE_LIMITS.watch
+    assert (fact.time is not None and 28 < fact.time < 32) is (falls and not is_low_at_first)
 
 
 @mark.slow

@@ -122,6 +122,21 @@ def test_a_screen_lists_the_mode_and_the_worst_events_around_its_headline():
     ]
 
 
+def test_an_event_is_wrapped_rather_than_cut_and_has_the_time_of_the_page():
+    """Of a motor's saturations the first stands for all, as on the page, even if a later one lasted longer."""
+    assessment = assess(read_log(SLOW))
+    motor = "motor 4 (rear right), which is named at some length"
+    limit = Fact(MotionEvent.MOTOR_AT_ITS_STOP, Level.WATCH, subject=motor, share=0.5, boot=0)
+    first = limit.replace(time=100.0, end_time=102.0)
+    second = limit.replace(time=110.0, end_time=120.0)
+    loss = Fact(MotionEvent.MOTOR_OFF, Level.BAD, time=130.0, subject="motor 1", boot=0)
+    judgement = replace(assessment.judgement, headline=loss, lights={})
+    evidence = replace(assessment.evidence, events=(first, second, loss))
+    screen = review_screen(replace(assessment, judgement=judgement, evidence=evidence), columns=70)
+    assert "100.0 s    watch" in screen and "110.0 s" not in screen and "…" not in screen
+    assert first.replace(count=2).sentence in " ".join(screen.split())
+
+
 def test_a_screen_lists_the_modes_while_the_event_of_its_headline_lasted():
     assessment = assess(read_log(SLOW))
     mode = Fact(ReportedEvent.MODE_CHANGED, Level.GOOD, subject="Return", cause=None, boot=0)

@@ -105,8 +105,8 @@ def test_plots_show_the_latest_flight_from_its_takeoff_on_the_clock_of_its_boot(
     timeline = live_timeline(history, "roll")
     last_shown = 7.0 + live_history.SECONDS_AFTER_LANDING
     assert timeline.span == (approx(5.0, abs=2 * DT), approx(last_shown, abs=2 * DT))
-    assert timeline.training_intervals[0] == approx((5.0, 6.99), abs=2 * DT)
-    assert len(timeline.training_intervals) == 1
+    assert timeline.grey_intervals[0] == approx((5.0, 6.99), abs=2 * DT)
+    assert len(timeline.grey_intervals) == 1
     chart, *_ = timeline.overview
     assert chart.x.label == "time since boot 2 (s)"
 

@@ -1,6 +1,7 @@
 """The notch filter to try on a page: the browser computes the autopilots' biquads, and its files are read back."""
 
 import json
+from dataclasses import replace
 from math import inf, pi, sin, tan
 from urllib.parse import unquote
 
@@ -50,9 +51,16 @@ def spectrum(name, highest=300.0):
     return Spectrum(name, "rad/s", "IMU", frequency, np.arange(4.0), windows, unknown, unknown)
 
 
-def trial_of(parameters, name="gyro_before", highest=300.0, autopilot="ARDUPILOTMEGA", motors=()):
+def trial_of(
+    parameters,
+    name="gyro_before",
+    highest=300.0,
+    autopilot="ARDUPILOTMEGA",
+    motors=(),
+    shown_spectrum=None,
+):
     vehicle = Hover().telemetry(autopilot=autopilot)
-    noise = MeasuredNoise({name: spectrum(name, highest)}, {})
+    noise = MeasuredNoise({name: shown_spectrum or spectrum(name, highest)}, {})
     controller = controller_from_parameters(parameters, "roll", (1.0,))
     return notch_trial("flight.bin", vehicle, noise, controller, None, motors)
 
@@ -90,6 +98,21 @@ def test_a_filter_that_is_off_is_offered_at_the_peak_and_one_that_is_on_as_logge
     (form,) = on.filters
     assert on.is_on and [slider.value for slider in form.sliders] == [82.5, 40.0, 30.0]
     assert [multiple for multiple, is_chosen in form.harmonics.items() if is_chosen] == [1, 2]
+
+
+def test_a_spectrum_that_only_falls_has_no_peak_to_mark():
+    """A peak is not where a falling spectrum happens to be largest; one below 40 Hz is found."""
+    flat = spectrum("gyro_before")
+    slope = 1.0 / (1.0 + flat.frequency) ** 2
+    bump = 1.0 + 9.0 * np.exp(-((flat.frequency - 25.0) ** 2) / 20)
+    falling = replace(flat, density=np.broadcast_to(slope, flat.density.shape))
+    bumpy = replace(flat, density=np.broadcast_to(slope * bump, flat.density.shape))
+    without_peak = trial_of(ARDUPILOT, shown_spectrum=falling)
+    assert without_peak.model["peak"] is None
+    for (chart,) in without_peak.charts.columns:
+        assert all(mark.name != "peak" for mark in chart.marks)
+    assert any("no peak" in remark for remark in without_peak.remarks)
+    assert trial_of(ARDUPILOT, shown_spectrum=bumpy).model["peak"] == approx(25.0, abs=2.0)
 
 
 def test_a_spectrum_behind_the_filter_is_not_drawn_with_another_one():

@@ -486,7 +486,7 @@ def _supply_facts(evidence: Evidence) -> Iterator[Fact]:
 
     Yields:
         At most one fact, with the lowest average over 2 s as ``voltage``, the median as ``voltage_usual``, and the
-        limit, all in V.
+        limit, all in V. In the first two cases it has the time at which the average first was so low.
     """
     # The first voltage that varies is used: a constant one was not measured.
     measured_voltage = None
@@ -495,24 +495,29 @@ def _supply_facts(evidence: Evidence) -> Iterator[Fact]:
             measured_voltage = volts
             break
     averages = evidence.averages_in_flight(measured_voltage)
-    if not len(averages):
+    if measured_voltage is None or not len(averages):
         return
     lowest_voltage = averages.min()
     usual_voltage = np.median(averages)
     code = PowerLight.SUPPLY_HELD
     # A fact with None as its level has the usual level of its code.
     level = None
+    time = None
     voltage_limit = BOARD_VOLTAGE_LIMITS.watch
+    least_usual_voltage = usual_voltage - MAX_BOARD_VOLTAGE_DROP
     if lowest_voltage < BOARD_VOLTAGE_LIMITS.watch:
         code = PowerLight.SUPPLY_LOW
         if lowest_voltage < BOARD_VOLTAGE_LIMITS.bad:
             level = Level.BAD
             voltage_limit = BOARD_VOLTAGE_LIMITS.bad
-    elif usual_voltage - lowest_voltage > MAX_BOARD_VOLTAGE_DROP:
+        time = _first_time_below(evidence, measured_voltage, voltage_limit)
+    elif lowest_voltage < least_usual_voltage:
         code = PowerLight.SUPPLY_FELL
+        time = _first_time_below(evidence, measured_voltage, least_usual_voltage)
     yield Fact(
         code,
         level,
+        time=time,
         voltage=lowest_voltage,
         voltage_usual=usual_voltage,
         voltage_limit=voltage_limit,

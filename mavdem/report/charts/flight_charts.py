@@ -353,6 +353,7 @@ def _spectrum_lines(noise: MeasuredNoise, name: str, axis: int | None) -> _Spect
         The lines, with the unit of the density: the square of the sensor's unit per Hz.
     """
     lines = []
+    slow_spectrum = noise.slow_filtered_spectrum(name)
     # A signal without a unit has the unit "1", whose square need not be written.
     unit = "1/Hz"
     for stage in FILTER_STAGES:
@@ -366,7 +367,10 @@ def _spectrum_lines(noise: MeasuredNoise, name: str, axis: int | None) -> _Spect
         # The first frequency, 0 Hz, is the mean and no vibration.
         frequency, density = max_decimated(spectrum.frequency[1:], density[1:], MAX_BINS)
         power = np.maximum(density, MIN_DENSITY)
-        lines.append(Line(stage.name, stage.colour, frequency, power))
+        rate = (
+            f" ({2 * spectrum.nyquist_frequency:.0f} Hz only)" if spectrum is slow_spectrum else ""
+        )
+        lines.append(Line(f"{stage.name}{rate}", stage.colour, frequency, power))
     return _SpectrumLines(lines, unit)
 
 

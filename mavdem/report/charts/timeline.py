@@ -13,6 +13,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis import LogAnalysis
+from mavdem.assessment.flights import settled_flight
 from mavdem.assessment.time_history import (
     AxisHistory,
     FollowedSetpoint,
@@ -104,8 +105,8 @@ class Timeline(NamedTuple):
     axis_charts: Mapping[str, Charts] = MappingProxyType({})
     """Angle, rate and rate error by axis, those that were recorded in this order."""
 
-    training_intervals: tuple[TimeInterval, ...] = ()
-    """First and last time, s, of each part of the flight that the model was trained on."""
+    grey_intervals: tuple[TimeInterval, ...] = ()
+    """First and last time, s, of each part that is grey: settled flight of a log, what a live model was trained on."""
 
     modes: tuple[Span, ...] = ()
     """Flight modes in order of time."""
@@ -221,7 +222,7 @@ class Timeline(NamedTuple):
         return self.time_axis._replace(limits=self.span)
 
     def marked(self, chart: Chart) -> Chart:
-        """Adds what all charts of this flight have in common: the time range, marks at events, and training intervals.
+        """Adds what all charts of this flight have in common: the time range, marks at events, and grey intervals.
 
         Where the labels of marks would overlap, a page draws only the label of the first one in the order of the marks.
         So how the flight was lost comes first, then alarms, then other events, the latest first in each.
@@ -229,8 +230,8 @@ class Timeline(NamedTuple):
         Args:
             chart: a chart over time. Marks and spans that it has already are replaced.
         """
-        training_spans = tuple(Span(start, end) for start, end in self.training_intervals)
-        return chart._replace(x=self._time_axis, marks=self._event_marks(), spans=training_spans)
+        grey_spans = tuple(Span(start, end) for start, end in self.grey_intervals)
+        return chart._replace(x=self._time_axis, marks=self._event_marks(), spans=grey_spans)
 
     def _event_marks(self) -> tuple[Mark, ...]:
         """Returns a mark for each event whose time is known, the most important event first."""
@@ -296,9 +297,13 @@ def assessment_timeline(
     torque_chart = _wind_torque_chart(assessment.analyses)
     if torque_chart.lines:
         wind_charts.append(torque_chart)
-    training_intervals = [(flight.time[0], flight.time[-1]) for flight in analysis.flights]
+    settled_intervals = [
+        (segment.start, segment.end)
+        for segment in settled_flight(evidence.signals)
+        if segment.boot == history.segment.boot
+    ]
     return timeline._replace(
-        training_intervals=tuple(training_intervals), wind_charts=tuple(wind_charts)
+        grey_intervals=tuple(settled_intervals), wind_charts=tuple(wind_charts)
     )
 
 
@@ -752,13 +757,11 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
         drawn_charts.append(over_time("Battery", "V", voltage_lines))
     position = _live_position(history, columns)
     headings = np.degrees(columns.yaw[np.isfinite(columns.yaw)]) % FULL_TURN
-    training_intervals = [
-        (start - offset, end - offset) for start, end in history.learned_intervals
-    ]
+    learned_intervals = [(start - offset, end - offset) for start, end in history.learned_intervals]
     return Timeline(
         flight_charts=tuple(drawn_charts),
         span=(time[0], time[-1]),
-        training_intervals=tuple(training_intervals),
+        grey_intervals=tuple(learned_intervals),
         position=position,
         heading=float(headings[-1]) if len(headings) else None,
         time_axis=_time_axis_of_boot(history),

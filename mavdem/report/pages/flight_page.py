@@ -29,6 +29,7 @@ from mavdem.facts.event import Event
 from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.loops import GainFact, LoopAction
+from mavdem.facts.power import PowerLight
 from mavdem.facts.session import LinkFact, RowsFact, SessionFact, TimeUse
 from mavdem.facts.watch import WatchFact
 from mavdem.facts.wind import WindLight
@@ -54,7 +55,7 @@ from mavdem.report.labels import Labels
 from mavdem.report.lights import lights_with_reason_once
 from mavdem.report.notch_trial import NotchTrial, notch_trial
 from mavdem.report.numbers import display_unit, with_unit
-from mavdem.report.pages.hardware_chapters import hardware_chapters
+from mavdem.report.pages.hardware_chapters import HARDWARE_TITLE, hardware_chapters
 from mavdem.report.pages.loop_chapters import (
     TUNING_TITLE,
     loops_chapters,
@@ -72,7 +73,6 @@ from mavdem.report.pages.page import (
     Head,
     PageEvent,
     Section,
-    anchor_of,
     render_document,
 )
 from mavdem.report.pages.page_link import PageLink
@@ -129,6 +129,9 @@ CHAPTER_OF_LIGHT = {
     Light.LOG: LOG_TITLE,
 }
 """Title of the chapter with more about each light; a chapter is open where one of its lights is not good."""
+
+SUPPLY_CODES = (PowerLight.SUPPLY_HELD, PowerLight.SUPPLY_LOW, PowerLight.SUPPLY_FELL)
+"""Findings of the light of power that are about the supply of the autopilot's board, not about a battery."""
 
 GAINS_TITLE = "Gains"
 """Title of a live page's chapter with the gains that were advised after a landing."""
@@ -220,7 +223,7 @@ def log_page(
             events=events,
             timeline=timeline,
             analysis=assessment.analysis,
-            light_anchors=_anchors_of_lights(chapters),
+            light_anchors=_anchors_of_lights(chapters, assessment.lights),
             path=flown_path(timeline, MapWind.of_flight(assessment.wind)),
             changes=changes,
             day_in_name=day_in_file_name(Path(assessment.log.source).name),
@@ -331,10 +334,33 @@ def _explains_headline(title: str, lights: NamedFacts, headline: Fact) -> bool:
         lights: the judgement of each part of the vehicle by name, a fact (a coded finding) with a level.
         headline: the fact in the headline.
     """
-    for light, title_of_light in CHAPTER_OF_LIGHT.items():
-        if title_of_light == title and light in lights and lights[light].code is headline.code:
-            return True
-    return False
+    return any(lights[light].code is headline.code for light in lights_of_chapter(title, lights))
+
+
+def chapter_of_light(light: Light, fact: Fact) -> str:
+    """Returns the title of the chapter with more about a light.
+
+    The board's supply is plotted with the hardware, the batteries in the chapter of what a vehicle has several of.
+
+    Args:
+        light: the light.
+        fact: what it states.
+    """
+    return HARDWARE_TITLE if fact.code in SUPPLY_CODES else CHAPTER_OF_LIGHT[light]
+
+
+def lights_of_chapter(title: str, lights: NamedFacts) -> list[Light]:
+    """Returns the lights that a chapter of a page explains.
+
+    Args:
+        title: title of the chapter.
+        lights: the judgement of each part of the vehicle by name, a fact (a coded finding) with a level.
+    """
+    return [
+        light
+        for light in CHAPTER_OF_LIGHT
+        if light in lights and chapter_of_light(light, lights[light]) == title
+    ]
 
 
 def _levels_of_chapter(chapter: Chapter, lights: NamedFacts) -> set[Level]:
@@ -351,20 +377,26 @@ def _levels_of_chapter(chapter: Chapter, lights: NamedFacts) -> set[Level]:
         The levels; empty for a chapter that nothing judges.
     """
     levels = set()
-    for light, title in CHAPTER_OF_LIGHT.items():
-        if title == chapter.title and light in lights:
-            levels.add(lights[light].level)
+    for light in lights_of_chapter(chapter.title, lights):
+        levels.add(lights[light].level)
     if chapter.level is not None:
         levels.add(chapter.level)
     return levels
 
 
-def _anchors_of_lights(chapters: Sequence[Chapter]) -> dict[str, str]:
-    """Returns the anchor of the chapter about each light, as far as the page has it."""
-    titles = {chapter.title for chapter in chapters if chapter.has_content}
-    return {
-        str(light): anchor_of(title) for light, title in CHAPTER_OF_LIGHT.items() if title in titles
-    }
+def _anchors_of_lights(chapters: Sequence[Chapter], lights: NamedFacts) -> dict[str, str]:
+    """Returns the anchor of the chapter about each light, as far as the page has it.
+
+    Args:
+        chapters: the chapters of the page.
+        lights: the judgement of each part of the vehicle by name, a fact (a coded finding) with a level.
+    """
+    anchors = {}
+    for chapter in chapters:
+        if chapter.has_content:
+            for light in lights_of_chapter(chapter.title, lights):
+                anchors[str(light)] = chapter.anchor
+    return anchors
 
 
 def _numbered_events(
@@ -501,12 +533,30 @@ def _flight_chapters(
         instances = instance_table(
             assessment.instances, assessment.lights[Light.VIBRATION], has_flown=evidence.has_flown
         )
-        # The vibration of the IMUs in the table has a light and a chapter of its own.
-        level_scope = " (power and estimator)"
+        level_scope = scope_of_instances_level(assessment.lights)
         yield Chapter(INSTANCES_TITLE, [instances], level_scope=level_scope)
     if is_full:
         yield from hardware_chapters(evidence, assessment.lights, timeline)
     yield parameters_chapter(evidence.signals.telemetry, is_full=is_full)
+
+
+def scope_of_instances_level(lights: NamedFacts) -> str:
+    """Returns the lights that have the level of the chapter of batteries, sensors, estimators and outputs.
+
+    The vibration of the IMUs in that chapter has a light and a chapter of its own.
+
+    Args:
+        lights: the judgement of each part of the vehicle by name, a fact (a coded finding) with a level.
+
+    Returns:
+        Text that follows the level, such as " (power)"; empty if no light is about the chapter.
+    """
+    levels = {light: lights[light].level for light in lights_of_chapter(INSTANCES_TITLE, lights)}
+    if not levels:
+        return ""
+    worst_level = min(levels.values(), key=CHAPTER_LEVELS.index)
+    names = [str(light) for light, level in levels.items() if level is worst_level]
+    return f" ({' and '.join(names)})"
 
 
 def _trust_chapter(trust_of_boots: Sequence[SensorTrust]) -> Chapter:

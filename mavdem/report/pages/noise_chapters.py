@@ -37,6 +37,11 @@ UNNAMED_LINE_CAPTION = f"""\
  shows."""
 """What stands below spectra with such a line."""
 
+SLOW_SPECTRUM_CAPTION = """\
+After the filters the log has only {rate:.0f} Hz: what they pass above {nyquist:.0f} Hz appears below it (aliasing),\
+ and may raise that line above the other. So the two lines do not show how much the filters remove."""
+"""What stands below spectra of a sensor that was sampled more slowly after its filters than before."""
+
 
 def vibration_chapter(
     assessment: Assessment, timeline: Timeline | None, *, has_spectrograms: bool
@@ -133,8 +138,15 @@ def _spectra(noise: MeasuredNoise, sensor: str, loop: Loop | None = None) -> lis
         return []
     charts = axis_spectrum_charts(noise, loop, sensor, AXES_OF_SENSORS.get(sensor, AXES))
     mark_names = {mark.name for chart in charts.values() for mark in chart.marks}
-    caption = UNNAMED_LINE_CAPTION if UNNAMED_LINE in mark_names else ""
-    return [Group.of_axes({axis: [chart] for axis, chart in charts.items()}, caption=caption)]
+    captions = []
+    if UNNAMED_LINE in mark_names:
+        captions.append(UNNAMED_LINE_CAPTION)
+    slow_spectrum = noise.slow_filtered_spectrum(sensor)
+    if slow_spectrum is not None:
+        nyquist = slow_spectrum.nyquist_frequency
+        captions.append(SLOW_SPECTRUM_CAPTION.format(rate=2 * nyquist, nyquist=nyquist))
+    charts_of_axes = {axis: [chart] for axis, chart in charts.items()}
+    return [Group.of_axes(charts_of_axes, caption=" ".join(captions))]
 
 
 def _spectrograms(noise: MeasuredNoise, sensor: str, timeline: Timeline | None) -> list[Group]:

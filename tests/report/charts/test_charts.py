@@ -117,8 +117,8 @@ def response():
     )
 
 
-def spectrum(name):
-    frequency = np.linspace(0, 500, 513)
+def spectrum(name, highest=500.0):
+    frequency = np.linspace(0, highest, 513)
     density = default_rng(1).random((40, 3, 513)) + 100 * (abs(frequency - 140) < 5)
     time = np.arange(40.0)
     return Spectrum(name, "rad/s", "GYR", frequency, time, density, 0.4 + time / 100, time + 50)
@@ -178,6 +178,10 @@ def test_spectra_have_their_lines_and_the_filters_over_them():
         "after the filters",
         "filters",
     ]
+    spectra["gyro"] = spectrum("gyro", 25.0)
+    _, slow, _ = spectrum_chart(MeasuredNoise(spectra, {}), loop).lines
+    assert slow.name == "after the filters (50 Hz only)"
+    spectra["gyro"] = spectrum("gyro")
     assert chart.lines[2].is_on_right_axis and chart.lines[2].y[0] == approx(0.0, abs=0.1)
     axes = axis_spectrum_charts(MeasuredNoise(spectra, {}), None, "gyro", AXES)
     assert [axis.title.split(":")[0] for axis in axes.values()] == ["Roll", "Pitch", "Yaw"]

@@ -16,6 +16,7 @@ from pytest import approx, fixture, mark
 from recorded_flights import FLIGHT
 
 from mavdem.assessment.assess import assess
+from mavdem.assessment.flights import settled_flight
 from mavdem.assessment.inventory import inventory
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
@@ -25,6 +26,7 @@ from mavdem.facts.event import Event
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.hardware import HardwareFact
 from mavdem.facts.lights import Light, Unjudged
+from mavdem.facts.power import PowerLight
 from mavdem.facts.session import SessionFact, TimeUse, VehicleFact
 from mavdem.facts.vibration import VibrationLight
 from mavdem.ingest import read_log
@@ -36,8 +38,10 @@ from mavdem.report.charts.timeline import Timeline, assessment_timeline, live_ti
 from mavdem.report.pages.flight_page import (
     LOG_TITLE,
     flight_page,
+    lights_of_chapter,
     live_page,
     log_page,
+    scope_of_instances_level,
     unfold_chapters_of_warnings,
 )
 from mavdem.report.pages.loop_chapters import TUNING_TITLE
@@ -136,7 +140,31 @@ def test_a_line_divides_the_events_of_two_boots():
 @mark.slow
 def test_a_timeline_goes_on_for_seconds_after_the_vehicle_was_disarmed(analysed):
     evidence = replace(analysed.evidence, signals=Signals(Hover().telemetry()))
-    assert assessment_timeline(replace(analysed, evidence=evidence)).span[1] > 75.0
+    timeline = assessment_timeline(replace(analysed, evidence=evidence))
+    assert timeline.span[1] > 75.0
+
+
+@mark.slow
+def test_settled_flight_is_grey_where_no_model_is_learned_from_it(analysed):
+    evidence = replace(analysed.evidence, signals=Signals(Hover().telemetry()))
+    without_model = replace(analysed.analysis, flights=())
+    assessed = replace(analysed, evidence=evidence, analyses={"roll": without_model})
+    ((start, end),) = assessment_timeline(assessed).grey_intervals
+    (settled,) = settled_flight(evidence.signals)
+    assert (start, end) == (settled.start, settled.end) and end - start > 20.0
+
+
+def test_the_board_supply_leads_to_the_hardware_and_the_rest_is_named_by_its_light():
+    """The supply is watched and plotted with the hardware; batteries and estimators stay in their chapter."""
+    battery = Fact(PowerLight.BATTERY_LOW, Level.WATCH)
+    supply = Fact(PowerLight.SUPPLY_LOW, Level.WATCH)
+    estimator = Fact(EstimatorLight.FILTER_AGREED, Level.GOOD)
+    with_supply = {Light.POWER: supply, Light.ESTIMATOR: estimator}
+    with_battery = {Light.POWER: battery, Light.ESTIMATOR: estimator}
+    assert lights_of_chapter("Hardware", with_supply) == [Light.POWER]
+    assert lights_of_chapter("Hardware", with_battery) == []
+    assert scope_of_instances_level(with_supply) == " (estimator)"
+    assert scope_of_instances_level(with_battery) == " (power)"
 
 
 @fixture(scope="module")
@@ -434,7 +462,7 @@ def test_a_live_flight_has_what_was_trained_on_and_no_wind_below_0():
     add_flight(history, 2.0, segment=1, start=105.0, learnt=False)
     timeline = live_timeline(history, "roll")
     above, below = timeline.overview
-    assert len(above.spans) == len(timeline.training_intervals) == 1 and "°/s²" in below.y.label
+    assert len(above.spans) == len(timeline.grey_intervals) == 1 and "°/s²" in below.y.label
     for time in (120.0, 121.0):
         history.add_row(
             2, time, np.zeros(2), None, (0.5, 2.0, 0.0, 0.1, 0.0, 0.1, 0.2, 3.0, 4.0, 12.0)
