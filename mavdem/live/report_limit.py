@@ -84,9 +84,9 @@ class ReportLimit:
     def pop_omitted_states(self, now: float, *, is_at_end: bool) -> Facts:
         """Returns states whose reports were left out, so that the last report that is shown states the present one.
 
-        For example, if a landed state that flaps between ground and air is last shown as "in the air", and the report
-        "on the ground" was left out after it, this report is returned. A kind of state is one that a vehicle has, such
-        as the landed state; if a left-out report repeats the shown one, nothing is returned of this kind.
+        For example, a land detector flaps between ground and air. If the last report that is shown is "in the air", and
+        a later one, "on the ground", was left out, this later one is returned. A state that is the same as the one that
+        is shown is not reported again.
 
         Args:
             now: present time, s of the monotonic clock.
@@ -122,13 +122,14 @@ def _kind_of(fact: Fact) -> str | None:
     """Returns the kind of a report whose number is limited; None for one that is always reported.
 
     Args:
-        fact: the report; a text may also be the reason of an alarm.
+        fact: the report, such as a text of the autopilot, a change of a state, or an alarm.
     """
+    # An alarm may have the quoted text as its reason.
     reason = fact.figures.get("reason")
     quoted_fact = reason if fact.code is SessionFact.ALARM and reason is not None else fact
     if quoted_fact.code is ReportedEvent.AUTOPILOT_SAID:
         return TEXT_KIND
     if fact.is_watch_or_bad:
-        # A failsafe may be the cause of a mode.
+        # A change of a state that is a fault, such as a mode that a failsafe has chosen, is always reported.
         return None
     return KIND_OF_STATE.get(fact.code)

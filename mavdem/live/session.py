@@ -609,6 +609,7 @@ class LiveSession:
             former_reason: the reason before the change; None if a model was being learned.
             status: the present status of the session.
         """
+        # The first model is there as soon as the first fit, which was the reason until now, has ended.
         is_first_model = reason is None and former_reason == FIRST_FIT_RUNNING
         # While a vehicle is out of control in the air, its alarm is reported, and learning does not matter.
         is_out_of_control = status.is_flying and status.loss is not None

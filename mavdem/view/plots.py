@@ -94,6 +94,8 @@ class Lines:
             # A vertical stroke consists of two points at the same time.
             time = np.repeat(time, 2)
             values = values.reshape(-1, 1)
+        # Rerun takes the values of all samples one after the other, and how many of them belong to each sample: one for
+        # each line.
         columns = rr.Scalars.columns(scalars=values.ravel())
         rows = columns.partition([len(self.names)] * len(time))
         recording.send_columns(self.path, [rr.TimeColumn(BOOT_CLOCK, duration=time)], rows)
