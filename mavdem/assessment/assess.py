@@ -32,7 +32,6 @@ from mavdem.assessment.saturated_motor import (
     with_saturated_motor,
 )
 from mavdem.assessment.separate_flights import RecordedFlight, separate_flights
-from mavdem.assessment.severity import severity_rank
 from mavdem.assessment.vehicle_verdict import RecordedVehicle, VehicleVerdict
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.flights import choose_vehicle, matching_vehicles, names_of_vehicles
@@ -155,12 +154,9 @@ def _worst_vehicle(
         with progress(f"Judging vehicle {name}", measured=False):
             assessments.append(assess_recording(log, Signals(telemetry), axis, without_model))
 
-    def severity(number: int) -> tuple[bool, int, int]:
-        """Returns the key by which vehicles are sorted from the worst to the best, by the number of the vehicle."""
-        assessment = assessments[number]
-        return not assessment.has_settled_flight, *severity_rank(assessment.headline)
-
-    worst_number, *other_numbers = sorted(range(len(vehicles)), key=severity)
+    worst_number, *other_numbers = sorted(
+        range(len(vehicles)), key=lambda number: assessments[number].severity_key
+    )
     other_verdicts = []
     for number in other_numbers:
         other_verdicts.append(VehicleVerdict(names[number], assessments[number].stated_headline))
@@ -190,7 +186,7 @@ def assess_recording(
         axis, options, progress, show_findings: as for :func:`assess_signals`, which raises the same errors.
 
     Returns:
-        The assessment. Of flights that are equally bad the first is assessed.
+        The assessment. Of flights that are equally bad the latest is assessed.
     """
     flights = separate_flights(signals)
     if not flights:

@@ -51,6 +51,10 @@ class FlightVerdict(NamedTuple):
 def worst_first(verdicts: Sequence[FlightVerdict]) -> list[FlightVerdict]:
     """Returns the verdicts on flights from the worst to the best: a crash comes before a weak motor.
 
-    Those that are as bad (``severity_rank``) stay in their order.
+    Of flights that are as bad (``severity_rank``) the latest comes first: its next step is the one to take.
+
+    Args:
+        verdicts: the verdicts in the order of the flights.
     """
-    return sorted(verdicts, key=lambda verdict: severity_rank(verdict.judgement.headline))
+    latest_first = reversed(verdicts)
+    return sorted(latest_first, key=lambda verdict: severity_rank(verdict.judgement.headline))

@@ -23,6 +23,7 @@ from mavdem.assessment.inventory import VehicleContents, inventory
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.noise_spectra import MeasuredNoise, measure_noise
 from mavdem.assessment.separate_flights import RecordedFlight
+from mavdem.assessment.severity import severity_rank
 from mavdem.assessment.simulation import simulation_fact
 from mavdem.assessment.vehicle_verdict import RecordedVehicle, VehicleVerdict
 from mavdem.containers import JsonValues
@@ -159,6 +160,15 @@ class Assessment:
     def has_settled_flight(self) -> bool:
         """Whether the vehicle flew settled, so that its flight allows some kind of model (a tier)."""
         return any(analysis.tier.tier is not None for analysis in self.analyses.values())
+
+    @property
+    def severity_key(self) -> tuple[bool, int, int]:
+        """Key by which vehicles of a recording are sorted: those that flew come first, and of them the worst.
+
+        A vehicle that was lost before its flight was settled flew too: so does one with another bad headline.
+        """
+        has_not_flown = not self.has_settled_flight and not self.headline.is_bad
+        return has_not_flown, *severity_rank(self.headline)
 
     @property
     def recorded_signals(self) -> Signals | None:

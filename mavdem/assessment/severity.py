@@ -23,17 +23,18 @@ def severity_rank(fact: Fact) -> tuple[int, int]:
 
     Returns:
         Two numbers, both the lower the worse. The first is of the level. The second is 0 for the loss of a flight, such
-        as a crash, 1 for what else happened to the vehicle, 2 for what its parts or the autopilot show, such as a weak
-        motor, and from 3 on for ``LESSER_EVENTS``.
+        as a crash, 1 for what else happened to the vehicle, 2 for what forbids to fly before a repair, such as a weak
+        motor, 3 for what else its parts or the autopilot show, such as a small margin, and from 4 on for
+        ``LESSER_EVENTS``.
     """
     rank_of_level = -LEVELS_BY_SEVERITY.index(fact.level)
     if fact.code is WatchFact.ALARM_OVER:
         _, rank_of_subject = severity_rank(fact.figures["reason"])
         return rank_of_level, rank_of_subject
     if fact.code in LESSER_EVENTS:
-        return rank_of_level, 3 + LESSER_EVENTS.index(fact.code)
+        return rank_of_level, 4 + LESSER_EVENTS.index(fact.code)
     if isinstance(fact.code, Ending) or fact.code in FALLS:
         return rank_of_level, 0
     if isinstance(fact.code, MotionEvent):
         return rank_of_level, 1
-    return rank_of_level, 2
+    return rank_of_level, 2 if fact.forbids_flight else 3

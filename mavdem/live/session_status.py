@@ -372,8 +372,7 @@ class SessionStatus(ImmutableResult):
         is_from_before_restart = latest_verdict.is_lost_in_air and not self.is_recording_judged
         if not is_of_earlier_flight and not is_from_before_restart:
             latest_verdict = latest_verdict._replace(judgement=self.overall_judgement)
-        # Of flights that are as bad, the latest comes first: its next step is the one to take.
-        return worst_first([latest_verdict, *reversed(earlier_verdicts)])
+        return worst_first([*earlier_verdicts, latest_verdict])
 
     @property
     def worst_earlier_verdict(self) -> FlightVerdict | None:

@@ -20,7 +20,6 @@ from mavdem.assessment import Assessment
 from mavdem.assessment.assess import assess_recording
 from mavdem.assessment.flown_flights import flown_flights
 from mavdem.assessment.reported import reported_events
-from mavdem.assessment.severity import severity_rank
 from mavdem.assessment.time_history import time_history
 from mavdem.containers import JsonValues
 from mavdem.dataset.signals import Signals
@@ -63,12 +62,6 @@ class AssessedVehicle(NamedTuple):
     """assessment of its flight"""
     rows: FlightRows
     """its rows for the fleet, one for each axis"""
-
-    @property
-    def severity_key(self) -> tuple[bool, int, int]:
-        """Key by which vehicles are sorted: those that flew come first, and of them those with the worst headlines."""
-        has_not_flown = not self.rows[0].has_flight
-        return has_not_flown, *severity_rank(self.assessment.headline)
 
 
 class ProgressFile:
@@ -236,7 +229,7 @@ def _assessed_vehicles(log: Log, progress: ProgressFile) -> list[AssessedVehicle
         progress.report(Stage.LEARNING, **_assessment_columns(assessment))
         rows = rows_of_assessment(assessment.with_axis(ADDITIONAL_AXIS), log.source)
         vehicles.append(AssessedVehicle(assessment, rows))
-    return sorted(vehicles, key=lambda vehicle: vehicle.severity_key)
+    return sorted(vehicles, key=lambda vehicle: vehicle.assessment.severity_key)
 
 
 def _write_results(vehicles: Sequence[AssessedVehicle], folder: Path) -> list[str]:

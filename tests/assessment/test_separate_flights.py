@@ -145,7 +145,8 @@ def test_the_worst_flight_is_assessed_and_its_gains_are_lowered_to_two_thirds(as
     # The vehicle still has the gain of the last flight, and two thirds of the first one's are less.
     assert advice.figures["changes"][0] == ("ATC_RAT_RLL_P", 1.9, approx(1.508))
     verdicts = assessment.flight_verdicts
-    assert [verdict.number for verdict in verdicts] == [1, 2, 3]
+    # Flights 2 and 3 are as good, and the latest comes first.
+    assert [verdict.number for verdict in verdicts] == [1, 3, 2]
     assert [verdict.fact.level is Level.BAD for verdict in verdicts] == [True, False, False]
 
 
@@ -173,6 +174,19 @@ def test_of_several_vehicles_each_is_judged_and_the_report_is_of_the_worst():
     document = complete_document("review", review_document(assessment))
     assert [fact["figures"]["name"] for fact in document["vehicles_facts"]] == ["2:1", "1:1"]
     assert not assess(log, "1", options=Options(with_model=False)).vehicle_verdicts
+
+
+def test_a_vehicle_that_was_lost_before_it_flew_settled_is_worse_than_one_that_flew_well():
+    evidence = evidence_of(Signals(ShortHover().telemetry(RATE, RATE)))
+    lost = Assessment(evidence.log, unjudged(Fact(Ending.TIPPED_OVER, Level.BAD)), evidence)
+    unflown = replace(lost, judgement=unjudged(Fact(MarginsLight.MARGINS_UNKNOWN, Level.UNKNOWN)))
+
+    class SettledAssessment(Assessment):
+        has_settled_flight = True
+
+    good = Fact(MarginsLight.NO_RESONANCE, Level.GOOD)
+    sound = SettledAssessment(evidence.log, unjudged(good), evidence)
+    assert lost.severity_key < sound.severity_key < unflown.severity_key
 
 
 def test_an_event_in_the_headline_is_of_one_of_the_flights_that_are_judged_together():

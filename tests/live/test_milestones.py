@@ -18,6 +18,7 @@ from mavdem.facts.assessment import Headline
 from mavdem.facts.ending import Ending
 from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light
+from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.power import PowerLight
 from mavdem.facts.session import RowsFact, SessionFact
@@ -195,7 +196,17 @@ def test_a_crash_comes_before_a_weak_motor_whatever_the_order_of_the_flights():
     sound = Fact(Headline.NOTHING_WRONG, Level.GOOD)
     headlines = (sound, over, weak, crash, stopped)
     verdicts = [verdict(number, headline) for number, headline in enumerate(headlines, 1)]
-    assert [each.number for each in worst_first(verdicts)] == [4, 5, 2, 3, 1]
+    assert [each.number for each in worst_first(verdicts)] == [5, 4, 3, 2, 1]
+
+
+def test_what_forbids_to_fly_comes_before_a_small_margin_of_a_later_flight():
+    oscillates = Fact(MarginsLight.OSCILLATES, Level.BAD)
+    small_margin = Fact(MarginsLight.LOOP_MARGINS, Level.BAD)
+    verdicts = [
+        FlightVerdict(1, unjudged(oscillates)),
+        FlightVerdict(2, unjudged(small_margin)),
+    ]
+    assert [each.number for each in worst_first(verdicts)] == [1, 2]
 
 
 def test_a_landed_state_that_flaps_fills_no_memory_and_hides_no_crash():
