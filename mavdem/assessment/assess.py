@@ -144,8 +144,9 @@ def _worst_vehicle(
         axis, options, progress: as for :func:`assess`.
 
     Returns:
-        The worst vehicle, and the verdicts on the others. Vehicles that flew come first, as in a library
-        (``mavdem serve``); of vehicles that are equally bad the first is the worst.
+        The worst vehicle, and the verdicts on the others: their names with their headlines. A vehicle that flew comes
+        before all that did not, as in a library (``mavdem serve``). Of vehicles that are equally bad the first is the
+        worst.
     """
     without_model = replace(options or Options(), with_model=False)
     names = names_of_vehicles(vehicles)
@@ -175,6 +176,9 @@ def assess_recording(
     show_findings: ShowFindings = ignore_findings,
 ) -> Assessment:
     """Returns the assessment of the worst flight of a vehicle's recording, with the verdicts on the others.
+
+    A verdict is the number of a flight with its headline and status lights. All flights are judged without a model,
+    which takes most of the time, and then the worst one is assessed with it.
 
     Flights between which the autopilot restarted on the ground are judged each by itself
     (``mavdem.assessment.separate_flights``): each with its own parameters, and none by the messages of another. A

@@ -312,8 +312,9 @@ class Evidence:
     def settled_segments(self, excluded_modes: frozenset[str]) -> Segments:
         """Returns the segments of settled flight until the vehicle was lost, without some flight modes.
 
-        In some modes the autopilot excites the vehicle itself, or has no setpoint of the angle. There the motion does
-        not show how well the vehicle follows its setpoints.
+        Settled flight is flight without take-off, landing and large manoeuvres. In some modes the autopilot excites the
+        vehicle itself, or has no setpoint of the angle. There the motion does not show how well the vehicle follows its
+        setpoints.
 
         Args:
             excluded_modes: names of ArduPilot's flight modes.

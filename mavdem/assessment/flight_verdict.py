@@ -43,7 +43,10 @@ class FlightVerdict(NamedTuple):
 
     @property
     def fact_in_next_flight(self) -> Fact:
-        """The fact at the beginning of the next flight, of which it is no alarm: at most of level "watch"."""
+        """The headline of this flight as it is shown at the beginning of the next one.
+
+        It is at most of level "watch": a fault of the flight before is no alarm about the present one.
+        """
         fact = self.fact
         return fact.replace(Level.WATCH) if fact.is_bad else fact
 

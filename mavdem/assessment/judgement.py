@@ -91,9 +91,11 @@ def judge(
 
 
 def lights_without_loops(evidence: Evidence) -> dict[str, Fact]:
-    """Judges the status lights that do not depend on the control loops, such as power, as :func:`judge` shows them.
+    """Judges the status lights that do not depend on the control loops, such as power.
 
-    If the vehicle must not fly as it is, the lights are shown without advice to fly (``Fact.without_flight_advice``).
+    A light is a fact that judges one subject by its level, such as good or bad. These lights can be shown while the
+    loops are still computed, which takes longer. If the vehicle must not fly as it is, they have no advice to fly
+    (``Fact.without_flight_advice``).
 
     Args:
         evidence: signals, events and measurements of the vehicle; its loops need not be known yet.

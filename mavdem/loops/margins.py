@@ -195,6 +195,7 @@ class OpenLoop(Margins):
         The bandwidth is the lowest frequency at which the closed loop crosses −3 dB, interpolated as the crossings of
         the open loop are (``open_loop_characteristics``); without a crossing it is NaN.
         """
+        # Where the closed loop's gain minus that at −3 dB is 0. Frequencies are interpolated by their logarithms.
         half_power_crossings = _ZeroCrossings.of_rows(
             np.abs(self.closed_loop_response) - HALF_POWER_GAIN
         )

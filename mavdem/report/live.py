@@ -87,11 +87,12 @@ def status_line_text(status: SessionStatus) -> str:
         names = [name for name, light in judged_lights.items() if light.level is level]
         if names:
             lights_of_levels.append(f"{level}: {', '.join(names)}")
-    # The template "live_line" makes one sentence of all these.
     judgement = status.session_judgement
     first_step = ""
     if judgement.headline.is_bad:
+        # Of several sentences on the next step only the first one has room in the line.
         first_step, *_ = str(judgement.next_step).split(". ")
+    # The section of templates "live_line" makes one sentence of all these.
     [sentence] = render_section(
         "live_line", status=status, lights=lights_of_levels, first_step=first_step
     )
@@ -182,7 +183,7 @@ def live_alarm(status: SessionStatus) -> str:
         return ""
     reason_to_land = None
     if judgement.next_step.code is NextStep.LAND_NOW:
-        # The strip names what is wrong with the vehicle, also where its link was lost since.
+        # The alarm names what is wrong with the vehicle, even if its link was lost since.
         reason_to_land = cause_of_alarm(judgement.next_step.figures["reason"])
     sentences = render_section("live_alarm", alarm=reason_to_land, headline=headline)
     return " ".join(sentence.text for sentence in sentences)

@@ -178,7 +178,8 @@ def _piece_starts(length: int, horizon: int) -> range:
 
     Args:
         length: number of samples of the segment.
-        horizon: number of samples of each simulation; a piece has twice as many and one more.
+        horizon: number of samples of each simulation. A piece has one sample from which the filter starts, then one
+            horizon over which it converges, and then the horizon that is simulated.
 
     Returns:
         The first sample of each piece; none if the segment is too short for a piece.

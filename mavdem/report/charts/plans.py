@@ -115,6 +115,7 @@ class _DrawnCommands(NamedTuple):
             description="Median command at the failure, of its range, and in the flight before",
             commands=failure.at_failure,
             remarks=[f"usual {100 * usual_command:.0f} %" for usual_command in failure.usual],
+            # The drawing shows a motor that failed, and no trim deviations, which describe the hover.
             imbalance=(0.0,) * len(failure.at_failure),
         )
 

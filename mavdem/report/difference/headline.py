@@ -237,12 +237,12 @@ def with_evidence(
 
 
 def _sentence_on_watched_motors(reviewed: ReviewedDifference) -> list[Sentence]:
-    """Returns the headline's sentence on the motors where the two logs judge them differently.
+    """Returns the headline's sentence on the motors, if their status light (the judgement of them) differs in two logs.
 
     It is for motors whose status light is bad in neither log: bad lights have their own sentences.
 
     Args:
-        reviewed: comparison of the two states, with the reviews of both logs and their verdict on the motors.
+        reviewed: comparison of the two states, with the reviews of both logs and the comparison of their motors.
 
     Returns:
         A list with one sentence; empty if the lights of the motors agree.

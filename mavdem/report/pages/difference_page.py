@@ -169,6 +169,7 @@ def _headline_in_two_sizes(reviewed: ReviewedDifference, headline: Sequence[Sent
     cautions = identity_cautions(reviewed)
     watched_lights = sentences_on_watched_lights(reviewed.reviews)
     blocks = Blocks()
+    # Once this is False, all further sentences are in usual text.
     may_be_large = True
     for sentence in headline:
         if sentence in watched_lights:

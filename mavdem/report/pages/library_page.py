@@ -336,6 +336,8 @@ def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values
         next_step = texts.next_step
     groups: list[Group] = []
     if len(flights) > 1:
+        # Points of the charts link to the pages of their flights, "/f/ID". A flight is found among the entries of the
+        # library by the hash of its log's content.
         ids = {entry.content_hash: entry.id for entry in values.get("entries", ())}
         addresses = []
         for flight in flights:
