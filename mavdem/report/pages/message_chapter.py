@@ -16,7 +16,10 @@ SEVERITY_NAMES = (*SEVERITIES, "notice", "info", "debug")
 """Names of the MAV_SEVERITY values 0 to 7."""
 
 MAX_MESSAGES = 300
-"""Largest number of messages that a page lists: a choice, four times as many as in a usual log, at most 50 kB."""
+"""Largest number of messages that a page lists: a choice, four times as many as in a usual log."""
+
+MAX_TEXT_LENGTH = 500
+"""Characters of a text that a page shows: ten times those of a STATUSTEXT. Damaged logs may have far longer ones."""
 
 
 class RepeatedMessage(NamedTuple):
@@ -109,7 +112,8 @@ def _message_table(messages: Sequence[RepeatedMessage], charts_boot: int | None)
         row: list[str] = [_moment(entry.message, charts_boot, has_one_boot=len(boots) == 1)]
         if has_levels:
             row.append(_level(entry))
-        row.append(entry.message.text)
+        text = entry.message.text
+        row.append(text if len(text) <= MAX_TEXT_LENGTH else f"{text[: MAX_TEXT_LENGTH - 1]}…")
         if has_repetitions:
             row.append(f"{entry.total} times" if entry.total > 1 else "")
         rows.append(row)

@@ -7,7 +7,7 @@ from mavdem.facts import Level
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import NO_SEVERITY
 from mavdem.report.blocks import Moment
-from mavdem.report.pages.message_chapter import MAX_MESSAGES, messages_chapter
+from mavdem.report.pages.message_chapter import MAX_MESSAGES, MAX_TEXT_LENGTH, messages_chapter
 from mavdem.report.pages.page import render_document
 
 
@@ -82,3 +82,10 @@ def test_warnings_are_kept_and_printed_of_more_messages_than_a_page_lists():
     assert 'data-at="1000.0"' in rows and 'href="#t=1000.00"' in rows
     quiet = messages_chapter(vehicle_that_wrote(*many[:3]), 0)
     assert chapter.is_printed and not quiet.is_printed
+
+
+def test_a_text_of_a_damaged_log_does_not_fill_the_page():
+    chapter = messages_chapter(vehicle_that_wrote((1.0, 0, 4, "x" * 1_000_000)), charts_boot=0)
+    text = chapter.searchable.rows[0][-1]
+    assert len(text) == MAX_TEXT_LENGTH
+    assert text.endswith("x…")
