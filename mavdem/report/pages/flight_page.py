@@ -912,7 +912,7 @@ def live_page(
         flight_number=history.flight.number,
         links=links,
         saved_flight=saved_flight,
-        is_lost_in_air=status.link_loss is not None,
+        is_lost_in_air=status.is_flying and status.loss is None,
         last_position=_position_of_lost_vehicle(status),
         alarm=live_alarm(status),
         alarm_count=history.alarm_count,
