@@ -9,9 +9,9 @@ from mavdem.arrays import Array
 from mavdem.containers import Numbers
 from mavdem.dataset.extreme_tilt import MAX_TILT
 from mavdem.dataset.setpoints import MAX_SETPOINT_AGE
-from mavdem.dataset.signals import global_positions, plane_positions
+from mavdem.dataset.signals import plane_positions
 from mavdem.dataset.steady_flight import is_far_from_setpoint
-from mavdem.ingest.vocabulary import MILLIMETRES_PER_METRE
+from mavdem.live.global_position import GlobalPosition
 from mavdem.live.messages import AttitudeSample, TiltSetpoint
 
 MAX_POSITION_AGE = 1.0
@@ -90,27 +90,23 @@ class PoseTracker:
             self.takeoff_position = None
         self._store_position(time, position, is_flying=is_flying)
 
-    def add_global_position(self, time: float, values: Numbers, *, is_flying: bool) -> None:
-        """Stores the latest position by GLOBAL_POSITION_INT; it is ignored where LOCAL_POSITION_NED comes, or 0.
+    def add_global_position(
+        self, time: float, position: GlobalPosition, *, is_flying: bool
+    ) -> None:
+        """Stores the latest position by GLOBAL_POSITION_INT; it is ignored where LOCAL_POSITION_NED comes.
 
         Args:
             time: time on the boot clock, s.
-            values: altitude above the home position, mm, latitude and longitude, units of 1e-7 degrees.
+            position: the position in the message.
             is_flying: whether the vehicle is in the air.
         """
         if self._has_local_position:
             return
-        altitude, latitude, longitude = values
-        degrees, is_fix = global_positions(
-            {"lat": np.array([latitude]), "lon": np.array([longitude])}
-        )
-        if not is_fix.all():
-            return
+        degrees = np.array([position.latitude, position.longitude])
         if self._global_origin is None:
-            self._global_origin = degrees[0]
-        [[north, east]] = plane_positions(degrees, self._global_origin).tolist()
-        down = -altitude / MILLIMETRES_PER_METRE
-        self._store_position(time, (north, east, down), is_flying=is_flying)
+            self._global_origin = degrees
+        [[north, east]] = plane_positions(degrees[np.newaxis], self._global_origin).tolist()
+        self._store_position(time, (north, east, -position.height), is_flying=is_flying)
 
     def _store_position(self, time: float, position: Numbers, *, is_flying: bool) -> None:
         """Stores the latest position, and the place of the take-off when the vehicle leaves the ground.

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from math import hypot, nan
 from typing import NamedTuple
 
@@ -291,7 +292,7 @@ class SessionStatus(ImmutableResult):
         north, east, down = np.subtract(self.position, self.takeoff_position).tolist()
         return Displacement(distance=hypot(north, east), height=-down)
 
-    @property
+    @cached_property
     def overall_judgement(self) -> Judgement:
         """Headline, next step and status lights of the flight, from the model and from the checks that need no model.
 

@@ -575,10 +575,11 @@ class LiveStream:
             _, north, east = velocity
             self._watch_drift(time, (north, east))
         elif message.name == "GLOBAL_POSITION_INT":
-            self._pose.add_global_position(time, position, is_flying=self.is_flying)
-            # Without a position fix the position before stays the latest one.
             new_position = received_position(position, self._stamp)
-            self._last_position = new_position or self._last_position
+            # Without a position fix the position before stays the latest one.
+            if new_position is not None:
+                self._last_position = new_position
+                self._pose.add_global_position(time, new_position, is_flying=self.is_flying)
         if first_wind is not None:
             self._report(first_wind)
 
