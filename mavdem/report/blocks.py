@@ -183,6 +183,11 @@ def _block_as_markdown(block: Block) -> str:
     return "\n".join(lines)
 
 
+def truncated(text: str, max_length: int) -> str:
+    """Returns a text of at most so many letters; a longer one is cut, with "…"."""
+    return text if len(text) <= max_length else f"{text[: max_length - 1]}…"
+
+
 def shortened(text: str, columns: int) -> str:
     """Returns a text in at most ``columns`` characters, at the cost of its details.
 

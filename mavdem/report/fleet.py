@@ -391,8 +391,3 @@ def _reason_for_latest_health(flights: Flights) -> str:
             if reason:
                 return reason
     return ""
-
-
-def truncated(text: str, max_length: int) -> str:
-    """Returns a text of at most so many letters; a longer one is cut, with "…"."""
-    return text if len(text) <= max_length else f"{text[: max_length - 1]}…"

@@ -12,8 +12,8 @@ from mavdem.facts.motors import MotorHealth
 from mavdem.fleet.flights import HEALTHS
 from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.fleet.row import UNKNOWN
-from mavdem.report.blocks import Blocks, Table
-from mavdem.report.fleet import ANOMALOUS_HEALTHS, truncated, vehicle_label
+from mavdem.report.blocks import Blocks, Table, truncated
+from mavdem.report.fleet import ANOMALOUS_HEALTHS, vehicle_label
 from mavdem.report.numbers import MAX_LISTED_NAMES, abbreviated_list, listed
 from mavdem.report.templates import as_clause, capitalize_first, render_section
 from mavdem.report.vehicle_summary import UnusedRow, VehicleFlights, VehicleSummary

@@ -22,6 +22,7 @@ from mavdem.report.templates import (
     as_clause,
     capitalize_first,
     first_clause,
+    first_sentence,
     headline,
     render_section,
     time_of_day,
@@ -91,7 +92,7 @@ def status_line_text(status: SessionStatus) -> str:
     first_step = ""
     if judgement.headline.is_bad:
         # Of several sentences on the next step only the first one has room in the line.
-        first_step, *_ = str(judgement.next_step).split(". ")
+        first_step = first_sentence(str(judgement.next_step))
     # The section of templates "live_line" makes one sentence of all these.
     [sentence] = render_section(
         "live_line", status=status, lights=lights_of_levels, first_step=first_step
@@ -285,17 +286,17 @@ def live_report(
     errors_at_reported_horizon = min(
         errors, key=lambda error: abs(error.seconds - REPORTED_HORIZON), default=None
     )
-    first_sentence, *state = render_section(
+    first_paragraph, *other_paragraphs = render_section(
         "live_state",
         horizon_errors=errors_at_reported_horizon,
         axis=axis,
         status=status,
         false_alarms=FALSE_ALARMS,
     )
-    blocks: Blocks = [first_sentence]
+    blocks: Blocks = [first_paragraph]
     for alarm in status.motor_alarms:
         blocks.append(Sentence(f"{as_clause(alarm.fact)}.", lead="Motors:"))
-    blocks += state
+    blocks += other_paragraphs
     if errors:
         blocks.append(_error_table(errors, axis))
     blocks += render_section(

@@ -28,7 +28,7 @@ from mavdem.loops.gain_design import EFFECTIVENESS_FACTORS, MAX_GAIN_STEP
 from mavdem.loops.identified_step import STEP_SECONDS, predicted_step
 from mavdem.loops.margins import OpenLoop
 from mavdem.report.blocks import Blocks, Sentence, Table, headline_sentence
-from mavdem.report.numbers import listed, rounded
+from mavdem.report.numbers import UNKNOWN_FIGURE, listed, rounded
 from mavdem.report.templates import render_section, sentences_by_axes
 
 
@@ -856,7 +856,7 @@ def _with_interval(value: float, interval: tuple[float, float], scale: float) ->
     text = rounded(scale * value)
     low = rounded(scale * interval[0])
     high = rounded(scale * interval[1])
-    is_unknown = "-" in (low, high)
+    is_unknown = UNKNOWN_FIGURE in (low, high)
     if is_unknown or text == low == high:
         return text
     return f"{text} ({low} to {high})"

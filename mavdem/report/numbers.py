@@ -19,11 +19,8 @@ MIN_PLAIN_DIGIT = -6
 PLAIN_SIZES = (1e-4, 1e6)
 """Sizes from which and up to which a number is written without an exponent."""
 
-NO_ESTIMATE = "-"
-"""What stands in the place of an estimate that is not finite, or whose interval is not."""
-
 UNKNOWN_FIGURE = "-"
-"""What a table shows in the place of a figure that is not known."""
+"""What stands in the place of a figure that is not known: not estimated, or not finite."""
 
 
 class DisplayUnit(NamedTuple):
@@ -145,7 +142,7 @@ def plus_minus(value: float, half_width: float) -> str:
         half_width: half width of its interval, in the same unit.
     """
     if not (isfinite(value) and isfinite(half_width)):
-        return NO_ESTIMATE
+        return UNKNOWN_FIGURE
     if half_width <= 0:
         return f"{value:.3g}"
     last_place = _last_decimal_place(half_width)
@@ -208,7 +205,7 @@ def rounded(value: float, digits: int = 2) -> str:
         digits: least number of significant digits.
     """
     if not isfinite(value):
-        return "infinite" if value > 0 else "-"
+        return "infinite" if value > 0 else UNKNOWN_FIGURE
     smallest, largest = PLAIN_SIZES
     if value == 0 or not smallest <= abs(value) < largest:
         return f"{value:z.{digits}g}"

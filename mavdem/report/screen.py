@@ -47,7 +47,6 @@ from mavdem.report.condition import air_blocks
 from mavdem.report.instances import instance_table
 from mavdem.report.labels import Labels
 from mavdem.report.numbers import (
-    NO_ESTIMATE,
     TORQUE_UNIT,
     UNKNOWN_FIGURE,
     counted,
@@ -447,7 +446,7 @@ def _motor_table(
     headers = [kind]
     rows = [[name] for name in names]
     for header, cells in columns.items():
-        is_identifiable = any(cell != NO_ESTIMATE for cell in cells)
+        is_identifiable = any(cell != UNKNOWN_FIGURE for cell in cells)
         if is_identifiable:
             headers.append(header)
             for row, cell in zip(rows, cells, strict=True):

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from math import ceil
-from typing import NamedTuple, Self
+from typing import NamedTuple, Self, TypeVar
 
 import numpy as np
 
@@ -30,6 +30,9 @@ from mavdem.report.palette import (
 from mavdem.wind_velocity.compass import compass_text
 from mavdem.wind_velocity.velocity import WindVelocity
 
+Coordinates = TypeVar("Coordinates", float, Array)
+"""One coordinate of a place, or those of many places."""
+
 HEIGHT_COLOURS = ASCENDING
 """Colours of the path by height, from the lowest fifth of the range to the highest."""
 
@@ -38,7 +41,6 @@ MODE_COLOURS = (PREDICTED, COMMAND, BASELINE, DISTURBANCE)
 
 MIN_HEIGHT_RANGE = 1.0
 """Smallest range of heights, m, that the colours are spread over: a hover does not show the noise of its height."""
-
 
 MAX_RING_RADIUS = 2 * RADIUS
 """Largest ring of distance, in units of the drawing: a take-off at one side of the path reaches its other side."""
@@ -186,19 +188,17 @@ class _MapProjection(NamedTuple):
             middle_east=(east.min() + east.max()) / 2,
         )
 
-    def x(self, east: Array) -> Array:
+    def x(self, east: Coordinates) -> Coordinates:
         """Returns coordinates to the right for positions east, m."""
         return self.scale * (east - self.middle_east)
 
-    def y(self, north: Array) -> Array:
+    def y(self, north: Coordinates) -> Coordinates:
         """Returns coordinates downward for positions north, m."""
         return -self.scale * (north - self.middle_north)
 
     def place(self, name: str, north: float, east: float) -> _Place:
         """Returns a marked place of the map, by its position north and east, m."""
-        x = self.scale * (east - self.middle_east)
-        y = -self.scale * (north - self.middle_north)
-        return _Place(name, x, y)
+        return _Place(name, self.x(east), self.y(north))
 
 
 def flown_path(timeline: Timeline | None, wind: MapWind | None = None) -> Plan | None:

@@ -11,8 +11,8 @@ from mavdem.dataset.axes import TILT_AXES
 from mavdem.fleet.flights import AxisRows, log_row, worst_health
 from mavdem.fleet.health_figures import health_figures
 from mavdem.motors.deviation import deviations_of_motors, level_balances
+from mavdem.report.blocks import truncated
 from mavdem.report.charts.chart import Axis, Chart, Group, Line, LineStyle, Mark
-from mavdem.report.fleet import truncated
 from mavdem.report.flight_lines import file_name
 from mavdem.report.numbers import TORQUE_UNIT, without_remark
 from mavdem.report.palette import BAD, LIMITED, distinct

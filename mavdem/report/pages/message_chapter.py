@@ -6,7 +6,7 @@ from typing import NamedTuple
 from mavdem.assessment.autopilot_messages import SEVERITIES, StatusText, autopilot_messages
 from mavdem.facts import Level
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.report.blocks import Moment, Rated, Sentence, Table
+from mavdem.report.blocks import Moment, Rated, Sentence, Table, truncated
 from mavdem.report.pages.page import Chapter
 
 MESSAGES_TITLE = "Messages of the autopilot"
@@ -112,8 +112,7 @@ def _message_table(messages: Sequence[RepeatedMessage], charts_boot: int | None)
         row: list[str] = [_moment(entry.message, charts_boot, has_one_boot=len(boots) == 1)]
         if has_levels:
             row.append(_level(entry))
-        text = entry.message.text
-        row.append(text if len(text) <= MAX_TEXT_LENGTH else f"{text[: MAX_TEXT_LENGTH - 1]}…")
+        row.append(truncated(entry.message.text, MAX_TEXT_LENGTH))
         if has_repetitions:
             row.append(f"{entry.total} times" if entry.total > 1 else "")
         rows.append(row)
