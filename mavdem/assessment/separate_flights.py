@@ -15,7 +15,7 @@ from mavdem.assessment.flights import flights_in_boot
 from mavdem.assessment.flown_flights import flights_and_hops, flown_flights, total_time
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.restarts import restarts
-from mavdem.dataset.parameter_history import BootTime, parameter_history_of
+from mavdem.dataset.parameter_history import BootTime, parameter_history
 from mavdem.dataset.segments import Segment, Segments, recorded_spans
 from mavdem.dataset.signals import Signals
 from mavdem.facts.events import ReportedEvent
@@ -140,7 +140,7 @@ def telemetry_of_spans(signals: Signals, spans: Segments) -> Telemetry:
         reports = _reports_until(telemetry.messages["PARAM_VALUE"], spans, end)
         if len(reports["time"]):
             messages["PARAM_VALUE"] = _with_boots_from_zero(reports, first_boot)
-    history = parameter_history_of(telemetry)
+    history = parameter_history(signals)
     values_at_start = history.at(BootTime(first_boot, -inf))
     values_at_end = history.at(end)
     initial_values = {}
