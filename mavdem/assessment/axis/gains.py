@@ -200,8 +200,7 @@ def gain_history(signals: Signals) -> list[GainSet]:
         signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
 
     Returns:
-        Sets of gains in the order of the log, each with the boot and time from which on it was valid. The first is from
-        before the log: each gain's first value in it. Every change of a value adds a set.
+        Sets of gains in the order of the log, each with the boot and time from which on it was valid.
     """
     history = parameter_history(signals)
     gains = {}
