@@ -3,7 +3,7 @@
 The rules for logs are applied to the last seconds.
 
 What those seconds alone do not show is carried on from review to review: when the flight began, and since when it is
-settled.
+settled. A flight also goes on over a silence of the link, after which it has no other take-off.
 
 A landing is known only once it has happened; the last seconds before it are then withdrawn. While the autopilot does
 not report whether it is in the air, a vehicle that descends may be landing: nothing is settled until it has not
@@ -31,6 +31,7 @@ from mavdem.dataset.time_series import AVERAGING_SECONDS, TimeSeries, recorded_s
 from mavdem.facts import Fact
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.session import SessionFact
+from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import IN_AIR, UNDEFINED_LANDED_STATE
 from mavdem.live.live_signals import LiveSignals
@@ -193,6 +194,16 @@ class FlightPhase:
         is_arming_reported = armed != [(-inf, inf)]
         has_landed_state = landed_state is not None
         self._is_flying_known = has_landed_state or has_motors or is_arming_reported
+        shows_phase = has_landed_state or has_motors
+        if vehicle.vehicle not in POSSIBLE_MULTIROTORS:
+            # Other vehicles fly while they are armed.
+            shows_phase = is_arming_reported
+        is_armed = _interval_at(now, armed) is not None
+        if is_armed and not shows_phase:
+            # After a silence of the link neither outputs nor reports of the landed state have come yet. A missing
+            # message is neither a landing nor a take-off, so that the phase stays what it was.
+            self._review_time = now
+            return
         self._update_airborne(now, flight_states.airborne_intervals(signals, boot))
 
         climb_rate = signals.climb_rate

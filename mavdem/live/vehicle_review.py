@@ -298,7 +298,10 @@ class VehicleReview:
         are_motors_chosen = self._rows.inputs is not None
         # How long the vehicle has been heard without a pause.
         connected_seconds = self._review_time - self._connection_start
-        if connected_seconds >= DECISION_SECONDS:
+        # A pause of the link delays this step until messages come again. The rates that it would see are of both sides
+        # of the pause, and too low.
+        is_interrupted = self._message_time - self._review_time >= DECISION_SECONDS
+        if connected_seconds >= DECISION_SECONDS and not is_interrupted:
             self.no_rows_reason = self._check_messages() or self.phase.not_flying_reason
         if not are_motors_chosen and connected_seconds >= AVERAGING_SECONDS / 2:
             # Motors are recognised by their outputs, which change. If outputs come, and no motors are recognised among

@@ -96,6 +96,21 @@ def test_a_take_off_is_seen_once_the_motors_are_known():
     assert flown.is_flying and flown.takeoff_time == -inf
 
 
+@mark.parametrize("has_landed", [False, True])
+def test_a_flight_goes_on_after_a_silence_of_the_link(has_landed):
+    """The first messages after a minute do not show yet whether the vehicle flies, and no other take-off follows."""
+    vehicle = Vehicle()
+    vehicle.fly(2.0)
+    takeoff_time = vehicle.phase.takeoff_time
+    vehicle.time += 60.0
+    vehicle.collective.clear()
+    vehicle.phase.review(vehicle.time, VEHICLE, None)
+    assert vehicle.phase.is_flying
+    vehicle.fly(0.3, collective=0.0 if has_landed else IN_FLIGHT)
+    assert vehicle.phase.is_flying is not has_landed
+    assert vehicle.phase.takeoff_time == takeoff_time
+
+
 class Tumble(Hover):
     """A hover that tumbles from 18 s to 20 s, upright for moments, and hovers again."""
 
