@@ -549,9 +549,7 @@ def _facts_to_report(watch_facts: Facts) -> dict[Hashable, Fact]:
     """
     reportable_facts: dict[Hashable, Fact] = {}
     for fact in watch_facts:
-        reason = fact.figures.get("reason")
-        is_unreported = isinstance(reason, Fact) and reason.code in UNREPORTED_REASONS
-        if not is_unreported:
+        if _is_watched(fact) or _has_reported_reason(fact):
             vehicle = fact.figures.get("vehicle")
             reportable_facts[vehicle, fact.subject] = fact
     return reportable_facts
@@ -562,19 +560,22 @@ def _is_watched(watch_fact: Fact) -> bool:
     return watch_fact.figures.get("reason") is None
 
 
+def _has_reported_reason(watch_fact: Fact) -> bool:
+    """Returns whether a quantity is not watched for a reason that lasts, and that no other line reports."""
+    reason = watch_fact.figures.get("reason")
+    return isinstance(reason, Fact) and reason.code not in UNREPORTED_REASONS
+
+
 def _unwatched_names(watch_facts: Facts) -> list[str]:
     """Returns the names of the quantities of the followed vehicle that cannot be watched for a lasting reason.
 
     Args:
-        watch_facts: A fact for each quantity: since when it is watched, or why it is not. Those of other vehicles than
-            the followed one have the figure "vehicle".
+        watch_facts: A fact for each quantity, such as the vibration: since when it is watched, or why it is not.
     """
     names = []
     for fact in watch_facts:
-        if "vehicle" in fact.figures:
-            continue
-        reason = fact.figures.get("reason")
-        if isinstance(reason, Fact) and reason.code not in UNREPORTED_REASONS:
+        is_of_other_vehicle = "vehicle" in fact.figures
+        if not is_of_other_vehicle and _has_reported_reason(fact):
             names.append(str(fact.subject))
     return names
 

@@ -148,16 +148,18 @@ def _block_lines(block: Block, lines_per_row: int | None = None) -> list[str]:
     from mavdem.cli.tables import terminal_tables
 
     console = Console(width=text_columns(), highlight=False, markup=False, emoji=False)
-    with console.capture() as capture:
+    with console.capture() as printed:
         if isinstance(block, Sentence):
             sentence = f"{block.lead} {block.text}".strip()
             console.print(escape_unprintable(sentence))
         else:
-            # Numbers cannot be shortened.
-            max_row_lines = lines_per_row if block.words else None
+            has_texts = block.words
+            # The cells of other tables are numbers, which cannot be shortened.
+            max_row_lines = lines_per_row if has_texts else None
+            # A table that is too wide becomes several tables below each other.
             for table in terminal_tables(block, console.width, max_row_lines):
                 console.print(table)
-    return [line.rstrip() for line in capture.get().splitlines()]
+    return [line.rstrip() for line in printed.get().splitlines()]
 
 
 def report_error(fact: Fact, *, as_json: bool) -> None:

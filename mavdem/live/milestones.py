@@ -283,19 +283,23 @@ class Milestones:
 
 
 def _margin_figures(margins: Fact | None) -> dict[str, Any]:
-    """Returns the gain and phase margins of the control loop that are to be reported, with their intervals.
+    """Returns the margins of a control loop that are to be reported after a flight.
 
     Args:
-        margins: the fact on the margins; None if they were not judged. If the measured response of the vehicle
-            contradicts the margins, that is its ``reason``.
+        margins: the fact (coded finding) on the margins: the margins themselves, or why there are none; None if they
+            were not judged.
 
     Returns:
-        The ``MARGIN_FIGURES`` of the fact; all None if margins are not known, or are contradicted.
+        Phase margin, degrees, and gain margin, dB, with their intervals (``MARGIN_FIGURES``), by name. All are None if
+        the margins are not known, or contradicted by the measured response of the vehicle.
     """
+    unknown_figures = dict.fromkeys(MARGIN_FIGURES)
     if margins is None or margins.code is not MarginsLight.LOOP_MARGINS:
-        return dict.fromkeys(MARGIN_FIGURES)
-    if margins.figures["reason"] is not None:
-        return dict.fromkeys(MARGIN_FIGURES)
+        return unknown_figures
+    # A measured response that contradicts the margins is the reason to doubt them.
+    reason_to_doubt = margins.figures["reason"]
+    if reason_to_doubt is not None:
+        return unknown_figures
     return {name: margins.figures[name] for name in MARGIN_FIGURES}
 
 

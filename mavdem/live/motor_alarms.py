@@ -98,16 +98,21 @@ class MotorAlarms:
 
     @property
     def changes_in_latest_flight(self) -> tuple[MotorChange, ...]:
-        """The changes of the motors' balance in the latest flight, which may go on after a reboot in the air."""
-        if self._flight_boot is None:
+        """The changes of the motors' balance that were found in the latest flight.
+
+        A flight goes on if the autopilot restarts in the air (a new boot). Its clock then begins again, so that any
+        time in a later boot than that of the take-off is after the take-off.
+        """
+        takeoff_boot = self._flight_boot
+        if takeoff_boot is None:
             return ()
         changes_of_flight = []
         for change in self.latest:
-            is_after_reboot = change.boot > self._flight_boot
-            is_before_reboot = (
-                change.boot == self._flight_boot and change.time >= self._flight_start
-            )
-            if is_before_reboot or is_after_reboot:
+            if change.boot == takeoff_boot:
+                is_in_flight = change.time >= self._flight_start
+            else:
+                is_in_flight = change.boot > takeoff_boot
+            if is_in_flight:
                 changes_of_flight.append(change)
         return tuple(changes_of_flight)
 

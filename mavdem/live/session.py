@@ -167,7 +167,8 @@ class LiveSession:
         self._reported_reason: Fact | None = None
         # Time of the latest sample that was added to the history without a row, s of the boot clock.
         self._sample_time = -inf
-        # Duration of a silence whose end was reported before attitude and motor outputs came again, s; otherwise 0.
+        # Time without any message, s, if it was reported that messages come again, and neither attitude nor motor
+        # outputs have come since; otherwise 0.
         self._reported_silence = 0.0
         # Number of the flight that ``flight`` is about.
         self._flight_number = 0
@@ -346,7 +347,9 @@ class LiveSession:
             self.history.note_flight(self.stream.flight_number, self.stream.takeoff_time)
         self._show_slow_sample()
         self._withdraw_samples_of_landing_or_loss()
-        self._report_resumption(silence)
+        self._report_resumed_messages(silence)
+        self._report_resumed_motion()
+        self._silence_monitor.note_attitudes(self.stream.attitude_count)
         self._silence_monitor.note_outage(silence, is_flying=self.stream.is_flying)
         has_rebooted = self.stream.boot != former_boot
         if has_rebooted or silence > SILENCE_SECONDS:
@@ -379,29 +382,34 @@ class LiveSession:
         last_reception, first_reception = restart
         return first_reception - last_reception
 
-    def _report_resumption(self, silence: float) -> None:
-        """Reports that messages come again after a silence, of all messages or of attitude and motor outputs only.
+    def _report_resumed_messages(self, silence: float) -> None:
+        """Reports that messages of the followed vehicle come again, if none had come for ``SILENCE_SECONDS``.
 
         Args:
             silence: how long no message of the followed vehicle had come before the latest ones, s.
         """
-        # How long neither attitudes nor motor outputs had come before the latest samples, s.
-        motion_silence = self._silence_monitor.note_samples(self.stream.sample_count)
-        self._silence_monitor.note_attitudes(self.stream.attitude_count)
-        messages_resumed = resumption(MissingMessages.MESSAGES, silence)
-        if messages_resumed is not None:
-            self._presentation.log(messages_resumed)
+        report = resumption(MissingMessages.MESSAGES, silence)
+        if report is not None:
+            self._presentation.log(report)
+            # The return of attitude and motor outputs, a moment later, then needs no second report.
             self._reported_silence = silence
+
+    def _report_resumed_motion(self) -> None:
+        """Reports that attitude or motor outputs come again, if neither had come for ``SILENCE_SECONDS``.
+
+        Both may be missing while slower messages come. If all messages were missing, that they come again was reported
+        before; a second report is made only if attitude and motor outputs had been missing for longer than the others.
+        """
+        motion_silence = self._silence_monitor.note_samples(self.stream.sample_count)
         has_new_samples = motion_silence > 0.0
         if not has_new_samples:
             return
-        # Attitude and motor outputs are among all messages, so that one report is enough, unless they were missing for
-        # longer. They may come a moment after the first other message.
-        was_missing_longer = motion_silence - self._reported_silence > SILENCE_SECONDS
+        # How much longer they were missing than all messages, if the return of those was reported, s.
+        additional_silence = motion_silence - self._reported_silence
         self._reported_silence = 0.0
-        motion_resumed = resumption(MissingMessages.MOTION, motion_silence)
-        if motion_resumed is not None and was_missing_longer:
-            self._presentation.log(motion_resumed)
+        report = resumption(MissingMessages.MOTION, motion_silence)
+        if report is not None and additional_silence > SILENCE_SECONDS:
+            self._presentation.log(report)
 
     def _update_silence_monitor(
         self, first_arrival: float, last_arrival: float, frames: Sequence[Frame]

@@ -43,14 +43,19 @@ def reason_without_file(entry: LibraryEntry, name: str) -> Fact:
         name: name of the file.
 
     Returns:
-        The reason as a fact (coded finding).
+        The reason as a fact (coded finding): the log is still being read, or the file is a recording (which shows a
+        model) and no model was learned from the log; otherwise that there is no such file.
     """
     if not entry.is_done:
         return Fact(RefusalReason.STILL_BEING_READ, name=entry.name)
-    was_read_here = bool(entry.digest) and entry.stage == Stage.DONE
-    if name in RECORDINGS and was_read_here and MODEL_FILE not in entry.file_names:
+    # Only a log that is stored in the library has a digest. Of others, which `mavdem track` has read, the files of
+    # results are not known.
+    is_stored = bool(entry.digest)
+    was_read_here = is_stored and entry.stage == Stage.DONE
+    lacks_model = was_read_here and MODEL_FILE not in entry.file_names
+    if name in RECORDINGS and lacks_model:
         return Fact(RefusalReason.NO_RECORDING, name=name)
-    # There is a model, but no package that writes this recording; or nothing has such a file.
+    # Also where there is a model, but no package is installed that writes this recording.
     return Fact(RefusalReason.NO_SUCH_FILE, name=name)
 
 

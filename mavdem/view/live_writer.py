@@ -256,34 +256,36 @@ class LiveWriter:
             clip: whether to clip values far beyond the measured range so far, which would otherwise determine the range
                 of the axis.
         """
-        latest_sample = self._latest_samples.get(lines, LatestSample(CONTINUOUS_SEGMENT, -np.inf))
-        # The dictionary keeps the last one of several samples with the same time.
-        new_samples = {
-            sample.time: sample for sample in samples if sample.time > latest_sample.time
-        }
+        former_sample = self._latest_samples.get(lines, LatestSample(CONTINUOUS_SEGMENT, -np.inf))
+        new_samples = _samples_after(former_sample.time, samples)
         if not new_samples:
             return
-        values = np.array([sample.values for sample in new_samples.values()], np.float64)
-        is_first = lines not in self._latest_samples
-        if is_first and not np.isfinite(values).any():
-            return
-        if is_first:
+        values = np.array([sample.values for sample in new_samples], np.float64)
+        has_been_drawn = lines in self._latest_samples
+        if not has_been_drawn:
+            if not np.isfinite(values).any():
+                return
             lines.send_style(self._recording)
+        latest_sample = new_samples[-1]
+        self._latest_samples[lines] = LatestSample(latest_sample.segment, latest_sample.time)
         plot = plot_of(lines)
         plot_range = self._plot_ranges.get(plot)
         if clip and plot_range is not None:
             values = _clipped_to_plot(values, plot_range)
         else:
             self._extend_plot_range(plot, values)
-        time = np.array(list(new_samples))
-        self._store_range(lines, time[-1], values)
-        segments = [latest_sample.segment, *(sample.segment for sample in new_samples.values())]
-        self._latest_samples[lines] = LatestSample(segments[-1], time[-1])
-        # A NaN half a step before a new segment breaks the line.
-        breaks = np.flatnonzero(np.diff(segments))
-        values = np.insert(values, breaks, np.nan, axis=0)
-        time = np.insert(time, breaks, time[breaks] - self.channels.dt / 2)
-        lines.send(self._recording, time, values)
+        self._store_range(lines, latest_sample.time, values)
+        time = np.array([sample.time for sample in new_samples])
+        segments = np.array([sample.segment for sample in new_samples])
+        # The rows at which another segment begins than that of the sample before; a NaN just before each of them breaks
+        # the line.
+        break_rows = np.flatnonzero(np.diff(segments, prepend=former_sample.segment))
+        break_times = time[break_rows] - self.channels.dt / 2
+        lines.send(
+            self._recording,
+            np.insert(time, break_rows, break_times),
+            np.insert(values, break_rows, np.nan, axis=0),
+        )
 
     def _store_range(self, lines: Lines, time: float, values: Array) -> None:
         """Stores the range of new values in a plot of the first tab, from which :meth:`_widen_axes` chooses its axis.
@@ -566,6 +568,18 @@ def _clipped_to_plot(values: Array, plot_range: Interval) -> Array:
 def axis_path(plot: str) -> str:
     """Returns the entity of the invisible lines that widen the axis of a plot."""
     return f"{plot}/90_axis"
+
+
+def _samples_after(time: float, samples: Sequence[Sample]) -> list[Sample]:
+    """Returns the samples that are later than a time; of several samples with the same time only the last one.
+
+    Args:
+        time: s on the timeline.
+        samples: samples in the order of their times.
+    """
+    # A dictionary keeps the last of several values under one key.
+    samples_by_time = {sample.time: sample for sample in samples if sample.time > time}
+    return list(samples_by_time.values())
 
 
 def plot_of(lines: Lines) -> str:

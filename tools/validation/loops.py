@@ -201,7 +201,10 @@ def _random_value(name: str, rng: Generator) -> float:
 
 
 def _random_gains(scenario: Scenario, rng: Generator) -> RandomGains:
-    """Draws gains of rate and attitude controllers for all axes, such that rate loops have random gain margins.
+    """Draws gains of rate and attitude controllers for all axes.
+
+    The default gains of a rate loop are scaled so that it has a gain margin that is drawn; the gain of an attitude loop
+    is drawn itself. The plants are linearised in hover.
 
     Args:
         scenario: the flight, whose vehicle and filters the margins depend on.
@@ -211,6 +214,7 @@ def _random_gains(scenario: Scenario, rng: Generator) -> RandomGains:
         The gains, and the smallest phase margin that they leave.
     """
     vehicle = airframe(scenario.vehicle)
+    # Output of each motor in hover, as a fraction of its range.
     hover_output = vehicle.command_for(vehicle.hover_speed) / vehicle.full_command
     gains: dict[str, float] = {}
     phase_margins = []
@@ -218,13 +222,15 @@ def _random_gains(scenario: Scenario, rng: Generator) -> RandomGains:
         controller = axis_controller(scenario, axis)
         # The last state of the axis is its rate: this row of B has the angular acceleration by each motor.
         motor_effect = axis_model(scenario.vehicle, axis).B[-1]
-        plant = true_plant(scenario, axis, motor_effect, [hover_output] * 4)
+        hover_outputs = [hover_output] * len(motor_effect)
+        plant = true_plant(scenario, axis, motor_effect, hover_outputs)
         default_pid = TABLES["gains"][scenario.stream.autopilot][axis]
         gain_margin = _random_value("gain_margin", rng)
         axis_gains = _scaled_pid(controller, plant, default_pid, gain_margin)
         axis_gains[controller.parameter_names["angle_gain"]] = _random_value("angle", rng)
         figures = loop_figures(controller.with_parameters(axis_gains), plant)
-        phase_margins += [figures["rate_phase_margin"], figures["attitude_phase_margin"]]
+        phase_margins.append(figures["rate_phase_margin"])
+        phase_margins.append(figures["attitude_phase_margin"])
         gains |= axis_gains
     return RandomGains(gains, min(phase_margins))
 
@@ -534,28 +540,29 @@ def root_cause(fact: Fact) -> str:
 
 
 def true_figures_of_recording(log: Log, file_name: str) -> FiguresByAxis:
-    """Returns true plant parameters and margins of a recorded log; empty where its vehicle's plant is not known.
+    """Returns the true parameters and margins of the control loops in a recorded log, whose plant was measured.
 
-    Tables ``[[recorded]]`` of ``loops.toml`` have the known plants, each with the beginnings of the names of its logs,
-    ``files``, and the ``axes`` that it is true of. The log itself records the gains.
+    The plants are in the tables ``[[recorded]]`` of ``loops.toml``, each with the names that its logs begin with
+    (``files``) and the axes that it is true of (``axes``). The gains of the controllers are recorded in the log.
 
     Args:
         log: the log, with the parameters of the autopilot.
         file_name: name of its file.
 
     Returns:
-        Figures by axis and name, as :func:`loop_figures` returns them.
+        Figures by axis and name, as :func:`loop_figures` returns them; empty for a log without a measured plant.
     """
+    parameters = log.vehicles[0].parameters
+    # The input of the plants is the demand of the controller, instead of motors: so the mixer is a single weight of 1.
+    demand_mixer = (1.0,)
     figures = {}
-    for recording in TABLES["recorded"]:
-        if file_name.startswith(tuple(recording["files"])):
-            plant = AxisPlant(**recording["plant"])
-            for axis in recording["axes"]:
-                # The plant's input is the demand itself, so that the mixer has one weight of 1 instead of motors.
-                demand_mixer = (1.0,)
-                parameters = log.vehicles[0].parameters
-                controller = controller_from_parameters(parameters, axis, demand_mixer)
-                figures[axis] = loop_figures(controller, plant)
+    for table in TABLES["recorded"]:
+        if not file_name.startswith(tuple(table["files"])):
+            continue
+        plant = AxisPlant(**table["plant"])
+        for axis in table["axes"]:
+            controller = controller_from_parameters(parameters, axis, demand_mixer)
+            figures[axis] = loop_figures(controller, plant)
     return figures
 
 

@@ -49,15 +49,17 @@ SCENARIOS = (
 GAINS = (1.0, 3.0, 5.0)
 """Multiples of the rate loop's gain that suits the vehicle; at 5 the loop has little margin, and is still stable."""
 
-HARD_DOUBLETS = {
-    "iris, hard doublets": "iris",
-    "ardrone2, hard doublets": "ardrone2",
-    "crazyflie, hard doublets": "crazyflie",
-}
-"""Models of vehicles that ``DOUBLETS`` excite so strongly that motors reach their limits, by the name of the case."""
+VARIED_SCENARIO = "iris_doublets"
+"""Scenario that flights at the limits of motors and in wind are variants of."""
 
-DOUBLETS = {"kind": "doublets", "axis": "all", "amplitude": 14.0, "width": 0.1, "period": 1.2}
+HARD_DOUBLETS = {"kind": "doublets", "axis": "all", "amplitude": 14.0, "width": 0.1, "period": 1.2}
 """Doublets that drive motors to their limits."""
+
+FLIGHTS_AT_MOTOR_LIMITS = {
+    f"{vehicle}, hard doublets": {"vehicle": {"model": vehicle}, "excitation": HARD_DOUBLETS}
+    for vehicle in ("iris", "ardrone2", "crazyflie")
+}
+"""Values by which flights with hard doublets differ from ``VARIED_SCENARIO``, by the name of the case."""
 
 SMOOTH_WIND = [
     {"kind": "steady", "speed": 5.0, "direction": 90.0},
@@ -68,7 +70,7 @@ SMOOTH_WIND = [
 TURBULENT_WIND = [{"kind": "dryden", "speed": 5.0, "direction": 90.0, "wind_at_20_feet": 7.7}]
 """Wind from the side, with turbulence."""
 
-UNSTEERED = {
+FLIGHTS_IN_WIND = {
     f"{vehicle}, {wind}, {steering}": {
         "vehicle": {"model": vehicle},
         "wind": winds,
@@ -78,7 +80,10 @@ UNSTEERED = {
     for wind, winds in (("smooth wind", SMOOTH_WIND), ("turbulence", TURBULENT_WIND))
     for steering, excitation in (("none", None), ("doublets", {"kind": "doublets"}))
 }
-"""Values of the scenarios in wind, by the name of the case; for comparison, the same wind with doublets."""
+"""Values by which flights in wind differ from ``VARIED_SCENARIO``, by the name of the case.
+
+Nobody steers them; for comparison, others in the same wind have doublets.
+"""
 
 FLIGHT_SECONDS = 45.0
 """Duration of each flight, s."""
@@ -91,10 +96,10 @@ class Case(NamedTuple):
     """A simulated flight whose parameters are estimated."""
 
     scenario: str
-    """Name of the scenario, or of a case of ``HARD_DOUBLETS`` or ``UNSTEERED``."""
+    """Name of the scenario, or of a case of ``FLIGHTS_AT_MOTOR_LIMITS`` or ``FLIGHTS_IN_WIND``."""
 
     gain: float
-    """Multiple of the rate loop's gain that suits the vehicle."""
+    """Multiple of the rate loop's gain that suits the vehicle; always 1 in those two tables."""
 
     seed: int
     """Seed of wind and noise."""
@@ -106,24 +111,19 @@ class Case(NamedTuple):
         return "AB"[hashlib.sha256(name.encode()).digest()[0] % 2]
 
     def flown_scenario(self) -> Scenario:
-        """Returns the scenario that is flown: the named one with this gain and seed, for ``FLIGHT_SECONDS``.
+        """Returns the scenario that is simulated, with the seed of this case, for ``FLIGHT_SECONDS``.
 
-        A case of ``HARD_DOUBLETS`` is the scenario "iris_doublets" with another vehicle and stronger doublets, one of
-        ``UNSTEERED`` the same scenario with another vehicle, wind and excitation.
+        It is either a variant of ``VARIED_SCENARIO`` that a table defines, with another vehicle, wind or excitation;
+        or the scenario of this name, with the multiple of the rate loop's gain.
         """
-        changes = {"seed": self.seed, "duration": FLIGHT_SECONDS}
-        if self.scenario in UNSTEERED:
-            values = load_scenario("iris_doublets").model_dump(mode="json")
-            return scenario_from_table(values | changes | UNSTEERED[self.scenario])
-        if self.scenario in HARD_DOUBLETS:
-            vehicle = {"model": HARD_DOUBLETS[self.scenario]}
-            values = load_scenario("iris_doublets").model_dump(mode="json")
-            return scenario_from_table(
-                values | changes | {"vehicle": vehicle, "excitation": DOUBLETS}
-            )
+        seed_and_duration = {"seed": self.seed, "duration": FLIGHT_SECONDS}
+        variants = FLIGHTS_AT_MOTOR_LIMITS | FLIGHTS_IN_WIND
+        if self.scenario in variants:
+            values = load_scenario(VARIED_SCENARIO).model_dump(mode="json")
+            return scenario_from_table(values | variants[self.scenario] | seed_and_duration)
         scenario = load_scenario(self.scenario)
         vehicle_with_gain = scenario.vehicle.model_copy(update={"rate_gain": self.gain})
-        return scenario.model_copy(update={**changes, "vehicle": vehicle_with_gain})
+        return scenario.model_copy(update={"vehicle": vehicle_with_gain, **seed_and_duration})
 
 
 def cases(seeds: int) -> Iterator[Case]:
@@ -132,7 +132,7 @@ def cases(seeds: int) -> Iterator[Case]:
     Args:
         seeds: number of flights of each scenario with each gain.
     """
-    yield from _cases_with_one_gain(HARD_DOUBLETS, seeds)
+    yield from _cases_with_one_gain(FLIGHTS_AT_MOTOR_LIMITS, seeds)
     for name in SCENARIOS:
         for gain in GAINS:
             for number in range(seeds):
@@ -140,24 +140,25 @@ def cases(seeds: int) -> Iterator[Case]:
 
 
 def unsteered_cases(seeds: int) -> Iterator[Case]:
-    """Yields the flights of ``UNSTEERED``: three times as many of each kind as a scenario has with one gain.
+    """Yields the flights of ``FLIGHTS_IN_WIND``.
 
     Args:
-        seeds: number of flights of each scenario with each gain.
+        seeds: number of flights that a scenario of ``SCENARIOS`` has with each gain.
     """
-    yield from _cases_with_one_gain(UNSTEERED, seeds)
+    yield from _cases_with_one_gain(FLIGHTS_IN_WIND, seeds)
 
 
 def _cases_with_one_gain(names: Iterable[str], seeds: int) -> Iterator[Case]:
-    """Yields the flights of scenarios with one gain only: of each as many as of a scenario with all gains.
+    """Yields flights that have the suitable gain only, with as many seeds that their number is that of all gains.
 
     Args:
-        names: names of the scenarios.
-        seeds: number of flights of each scenario with each gain.
+        names: names of the cases in ``FLIGHTS_AT_MOTOR_LIMITS`` or ``FLIGHTS_IN_WIND``.
+        seeds: number of flights that a scenario of ``SCENARIOS`` has with each gain.
     """
+    flights_per_name = len(GAINS) * seeds
     for name in names:
-        for number in range(len(GAINS) * seeds):
-            yield Case(name, 1.0, FIRST_SEED + number)
+        for number in range(flights_per_name):
+            yield Case(name, gain=1.0, seed=FIRST_SEED + number)
 
 
 class _ComparedParameter(NamedTuple):
@@ -293,7 +294,7 @@ def main(seeds: int, jobs: int, unsteered: bool) -> None:
         print_coverage("Effects in wind", rows[rows["parameter"] == "effect"], "scenario")
         return
     rows = evaluate_flights(evaluate_case, cases(seeds), jobs)
-    has_hard_doublets = rows["scenario"].isin(HARD_DOUBLETS)
+    has_hard_doublets = rows["scenario"].isin(FLIGHTS_AT_MOTOR_LIMITS)
     print_coverage("Intervals that hold the truth", rows[~has_hard_doublets], "gain")
     click.echo()
     print_coverage("The same with motors at their limits", rows[has_hard_doublets], "scenario")

@@ -131,32 +131,33 @@ def flown_estimates(tables: Tables, parameters: Parameters) -> FlownEstimates:
 
 
 def _with_cores(tables: Tables, name: str) -> Columns:
-    """Returns the messages of all cores of a filter in one table, with the number of the core as ``C``.
+    """Returns one message of a Kalman filter, such as XKF1, with the rows of all instances (cores) of the filter.
 
-    New versions of ArduPilot log them so. In old versions each core has a message of its own, and these are merged.
+    New versions of ArduPilot log the rows of all cores under one name, with the number of the core in the column ``C``.
+    Old versions log each core under a name of its own; these tables are merged, and the column is added.
 
     Args:
         tables: Columns of DataFlash's messages, by the name of the message ("ATT").
         name: Name of the first core's message, such as "XKF1".
 
     Returns:
-        The messages in the order of time; empty if there are none.
+        The rows in the order of time, with the column ``C``; empty if there are none.
     """
     logged_columns = tables.get(name, {})
     if "C" in logged_columns:
         return logged_columns
-    prefix, number = name[:-1], int(name[-1])
-    cores = []
+    prefix, message_number = name[:-1], int(name[-1])
+    tables_of_cores = []
     for core in range(MAX_OLD_CORES):
-        columns = tables.get(_message_of_core(prefix, number, core), {})
-        count = message_count(columns)
-        if count:
-            cores.append({**columns, "C": np.full(count, core)})
-    if not cores:
+        columns = tables.get(_message_of_core(prefix, message_number, core), {})
+        row_count = message_count(columns)
+        if row_count:
+            tables_of_cores.append({**columns, "C": np.full(row_count, core)})
+    if not tables_of_cores:
         return {}
-    all_cores = concatenated_columns(cores)
-    time_order = np.argsort(continuous_time(all_cores), kind="stable")
-    return selected_rows(all_cores, time_order)
+    all_rows = concatenated_columns(tables_of_cores)
+    time_order = np.argsort(continuous_time(all_rows), kind="stable")
+    return selected_rows(all_rows, time_order)
 
 
 def _primary_cores(logged_columns: Columns, status: Columns) -> Integers:
