@@ -22,7 +22,10 @@ from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.judgement import judge, lights_without_loops, no_purposes, unjudged
 from mavdem.assessment.lights.power import mark_battery_reports_on_ground
 from mavdem.assessment.motion import motion_events
-from mavdem.assessment.motor_failure import with_evidence_of_cause
+from mavdem.assessment.motor_failure import (
+    raise_level_of_assumed_landings,
+    with_evidence_of_cause,
+)
 from mavdem.assessment.motor_witnesses import with_sensor_evidence
 from mavdem.assessment.record import Assessment
 from mavdem.assessment.reported import reported_events
@@ -400,6 +403,7 @@ def _evidence_without_loops(
     ending = with_saturated_motor(ending, saturation, events)
     ending = with_motors_limited_before(ending, events)
     ending = with_evidence_of_cause(signals, ending, events)
+    events = raise_level_of_assumed_landings(ending, events)
     if ending is not None:
         events.append(ending)
     evidence = Evidence(

@@ -49,9 +49,10 @@ def find_ending(
 ) -> Fact | None:
     """Returns the fact about how the last lost flight was lost, with what failed first; None if no flight was lost.
 
-    Only bad events are used. The loss is the last event by which a vehicle may be lost. Reports of a loss by the
-    autopilot are used only if the motion shows none. What failed first follows from the commands of the motors
-    (:func:`mavdem.assessment.first_failure.first_failure`), and a report of the autopilot on one motor is added to it.
+    Only bad events are used. The loss is the last event by which a vehicle may be lost; a contact with the ground that
+    followed a loss in the air is none. Reports of a loss by the autopilot are used only if the motion shows none. What
+    failed first follows from the commands of the motors (:func:`mavdem.assessment.first_failure.first_failure`), and a
+    report of the autopilot on one motor is added to it.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -64,7 +65,11 @@ def find_ending(
         happened. Its subject is the motor, if cause and report agree on one.
     """
     bad_events = in_time_order(event for event in events if event.is_bad)
-    losses = [event for event in bad_events if event.code in ENDINGS]
+    losses = [
+        event
+        for event in bad_events
+        if event.code in ENDINGS and "is_after_loss" not in event.figures
+    ]
     reports = [event for event in bad_events if event.code in REPORTS_OF_LOSS]
     if losses:
         loss = losses[-1]

@@ -18,7 +18,7 @@ from mavdem.dataset.attitude_error import AttitudeError, largest_error
 from mavdem.dataset.grounded import MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import TimeInterval, in_intervals
 from mavdem.dataset.time_series import series_of_boot
-from mavdem.facts import Fact, Facts, Level
+from mavdem.facts import Fact, Facts
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.witnesses import SensorFact
@@ -90,7 +90,8 @@ class FlightLosses(NamedTuple):
     attitude_loss: Fact | None
     """The loss of attitude in the air that the flight did not recover from; None without one."""
     contact: Fact | None
-    """The contact with the ground; None without one. Its level is "watch" if it only followed a loss in the air."""
+    """The contact with the ground; None without one. It has the figure ``is_after_loss`` if it only followed a loss in
+    the air."""
 
 
 def flight_losses(attitude_loss: Fact | None, contact: Fact | None) -> FlightLosses:
@@ -110,8 +111,10 @@ def flight_losses(attitude_loss: Fact | None, contact: Fact | None) -> FlightLos
     if is_ground_first or attitude_loss.code in CONTACTS:
         # Both events are the same contact, which is described more exactly by ``contact``.
         return FlightLosses(None, contact)
-    # The vehicle was lost in the air, so that the contact is not what made the flight bad.
-    return FlightLosses(attitude_loss, contact.replace(Level.WATCH))
+    if not attitude_loss.is_bad:
+        # No second sensor confirms the loss in the air, so that the contact is how the flight was lost.
+        return FlightLosses(attitude_loss, contact)
+    return FlightLosses(attitude_loss, contact.replace(is_after_loss=True))
 
 
 def ground_contact(

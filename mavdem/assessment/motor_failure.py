@@ -19,7 +19,7 @@ from mavdem.dataset.intervals import TimeInterval
 from mavdem.dataset.quality import samples_at_limits
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import AVERAGING_SECONDS, TimeSeries, moving_average
-from mavdem.facts import Fact, Facts
+from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.motors import MotorWatchFact
@@ -389,6 +389,23 @@ def _evidence_of_causing_event(ending: Fact, cause: Fact, events: Sequence[Fact]
         if is_standstill and is_same_motor and event.figures["boot"] == ending.figures["boot"]:
             return tuple(event.figures.get("witnesses", ()))
     return ()
+
+
+def raise_level_of_assumed_landings(ending: Fact | None, events: Sequence[Fact]) -> list[Fact]:
+    """Raises the level of each landing that the autopilot assumed in the air to "bad" if the flight was lost by it.
+
+    Args:
+        ending: event with which the flight was lost, with its figure ``cause``; None if it was not lost.
+        events: events of the log, each a fact (a coded finding) with its time.
+
+    Returns:
+        All events, in the same order.
+    """
+    cause = None if ending is None else ending.figures.get("cause")
+    if ending is None or cause is None or cause.code is not FailedFirst.LANDING_ASSUMED_FIRST:
+        return list(events)
+    landings = [report.figures["cause"] for report in _reported_landings(ending, events)]
+    return [event.replace(Level.BAD) if event in landings else event for event in events]
 
 
 def _reported_landings(ending: Fact, events: Sequence[Fact]) -> Facts:

@@ -15,7 +15,11 @@ from mavdem.assessment.ending import find_ending
 from mavdem.assessment.failure_by_commands import is_first_at_limit, weak_motor
 from mavdem.assessment.first_failure import first_failure
 from mavdem.assessment.motion import motion_events
-from mavdem.assessment.motor_failure import failure_commands, with_evidence_of_cause
+from mavdem.assessment.motor_failure import (
+    failure_commands,
+    raise_level_of_assumed_landings,
+    with_evidence_of_cause,
+)
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
@@ -436,7 +440,9 @@ def test_of_two_motors_at_one_place_none_is_named():
 def test_a_knock_is_18_metres_per_second_squared_above_the_weight(force, hit):
     events, ending = events_and_ending(with_knock(telemetry_of_lost_motor(1), FAILS + 2.0, force))
     if hit:
-        assert events[MotionEvent.HIT].time == approx(FAILS + 2.0, abs=0.05)
+        impact = events[MotionEvent.HIT]
+        assert impact.time == approx(FAILS + 2.0, abs=0.05)
+        assert impact.is_bad, "a hit is bad whatever came before it"
     else:
         assert MotionEvent.HIT not in events
     assert (ending.code, ending.subject) == (Ending.CONTROL_LOST, NAMES[1])
@@ -708,6 +714,9 @@ def test_the_landing_that_the_autopilot_detected_is_the_first_evidence_that_it_a
     completed = with_evidence_of_cause(Signals(flight()), ending, [earlier, detected])
     assert "Why: the autopilot detected a landing at 3.8 s, 10 m above" in evidence_text(completed)
     assert "-9.0 s" not in evidence_text(completed)
+    events = raise_level_of_assumed_landings(completed, [earlier, detected])
+    assert [event.is_bad for event in events] == [False, True]
+    assert raise_level_of_assumed_landings(None, [detected]) == [detected]
 
 
 def test_a_motor_that_failed_is_drawn_as_it_was_commanded_then():
