@@ -183,20 +183,29 @@ def with_weak_motor(event: Fact, motors_light: Fact) -> Fact:
 
 
 def _headline_without_flight(evidence: Evidence) -> Fact:
-    """Returns the headline of a log in which no flight shows.
+    """Returns the headline of a log that shows no flight, or no operation of a vehicle that is not a multirotor.
 
-    If nothing shows whether the vehicle flew, it is the first warning that the autopilot reports, which may have been
-    in flight. Otherwise it is the reason why no flight shows or, of a vehicle that is not a multirotor, no operation.
+    The headline is the first of these that applies:
+
+    1. A vehicle that is not a multirotor was never armed.
+    2. If the log lacks all signals that show whether the vehicle flew, a problem that the autopilot reported: it may
+       have happened in flight.
+    3. Why no model of the motion can be learned from the log, such as that the motors were off throughout.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
     """
     signals = evidence.signals
-    if evidence.other_vehicle is not None:
-        if signals.armed is not None and not signals.armed.values.any():
-            return NEVER_ARMED
-    # With one of these signals a log shows whether the vehicle flew.
+    is_other_vehicle = evidence.other_vehicle is not None
+    was_never_armed = signals.armed is not None and not signals.armed.values.any()
+    if was_never_armed and is_other_vehicle:
+        return NEVER_ARMED
     signals_of_flight = (signals.motors, signals.landed_state, signals.armed)
-    if all(signal is None for signal in signals_of_flight):
+    is_flight_unknown = all(signal is None for signal in signals_of_flight)
+    if is_flight_unknown:
         for event in evidence.events:
-            if event.is_watch_or_bad and isinstance(event.code, ReportedEvent):
+            is_reported_by_autopilot = isinstance(event.code, ReportedEvent)
+            if is_reported_by_autopilot and event.is_watch_or_bad:
                 return event
     return evidence.learnability.reason
 

@@ -114,19 +114,22 @@ def _values_in_flight(evidence: Evidence, series: TimeSeries) -> Array:
     """Selects the samples of a series in flight, while the motors carried the vehicle (:func:`_carried_intervals`).
 
     Args:
-        evidence: what the log shows of the vehicle.
-        series: samples of all boots.
+        evidence: signals of the vehicle, with its flights.
+        series: (N,) or (N, k) samples of all boots; a boot lasts from one start of the autopilot to the next.
 
     Returns:
-        The samples (N,) or (N, k), one flight after another; all samples if there was no flight.
+        The n selected samples, (n,) or (n, k), one flight after another; all samples if none is in flight.
     """
-    samples_of_flights = []
-    for flight in evidence.in_flight(series):
-        intervals = _carried_intervals(evidence, int(flight.boot[0]))
-        is_in_interval = in_intervals(flight.time, intervals)
-        if is_in_interval.any():
-            samples_of_flights.append(flight.values[is_in_interval])
-    return np.concatenate(samples_of_flights) if samples_of_flights else series.values
+    values_of_flights = []
+    for flight_series in evidence.in_flight(series):
+        # All samples of a flight are of the same boot.
+        boot = int(flight_series.boot[0])
+        is_carried = in_intervals(flight_series.time, _carried_intervals(evidence, boot))
+        if is_carried.any():
+            values_of_flights.append(flight_series.values[is_carried])
+    if not values_of_flights:
+        return series.values
+    return np.concatenate(values_of_flights)
 
 
 def _carried_intervals(evidence: Evidence, boot: int) -> Intervals:

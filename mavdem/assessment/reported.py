@@ -526,18 +526,20 @@ def _land_detector_changes(signals: Signals, boot: int) -> TimeSeries:
 
 
 def stopped_in_air(height: TimeSeries | None, end: float) -> bool:
-    """Returns whether the vehicle was in the air when a flight ended by its motor outputs, or by disarming.
+    """Returns whether the vehicle was in the air when its motors stopped, or were disarmed.
 
-    It was if it sank by more than ``MAX_TOUCH_DOWN_DROP`` afterwards. If the record ends within a second, its height
-    above the take-off must exceed that instead.
+    It was in the air if it sank by more than ``MAX_TOUCH_DOWN_DROP`` afterwards. Where the record ends too soon to show
+    that, its height above the take-off must have been more than this instead.
 
     Args:
         height: height (N,) above the take-off, m; None if it is not known, and then the vehicle counts as landed.
-        end: end of the flight, s since boot.
+        end: end of the flight, when the motors stopped, s since boot.
     """
     if height is None:
         return False
-    if height.time[-1] >= end + 1.0:
+    recorded_seconds_after_end = height.time[-1] - end
+    # In 1 s a vehicle falls by 5 m.
+    if recorded_seconds_after_end >= 1.0:
         return has_sunk_after(height, end)
     return height.value_at(end) > MAX_TOUCH_DOWN_DROP
 

@@ -23,7 +23,7 @@ from mavdem.facts import Fact
 from mavdem.facts.learnability import NotLearnableReason
 from mavdem.ingest import Log
 from mavdem.report.blocks import Sentence, headline_sentence
-from mavdem.report.condition import component_id, stream_contents, vehicle_contents
+from mavdem.report.condition import component_id, stream_contents, vehicle_contents_blocks
 from mavdem.report.review import review_title, vehicle_title
 from mavdem.report.screen import instance_blocks, judgement_sentences
 
@@ -117,7 +117,7 @@ def _print_analyses(
             footer = [headline_sentence(loss), next_step]
         print_screen(
             title=[vehicle_title(log, signals, analysis)],
-            summary=vehicle_contents(received_values),
+            summary=vehicle_contents_blocks(received_values),
             # Only a verbose screen has details.
             details=[],
             footer=footer,
@@ -138,7 +138,7 @@ def _print_assessments(document: JsonValues, assessments: Sequence[Assessment]) 
         sentences = judgement_sentences(assessment.judgement)
         print_screen(
             title=[review_title(assessment)],
-            summary=vehicle_contents(received_values),
+            summary=vehicle_contents_blocks(received_values),
             details=[*sentences.lights, *instance_blocks(assessment), *sender_blocks],
             footer=[sentences.headline, sentences.next_step],
             verbose=True,

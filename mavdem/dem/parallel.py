@@ -158,13 +158,17 @@ def _work_unless_stopped(function: Callable[[Job], Result], job: Job) -> Result:
 
 
 def available_workers() -> int:
-    """Returns the number of workers that can run at the same time.
+    """Returns the number of worker processes that this process can use at the same time.
 
-    That is the number of cores that this process may use, or 1 if this process is itself a worker of a pool.
+    It is the number of processor cores that this process may run on. If this process is itself a worker of a pool, it
+    is 1, which means that no further processes are started: the other workers occupy the cores.
     """
-    is_child = parent_process() is not None and not _is_importing_main()
-    if _child_processes_forbidden or is_child:
+    # A process that still imports the script of its parent is not counted as a worker here: if the script starts a pool
+    # while it is imported, :func:`process_pool` stops it with an error that explains what to change.
+    is_worker = parent_process() is not None and not _is_importing_main()
+    if is_worker or _child_processes_forbidden:
         return 1
+    # Not all platforms tell which of the cores a process may run on.
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

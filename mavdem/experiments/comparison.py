@@ -315,10 +315,11 @@ class Comparison:
             - ``verdicts``: results of :meth:`tests`.
             - ``over_flights``: results of :meth:`over_flights`.
             - ``flights``: for each flight its summaries and single outcomes (``_flight_values``).
-            - ``predictions``: the same values of predictions without the inputs; None if no method predicts, and in
-              these values themselves.
+            - ``predictions``: this dictionary for predictions, which are forecasts without knowledge of the future
+              inputs. None if no method makes them, and in the dictionary of the predictions itself.
         """
-        has_predictions = kind != UNKNOWN_INPUTS and self.methods_of(UNKNOWN_INPUTS)
+        predicting_methods = self.methods_of(UNKNOWN_INPUTS)
+        has_predictions = kind != UNKNOWN_INPUTS and bool(predicting_methods)
         return {
             "reference": self.methods_of(kind)[0],
             "methods": self.methods_of(kind),

@@ -94,24 +94,38 @@ def identified_parameters(learned: Learned) -> Physical:
         NotLearnable: the parameters are not identifiable, or the model has other outputs than an angle and its rate.
     """
     physical = learned.physical
+    if physical is None:
+        raise NotLearnable(NoPlant.NO_PLANT, reason=learned.physical_reason)
+    if physical.caution is not None:
+        raise NotLearnable(NoPlant.NO_PLANT, reason=physical.caution)
     output_count = len(learned.record.output_names)
-    if physical is None or physical.caution is not None:
-        reason = learned.physical_reason if physical is None else physical.caution
-        raise NotLearnable(NoPlant.NO_PLANT, reason=reason)
     if output_count > MAX_PLANT_OUTPUTS:
         raise NotLearnable(NoPlant.TOO_MANY_OUTPUTS, count=output_count)
-    doubtful = []
+    _warn_of_doubtful_parameters(physical)
+    return physical
+
+
+def _warn_of_doubtful_parameters(physical: Physical) -> None:
+    """Warns of parameters that are biased or poorly known, and says why; does nothing if there are none.
+
+    Args:
+        physical: physical parameters of a plant, with the status of each and the reasons for it.
+    """
+    doubtful_parameters = []
     for name, status in physical.status.items():
         if status is not Status.REPORTED:
-            doubtful.append(f"{name} {status}")
-    if doubtful:
-        # Several parameters may have the same reason, which is stated once.
-        unique_reasons = dict.fromkeys(
-            fact.sentence_and_remedy for fact in physical.reasons.values() if fact
-        )
-        reasons = " ".join(unique_reasons)
-        warn(f"Poorly known of this plant: {', '.join(doubtful)}. {reasons}", stacklevel=4)
-    return physical
+            doubtful_parameters.append(f"{name} {status}")
+    if not doubtful_parameters:
+        return
+    # Several parameters may have the same reason, which is stated once.
+    unique_reasons = dict.fromkeys(
+        reason.sentence_and_remedy for reason in physical.reasons.values() if reason is not None
+    )
+    warn(
+        f"Poorly known of this plant: {', '.join(doubtful_parameters)}. {' '.join(unique_reasons)}",
+        # The warning names the line that calls ``Learned.to_control``, which is that many calls up.
+        stacklevel=5,
+    )
 
 
 def plant_system(parameters: Sequence[float], names: SignalNames) -> control.StateSpace:

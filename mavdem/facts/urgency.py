@@ -51,14 +51,21 @@ URGENCY_OF_BAD_RANKS = {0: Urgency.LOST, 1: Urgency.INCIDENT}
 
 
 def urgency_of_headline(level: str | None, rank: int | None) -> Urgency:
-    """Returns how urgently a vehicle needs a look, by the headline of its latest flight.
+    """Returns how urgently a vehicle needs a look, by the headline (the most serious fact) of its latest flight.
+
+    The level of the headline decides. Among bad headlines the rank decides too: the loss of a vehicle is more urgent
+    than another incident, and that is more urgent than a bad part.
 
     Args:
-        level: level of the headline, a value of ``Level``; None for a flight without a headline.
-        rank: rank of the headline among those of its level, the second number of ``severity_rank``; None where it is
-            not known, as in tables that earlier versions wrote.
+        level: level of the headline: "good", "watch", "bad" or "unknown"; None or empty for a flight without a
+            headline.
+        rank: rank of the headline among those of its level: 0 for the loss of the vehicle, 1 for another incident, more
+            for anything else (``assessment.severity.severity_rank``). None where it is not known, as in tables that
+            earlier versions wrote.
     """
-    urgency = URGENCY_OF_LEVELS[Level(level or Level.UNKNOWN)]
-    if urgency is not Urgency.BAD or rank is None:
-        return urgency
-    return URGENCY_OF_BAD_RANKS.get(rank, urgency)
+    if not level:
+        return Urgency.UNKNOWN
+    urgency = URGENCY_OF_LEVELS[Level(level)]
+    if urgency is Urgency.BAD and rank in URGENCY_OF_BAD_RANKS:
+        return URGENCY_OF_BAD_RANKS[rank]
+    return urgency

@@ -326,24 +326,25 @@ def reasons_for_no_gains(loop: Loop, *, for_higher_gains: bool = False) -> Facts
 
 
 def _unknown_stability(loop: Loop) -> Fact | None:
-    """Checks whether the flight decides if a loop is stable; gains for a loop are designed only if it does.
+    """Returns the reason not to design gains that the identified plant leaves open whether the loop is stable.
 
-    It does not if some draws of the plant are unstable, although the vehicle flew, while others have all margins. Then
-    the lower ends of the margins' intervals mean nothing.
+    The plant is known with an uncertainty, given as random draws from its posterior. The loop was stable in flight. So
+    if many draws are unstable, while many others have all margins, the intervals of the margins mean nothing.
 
     Args:
         loop: rate and attitude loop of one axis, with draws of the plant from its posterior.
 
     Returns:
-        The fractions of unstable draws and of draws with all margins, as a fact (coded finding). None if at most 5 % of
-        the draws are unstable, or if at most 5 % have all margins: then the margins are uncertain, but surely too
-        small.
+        A fact (coded finding) with the fractions of unstable draws and of draws with all margins, if both are above
+        5 %. None otherwise: the loop is surely stable, or its margins are surely too small.
     """
+    # The score of a draw is 1 if it just has all margins, and −∞ if it is unstable.
     scores = margin_scores(MARGIN_TARGETS["default"], loop.rate, loop.attitude)[DRAWS]
     unstable_fraction = float(np.mean(np.isneginf(scores)))
     fraction_with_margins = float(np.mean(scores >= 1))
-    low_probability = 1 - INTERVAL_QUANTILES[1]
-    if min(unstable_fraction, fraction_with_margins) <= low_probability:
+    # The probability beyond one end of a 90 % interval: 5 %.
+    tail_probability = 1 - INTERVAL_QUANTILES[1]
+    if unstable_fraction <= tail_probability or fraction_with_margins <= tail_probability:
         return None
     return Fact(
         GainFact.STABILITY_UNKNOWN,

@@ -495,24 +495,27 @@ class GainSearch:
     def _gains_for_next_flight(self, stage: Stage, design: Parameters) -> Parameters:
         """Returns the gains for the next flight: at most one step from the logged gains towards a design.
 
-        Each gain is multiplied by the factor that leads to the design, but by no more than ``MAX_GAIN_STEP``. If gains
-        of the rate controller change, neither the rate loop nor the attitude loop around it may lose margin that it
-        needs; the step is made shorter, or the attitude gain lower, until that holds.
+        In one step each gain is multiplied or divided by at most ``MAX_GAIN_STEP``. If gains of the rate controller
+        change, neither the rate loop nor the attitude loop around it may lose margin that it needs: the step is made
+        shorter, or the attitude gain lower, until that holds. A step of the attitude gain alone is taken as it is.
 
         Args:
-            stage: stage of tuning, which decides the gains that change.
+            stage: stage of tuning, which decides whether the gains of the rate controller or the angle gain change.
             design: gains at the end of the stage, by the autopilot's name; empty to change none.
 
         Returns:
-            Gains by the autopilot's name, rounded.
+            Gains by the autopilot's name, rounded; empty if none change.
         """
-        factors = {}
-        for name, value in design.items():
-            factor = value / self.loop.controller.parameters[name]
-            factors[name] = min(max(factor, 1 / MAX_GAIN_STEP), MAX_GAIN_STEP)
-        if stage is Stage.ANGLE or not design:
-            return self._multiplied_gains(factors, exponent=1.0)
-        rate_gains = self._largest_step_with_rate_margins(factors)
+        logged_gains = self.loop.controller.parameters
+        step_factors = {}
+        for name, designed_gain in design.items():
+            factor_to_design = designed_gain / logged_gains[name]
+            step_factors[name] = min(max(factor_to_design, 1 / MAX_GAIN_STEP), MAX_GAIN_STEP)
+        changes_rate_gains = bool(design) and stage is not Stage.ANGLE
+        if not changes_rate_gains:
+            # With the exponent 1 the step is not made shorter.
+            return self._multiplied_gains(step_factors, exponent=1.0)
+        rate_gains = self._largest_step_with_rate_margins(step_factors)
         return self._with_attitude_margins(rate_gains)
 
     def _largest_step_with_rate_margins(self, factors: Parameters) -> Parameters:

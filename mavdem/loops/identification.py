@@ -98,20 +98,19 @@ def identify_plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physi
             second, the flight is too short, too little of the motion follows setpoints, or the phase margin is too
             uncertain.
     """
-    # The fit takes seconds and is cached; the rest is quick.
-    identified_loop = _identified_loop(signals, tuple(flights_of_longest_boot(flights)))
+    # The fit takes seconds, and is cached; the rest is quick.
+    flights_of_boot = tuple(flights_of_longest_boot(flights))
+    fit, controller, mixer_gains = _identified_loop(signals, flights_of_boot)
+    # The matrices are so small that more threads only take time. An overflow leads to an infinite value or NaN, which
+    # the check refuses.
     with one_thread(), np.errstate(all="ignore"):
-        plant = physical_plant(identified_loop.fit, identified_loop.inputs_per_demand)
+        plant = physical_plant(fit, mixer_gains)
         try:
-            plant = _checked_plant(
-                plant,
-                identified_loop.inputs_per_demand,
-                identified_loop.controller,
-                identified_loop.fit.reference_share,
-            )
+            plant = _checked_plant(plant, mixer_gains, controller, fit.reference_share)
         except np.linalg.LinAlgError:
             raise NotLearnable(LoopFact.LOOP_NOT_FOUND) from None
-    return plant._replace(delay=plant.delay + gyro_delay(identified_loop.controller))
+    # The model of the fit has the gyro's filters in the controller, and not in the plant.
+    return plant._replace(delay=plant.delay + gyro_delay(controller))
 
 
 class _IdentifiedLoop(NamedTuple):

@@ -530,26 +530,29 @@ def _log_evidence_of_priors(
     Returns:
         Log evidence (S, V) for the V variances, nats, up to a constant.
     """
-    tridiagonals = [
-        _tridiagonal_form(root.T @ precision @ root, weighted_estimate @ root)
-        for root in cholesky_factors
+    # A and g for each shape, in a basis in which A is tridiagonal and g is along the first basis vector.
+    forms = [
+        _tridiagonal_form(factor.T @ precision @ factor, factor.T @ weighted_estimate)
+        for factor in cholesky_factors
     ]
-    # (K, S, 1) each, to be multiplied by the V variances.
-    diagonals = np.array([form.diagonal for form in tridiagonals]).T[:, :, None]
-    off_diagonals = np.array([form.off_diagonal for form in tridiagonals]).T[:, :, None]
-    vector_lengths = np.array([form.vector_length for form in tridiagonals])[:, None]
-    # The matrices I + λ A.
-    diagonals = diagonals * PRIOR_VARIANCES + 1
-    squared_off_diagonals = (off_diagonals * PRIOR_VARIANCES) ** 2
+    # Entries of A (K, S, 1) and (K − 1, S, 1), and |g| (S, 1), to be multiplied by the V variances.
+    diagonals_of_a = np.array([form.diagonal for form in forms]).T[:, :, None]
+    off_diagonals_of_a = np.array([form.off_diagonal for form in forms]).T[:, :, None]
+    lengths_of_g = np.array([form.vector_length for form in forms])[:, None]
+    # Entries of the matrices I + λ A.
+    diagonals = 1 + PRIOR_VARIANCES * diagonals_of_a
+    squared_off_diagonals = (PRIOR_VARIANCES * off_diagonals_of_a) ** 2
     # Gaussian elimination from the last row up: the determinant is the product of the pivots. As A has no negative
     # eigenvalues, a pivot can only be less than 1 by rounding.
-    pivot = np.maximum(diagonals[-1], 1.0)
+    last_row = len(weighted_estimate) - 1
+    pivot = np.maximum(diagonals[last_row], 1.0)
     log_determinant = np.log(pivot)
-    for row in range(len(weighted_estimate) - 2, -1, -1):
+    for row in reversed(range(last_row)):
         pivot = np.maximum(diagonals[row] - squared_off_diagonals[row] / pivot, 1.0)
         log_determinant += np.log(pivot)
-    # g is along the first basis vector. So gᵀ (I + λ A)⁻¹ g is |g|² over the pivot of the first row, the last one left.
-    quadratic_term = (vector_lengths * PRIOR_VARIANCES) ** 2 / PRIOR_VARIANCES / pivot
+    # After the elimination, the first entry of (I + λ A)⁻¹ is 1 over the pivot of the first row, which was the last one
+    # to be computed. Only this entry counts, since g is along the first basis vector.
+    quadratic_term = PRIOR_VARIANCES * lengths_of_g**2 / pivot
     return np.asarray(quadratic_term - log_determinant) / 2
 
 

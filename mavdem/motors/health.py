@@ -167,24 +167,25 @@ def _unknown_reason(
     candidate_flights: HealthFlights,
     comparison: JsonValues,
 ) -> Fact | None:
-    """Returns the reason why the motors of a flight cannot be judged.
-
-    Either the flight itself lacks something, or there are too few healthy flights to compare it with.
+    """Returns the reason why the motors of a flight cannot be judged by comparison with healthy flights.
 
     Args:
-        flight: The flight that is judged; its ``missing`` states why its balance was not measured.
-        comparable_flights: Healthy flights with the same geometry of the motors, without that flight.
+        flight: The flight that is judged. If how evenly its motors work was not measured, its ``missing`` states why.
+        comparable_flights: Healthy flights to compare it with: those with the same geometry of the motors.
         candidate_flights: All flights from which the healthy ones were chosen.
-        comparison: Values that every fact contains: the number of healthy flights, and whether the user chose them.
+        comparison: Figures of the fact about too few flights: the number of ``flights`` to compare with, and whether
+            the user chose them (``are_chosen``).
 
     Returns:
-        The reason, as a fact (a code with figures); None if they can be judged.
+        The reason, as a fact (a code with figures): what the flight lacks, or that there are too few healthy flights.
+        None if the motors can be judged.
     """
-    if flight.missing is not None:
+    balance_was_measured = flight.missing is None
+    if not balance_was_measured:
         return flight.missing
-    if len(comparable_flights) >= MIN_BASELINE_FLIGHTS:
-        return None
-    return _too_few_healthy_flights(flight, candidate_flights, comparison)
+    if len(comparable_flights) < MIN_BASELINE_FLIGHTS:
+        return _too_few_healthy_flights(flight, candidate_flights, comparison)
+    return None
 
 
 def _too_few_healthy_flights(
@@ -195,16 +196,18 @@ def _too_few_healthy_flights(
     Args:
         flight: The flight that is judged, which is not counted itself.
         candidate_flights: All flights from which the healthy ones were chosen.
-        comparison: Values that every fact about health contains: the number of healthy flights, and whether the user
-            chose them.
+        comparison: Figures of the fact: the number of healthy ``flights`` to compare with, and whether the user chose
+            them (``are_chosen``).
 
     Returns:
-        The fact, with the number of candidates in ``total`` and the number of healthy flights that are ``needed``.
+        The fact. Its further figures are ``total``, the number of the other candidates, and ``needed``, the number of
+        healthy flights that a comparison needs.
     """
+    other_candidates = [candidate for candidate in candidate_flights if candidate is not flight]
     return Fact(
         HealthUnknown.HEALTHY_FLIGHTS_FEW,
         **comparison,
-        total=len([candidate for candidate in candidate_flights if candidate is not flight]),
+        total=len(other_candidates),
         needed=MIN_HEALTHY_FLIGHTS,
     )
 

@@ -10,6 +10,7 @@ from mavdem.assessment.judgement import Judgement
 from mavdem.confidence import coverage_factor
 from mavdem.containers import JsonValues, Names
 from mavdem.dataset.axes import TILT_AXES
+from mavdem.dataset.segment_learnability import Learnability
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.facts.online import DragSource
@@ -59,27 +60,43 @@ def log_blocks(contents: JsonValues) -> Blocks:
     """
     blocks = Blocks()
     for vehicle in contents["vehicles"]:
-        blocks += vehicle_contents(vehicle)
+        blocks += vehicle_contents_blocks(vehicle)
     return [*blocks, *stream_contents(contents)]
 
 
-def vehicle_contents(vehicle: JsonValues) -> Blocks:
+def vehicle_contents_blocks(vehicle: JsonValues) -> Blocks:
     """Returns the report on the messages of one vehicle in a log, and on whether a model can be learned from them.
 
-    It has sentences on the vehicle; on the tier of the log, which is the kind of model that its message rates allow;
-    cautions; repairs, which are corrections that the reader made to the log, such as of a clock that went back; and
-    settled flight, in which the vehicle flies without large manoeuvres and a model can be trained. A table of the
-    periodic messages by their rate follows.
-
     Args:
-        vehicle: what a log contains of the vehicle, by the keys of the inventory's JSON document
-            (``mavdem.assessment.inventory``).
+        vehicle: what a log contains of the vehicle, by the keys of the JSON document of `mavdem info`
+            (:func:`mavdem.assessment.inventory.inventory`). The values are not yet converted to JSON, so that
+            ``vehicle["verdict"]`` is an object of the class ``Learnability``: whether a model of one axis can be
+            learned from the log, and if not, why.
+
+    Returns:
+        Sentences and a table, in this order:
+
+        1. Whether a model of the vehicle can be learned and, if not, why, and what to change.
+        2. The tier of the log, "a", "b" or "c": the kind of model that its message rates allow.
+        3. Cautions about the model that can be learned.
+        4. Repairs: corrections that the reader made to the log, such as of a clock that went back.
+        5. The longest segment of settled flight, without large manoeuvres, in which a model can be trained.
+        6. A table of the periodic messages by their rate.
     """
-    # The key of the document for whether a model can be learned is "verdict".
-    learnability = vehicle["verdict"]
-    is_tilt = learnability.axis in TILT_AXES
-    # The templates of this section use values of the document by their keys, some only if the document has them.
-    blocks: Blocks = [*render_section("vehicle", **vehicle, is_tilt=is_tilt)]
+    learnability: Learnability = vehicle["verdict"]
+    blocks: Blocks = []
+    blocks += render_section(
+        "vehicle",
+        system=vehicle["system"],
+        component=vehicle["component"],
+        vehicle=vehicle["vehicle"],
+        autopilot=vehicle["autopilot"],
+        verdict=learnability,
+        is_tilt=learnability.axis in TILT_AXES,
+        # Only the document of an analysed log has these two keys.
+        model=vehicle.get("model"),
+        next_step=vehicle.get("next_step"),
+    )
     blocks += render_section("tier", tier=vehicle["tier"], allows=vehicle["allows"])
     blocks += [caution(fact) for fact in learnability.cautions]
     blocks += [Sentence(str(repair), lead="Noted:") for repair in vehicle["repairs"]]

@@ -335,26 +335,25 @@ def vehicle_texts(flights: Flights) -> VehicleTexts:
 
 
 def _next_step(flights: Flights, anomalous_row: FlightRow | None) -> str:
-    """Returns what to do next about a vehicle; empty where nothing is wrong with it.
+    """Returns what to do next about a vehicle, in sentences; an empty text where nothing is wrong with it.
 
-    If the latest flight went badly, its log's next step comes first. What the motors need follows if they have a fault
-    or a drift. If neither holds, a latest flight that is to be watched still has the next step of its log.
+    There are two sources. The step that the log of the latest flight advises comes first. It is left out if that flight
+    was good, or if it is only to be watched while the motors need repair, which matters more. The second source is the
+    comparison of the motors with other flights of the vehicle, if it shows a fault or a drift.
 
     Args:
         flights: rows of the vehicle's flights, in the order of date; at least one flight.
-        anomalous_row: row of the latest flight whose motors have a fault or a drift; None if they are healthy again.
+        anomalous_row: row of the latest flight whose motors have a fault or a drift; None if they are healthy now.
     """
     latest_row = log_row(flights[-1])
-    step_of_log = latest_row.next_step or ""
+    is_to_be_watched = latest_row.headline_level == Level.WATCH
+    motors_are_healthy = anomalous_row is None
     steps = []
-    if bad_headline(flights):
-        steps.append(step_of_log)
+    if bad_headline(flights) or (is_to_be_watched and motors_are_healthy):
+        steps.append(latest_row.next_step)
     if anomalous_row is not None:
-        for step in motor_next_step(anomalous_row):
-            steps.append(step.text)
-    elif not steps and latest_row.headline_level == Level.WATCH:
-        steps.append(step_of_log)
-    # A dictionary keeps each step once, in order. The next step of a log may be missing.
+        steps += [sentence.text for sentence in motor_next_step(anomalous_row)]
+    # A dictionary keeps each step once, in order. A log may have no next step.
     distinct_steps = dict.fromkeys(step for step in steps if step)
     return " ".join(distinct_steps)
 

@@ -373,32 +373,37 @@ class FlownTotals(NamedTuple):
 
 
 def _flown_totals(summaries: Sequence[VehicleSummary]) -> FlownTotals | None:
-    """Returns how much a fleet has flown; None without a flight.
+    """Adds up the flights of a fleet, their duration, and how many of them allow each kind of model (their tier).
 
     Args:
-        summaries: summary of the flights under each name.
+        summaries: for each vehicle of the fleet, the summary of its flights.
+
+    Returns:
+        The totals, with the first and the last date of a flight; None without a flight.
     """
     flight_count = 0
-    seconds = 0.0
+    settled_seconds = 0.0
     flights_by_tier: Counter[str] = Counter()
     dates: list[datetime] = []
     for summary in summaries:
         flown = summary.flown
         flight_count += flown.flights
-        seconds += flown.seconds
+        settled_seconds += flown.seconds
         flights_by_tier.update(flown.tiers)
+        # Both dates are None if the logs of the vehicle have none.
         dates += [date for date in (flown.first_date, flown.last_date) if date is not None]
     if not flight_count:
         return None
-    kinds = []
-    for tier, tier_description in TIER_WORDS.items():
+    # Such as "a full model (12)", in the order from the best tier to none.
+    kinds_of_model = []
+    for tier, model_description in TIER_WORDS.items():
         if flights_by_tier[tier]:
-            kinds.append(f"{tier_description} ({flights_by_tier[tier]})")
+            kinds_of_model.append(f"{model_description} ({flights_by_tier[tier]})")
     return FlownTotals(
         flights=flight_count,
-        hours=seconds / SECONDS_PER_HOUR,
+        hours=settled_seconds / SECONDS_PER_HOUR,
         dates=[min(dates), max(dates)] if dates else [],
-        kinds=listed(kinds),
+        kinds=listed(kinds_of_model),
     )
 
 

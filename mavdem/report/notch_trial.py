@@ -242,7 +242,7 @@ def _remarks_on_trial(
     """Yields sentences on the limitations of a trial of notch filters, in which a page's reader changes their settings.
 
     Args:
-        filters: the notch filters of the gyro that can be tried.
+        filters: the notch filters of the gyro that can be tried, at least one.
         has_loop: whether a rate loop is identified, at whose crossover frequency the phase lag is stated.
         has_peak: whether the spectrum has a peak, on which a notch filter may be placed.
         has_only_filtered_gyro: whether the log has the gyro only after one of these filters, which is on.
@@ -252,13 +252,15 @@ def _remarks_on_trial(
         yield f"No rate loop is identified: the phase is stated at {ASSUMED_CROSSOVER:.0f} Hz."
     if not has_peak:
         yield "The gyro's spectrum has no peak that a notch filter could take."
+    # The first filter can be tried even if the log has none of its parameters.
     if not filters[0].is_logged:
         yield "The log has none of its parameters: see whether the firmware has them."
     has_moving_center = False
     for title, tried_filter in zip(_titles(filters), filters, strict=True):
         yield from _remark_on_moving_center(title or "It", tried_filter)
-        # Only ArduPilot's filters, which have a prefix, can follow something.
-        if tried_filter.prefix and _tracking_mode(tried_filter) != NotchMode.FIXED:
+        # The centre of ArduPilot's filters may follow the motors. Names of their parameters have a common prefix.
+        is_of_ardupilot = bool(tried_filter.prefix)
+        if is_of_ardupilot and _tracking_mode(tried_filter) != NotchMode.FIXED:
             has_moving_center = True
     if has_moving_center:
         yield "In flight the centres move; the trial holds for the fixed ones that are shown."

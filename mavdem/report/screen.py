@@ -251,15 +251,16 @@ def flight_sentences(assessment: Assessment, *, has_headline_above: bool) -> lis
     headline of one flight or vehicle: its worst problem, or that none was found.
 
     Args:
-        assessment: assessment of the worst flight of the worst vehicle.
-        has_headline_above: whether the verdict on the worst flight is the headline of the report, so that it is left
-            out here.
+        assessment: assessment of the worst flight of the worst vehicle. Flights that were not assessed one by one, and
+            a single vehicle, have no verdicts.
+        has_headline_above: whether the headline of the report stands above, so that the verdict on the worst flight,
+            which says the same, is left out here.
 
     Returns:
-        The sentences, verdicts the worst first; empty if the recording has one vehicle, and is assessed as a whole,
-        unless the event in its headline was in one of several flights.
+        The sentences, verdicts with the worst first; empty for a single flight of a single vehicle.
     """
     facts = []
+    # In which of several flights, assessed together, the event in the headline was.
     if has_headline_above and assessment.flight_of_headline is not None:
         facts.append(assessment.flight_of_headline)
     if assessment.flight_verdicts:

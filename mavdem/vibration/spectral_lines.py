@@ -215,9 +215,10 @@ class _LogSpectra:
         Returns:
             (…, W) natural logarithms of the density, at the higher of the two bins between which the frequency lies.
         """
-        # The bin below each frequency, which needs a neighbour above it.
+        # The index of the bin below each frequency. The last bin is none, since it has no neighbour above it.
         bin_below = (frequencies / self.frequency_step).astype(int)
         bin_below = np.clip(bin_below, 0, len(self.frequency) - 2)
+        # Each window has its own spectrum: the last dimension of the frequencies chooses the spectrum of that window.
         windows = np.arange(len(self.log_density))
         density_below = self.log_density[windows, bin_below]
         density_above = self.log_density[windows, bin_below + 1]
@@ -295,18 +296,19 @@ def _track(windows: _LogSpectra, frequency: float) -> _Track:
         Exponent, its scores, mean of the aligned spectra, top bin, and frequency at the median drive, Hz.
     """
     for _ in range(EXPONENT_PASSES):
-        # (E, W) for each of E exponents the densities of the W windows where it predicts the line.
-        scores = windows.density_along(frequency * windows.drive ** EXPONENTS[:, None])
+        # Frequency of the line in each of W windows, as each of E exponents predicts it, and the density there (E, W).
+        predicted_frequencies = frequency * windows.drive ** EXPONENTS[:, None]
+        scores = windows.density_along(predicted_frequencies)
         exponent = EXPONENTS[np.argmax(scores.mean(axis=1))]
         mean_spectrum = windows.aligned_mean(exponent)
+        # The highest of the bins that are at most ``TOP_SEARCH_BINS`` away. The first and the last bin of the spectrum
+        # are left out, since the parabola needs a neighbour on each side.
         nearest_bin = round(frequency / windows.frequency_step)
-        # Each of the searched bins has a neighbour on each side, as the parabola needs.
         first_bin = max(nearest_bin - TOP_SEARCH_BINS, 1)
-        end_bin = min(nearest_bin + TOP_SEARCH_BINS + 1, len(mean_spectrum) - 1)
-        top_bin = first_bin + int(np.argmax(mean_spectrum[first_bin:end_bin]))
-        frequency = (
-            top_bin + _vertex_offset(mean_spectrum[top_bin - 1 : top_bin + 2])
-        ) * windows.frequency_step
+        last_bin = min(nearest_bin + TOP_SEARCH_BINS, len(mean_spectrum) - 2)
+        top_bin = first_bin + int(np.argmax(mean_spectrum[first_bin : last_bin + 1]))
+        top_and_neighbours = mean_spectrum[top_bin - 1 : top_bin + 2]
+        frequency = (top_bin + _vertex_offset(top_and_neighbours)) * windows.frequency_step
     return _Track(exponent, scores=scores, mean=mean_spectrum, top=top_bin, frequency=frequency)
 
 

@@ -146,28 +146,27 @@ def with_vehicle_made_torque_marked(learned: Learned, *, vehicle_made_torque: bo
 
 
 def _finding_lowered_by_override(finding: Finding, override: Fact) -> Finding:
-    """Lowers a finding about a model of a doubtful flight: its grade is at most LIMITED, and its reason says why.
+    """Lowers the grade of a model from GOOD to LIMITED if the flight that it was learned from is doubtful.
 
-    A grade of GOOD is lowered to LIMITED, any other grade is kept. There are two cases for the reason:
+    Any other grade is kept. The reason of the finding is made of two parts, of which one may be None:
 
-    - If the vehicle oscillates, the estimates of the model mean nothing: the reason is the oscillation alone.
-    - Otherwise the model's own reason for the grade stays. The fault of the flight is added if it lowered the grade.
+    - The model's own reason for its grade. It is left out if the vehicle oscillates, since the estimates of the model
+      then mean nothing.
+    - The fault of the flight. It is left out if it did not lower the grade, unless it is an oscillation.
 
     Args:
-        finding: the finding on the model alone.
+        finding: the finding on the model alone: its grade for one purpose, and the reason.
         override: the fault that makes the flight doubtful, however good its model is.
 
     Returns:
-        The finding. Its reason has the code ``FLIGHT_DOUBTED``. The figure ``reason`` of that is the model's own
-        reason, and ``override`` the fault of the flight; either is None if the reason does not contain it.
+        The finding. Its reason is a fact (coded finding) with both parts as the figures ``reason`` and ``override``.
     """
     is_lowered = finding.grade is Grade.GOOD
+    is_oscillation = override.code is Override.OSCILLATION
     grade = Grade.LIMITED if is_lowered else finding.grade
-    if override.code is Override.OSCILLATION:
-        reason = Fact(GradeReason.FLIGHT_DOUBTED, reason=None, override=override)
-    else:
-        stated_fault = override if is_lowered else None
-        reason = Fact(GradeReason.FLIGHT_DOUBTED, reason=finding.reason, override=stated_fault)
+    reason_of_model = None if is_oscillation else finding.reason
+    stated_fault = override if is_lowered or is_oscillation else None
+    reason = Fact(GradeReason.FLIGHT_DOUBTED, reason=reason_of_model, override=stated_fault)
     return finding._replace(grade=grade, reason=reason)
 
 
@@ -241,24 +240,26 @@ def _first_reason(reason: Fact | None) -> Fact:
 
 
 def _effectiveness_finding(physical: Physical) -> Finding:
-    """Judges how well the control effectiveness is known, by its mean over the motors.
+    """Grades how well a flight shows the control effectiveness, the angular acceleration per motor command.
+
+    The half width of the 90 % interval of the effectiveness, averaged over the motors, is compared with the estimate
+    itself. The estimate may also be biased, or not identifiable from the flight (its status).
 
     Args:
-        physical: control effectiveness, damping, motor time constant and delay of the axis.
+        physical: estimates of the control effectiveness ("effect"), damping, motor time constant and delay of an axis.
 
     Returns:
-        The finding. Its grade follows from the status of the estimate, and from the half width of its 90 % interval
-        relative to the mean. Its reason states that relative width as ``share`` or, if the effectiveness is not
-        reported, why.
+        The finding: a grade and its reason. The reason is the relative half width, as the figure ``share``, or the most
+        important doubt about the estimate, if there is one.
     """
     mean, half_width = physical.mean_effect()
     relative_half_width = half_width / mean
     status = physical.status["effect"]
+    grade = _grade("effect", relative_half_width, status)
     if status == Status.REPORTED:
         reason = Fact(GradeReason.EFFECT_KNOWN, share=relative_half_width)
     else:
         reason = _first_reason(physical.reasons["effect"])
-    grade = _grade("effect", relative_half_width, status)
     return Finding(Purpose.CONTROL_EFFECTIVENESS, grade, reason)
 
 

@@ -314,9 +314,9 @@ def _decision_by_identified_loop(
         action = _action_to_remedy(reasons_against_gains[0])
     else:
         advice = _advice_if_basis_is_uncertain(loop, raises_sound_gains=False)
-        flight_before_gains = _flight_before_gains(advice)
-        if flight_before_gains is not None:
-            action = flight_before_gains
+        advice_to_fly_first = _advice_to_fly_first(advice)
+        if advice_to_fly_first is not None:
+            action = advice_to_fly_first
         else:
             action = Fact(LoopAction.LOAD_ADVISED_GAINS, arguments=observations.tune_arguments)
     reason = loop_fact.replace(action=action)
@@ -348,22 +348,24 @@ def _advice_if_basis_is_uncertain(loop: Loop, *, raises_sound_gains: bool) -> Ad
     return advise(loop_with_last_gains, raises_sound_gains=raises_sound_gains)
 
 
-def _flight_before_gains(advice: Advice | None) -> Fact | None:
-    """Returns the advice to fly again before new gains are loaded, if the flight shows too little for them.
+def _advice_to_fly_first(advice: Advice | None) -> Fact | None:
+    """Returns the advice to fly once more before gains are changed, if this flight does not show that they should be.
 
     Args:
-        advice: the gains that `mavdem tune` advises; None if the flight surely shows enough
-            (:func:`_advice_if_basis_is_uncertain`).
+        advice: the gains that `mavdem tune` advises. None if they were not computed, since the flight certainly shows
+            that the gains should be changed (:func:`_advice_if_basis_is_uncertain`).
 
     Returns:
-        The advice to fly; None if the gains may be loaded now, or none would change.
+        The advice to fly first; None if it is not needed, or if no gain would change.
     """
     if advice is None:
         return None
     changes_gains = bool(advice.parameters)
-    if advice.is_sound or not changes_gains:
-        return None
-    return advice.flight_before_gains
+    # Whether the flight shows clearly enough that the gains should be changed.
+    flight_is_sufficient = advice.is_sound
+    if changes_gains and not flight_is_sufficient:
+        return advice.flight_before_gains
+    return None
 
 
 def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None:
@@ -436,14 +438,16 @@ def _decision_on_slow_rate(observations: LoopObservations) -> LoopDecision:
     axis = observations.margins.axis
     loop = observations.margins.loop
     tracking = observations.tracking
+    # Fraction of the time in the turns that a motor was at a limit; None if the limits are not known.
     at_limit_share = tracking.figures["at_limit_share"]
-    if at_limit_share is not None and at_limit_share > MIN_AT_LIMIT_SHARE:
-        action = Fact(LoopAction.SLOWER_TURNS, axis=axis)
-    elif not isinstance(loop, Loop):
-        action = _action_to_remedy(_reason_for_no_margins(observations))
-    else:
+    is_limited_by_motors = at_limit_share is not None and at_limit_share > MIN_AT_LIMIT_SHARE
+    if isinstance(loop, Loop) and not is_limited_by_motors:
         return _decision_to_raise_gains(observations, loop)
-    # The slow rate itself is then the reason against computing gains.
+    if is_limited_by_motors:
+        action = Fact(LoopAction.SLOWER_TURNS, axis=axis)
+    else:
+        action = _action_to_remedy(_reason_for_no_margins(observations))
+    # In both cases the slow rate itself is the reason against computing gains.
     reason = tracking.replace(action=action)
     return LoopDecision(
         axis, LoopDiagnosis.FOLLOWS_BADLY, reason, action, reasons_against_gains=(reason,)
@@ -470,9 +474,9 @@ def _decision_to_raise_gains(observations: LoopObservations, loop: Loop) -> Loop
         action = _action_to_remedy(reasons_against_gains[0])
     else:
         advice = _advice_if_basis_is_uncertain(loop, raises_sound_gains=True)
-        flight_before_gains = _flight_before_gains(advice)
-        if flight_before_gains is not None:
-            action = flight_before_gains
+        advice_to_fly_first = _advice_to_fly_first(advice)
+        if advice_to_fly_first is not None:
+            action = advice_to_fly_first
         else:
             action = Fact(
                 LoopAction.RAISE_AS_ADVISED, axis=axis, arguments=observations.tune_arguments

@@ -93,17 +93,20 @@ class AxisMargins:
         return tuple(fact for fact in facts if fact.level is not Level.UNKNOWN)
 
     def _spectral_peak_fact(self, peak: Resonance) -> Fact:
-        """Returns the fact that the spectrum of the rate has a peak, for an axis whose loop is not known.
+        """Returns the fact that the spectrum of the rate has a peak, for an axis whose loop was not identified.
 
-        Its usual advice is to log the setpoint, by which the loop can be identified. If that was logged already, the
-        fact has the reason why the loop is not known instead.
+        A loop is identified by its setpoint. So the sentence of this fact advises to log the setpoint, unless the fact
+        has a ``reason``. The reason is given if the log has the setpoint already: why the loop was not identified.
 
         Args:
             peak: frequency and height of the spectral peak, with its interval.
         """
-        fact = _peak_fact(MarginsLight.RATE_STANDS_OUT, None, peak)
-        if isinstance(self.loop, Fact) and self.loop.code in SETPOINT_WAS_LOGGED:
-            return fact.replace(reason=self.loop)
+        # None stands for the usual level of this code, "watch".
+        fact = _peak_fact(MarginsLight.RATE_STANDS_OUT, level=None, resonance=peak)
+        # An axis without an identified loop has the reason for that in its place.
+        reason_for_no_loop = self.loop
+        if isinstance(reason_for_no_loop, Fact) and reason_for_no_loop.code in SETPOINT_WAS_LOGGED:
+            return fact.replace(reason=reason_for_no_loop)
         return fact
 
 

@@ -163,25 +163,31 @@ def _with_yaw_trim(evidence: Evidence, limited_motors_fact: Fact) -> Fact:
 
 
 def _statistics_of_whole_flight(motors: MotorOutputs, segments: Segments) -> HoverFigures | None:
-    """Computes the trim, the headroom and the time at the limits of each motor over all of a flight.
+    """Computes the trim, the headroom and the time at the limits of each motor over the whole flight.
 
-    These statistics are usually computed of the hover only. For a flight that hardly hovers, they are computed of all
-    of it.
+    These statistics are usually computed of hover alone. This function is for a flight with too little of it.
 
     Args:
-        motors: outputs of the motors over time.
-        segments: all segments of flight, whether settled or not.
+        motors: outputs (N, k) of k motors over time.
+        segments: all segments of flight, with manoeuvres too.
 
     Returns:
-        The statistics; None if the flight was shorter than ``MIN_STEADY_SECONDS``, if no output was recorded in it, or
-        if the motors were off throughout.
+        The statistics, fractions of the range of the outputs. None if the flight was shorter than
+        ``MIN_STEADY_SECONDS``, if no output was recorded in it, or if the motors were off throughout.
     """
-    seconds = total_duration(segments)
-    outputs = motors.outputs[in_segments(motors, *segments)]
-    if seconds < MIN_STEADY_SECONDS or not len(outputs):
+    duration = total_duration(segments)
+    outputs_in_flight = motors.outputs[in_segments(motors, *segments)]
+    if duration < MIN_STEADY_SECONDS or not len(outputs_in_flight):
         return None
     try:
-        return hover_figures(motors.geometry.names, motors.scale, seconds, outputs, lean={})
+        return hover_figures(
+            motors.geometry.names,
+            motors.scale,
+            duration,
+            outputs_in_flight,
+            # The mean lean of the vehicle is a part of these statistics that is not used here.
+            lean={},
+        )
     except NotLearnable:
         # The motors were off throughout.
         return None
@@ -457,10 +463,11 @@ def _little_headroom(hover: HoverFigures, *, is_trim_unknown: bool) -> Fact:
             names.append(name)
     excess = None
     if is_trim_unknown and len(names) == 1:
-        motor = hover.motors.index(names[0])
-        imbalance = hover.imbalance[motor] / 100
-        if imbalance > FAULT_RISE:
-            excess = imbalance
+        motor_index = hover.motors.index(names[0])
+        # The imbalance is in per cent of the mean of all motors.
+        fraction_above_mean = hover.imbalance[motor_index] / 100
+        if fraction_above_mean > FAULT_RISE:
+            excess = fraction_above_mean
     fact = Fact(
         MotorsLight.HEADROOM_LITTLE,
         names=names,

@@ -234,9 +234,9 @@ class DensityModel:
         Args:
             stamp_offsets: stamps (C, N) of N messages of each quantity, s, relative to the stamps of the first one.
         """
-        self._alias_s = 2j * np.pi * self._message_rate * self._alias_numbers
-        # The factors exp(2πj k f_s t) of each alias, quantity and message (F, C, N).
-        phases = np.exp(self._alias_s[:, None, None] * stamp_offsets)
+        self._alias_laplace_variables = 2j * np.pi * self._message_rate * self._alias_numbers
+        # The factors exp(s_k t) of each alias, quantity and message (F, C, N), with s_k = 2πj k f_s.
+        phases = np.exp(self._alias_laplace_variables[:, None, None] * stamp_offsets)
         # The matrix product sums over the messages: (F, C, C), a phase for each pair of quantities.
         message_count = stamp_offsets.shape[1]
         mean_phases = phases @ phases.mT.conj() / message_count
@@ -464,7 +464,7 @@ class DensityModel:
         # message is the surplus interval ahead of the next message.
         step_time = _share_from_odds(parameters.step_time_odds) * self.surplus_interval
         # Amplitude of each alias (J, F): the transform of a step, times the phase by its time before the message.
-        amplitudes = self._step_transform * np.exp(self._alias_s * step_time)
+        amplitudes = self._step_transform * np.exp(self._alias_laplace_variables * step_time)
         # The density below is of the sampled steps, to which the amplitudes of all aliases add up.
         alias_shares = amplitudes / amplitudes.sum(axis=-1, keepdims=True)
         reference_density, noise_slope = denoised_density(
@@ -628,16 +628,21 @@ class DensityModel:
     def _step_time_gradient(
         self, parameters: LoopParameters, loop: ClosedLoopResponse, steps: SynchronousSteps
     ) -> ComplexArray:
-        """Returns the derivative of the density with respect to θ = ln(``step_time_odds``).
+        """Returns the derivative of the modelled density by the time at which synchronous steps come before a message.
 
-        The parameter is the time p T from a synchronous step of the reference to the next message, where T is the
-        surplus interval: the message interval less one controller cycle. It is given by the odds p / (1 − p), so that
-        dp/dθ = p (1 − p).
+        Steps of the reference that are synchronous with the messages come at a fixed time t before the next message.
+        With the longest such time T, the surplus interval (the message interval less one controller cycle), the model
+        has t = p T. Its parameter ``step_time_odds`` is p / (1 − p), and the derivative is by the logarithm θ of that:
 
-        Alias k of the steps has the amplitude a_k = c_k e^(2πj k f_s p T) with a constant c_k, so that
-        d ln a_k / dθ = 2πj k f_s T p (1 − p). The alias share is a_k / Σ a. The derivative of its logarithm is that of
-        ln a_k minus the mean of these over all aliases, weighted by the shares. The density S q qᴴ of the steps, with
-        the sampled response q, then changes by S (dq qᴴ + q dqᴴ).
+            dp/dθ = p (1 − p),    dt/dθ = T p (1 − p)
+
+        Sampling maps frequency f + k f_s of the steps to f, for each alias k. The amplitude of the alias is
+        a_k = c_k exp(s_k t), with a constant c_k and s_k = 2πj k f_s. Its share w_k of the sampled steps changes by
+
+            w_k = a_k / Σ_i a_i,    dw_k/dθ = w_k (s_k − Σ_i w_i s_i) dt/dθ
+
+        The response q of the quantities to the sampled steps is linear in the shares. With the density S of the steps,
+        they contribute S q qᴴ to the modelled density, which changes by S (dq qᴴ + q dqᴴ).
 
         Args:
             parameters: the parameters of the loop.
@@ -645,11 +650,12 @@ class DensityModel:
             steps: the synchronous steps at these parameters.
 
         Returns:
-            Derivative (J, C, C).
+            Derivative (J, C, C) of the cross-spectral density of C quantities at J frequencies.
         """
         p = _share_from_odds(parameters.step_time_odds)
-        # Derivatives of the logarithms of the amplitudes (F,), and their weighted mean over the aliases (J, 1).
-        log_amplitude_slopes = self._alias_s * (self.surplus_interval * p * (1 - p))
+        step_time_slope = self.surplus_interval * p * (1 - p)
+        # Derivatives of ln a_k (F,), and their mean over the aliases weighted by the shares (J, 1).
+        log_amplitude_slopes = self._alias_laplace_variables * step_time_slope
         mean_slope = (steps.alias_shares * log_amplitude_slopes).sum(axis=-1, keepdims=True)
         alias_share_slopes = steps.alias_shares * (log_amplitude_slopes - mean_slope)
         response_slope = self._sampled_step_response(

@@ -278,26 +278,28 @@ class Line(NamedTuple):
             interpolated_y: (M,) values of the line, interpolated at these.
 
         Returns:
-            (M,) values, with the extremes at crowded pairs.
+            (M,) values, with the extremes at crowded pairs: those with more than ``MAX_SAMPLES_DRAWN_SINGLY`` samples.
         """
         # The last grid step ends one step after the last point.
         end_of_grid = 2 * grid[-1] - grid[-2]
         # The index of the first sample of each pair and, last, the end of the samples of the last pair.
         pair_bounds = np.searchsorted(self.x, np.append(grid[::2], end_of_grid))
+        # A last point without a partner is no pair.
         pair_count = len(grid) // 2
         sample_counts = np.diff(pair_bounds)[:pair_count]
         # Three samples may fall into one pair of grid points, even if there are no more samples than grid points.
         crowded_pairs = np.flatnonzero(sample_counts > MAX_SAMPLES_DRAWN_SINGLY)
         if not len(crowded_pairs):
             return interpolated_y
-        # NumPy's reduceat takes the extreme from each first sample up to the next one; fmin and fmax pass over NaN.
+        # The bounds of empty pairs after the last sample are moved back to it, since ``reduceat`` needs valid indices.
         first_samples = np.minimum(pair_bounds[:-1], len(self.x) - 1)
+        last_samples = pair_bounds[1:] - 1
+        # ``reduceat`` takes the extreme from each first sample up to the next one; fmin and fmax pass over NaN.
         minimum = np.fmin.reduceat(self.y, first_samples)[crowded_pairs]
         maximum = np.fmax.reduceat(self.y, first_samples)[crowded_pairs]
-        last_samples = pair_bounds[1:] - 1
         first_values = self.y[first_samples[crowded_pairs]]
         last_values = self.y[last_samples[crowded_pairs]]
-        is_falling = first_values > last_values
+        is_falling = last_values < first_values
         y = interpolated_y.copy()
         # The first grid point of each crowded pair; the second one follows it.
         first_points = 2 * crowded_pairs

@@ -306,22 +306,25 @@ def change_sentences(
 
 
 def sentences_without_change(reviewed: ReviewedDifference) -> list[Sentence]:
-    """Returns the sentences on the quantities that show no change: uncertain ones, and then those that are the same.
+    """Returns the sentences on the quantities of a vehicle that were compared and show no change.
 
-    A quantity is uncertain if its interval is so wide that it contains both "no change" and a change that matters.
-    Doubtful changes, and changes that are evidence of a weak motor, have sentences of their own elsewhere.
+    Uncertain quantities come first: their interval is so wide that it contains both "no change" and a change that
+    matters. They are left out if another section names them, which holds for doubtful changes and for evidence of a
+    weak motor. The quantities that are certainly the same in both states follow. If a trim of a motor was compared,
+    the first sentence says what a trim is.
 
     Args:
-        reviewed: comparison of two states, quantity by quantity.
+        reviewed: comparison of two states of a vehicle, or of two vehicles, quantity by quantity.
     """
     difference = reviewed.difference
-    uncertain = []
+    uncertain_changes = []
     for change in difference.changes_with(QuantityOutcome.UNCERTAIN):
-        if not change.is_doubtful and change not in reviewed.motors.evidence:
-            uncertain.append(change)
+        is_named_elsewhere = change.is_doubtful or change in reviewed.motors.evidence
+        if not is_named_elsewhere:
+            uncertain_changes.append(change)
     uncertain_sentences = render_section(
         "difference_uncertain",
-        uncertain=list(texts_of_equal_changes(uncertain, difference)),
+        uncertain=list(texts_of_equal_changes(uncertain_changes, difference)),
         are_two_vehicles=reviewed.are_two_vehicles,
         has_trims=any(change.quantity.kind == SHARE for change in difference.changes),
     )

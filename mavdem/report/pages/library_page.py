@@ -262,35 +262,39 @@ def with_toolbar(
 ) -> str:
     """Returns the page of a flight as the server sends it: with a bar of downloads and settings at its top.
 
-    The stored file of the page is never changed: each visitor gets a copy with these additions. The page's own content
-    security policy, which forbids the server's script, is removed (:func:`with_server_script`).
+    The stored file of the page is never changed: each visitor gets a copy with these additions.
 
     Args:
         page: HTML of the flight's page, as it was written to its file.
         given_name: name that the owner gave to the flight. It becomes the title, with the name of the log after it.
             Empty if there is none.
-        anomaly: fault or drift of the motors that shows beside other flights of the vehicle, which is written into the
-            page (:func:`with_motor_anomaly`). None without any.
-        **values: further values that the template ``bar.html`` uses, by name.
+        anomaly: fault or drift of the motors that a comparison with other flights of the vehicle shows. It is written
+            into the page. None without any.
+        **values: further values that the templates of the bar and of the script use, by name: the flight with its
+            files, the flights it can be compared with, and what the visitor may do.
 
     Returns:
         The page as HTML.
     """
-    bar = render_server_page(
-        "bar",
-        self_set_parameters=AUTOPILOT_SET_PARAMETERS.pattern,
-        given_name=given_name,
-        **values,
-    )
     page = with_motor_anomaly(page, anomaly)
     if given_name:
-        # A function makes the replacement, since backslashes of the name would be taken for references to groups.
+        # A function makes the replacement, since backslashes of the name would be taken for references to groups. The
+        # group of the match is the name of the log.
         page = TITLE.sub(
             lambda title: f'<h1>{escape(given_name)} <small class="soft">{title[1]}</small></h1>',
             page,
             count=1,
         )
     page = with_server_script(page, **values)
+    bar = render_server_page(
+        "bar",
+        given_name=given_name,
+        # The script of the bar, which compares parameters with those of the last flight, marks the ones that the
+        # autopilot itself learns in flight.
+        self_set_parameters=AUTOPILOT_SET_PARAMETERS.pattern,
+        **values,
+    )
+    # The bar stands at the beginning of the page's main element.
     return page.replace("<main>\n", f"<main>\n{bar}", 1)
 
 

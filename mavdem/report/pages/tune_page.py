@@ -256,20 +256,25 @@ def _twin_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
 
     Returns:
-        The chapter; without charts if no gains change, or if the twin could not be made.
+        The chapter, with charts of each axis whose gains change; without charts if none do, or if the twin could not be
+        made.
     """
     # Gains are advised only of a vehicle that was judged, and so has evidence.
     assert assessment.evidence is not None
-    columns = dict[str, list[Panel]]()
+    charts_by_axis = dict[str, list[Panel]]()
     if tuning.parameters:
-        # Without a twin, this is the fact that says why.
+        # Either the simulated flights, or a fact (coded finding) that says why there is no twin.
         trial = try_gains(assessment.evidence, tuning.parameters)
         if isinstance(trial, GainTrial):
             for axis, advice in tuning.axes.items():
+                # Instead of advice, an axis may have a reason why there is none.
                 if isinstance(advice, Advice) and advice.parameters:
-                    columns[axis] = [*twin_charts(axis, trial)]
-    caption = CAPTION.format(hovers=", and hovers, both")
-    groups = [Group.of_axes(columns, caption=caption)] if columns else []
+                    charts_by_axis[axis] = [*twin_charts(axis, trial)]
+    groups = []
+    if charts_by_axis:
+        # The caption says "… flies the recorded setpoints, and hovers, both in wind …".
+        caption = CAPTION.format(hovers=", and hovers, both")
+        groups.append(Group.of_axes(charts_by_axis, caption=caption))
     return Chapter("The twin with both sets of gains", (), groups, folded=True)
 
 
