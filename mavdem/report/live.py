@@ -27,6 +27,7 @@ from mavdem.report.templates import (
     render_section,
     time_of_day,
 )
+from mavdem.report.why import headline_evidence
 
 NEXT_STEP_LEAD = "Next: "
 """Beginning of the line with the next step."""
@@ -116,10 +117,9 @@ class LightRow(NamedTuple):
 def light_rows(status: SessionStatus) -> list[LightRow]:
     """Returns the rows of the table of status lights of a live flight, one for each part of the vehicle.
 
-    A row has the level of the light and one figure, such as the battery's voltage. The light of the log, which judges
-    the rates of the messages, is left out unless it warns. A light that warns and has no figure has
-    the beginning of its sentence. After the link was lost, the figure of a light that was good is how long ago that
-    was.
+    A row has the level of the light and one figure, such as the battery's voltage. A light that warns and has no figure
+    has the beginning of its sentence, and one that is not judged what it waits for or lacks. After the link was lost,
+    the figure of a light that was good is how long ago that was.
 
     Args:
         status: state of the session.
@@ -148,6 +148,10 @@ def light_rows(status: SessionStatus) -> list[LightRow]:
             figure = age.text
         if not figure and light.is_watch_or_bad:
             figure = as_clause(first_clause(light.sentence))
+        if not figure and light.level is Level.UNKNOWN:
+            figure = " ".join(
+                sentence.text for sentence in render_section("live_light_unknown", light=light)
+            )
         rows.append(LightRow(light_name, light.level, figure))
     return rows
 
@@ -214,6 +218,28 @@ def headline_and_next_step(judgement: Judgement) -> list[str]:
     if next_step in headline_text:
         return [headline_text]
     return [headline_text, f"{NEXT_STEP_LEAD}{next_step}"]
+
+
+def headline_reason(judgement: Judgement) -> list[Sentence]:
+    """Returns the sentence below the headline of a live page that says what shows it.
+
+    It is the evidence of sensors, as on the page of a log. Without that, it is the part of the fact's own sentence that
+    the short headline leaves out, such as how much harder a weak motor works.
+
+    Args:
+        judgement: headline, next step and status lights of the vehicle in a live session.
+
+    Returns:
+        A list with one sentence; empty if nothing more is known, and if the headline warns of nothing.
+    """
+    fact = cause_of_alarm(judgement.headline)
+    if not fact.is_watch_or_bad:
+        return []
+    evidence = headline_evidence(fact, judgement.lights)
+    if evidence or headline(fact) == fact.sentence:
+        return evidence
+    _, _, details = fact.sentence.partition(": ")
+    return [Sentence(details or f"{as_clause(fact)}.", lead="Why:")]
 
 
 def unrepaired_fault_text(status: SessionStatus) -> str:

@@ -30,7 +30,7 @@ from mavdem.live.session_status import SessionStatus
 from mavdem.live.takeoff_place import Displacement
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.live.wind import WindEstimate
-from mavdem.report.live import light_rows, live_alarm, vehicle_text
+from mavdem.report.live import headline_reason, light_rows, live_alarm, vehicle_text
 from mavdem.report.templates import as_clause
 
 RATES = {"ATTITUDE": 25.0, "SERVO_OUTPUT_RAW": 25.0}
@@ -218,6 +218,33 @@ def test_each_state_of_motors_and_log_has_its_detail_on_the_terminal(slow):
     ):
         status = replace(slow, no_model_reason=None, rates={}, worst_lights={light: fact})
         assert text in [row.figure for row in light_rows(status)]
+
+
+def test_each_light_of_a_flight_has_a_figure_or_says_what_it_lacks(slow):
+    figures = {row.name: row.figure for row in light_rows(slow)}
+    assert figures.keys() == set(Light)
+    assert figures["vibration"] == "no VIBRATION" and figures["estimator"] == "no EKF_STATUS_REPORT"
+    assert figures["wind"] == "after 6 to 9 s" and figures["log"] == "25 Hz"
+    fast = light_rows(replace(slow, no_model_reason=None, rates=dict.fromkeys(RATES, 100.0)))
+    assert fast[-1].figure == "100 Hz"
+
+
+def test_what_shows_a_fault_stands_below_its_short_headline():
+    lost = Fact(
+        MotorWatchFact.MOTOR_LOST_THRUST,
+        Level.BAD,
+        subject="motor 3",
+        time=47.0,
+        end_time=None,
+        loss=(0.18, 0.41),
+        probability=0.97,
+        rise=0.26,
+        boot=0,
+        assumed=False,
+    )
+    [reason] = headline_reason(Judgement(Fact(SessionFact.ALARM, reason=lost), lost, {}))
+    assert (reason.lead, reason.text) == ("Why:", "it works 26 % harder.")
+    assert headline_reason(Judgement(SLOW.replace(Level.UNKNOWN), SLOW, {})) == []
 
 
 def test_nobody_is_told_in_flight_to_start_mavdem_with_another_option(slow):

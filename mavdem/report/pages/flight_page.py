@@ -873,6 +873,7 @@ def live_page(
     """
     # Imported here: a page of a log needs nothing of live sessions.
     from mavdem.report.live import (
+        headline_reason,
         light_rows,
         live_alarm,
         live_title,
@@ -922,7 +923,7 @@ def live_page(
     heading = sentences.headline
     if not status.is_over:
         heading = headline_sentence(statement_of_headline(heading.lead, judgement.headline))
-    summary = [heading, sentences.next_step]
+    summary = [heading, *headline_reason(judgement), sentences.next_step]
     unrepaired_fault = unrepaired_fault_text(status)
     if unrepaired_fault:
         summary.append(Sentence(unrepaired_fault, lead="Earlier flight:"))
