@@ -20,9 +20,9 @@ from mavdem.dataset.segments import Segment, Segments, recorded_spans
 from mavdem.dataset.signals import Signals
 from mavdem.facts.events import ReportedEvent
 from mavdem.ingest.mavlink.payloads import latest_parameters
-from mavdem.ingest.mavlink.vehicles import vehicle_identity
+from mavdem.ingest.mavlink.vehicles import parameter_reports, vehicle_identity
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
-from mavdem.ingest.telemetry import Columns, Parameters, Tables, Telemetry, selected_rows
+from mavdem.ingest.telemetry import Columns, Parameters, Telemetry, selected_rows
 
 
 class SeparateFlight(NamedTuple):
@@ -134,10 +134,12 @@ def telemetry_of_spans(signals: Signals, spans: Segments) -> Telemetry:
     if "HEARTBEAT" in messages:
         autopilot = vehicle_identity(messages["HEARTBEAT"]).autopilot
         if autopilot != telemetry.autopilot:
-            return _of_other_autopilot(telemetry, messages, autopilot)
+            telemetry = _with_autopilot(telemetry, autopilot)
+            signals = Signals(telemetry, signals.axis, signals.inputs)
     end = _end_of_parameters(signals, spans[-1])
     if "PARAM_VALUE" in telemetry.messages:
-        reports = _reports_until(telemetry.messages["PARAM_VALUE"], spans, end)
+        all_reports = parameter_reports(telemetry.messages, telemetry.autopilot)
+        reports = _reports_until(all_reports, spans, end)
         if len(reports["time"]):
             messages["PARAM_VALUE"] = _with_boots_from_zero(reports, first_boot)
     history = parameter_history(signals)
@@ -164,20 +166,18 @@ def _with_boots_from_zero(columns: Columns, first_boot: int) -> Columns:
     return {**columns, "boot": columns["boot"] - first_boot}
 
 
-def _of_other_autopilot(telemetry: Telemetry, messages: Tables, autopilot: str) -> Telemetry:
-    """Returns a vehicle with another autopilot than its recording states, and with what that has reported.
+def _with_autopilot(telemetry: Telemetry, autopilot: str) -> Telemetry:
+    """Returns a vehicle with another autopilot than its recording states, and with the parameters that this reported.
 
     Args:
         telemetry: the vehicle, with the autopilot and the parameters of the whole recording.
-        messages: messages of this autopilot.
         autopilot: the MAV_AUTOPILOT without its prefix.
     """
     parameters: Parameters = {}
-    if "PARAM_VALUE" in messages:
-        parameters = latest_parameters(messages["PARAM_VALUE"], autopilot)
+    if "PARAM_VALUE" in telemetry.messages:
+        parameters = latest_parameters(parameter_reports(telemetry.messages, autopilot), autopilot)
     return replace(
         telemetry,
-        messages=messages,
         autopilot=autopilot,
         parameters=parameters,
         initial_parameters={},

@@ -11,6 +11,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.immutable import ReadOnlyDict
 from mavdem.ingest.mavlink.payloads import decoded_parameters
+from mavdem.ingest.mavlink.vehicles import parameter_reports
 from mavdem.ingest.telemetry import Parameters, Telemetry
 
 
@@ -139,7 +140,7 @@ def _reported_settings(telemetry: Telemetry) -> dict[str, list[ParameterSetting]
         At least one setting of each reported parameter, the first from ``BEFORE_LOG``. Reports that repeat a value
         give no further setting.
     """
-    columns = telemetry.messages["PARAM_VALUE"]
+    columns = parameter_reports(telemetry.messages, telemetry.autopilot)
     moments = map(BootTime, columns["boot"].tolist(), columns["time"].tolist())
     names_and_values = decoded_parameters(columns, telemetry.autopilot)
     settings = dict[str, list[ParameterSetting]]()

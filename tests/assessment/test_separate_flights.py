@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from hover import X_QUAD, X_QUAD_PARAMETERS, Hover, columns, evidence_of
+from hover import MAV_AUTOPILOTS, X_QUAD, X_QUAD_PARAMETERS, Hover, columns, evidence_of
 from known_gains import ARDUPILOT
 from pytest import MonkeyPatch, approx, fixture, mark
 
@@ -109,6 +109,25 @@ def test_a_flight_has_the_parameters_that_it_was_flown_with():
     assert [flight.duration for flight in flights] == approx([33.0] * 3, abs=2.0)
     for flight in flights:
         assert not any(table["boot"].any() for table in flight.signals.telemetry.messages.values())
+
+
+def test_a_flight_of_another_autopilot_has_the_parameters_that_this_one_reported():
+    """Two logs that were joined, of vehicles with the same ids: ArduPilot's names and values are none of PX4."""
+    signals = recording((SOUND, 0.25), (SOUND, 0.3), (SOUND, 0.35))
+    messages = dict(signals.telemetry.messages)
+    heartbeats = dict(messages["HEARTBEAT"])
+    is_second = heartbeats["boot"] == 1
+    heartbeats["autopilot"] = np.where(
+        is_second, MAV_AUTOPILOTS["PX4"], MAV_AUTOPILOTS["ARDUPILOTMEGA"]
+    )
+    reports = dict(messages["PARAM_VALUE"])
+    is_second = reports["boot"] == 1
+    reports["param_id"] = np.where(is_second, b"MC_ROLLRATE_P", reports["param_id"])
+    messages |= {"HEARTBEAT": heartbeats, "PARAM_VALUE": reports}
+    flights = separate_flights(Signals(replace(signals.telemetry, messages=messages)))
+    parameters = [flight.signals.telemetry.parameters for flight in flights]
+    assert [values.get("ATC_RAT_RLL_P") for values in parameters] == [0.25, None, 0.35]
+    assert ["MC_ROLLRATE_P" in values for values in parameters] == [False, True, False]
 
 
 def test_what_comes_before_the_first_clock_of_a_boot_does_not_count_in_the_boot_before():

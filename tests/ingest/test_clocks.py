@@ -114,6 +114,9 @@ def test_a_text_before_the_first_stamp_of_a_boot_is_of_that_boot():
     assert boot_times["STATUSTEXT"].time == approx([25.0, 29.9, 1.0])
     untold, _ = boot_clock([attitude, texts])
     assert untold["STATUSTEXT"].boot.tolist() == [0, 0, 0]
+    received[102:] -= 86400.0
+    of_day_before, _ = boot_clock([attitude, texts], lambda rows: received[rows])
+    assert of_day_before["STATUSTEXT"].boot.tolist() == [0, 0, 1]
 
 
 def test_a_reboot_after_a_wrap_reads_its_own_time():

@@ -209,6 +209,7 @@ WITHOUT_CLOCK = b"FMT, 129, 0, ATT, ccc, Roll,Pitch,Yaw\nATT, 1, 2, 3\n"
             {"name": "text"},
         ),
         ("a.tlog", bytes(range(256)) * 40, SourceFact.FORMAT_UNKNOWN, {"name": "mavlink"}),
+        ("a.mcap", bytes(range(256)) * 40, SourceFact.FORMAT_UNKNOWN, {"name": "mavlink"}),
         ("a.tlog.gz", b"\x1f\x8b\x08" + bytes(100), SourceFact.FORMAT_UNKNOWN, {"name": "gzip"}),
         ("roll.csv", b"time_s,motor_1_us\n", SourceFact.FORMAT_UNKNOWN, {"name": "csv"}),
         ("a.tlog", b"\x89MCAP0\r\n" + bytes(100), SourceFact.MCAP_WITHOUT_FLIGHT, {"names": ()}),

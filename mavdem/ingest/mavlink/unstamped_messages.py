@@ -182,7 +182,10 @@ class _UntimedMessages(NamedTuple):
             return
         receive_time_before, receive_time_after = receive_times(stamped_positions)
         received = receive_times(self.positions[first_between:end_between])
-        is_of_next_boot = receive_time_after - received < received - receive_time_before
+        # The clock of the receiver goes back where an older recording was appended.
+        seconds_before = abs(received - receive_time_before)
+        seconds_after = abs(receive_time_after - received)
+        is_of_next_boot = seconds_after < seconds_before
         rows = self.rows[first_between:end_between][is_of_next_boot]
         self.times.time[rows] = reboot.first_time
         self.times.boot[rows] = reboot.boot

@@ -50,6 +50,7 @@ from mavdem.ingest.telemetry import (
     UnreadFrames,
     repair_facts,
     rows_by_value,
+    selected_rows,
 )
 from mavdem.ingest.vocabulary import NAMES, RADIO, RADIO_MESSAGES, UNNAMED
 
@@ -391,10 +392,34 @@ def _parameters_of(vehicle: _ComponentRecord, records: Sequence[_ComponentRecord
     # Later values overwrite earlier ones, so the vehicle is last.
     for record in (*sources, vehicle):
         if "PARAM_VALUE" in record.messages:
-            parameters |= latest_parameters(
-                record.messages["PARAM_VALUE"], vehicle.component.autopilot
-            )
+            autopilot = vehicle.component.autopilot
+            reports = parameter_reports(record.messages, autopilot)
+            parameters |= latest_parameters(reports, autopilot)
     return parameters
+
+
+def parameter_reports(messages: Mapping[str, Columns], autopilot: str) -> Columns:
+    """Returns the reports of parameters from the boots in which a component had a certain autopilot.
+
+    Vehicles with different autopilots may have had the same ids in different boots of a recording.
+
+    Args:
+        messages: Messages of the component, with PARAM_VALUE among them.
+        autopilot: MAV_AUTOPILOT without its prefix.
+
+    Returns:
+        Columns of PARAM_VALUE. Boots without a HEARTBEAT are taken for boots of this autopilot.
+    """
+    reports = messages["PARAM_VALUE"]
+    heartbeats = messages.get("HEARTBEAT")
+    if heartbeats is None or (heartbeats["autopilot"] == heartbeats["autopilot"][0]).all():
+        return reports
+    boots_of_others = []
+    for boot in np.unique(heartbeats["boot"]).tolist():
+        heartbeats_of_boot = selected_rows(heartbeats, heartbeats["boot"] == boot)
+        if vehicle_identity(heartbeats_of_boot).autopilot != autopilot:
+            boots_of_others.append(boot)
+    return selected_rows(reports, ~np.isin(reports["boot"], boots_of_others))
 
 
 GENERIC_WEIGHT = 0.1

@@ -29,7 +29,7 @@ from mavdem.ingest.mavlink.payloads import FrameSender, encode_frame
 from mavdem.ingest.mavlink.sequence_counters import SEQUENCE_NUMBERS
 from mavdem.ingest.mavlink.vehicles import assemble
 from mavdem.ingest.mcap.json_messages import read_json_message
-from mavdem.ingest.mcap.records import NANOSECONDS_PER_MICROSECOND, McapRecording
+from mavdem.ingest.mcap.records import MAGIC, NANOSECONDS_PER_MICROSECOND, McapRecording
 from mavdem.ingest.ros2.log import read_ros2
 from mavdem.ingest.ros2.topics import flight_topics
 from mavdem.ingest.telemetry import Log, repair_facts
@@ -354,7 +354,8 @@ def _no_mavlink_fact(source: str, recording: McapRecording, similar_messages: in
     2. It has topics of a flight that ROS 2 recorded, which are read as another format.
     3. It has topics named for MAVLink, and is damaged, so that their messages may be lost.
     4. It has the topics of a recording that mavdem itself has written: its results, which hold no log.
-    5. Otherwise it is a recording without a flight.
+    5. It has no topics, and does not begin as an MCAP recording does: only its name is that of one.
+    6. Otherwise it is a recording without a flight.
 
     Args:
         source: Name of the file, for error messages and the report.
@@ -375,4 +376,6 @@ def _no_mavlink_fact(source: str, recording: McapRecording, similar_messages: in
         code = SourceFact.MCAP_DAMAGED
     elif topic_names >= FLIGHT_TABLE_TOPICS:
         code = SourceFact.MCAP_OF_MAVDEM
+    elif not topic_names and not recording.content.startswith(MAGIC):
+        return Fact(SourceFact.FORMAT_UNKNOWN, path=source, name="mavlink")
     return Fact(code, path=source, names=sorted(topic_names))
