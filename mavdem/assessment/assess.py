@@ -139,18 +139,22 @@ def _worst_vehicle(
     options: Options | None,
     progress: ShowStep,
 ) -> tuple[Telemetry, RecordedVehicle]:
-    """Judges several vehicles of a log, each by itself and without a model.
+    """Finds the vehicle of a log that has the worst headline, by judging each vehicle by itself.
+
+    A vehicle that flew counts as worse than all that did not, as in a library (``mavdem serve``). Of vehicles that are
+    equally bad the first is the worst.
 
     Args:
         log: the log, with the messages of each vehicle.
         vehicles: the vehicles, at least two.
-        axis, options, progress: as for :func:`assess`.
+        axis: axis to model, or ``ALL_AXES``.
+        options: choices of the user; None for the defaults. No model is learned here, whatever they say.
+        progress: shows the name of a step while it runs.
 
     Returns:
-        The worst vehicle, and the verdicts on the others: their names with their headlines. A vehicle that flew comes
-        before all that did not, as in a library (``mavdem serve``). Of vehicles that are equally bad the first is the
-        worst.
+        The messages of the worst vehicle, and its name with the verdicts on the others: their names and headlines.
     """
+    # A model takes most of the time, and does not change which vehicle is the worst.
     without_model = replace(options or Options(), with_model=False)
     names = names_of_vehicles(vehicles)
     assessments = []
@@ -158,9 +162,10 @@ def _worst_vehicle(
         with progress(f"Judging vehicle {name}", measured=False):
             assessments.append(assess_recording(log, Signals(telemetry), axis, without_model))
 
-    worst_number, *other_numbers = sorted(
+    numbers_worst_first = sorted(
         range(len(vehicles)), key=lambda number: assessments[number].severity_key
     )
+    worst_number, *other_numbers = numbers_worst_first
     other_verdicts = []
     for number in other_numbers:
         other_verdicts.append(VehicleVerdict(names[number], assessments[number].stated_headline))

@@ -80,12 +80,16 @@ def judge(
     if evidence.reasons_not_to_fly:
         lights = {name: fact.without_flight_advice for name, fact in lights.items()}
     headline = headline_of(evidence, lights)
+    # If nothing is wrong, the next step may be to improve the model.
     model_step = None
     if headline.code is Headline.NOTHING_WRONG:
         purposes = grade_purposes()
-        model_step = next_step_for_model(purposes) if purposes else None
+        if purposes:
+            model_step = next_step_for_model(purposes)
     next_step = choose_next_step(headline, lights, model_step)
-    if evidence.other_vehicle is None:
+    is_multirotor = evidence.other_vehicle is None
+    if is_multirotor:
+        # The light on the subject of an event, such as a motor that failed, is then as bad as the event.
         lights = lights_with_event(lights, headline)
     return Judgement(headline, next_step, lights, ReadOnlyDict(decisions))
 

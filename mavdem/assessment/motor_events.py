@@ -167,6 +167,7 @@ def _lasting_events(
             if duration <= condition.min_duration:
                 continue
             recorded_interval = (recorded_start, recorded_end)
+            # Runs that follow each other soon are one interval, so that the condition need not hold in all of it.
             fraction_of_samples = holds[in_intervals(time, [recorded_interval])].mean()
             event = Fact(
                 condition.code,
@@ -178,6 +179,7 @@ def _lasting_events(
                 boot=boot,
             )
             if sampling_interval > LASTING_SECONDS:
+                # Outputs this slow miss what happens between them, so that reports state the interval.
                 event = event.replace(sampling_interval=sampling_interval)
             if event.code is MotionEvent.MOTOR_AT_ITS_STOP:
                 event = _with_full_throttle_marked(signals, boot, recorded_interval, event)

@@ -1,6 +1,7 @@
 """Events that the autopilot reports, as facts (coded findings): states, texts, error codes, and faults of sensors."""
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from math import inf, isfinite
 from typing import Any, NamedTuple
 
@@ -39,6 +40,9 @@ from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.vocabulary import OFF_GROUND
 from mavdem.physical_constants import GRAVITY
 from mavdem.witnesses.boot_sensors import BootSensors
+
+LAND_DETECTOR_MESSAGE = "EXTENDED_SYS_STATE"
+"""Message in which the autopilot's land detector reports whether the vehicle is on the ground."""
 
 MAX_TOUCH_DOWN_DROP = 3.0
 """Height, m, by which a vehicle that has landed may still seem to sink: a choice, beyond the barometer's error in the
@@ -383,31 +387,31 @@ def _arming_events(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
 
 
 def _take_offs_and_landings(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
-    """Yields take-offs and landings in one boot, and false reports of a landing.
+    """Yields the events of take-offs and landings in one boot, and false reports of the autopilot's land detector.
 
-    The flights are found by motor outputs and heights, because the autopilot's land detector may be mistaken. A landing
-    that the land detector reports high in a flight is an event of its own, and so are its reports of the ground that
-    height and motors contradict. Vehicles that stay on the ground or water have no such events.
+    Since the land detector may be mistaken, flights are found by motor outputs and heights. Two kinds of its reports
+    are events of their own: that the vehicle is on the ground, while height and motors show that it flies; and a
+    landing high in a flight, followed by a take-off. Vehicles that stay on the ground or water have no such events.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        recorded_span: recorded time of one boot.
+        recorded_span: recorded time of one boot, which lasts from one start of the autopilot to the next.
     """
     if signals.telemetry.vehicle in SURFACE_VEHICLES:
         return
     boot = recorded_span.boot
-    detector_changes = _land_detector_changes(signals, boot)
-    for contradicted in contradicted_landings(signals, boot):
-        start, end = contradicted.interval
+    for contradicted_landing in contradicted_landings(signals, boot):
+        start, end = contradicted_landing.interval
         yield _reported_event(
             signals,
             recorded_span,
-            "EXTENDED_SYS_STATE",
+            LAND_DETECTOR_MESSAGE,
             ReportedEvent.GROUND_REPORTED_IN_FLIGHT,
             start,
             end_time=end,
-            largest_height=contradicted.rise,
+            largest_height=contradicted_landing.rise,
         )
+    detector_changes = _land_detector_changes(signals, boot)
     for flight in flights_off_ground(signals, boot):
         take_off, _ = flight
         height = BootSensors(signals, boot, take_off).height_above_take_off
@@ -415,7 +419,7 @@ def _take_offs_and_landings(signals: Signals, recorded_span: Segment) -> Iterato
             yield _reported_event(
                 signals,
                 recorded_span,
-                "EXTENDED_SYS_STATE",
+                LAND_DETECTOR_MESSAGE,
                 ReportedEvent.LANDING_DETECTED_IN_FLIGHT,
                 start,
                 end_time=end,
@@ -454,7 +458,9 @@ def _ends_of_flight(
             continue
         detected_time = _nearest_within(detected_times, time, AVERAGING_SECONDS)
         if detected_time is not None:
-            yield _reported_event(signals, recorded_span, "EXTENDED_SYS_STATE", code, detected_time)
+            yield _reported_event(
+                signals, recorded_span, LAND_DETECTOR_MESSAGE, code, detected_time
+            )
             continue
         # Motors that stop in the air, for example after a failure, end a flight without a landing.
         is_stop_in_air = code is ReportedEvent.ON_GROUND and stopped_in_air(height, landing)
@@ -495,10 +501,12 @@ def _landings_detected_high(
     if height is None:
         return
     changes = detector_changes.within(flight)
-    for number, time in enumerate(changes.time[:-1]):
-        is_landing = not changes.values[number]
-        if is_landing and height.value_at(time) > MAX_TOUCH_DOWN_DROP:
-            yield float(time), float(changes.time[number + 1])
+    # Landings and take-offs alternate, so that the change after a landing is a take-off. A last landing has none.
+    for (time, next_time), is_take_off in zip(
+        pairwise(changes.time), changes.values[:-1], strict=True
+    ):
+        if not is_take_off and height.value_at(time) > MAX_TOUCH_DOWN_DROP:
+            yield float(time), float(next_time)
 
 
 def _land_detector_changes(signals: Signals, boot: int) -> TimeSeries:

@@ -276,10 +276,14 @@ class Settings:
     def paper(cls, order: int = 2, seed: int = 0) -> Self:
         """Returns the settings of the paper's experiments, section V.D (``alg_settings``).
 
-        Some choices are not determined by the paper and its authors' code. Here, outputs are not centred; the D step
-        uses the exact limit k → ∞; the last row of D is zero and its errors are included in F̄; F̄ and its mean-field
-        terms are exact; the first step already uses the prior λ; inputs are embedded over the outputs' window, so that
-        both are values at the same time.
+        The paper and its authors' code leave some choices open, which are made as follows:
+
+        - Outputs are not centred.
+        - The D step, which estimates the states, uses the exact limit of an infinite step (k → ∞).
+        - The last row of the derivative operator D is zero, and its errors are included in the free energy F̄.
+        - F̄ and its mean-field terms are exact.
+        - The first step already uses the prior of the log noise precisions λ.
+        - Inputs are embedded over the window of the outputs, so that both are values at the same time.
 
         Args:
             order: Number of states n.
@@ -287,6 +291,7 @@ class Settings:
         """
         return cls(
             order=order,
+            # The embedding orders of outputs and inputs, and the samples from which derivatives are computed.
             p=2,
             d=1,
             window=3,

@@ -145,16 +145,17 @@ def plant_system(parameters: Sequence[float], names: SignalNames) -> control.Sta
     """
     import control
 
-    # The effects of all inputs come first, the three parameters of the dynamics last.
-    effect = parameters[:-3]
-    damping, lag, delay = parameters[-3:]
+    *effects, damping, lag, delay = parameters
     outputs = names["outputs"]
+    # The signal passes the effects, the delay and the motion, in this order: systems in series are multiplied from the
+    # right to the left.
     pade_order = PADE_ORDER if delay else 0
     delay_system = control.tf2ss(*control.pade(delay, pade_order))
     motion = _motion_system(damping, lag, output_count=len(outputs))
-    delay_states = [f"delay_{index + 1}" for index in range(pade_order)]
+    sum_of_inputs = np.array([effects])
+    delay_states = [f"delay_{number}" for number in range(1, pade_order + 1)]
     states = [*delay_states, *outputs, "motors_torque"]
-    return control.StateSpace(motion * delay_system * np.array([effect]), states=states, **names)
+    return control.StateSpace(motion * delay_system * sum_of_inputs, states=states, **names)
 
 
 def _motion_system(damping: float, lag: float, *, output_count: int) -> control.StateSpace:

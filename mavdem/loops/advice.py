@@ -408,30 +408,32 @@ def gains_to_lower(names: Iterable[str], parameters: ParametersInFlight) -> Gain
         parameters: parameters of the autopilot in the flight. Gains that it has not reported are left out, and so are
             gains of 0, which are switched off.
     """
-    changes = []
-    changed = []
-    is_lowered = False
+    advised_changes: list[GainChange] = []
+    facts_on_past_changes = []
+    is_any_lowered_already = False
     for name in names:
         if name in parameters.changed_names:
-            changed.append(Fact(GainFact.GAIN_CHANGED_IN_FLIGHT, subject=name))
+            facts_on_past_changes.append(Fact(GainFact.GAIN_CHANGED_IN_FLIGHT, subject=name))
             continue
         value_in_flight = parameters.values.get(name)
         if not value_in_flight:
             continue
         advised_value = GAIN_REDUCTION * value_in_flight
-        present_value = parameters.last_values.get(name, value_in_flight)
-        if present_value > advised_value:
-            changes.append((name, present_value, advised_value))
+        value_at_end = parameters.last_values.get(name, value_in_flight)
+        if value_at_end > advised_value:
+            advised_changes.append((name, value_at_end, advised_value))
         else:
-            lowered = Fact(
+            is_any_lowered_already = True
+            lowered_since = Fact(
                 GainFact.GAIN_LOWERED_SINCE,
                 subject=name,
                 value_in_flight=value_in_flight,
-                present_value=present_value,
+                present_value=value_at_end,
             )
-            changed.append(lowered)
-            is_lowered = True
-    return GainReduction([] if is_lowered else changes, tuple(changed))
+            facts_on_past_changes.append(lowered_since)
+    if is_any_lowered_already:
+        advised_changes = []
+    return GainReduction(advised_changes, changed=tuple(facts_on_past_changes))
 
 
 def gain_reduction_advice(oscillation: Oscillation, parameters: ParametersInFlight) -> Fact:
@@ -450,22 +452,24 @@ def gain_reduction_advice(oscillation: Oscillation, parameters: ParametersInFlig
 
     Returns:
         The advice as a fact, from which reports make a sentence. Its figure ``changes`` has name, value and new value
-        of each gain to lower.
+        of each gain to lower, and ``changed`` has facts on gains that were changed already.
     """
-    changes: list[GainChange] = []
-    changed: list[Fact] = []
-    for cycle in (oscillation, *oscillation.other_axes):
+    advised_changes: list[GainChange] = []
+    facts_on_past_changes: list[Fact] = []
+    for oscillation_of_axis in (oscillation, *oscillation.other_axes):
         # Without a known controller of the axis, no gains are named.
         with suppress(NotLearnable):
             # Only the gains are used, so the mixer has no effect, and the mixer of a single motor is given.
-            controller = controller_from_parameters(parameters.any_values, cycle.axis, (1.0,))
-            fields = _gains_behind_oscillation(controller, cycle.frequency)
-            reduction = gains_to_lower(
-                [controller.parameter_names[field] for field in fields], parameters
+            single_motor_mixer = (1.0,)
+            controller = controller_from_parameters(
+                parameters.any_values, oscillation_of_axis.axis, single_motor_mixer
             )
-            changes += reduction.changes
-            changed += reduction.changed
-    reduction = GainReduction(changes, tuple(changed))
+            fields = _gains_behind_oscillation(controller, oscillation_of_axis.frequency)
+            names = [controller.parameter_names[field] for field in fields]
+            reduction_of_axis = gains_to_lower(names, parameters)
+            advised_changes += reduction_of_axis.changes
+            facts_on_past_changes += reduction_of_axis.changed
+    reduction = GainReduction(advised_changes, changed=tuple(facts_on_past_changes))
     return Fact(GainFact.LOWER_GAINS, **reduction.figures, **oscillation.figures)
 
 

@@ -245,28 +245,28 @@ class MotorLossDetector:
         Args:
             block: Mean commands of the block.
         """
-        # The mean command is the measure of thrust. It is 0 or NaN for motors that stand still or have no command.
-        thrust = block.commands.mean()
-        do_motors_run = thrust > 0
+        # The mean command is a measure of the thrust. It is 0 or NaN for motors that stand still or have no command.
+        mean_command = block.commands.mean()
+        do_motors_run = mean_command > 0
         if not do_motors_run:
             return
-        # The balance is relative to the thrust, so that neither battery nor climb changes it.
-        balance = self._model.torque_rows @ (block.commands / thrust)
+        # The balance is relative to the mean command, so that neither battery nor climb changes it.
+        balance = self._model.torque_rows @ (block.commands / mean_command)
         self._blocks.add(block.end, balance, block.heading, block.lean)
         self._blocks.keep_last(round(KEPT_SECONDS / BLOCK_SECONDS))
         if self._blocks.has_gaps:
             return
         self._confirm_or_withdraw_loss()
-        # After the change of a motor, the noise before it is the prior, with more degrees of freedom than the initial
-        # one. So the noise is known, and a shorter reference is enough.
+        # After a change of a motor was detected, the noise of the flight before it is the prior, with more degrees of
+        # freedom than the initial prior. As the noise is known then, a shorter reference is enough.
         has_changed_before = self._degrees_of_freedom > PRIOR_FREEDOM
         reference_seconds = NEXT_REFERENCE_SECONDS if has_changed_before else REFERENCE_SECONDS
-        reference_blocks = reference_seconds / BLOCK_SECONDS
-        windows = [
-            length for length in WINDOW_BLOCKS if len(self._blocks) >= length + reference_blocks
-        ]
+        # Each window needs a reference before it.
+        blocks_after_reference = len(self._blocks) - reference_seconds / BLOCK_SECONDS
+        windows = [length for length in WINDOW_BLOCKS if length <= blocks_after_reference]
         if windows:
-            self.reference_time = self.reference_time or block.end
+            if self.reference_time is None:
+                self.reference_time = block.end
             self._test_for_change(np.array(windows, dtype=int))
 
     def _confirm_or_withdraw_loss(self) -> None:
@@ -459,11 +459,7 @@ class MotorLossDetector:
     def _add_torque_change(
         self, change: _DatedChange, log_odds: float, causes: CauseProbabilities
     ) -> int:
-        """Records a change in roll and pitch that names no motor.
-
-        The lengths of the windows differ by seconds, so that the beginning of the change is dated anew: at the block
-        that divides the blocks into two parts with the most significant difference of their means. This is the maximum
-        likelihood estimate of a change point in independent normal noise.
+        """Records a change of the balance in roll and pitch that names no motor, and dates its beginning.
 
         Args:
             change: The change of the balance.
@@ -473,23 +469,10 @@ class MotorLossDetector:
         Returns:
             Number of blocks since the change began.
         """
-        balances = np.array(self._blocks.balances)
-        # Balances less their mean, in standard errors of the change.
-        scaled = (balances - balances.mean(axis=0)) / np.sqrt(change.variance)
-        count = len(balances)
-        # Possible numbers of blocks since the change began. The next shorter window is half as long as that of the
-        # change, and the next longer one twice.
-        candidates = np.arange(change.block_count // 2, min(2 * change.block_count, count - 1) + 1)
-        # Row n − 1 of the cumulative sums, backward in time, is the sum of the last n blocks.
-        sums_since = np.cumsum(scaled[::-1], axis=0)[candidates - 1]
-        # With n blocks since the change and m before, the log likelihood is n m / (n + m) times half of the squared
-        # difference of their means, summed over the axes. As all blocks have the mean 0, the sum of those before is the
-        # negative of the sum s of those since, and the difference of the means is s (n + m) / (n m). So the log
-        # likelihood is proportional to s² (n + m) / (n m).
-        likelihoods = (sums_since**2).sum(axis=1) * count / (candidates * (count - candidates))
-        block_count = int(candidates[np.argmax(likelihoods)])
+        block_count = _blocks_since_change(np.array(self._blocks.balances), change)
         size = float(np.linalg.norm(change.size * self._model.tilt_axes))
-        self._add_alarm(None, block_count, log_odds, size, causes=causes)
+        no_motor = None
+        self._add_alarm(no_motor, block_count, log_odds, size, causes=causes)
         return block_count
 
     def _is_independent_of_heading(self, change: _DatedChange) -> bool:
@@ -609,3 +592,36 @@ class MotorLossDetector:
         )
         self.alarms.append(alarm)
         return alarm
+
+
+def _blocks_since_change(balances: Array, change: _DatedChange) -> int:
+    """Returns how many blocks ago a change of the balance began, more precisely than by the window that detected it.
+
+    The lengths of the windows differ by seconds. So the beginning is dated anew, at the block that divides the blocks
+    into two parts with the most significant difference of their means. This is the maximum likelihood estimate of a
+    change point in independent normal noise.
+
+    Args:
+        balances: balance about each axis in N blocks (N, a), the latest last.
+        change: the change of the balance, with the length of its window in blocks.
+
+    Returns:
+        The number of blocks since the change began.
+    """
+    count = len(balances)
+    # Balances less their mean, in standard errors of the change.
+    scaled = (balances - balances.mean(axis=0)) / np.sqrt(change.variance)
+    # Possible numbers of blocks since the change began. The next shorter window is about half as long as that of the
+    # change, and the next longer one twice as long.
+    shortest = change.block_count // 2
+    longest = min(2 * change.block_count, count - 1)
+    candidates = np.arange(shortest, longest + 1)
+    # Row n − 1 of the cumulative sums, backward in time, is the sum of the last n blocks.
+    sums_since = np.cumsum(scaled[::-1], axis=0)[candidates - 1]
+    # With n blocks since the change and m before, the log likelihood is n m / (n + m) times half of the squared
+    # difference of their means, summed over the axes. As all blocks have the mean 0, the sum of those before is the
+    # negative of the sum s of those since, and the difference of the means is s (n + m) / (n m). So the log likelihood
+    # is proportional to s² (n + m) / (n m).
+    blocks_before = count - candidates
+    log_likelihoods = (sums_since**2).sum(axis=1) * count / (candidates * blocks_before)
+    return int(candidates[np.argmax(log_likelihoods)])

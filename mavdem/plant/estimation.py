@@ -477,18 +477,20 @@ class _TorquePowers(NamedTuple):
 
     @property
     def slow_wind_share(self) -> float:
-        """The share :attr:`wind_share`, if the wind is at each frequency of the band at least as strong as below it.
+        """An upper bound of :attr:`wind_share`: as if the wind were in the band nowhere weaker than it is below it.
 
-        Where the power of the wind in the band is less than its mean power below the band, the numerator has that mean
-        instead. The sum of all powers, in the denominator, stays as it was fitted, so that the value may exceed 1.
+        At frequencies of the band at which the fitted power of the wind is less than its mean power below the band, it
+        is replaced by that mean. The total power, by which the sum is divided, stays as it was fitted, so that the
+        value may exceed 1.
         """
         is_in_band = self._is_in_band
         wind_power = self.wind[is_in_band]
         total_power = wind_power.sum() + self.motors[is_in_band].sum()
-        is_below_band = self.frequency < MOTION_BAND_HZ[0]
+        lowest_frequency_of_band = MOTION_BAND_HZ[0]
+        is_below_band = self.frequency < lowest_frequency_of_band
         if is_below_band.any():
-            mean_below_band = self.wind[is_below_band].mean()
-            wind_power = np.maximum(wind_power, mean_below_band)
+            mean_power_below_band = self.wind[is_below_band].mean()
+            wind_power = np.maximum(wind_power, mean_power_below_band)
         return float(wind_power.sum() / total_power)
 
     @property

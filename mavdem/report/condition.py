@@ -140,8 +140,8 @@ def _messages_by_rate(vehicle: JsonValues) -> dict[str, list[str]]:
 def stream_contents(contents: JsonValues) -> list[Sentence]:
     """Returns sentences on the senders of the messages in a log, and on messages that could not be decoded.
 
-    A sender has a sentence if it lost messages or is not a vehicle. In a log with a vehicle, senders that usually
-    accompany one, such as a ground station, have none.
+    A vehicle has a sentence if messages of it were lost. Other senders, such as a ground station, have one only in a
+    log without a vehicle.
 
     Args:
         contents: inventory from ``mavdem.assessment.inventory``: ``speakers`` are all senders of messages, ``vehicles``
@@ -153,13 +153,15 @@ def stream_contents(contents: JsonValues) -> list[Sentence]:
         is_vehicle = component_id(sender) in vehicle_ids
         sentences += render_section(
             "sender",
-            **sender,
             # In a log with a vehicle, ground stations and radios are usual, and are not listed. In a log without one
             # every sender is listed, so that the reader sees what it contains.
-            is_ordinary=len(vehicle_ids) > 0,
+            is_ordinary=bool(vehicle_ids),
+            # Without a heartbeat the kind of a component is not known.
             is_silent=sender["kind"] == UNNAMED and not is_vehicle,
             # The gaps of a ground station have no meaning: it numbers its messages to all links together.
             is_lossy=is_vehicle and _is_lossy(sender),
+            # Ids of the sender and counts of its messages, by the names that the template uses.
+            **sender,
         )
     return [*sentences, *render_section("unread", unread=contents["unread"])]
 

@@ -264,17 +264,17 @@ def _effectiveness_finding(physical: Physical) -> Finding:
 
 
 def _damping_finding(physical: Physical) -> Finding:
-    """Judges together how well rate damping and motor time constant are known.
+    """Grades together how well a flight shows the rate damping and the motor time constant ("lag").
 
-    Both describe how the rate follows a change of the command, and are identified together. The finding is GOOD if both
-    are good, NOT IDENTIFIABLE if neither is identifiable, and LIMITED otherwise. Its reason contains the half widths of
-    the 90 % intervals divided by the estimates, as far as they are known, and the doubts about each.
+    Both describe how the rate follows a change of the command, and are identified together. The grade is GOOD if both
+    are good, NOT IDENTIFIABLE if neither is identifiable, and LIMITED otherwise.
 
     Args:
         physical: control effectiveness, damping, motor time constant and delay of the axis.
 
     Returns:
-        The finding.
+        The finding: the grade and its reason. The reason has the half widths of the 90 % intervals divided by the
+        estimates, as far as they are known, and the doubts about each. If neither parameter is identifiable, it is why.
     """
     half_widths = physical.interval()
     # A parameter whose estimate is 0 has no relative half width.
@@ -283,29 +283,42 @@ def _damping_finding(physical: Physical) -> Finding:
         relative_half_widths["damping"] = half_widths.damping / physical.damping
     if physical.lag:
         relative_half_widths["lag"] = half_widths.lag / physical.lag
-    # The grades of the two parameters; only one if they are equal.
-    grades = {
+    grades = [
         _grade(name, relative_half_width, physical.status[name])
         for name, relative_half_width in relative_half_widths.items()
-    }
-    if grades == {Grade.NOT_IDENTIFIABLE}:
-        reason = _first_reason(physical.reasons["damping"] or physical.reasons["lag"])
-        # The finding on the effectiveness is shown above this one, so the same reason is not repeated.
-        effect_reason = physical.reasons["effect"]
-        if effect_reason is not None and reason == _first_reason(effect_reason):
-            reason = Fact(GradeReason.SAME_AS_EFFECT)
+    ]
+    if all(grade is Grade.NOT_IDENTIFIABLE for grade in grades):
+        reason = _why_motion_is_not_identifiable(physical)
         return Finding(Purpose.DAMPING_AND_TIME_CONSTANT, Grade.NOT_IDENTIFIABLE, reason)
+    known_half_widths = []
+    for name, relative_half_width in relative_half_widths.items():
+        if isfinite(relative_half_width):
+            known_half_widths.append((name, relative_half_width))
     reason = Fact(
         GradeReason.MOTION_KNOWN,
-        shares=[
-            (name, half_width)
-            for name, half_width in relative_half_widths.items()
-            if isfinite(half_width)
-        ],
+        shares=known_half_widths,
         doubts=_doubts_about(physical, names=list(relative_half_widths)),
     )
-    grade = Grade.GOOD if grades == {Grade.GOOD} else Grade.LIMITED
+    are_both_good = all(grade is Grade.GOOD for grade in grades)
+    grade = Grade.GOOD if are_both_good else Grade.LIMITED
     return Finding(Purpose.DAMPING_AND_TIME_CONSTANT, grade, reason)
+
+
+def _why_motion_is_not_identifiable(physical: Physical) -> Fact:
+    """Returns why a flight shows neither the rate damping nor the motor time constant.
+
+    Args:
+        physical: physical parameters of the axis, with the reasons why they are not identifiable.
+
+    Returns:
+        The most important reason, as a fact (coded finding). If it is that of the control effectiveness too, whose
+        finding is shown above, the fact only says so, and the reason is not repeated.
+    """
+    reason = _first_reason(physical.reasons["damping"] or physical.reasons["lag"])
+    effect_reason = physical.reasons["effect"]
+    if effect_reason is not None and reason == _first_reason(effect_reason):
+        return Fact(GradeReason.SAME_AS_EFFECT)
+    return reason
 
 
 def _doubts_about(physical: Physical, names: Sequence[str]) -> list[Fact]:

@@ -271,23 +271,25 @@ def judge_battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
 
 
 def _lasting_voltage(voltage: TimeSeries, sorted_averages: Array) -> float:
-    """Returns the voltage, V, below which a battery was for ``LOW_VOLTAGE_SECONDS`` in total.
+    """Returns the voltage, V, below which a battery was for ``LOW_VOLTAGE_SECONDS`` of the flight in total.
 
-    With one sample a second and 10 s, ten samples may be lower: it is the eleventh lowest average, or the highest if
-    there are not so many.
+    If the battery was measured once a second, and these are 10 s, the ten lowest samples last that long. The voltage is
+    then the eleventh lowest, or the highest if there are fewer.
 
     Args:
-        voltage: (N,) V; the median step between its samples says how many samples last ``LOW_VOLTAGE_SECONDS``.
-        sorted_averages: (M,) averages of the voltage in flight, V, the lowest first.
+        voltage: (N,) the measured voltage, V, of which only the times are used. The median of the steps between samples
+            tells how many samples last ``LOW_VOLTAGE_SECONDS``.
+        sorted_averages: (M,) averages of the voltage in flight, V, one for each sample, the lowest first.
     """
     is_same_boot = np.diff(voltage.boot) == 0
     steps = np.diff(voltage.time)[is_same_boot]
-    lower_samples = 0
+    count_of_lower_samples = 0
     if len(steps):
         sample_seconds = max(np.median(steps), MIN_VOLTAGE_STEP)
-        lower_samples = round(LOW_VOLTAGE_SECONDS / sample_seconds)
-    last_sample = len(sorted_averages) - 1
-    return float(sorted_averages[min(lower_samples, last_sample)])
+        count_of_lower_samples = round(LOW_VOLTAGE_SECONDS / sample_seconds)
+    # The sample with this index is the first above those, since indices begin with 0.
+    index = min(count_of_lower_samples, len(sorted_averages) - 1)
+    return float(sorted_averages[index])
 
 
 def _first_time_below(evidence: Evidence, voltage: TimeSeries, limit: float) -> float | None:

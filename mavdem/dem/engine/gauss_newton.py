@@ -295,37 +295,39 @@ def _attempt_step(
     *,
     is_gain_likely: bool,
 ) -> _StepAttempt:
-    """Takes one step from an iterate, with increasing damping until it increases the function.
+    """Takes one Newton step from an iterate, with more and more damping until it increases the function.
 
     More damping makes the step shorter, and turns it towards the gradient.
 
     Args:
         objective: function to maximise.
         current: its expansion about the iterate, a point with k coordinates.
-        curvature: (k, k) curvature H to use, which may be a corrected one.
-        damping: settings of the damping of steps.
+        curvature: (k, k) curvature H of the steps: that of the expansion, or one that was corrected.
+        damping: settings of the damping: by which factor it increases, how often, and the longest step.
         first_damping: damping of the first attempt, as a fraction of the curvature's diagonal.
-        is_gain_likely: whether the first attempt will probably increase the function.
+        is_gain_likely: whether the first attempt will probably increase the function, so that the function is expanded
+            there at once. Otherwise its value alone is computed first, which takes less time.
 
     Returns:
         The successful attempt; the last one, without an expansion, if none was successful.
     """
     step = np.zeros(len(current.point))
     present_damping = first_damping
-    for attempt in range(damping.max_attempts):
+    for number in range(1, damping.max_attempts + 1):
         damped_curvature = curvature + present_damping * np.diag(current.curvature.diagonal())
         newton_step = np.asarray(np.linalg.solve(damped_curvature, current.gradient), float)
         step = damping.limit_step(newton_step)
+        is_first_attempt = number == 1
         expansion = _higher_expansion(
             objective,
             point=current.point + step,
             present_value=current.value,
-            is_gain_likely=is_gain_likely and attempt == 0,
+            is_gain_likely=is_gain_likely and is_first_attempt,
         )
         if expansion is not None:
-            return _StepAttempt(expansion, step, present_damping, attempt + 1)
+            return _StepAttempt(expansion, step, present_damping, attempts=number)
         present_damping *= damping.factor
-    return _StepAttempt(None, step, present_damping, damping.max_attempts)
+    return _StepAttempt(None, step, present_damping, attempts=damping.max_attempts)
 
 
 def _higher_expansion(

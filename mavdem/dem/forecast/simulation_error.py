@@ -394,18 +394,22 @@ class SimulationObjective:
         )
 
     def terms(self, expansion: QuadraticExpansion) -> dict[Term, float]:
-        """Returns the terms of the free energy F̄ at the point of an expansion.
+        """Returns the terms of the free energy F̄ of this fit, with the names that they have in DEM's own F̄.
 
-        They have the names of the terms of DEM's own F̄, so that both can be compared. The log likelihood of N
-        effective samples, −N/2 ln(mean squared error), is the noise entropy: N/2 times the log of the noise precision,
-        which is 1 / (mean squared error). With that precision the weighted squares of the errors sum to N exactly, so
-        that their term is −N/2. As simulated states are not uncertain, there is no entropy of states.
+        For N effective samples with the mean squared error V, the noise precision is 1 / V, and the terms are:
+
+        - Entropy of the noise: N/2 ln(1 / V), which is the log likelihood.
+        - Prediction errors of outputs: −½ Σ (squared errors / V) = −N/2, whatever V is.
+        - Prediction errors of parameters: the log prior density.
+        - Entropy of the parameters: −½ ln(determinant of the curvature over that of the prior precision).
+
+        Simulated states are not uncertain, so that there is no entropy of states.
 
         Args:
-            expansion: expansion of the log joint density about the point.
+            expansion: expansion of the log joint density about the point at which the terms are computed.
 
         Returns:
-            The terms by name, nats, with the names of DEM's own terms.
+            The terms by name, nats.
         """
         log_prior = self._log_prior(expansion.point)
         # The value of the expansion is the log likelihood plus the log prior.

@@ -324,28 +324,50 @@ def _wind_rose(
         The drawing, with two rings that show the scale.
     """
     sector = np.rint(direction / SECTOR_WIDTH).astype(int) % SECTOR_COUNT
-    bins = (SPEED_CLASS_LIMITS, np.arange(SECTOR_COUNT + 1))
-    # (classes, sectors) how often each class of speed came from each direction, in the unit of the weight.
-    counts = weight * np.histogram2d(speed, sector, bins)[0]
+    bin_edges = (SPEED_CLASS_LIMITS, np.arange(SECTOR_COUNT + 1))
+    # How often each class of speed came from each direction (classes, sectors), in the unit of the weight.
+    counts = weight * np.histogram2d(speed, sector, bin_edges)[0]
     # The petals of a class begin where those of the slower class end: at the counts, summed over the classes.
-    edges = np.vstack([np.zeros(SECTOR_COUNT), counts.cumsum(axis=0)])
-    # The lower limit only avoids a division by zero where nothing is drawn.
-    scale = RADIUS / max(edges.max(), 1e-9)
-    petals = _petals(edges, scale)
-    classes = []
-    for speed_class in np.flatnonzero(counts.any(axis=1)).tolist():
-        low, high = SPEED_CLASS_LIMITS[speed_class], SPEED_CLASS_LIMITS[speed_class + 1]
-        name = f"{low} to {high} m/s" if np.isfinite(high) else f"above {low} m/s"
-        classes.append(_SpeedClass(name, _opacity(speed_class)))
-    unit = " %" if weight != 1.0 else ""
+    petal_edges = np.vstack([np.zeros(SECTOR_COUNT), counts.cumsum(axis=0)])
+    # The length that is drawn for a count of 1. The lower limit only avoids a division by zero where nothing is drawn.
+    length_per_count = RADIUS / max(petal_edges.max(), 1e-9)
+    # The key has the classes of speed that occur.
+    occurring_classes = np.flatnonzero(counts.any(axis=1)).tolist()
+    svg = figure_as_svg(
+        "rose",
+        petals=_petals(petal_edges, length_per_count),
+        rings=_rings_of_rose(length_per_count, unit="" if weight == 1.0 else " %"),
+        arrow=mean_direction,
+        classes=[_speed_class(number) for number in occurring_classes],
+    )
+    return Plan("Wind rose", description, svg)
+
+
+def _rings_of_rose(length_per_count: float, unit: str) -> list[tuple[float, str]]:
+    """Returns the two rings that show the scale of a wind rose.
+
+    Args:
+        length_per_count: length that is drawn for a count of 1.
+        unit: unit of the counts, with a space before it; empty if they are numbers of flights.
+
+    Returns:
+        The radius of each ring, and its label: the count at that radius, such as "10 %".
+    """
+    outer_count = RADIUS / length_per_count
     # If the outer ring is at more than 1, the labels are whole numbers.
-    decimals = 0 if scale < RADIUS else 1
+    decimals = 0 if outer_count > 1 else 1
     rings = []
     for radius in (RADIUS / 2, RADIUS):
-        label = f"{radius / scale:.{decimals}f}{unit}"
-        rings.append((radius, label))
-    svg = figure_as_svg("rose", petals=petals, rings=rings, arrow=mean_direction, classes=classes)
-    return Plan("Wind rose", description, svg)
+        count = radius / length_per_count
+        rings.append((radius, f"{count:.{decimals}f}{unit}"))
+    return rings
+
+
+def _speed_class(number: int) -> _SpeedClass:
+    """Returns a class of wind speed for the key of a wind rose, by its number, from 0 for the slowest on."""
+    low, high = SPEED_CLASS_LIMITS[number], SPEED_CLASS_LIMITS[number + 1]
+    name = f"{low} to {high} m/s" if np.isfinite(high) else f"above {low} m/s"
+    return _SpeedClass(name, _opacity(number))
 
 
 def _petals(edges: Array, scale: float) -> list[_Petal]:

@@ -82,8 +82,7 @@ Estimates = dict[str, Array]
 def vehicle_groups(flights: Sequence[AxisRows], addresses: Sequence[str] = ()) -> list[Group]:
     """Returns charts that show how the motors and other figures of one vehicle changed from flight to flight.
 
-    Each quantity has a chart of estimates with 90 % intervals, over the number of the flight. Flights with a fault or a
-    drift of the motors are marked in all charts. The chart of the motors, by which they are judged, has its own row.
+    The charts of the motors, by which their health is judged, are a group of their own, in the first row.
 
     Args:
         flights: rows of each flight in the fleet's table, one for each axis, in order of time; at least two flights.
@@ -93,23 +92,9 @@ def vehicle_groups(flights: Sequence[AxisRows], addresses: Sequence[str] = ()) -
         The charts in groups, the last of which has a caption; empty if no quantity is known.
     """
     if len(flights) > MAX_DATED_FLIGHTS:
-        # Each chart has a copy of them, as of the dates.
+        # Each chart has a copy of the addresses, as of the dates, so that those of many flights take too much space.
         addresses = ()
-    flight_axis = _flight_axis(flights)._replace(addresses=tuple(addresses))
-    marks = []
-    for number, flight in enumerate(flights):
-        health = worst_health(flight)
-        if health in HEALTH_MARKS:
-            symbol, colour = HEALTH_MARKS[health]
-            marks.append(Mark(float(number), symbol, colour))
-    charts = []
-    suspect_motor = _suspect_motor(flights)
-    for title, estimates in _charted_quantities(flights):
-        # A quantity that is known of a single flight shows no change over the flights.
-        if _known_flight_count(estimates) > 1:
-            lines = tuple(_lines_of_estimates(estimates, suspect_motor))
-            levels = (0.0,) if title in TITLES_OF_DEVIATIONS else ()
-            charts.append(Chart(title, flight_axis, Axis(""), lines, levels, marks=tuple(marks)))
+    charts = _charts_over_flights(flights, addresses)
     if not charts:
         return []
     caption = FLIGHTS_CAPTION
@@ -122,6 +107,44 @@ def vehicle_groups(flights: Sequence[AxisRows], addresses: Sequence[str] = ()) -
     if not motor_charts or not other_charts:
         return [Group.side_by_side(charts, caption)]
     return [Group.side_by_side(motor_charts), Group.side_by_side(other_charts, caption)]
+
+
+def _charts_over_flights(flights: Sequence[AxisRows], addresses: Sequence[str]) -> list[Chart]:
+    """Returns a chart for each quantity of the motors and the model, with 90 % intervals, over the flights.
+
+    Flights with a fault or a drift of the motors are marked in all charts.
+
+    Args:
+        flights: rows of each flight in the fleet's table, one for each axis, in order of time.
+        addresses: address of the page of each flight; empty for a flight without a page.
+
+    Returns:
+        The charts; a quantity that is known of fewer than two flights has none, since it shows no change.
+    """
+    flight_axis = _flight_axis(flights)._replace(addresses=tuple(addresses))
+    marks = []
+    for number, flight in enumerate(flights):
+        health = worst_health(flight)
+        if health in HEALTH_MARKS:
+            symbol, colour = HEALTH_MARKS[health]
+            marks.append(Mark(float(number), symbol, colour))
+    suspect_motor = _suspect_motor(flights)
+    charts = []
+    for title, estimates in _charted_quantities(flights):
+        if _known_flight_count(estimates) < 2:
+            continue
+        # A horizontal line at 0, where the deviations of even motors are.
+        levels = (0.0,) if title in TITLES_OF_DEVIATIONS else ()
+        chart = Chart(
+            title,
+            flight_axis,
+            Axis(""),
+            tuple(_lines_of_estimates(estimates, suspect_motor)),
+            levels,
+            marks=tuple(marks),
+        )
+        charts.append(chart)
+    return charts
 
 
 def _known_flight_count(estimates: Estimates) -> int:

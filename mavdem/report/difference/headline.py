@@ -114,23 +114,28 @@ def _sentences_on_gains(
     relevant_axes: Collection[str],
     light_sentences: Sequence[Sentence],
 ) -> list[Sentence]:
-    """Returns the sentence of the headline on changed gains, and on the changes of quantities that follow from them.
+    """Returns the sentence of the headline on changed gains and their effects, such as a smaller phase margin.
+
+    It names the first gains of the rate controllers that changed and how many other parameters did, and then the
+    quantities of the same axes that changed because of them.
 
     Args:
         reviewed: comparison of the two states, with the changed parameters.
         changes: the changed quantities, the most relevant first.
-        relevant_axes: axes of loops with a bad margin or a changed quantity, whose gains are named; if none of these
-            changed, all changed gains are.
-        light_sentences: sentences on the lights, which stand above: changes that they state are not repeated.
+        relevant_axes: axes of loops with a bad margin or a changed quantity. Only their gains are named, unless none of
+            these changed.
+        light_sentences: sentences on the status lights, such as the margins. They stand above, and changes of
+            quantities that they state are not repeated.
 
     Returns:
         A list with one sentence; empty if no parameter changed.
     """
     difference = reviewed.difference
-    parameters = reviewed.parameters
-    gains = changed_rate_gains(parameters, relevant_axes)
+    changed_parameters = reviewed.parameters
+    gains = changed_rate_gains(changed_parameters, relevant_axes)
     if not gains:
-        gains = changed_rate_gains(parameters, ())
+        # Without axes this returns the gains of all of them.
+        gains = changed_rate_gains(changed_parameters, ())
     shown_gains = [parameter_text(gain) for gain in gains[:MAX_HEADLINE_GAINS]]
     axes_of_gains = set[str]()
     for gain in gains:
@@ -138,14 +143,15 @@ def _sentences_on_gains(
     texts_above = " ".join(sentence.text for sentence in light_sentences)
     effects = []
     for change in changes:
-        if difference.follows_from_gains(change) and change.quantity.axis in axes_of_gains:
-            text = change_text(change, difference)
-            if text not in texts_above:
-                effects.append(text)
+        is_of_same_axis = change.quantity.axis in axes_of_gains
+        if is_of_same_axis and difference.follows_from_gains(change):
+            effect = change_text(change, difference)
+            if effect not in texts_above:
+                effects.append(effect)
     return render_section(
         "difference_gains",
         gains=shown_gains,
-        further_count=len(parameters) - len(shown_gains),
+        further_count=len(changed_parameters) - len(shown_gains),
         effects=effects[:MAX_HEADLINE_EFFECTS],
         are_two_vehicles=reviewed.are_two_vehicles,
     )

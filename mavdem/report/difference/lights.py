@@ -60,22 +60,23 @@ def bad_lights(reviews: Mapping[str, Review]) -> list[BadLight]:
     others: list[BadLight] = []
     for name, lights_by_side in lights_of_both(reviews).items():
         bad_sides = []
+        is_headline = False
         for side, light in lights_by_side.items():
             if light["level"] == Level.BAD:
                 bad_sides.append(side)
+                if light["sentence"] == value_at(reviews[side], "headline.sentence"):
+                    is_headline = True
         if not bad_sides:
             continue
         first_bad_light = lights_by_side[bad_sides[0]]
-        axis = value_at(first_bad_light, "figures.axis") or ""
         compared_light = compared_levels(lights_by_side)
         bad_light = BadLight(
-            name, tuple(bad_sides), axis, compared_light.levels, compared_light.reason
+            name,
+            bad_sides=tuple(bad_sides),
+            axis=value_at(first_bad_light, "figures.axis") or "",
+            levels=compared_light.levels,
+            reason=compared_light.reason,
         )
-        is_headline = False
-        for side in bad_sides:
-            headline_sentence = value_at(reviews[side], "headline.sentence")
-            if lights_by_side[side]["sentence"] == headline_sentence:
-                is_headline = True
         if is_headline:
             headlines.append(bad_light)
         else:

@@ -1,6 +1,7 @@
 """The HTML page that compares two flights: what differs, then responses, margins, spectra, motors and wind of both."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
 from math import sqrt
 
 import numpy as np
@@ -295,23 +296,26 @@ def _missing_step_sentences(reviews_by_side: Reviews) -> list[Sentence]:
     Args:
         reviews_by_side: review documents of both logs, by side, "A" and "B".
     """
-    reasons_by_side = dict[str, list[str]]()
-    for axis in AXES:
-        for loop_name in LOOP_NAMES:
-            path = f"axes.{axis}.{loop_name}"
-            loops_by_side = {
-                side: value_at(review, path) or {} for side, review in reviews_by_side.items()
-            }
-            if not any(loop.get("measured") for loop in loops_by_side.values()):
-                continue
-            for side, loop in loops_by_side.items():
-                if not loop.get("measured"):
-                    facts = loop.get("facts") or ()
-                    reasons_by_side.setdefault(side, []).extend(fact["sentence"] for fact in facts)
+    # A dictionary for each side, whose keys are the reasons: it has each of them once, in order.
+    reasons_by_side = dict[str, dict[str, None]]()
+    for axis, loop_name in product(AXES, LOOP_NAMES):
+        responses_by_side = {}
+        for side, review in reviews_by_side.items():
+            responses_by_side[side] = value_at(review, f"axes.{axis}.{loop_name}") or {}
+        is_measured_anywhere = any(
+            response.get("measured") for response in responses_by_side.values()
+        )
+        if not is_measured_anywhere:
+            continue
+        for side, response in responses_by_side.items():
+            if not response.get("measured"):
+                reasons = reasons_by_side.setdefault(side, {})
+                for fact in response.get("facts") or ():
+                    reasons[fact["sentence"]] = None
     sentences = []
     for side, reasons in reasons_by_side.items():
         if reasons:
-            sentences.append(Sentence(" ".join(dict.fromkeys(reasons)), f"Not measured in {side}:"))
+            sentences.append(Sentence(" ".join(reasons), f"Not measured in {side}:"))
     return sentences
 
 

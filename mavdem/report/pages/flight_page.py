@@ -1013,26 +1013,40 @@ def _live_chapters(
     chapters = []
     if learned is not None:
         chapters.append(Chapter("Motors", motor_blocks(learned, None)))
-    gain_sentences = []
-    for event in history.events:
-        code = event.fact.code
-        # An event may also say that gains are being computed, which is over when the page is written.
-        is_advice = isinstance(code, GainFact | LoopAction) and code is not GainFact.ADVICE_AWAITED
-        # Gains are set on the ground: those of an earlier flight say nothing of one that goes on.
-        is_of_latest_flight = event.seconds >= history.flight.start
-        if is_advice and is_of_latest_flight and (status.is_over or not status.is_flying):
-            gain_sentences.append(Sentence(event.sentence))
-    if gain_sentences:
-        chapters.append(Chapter(GAINS_TITLE, gain_sentences))
-    learned_seconds = 0.0 if learned is None else len(learned.record) * learned.dt
-    report = live_report(history, status, seconds_by_use, axis, learned_seconds)
+    # Gains are set on the ground, so that a vehicle in flight has no advice on them.
+    if status.is_over or not status.is_flying:
+        gain_sentences = _sentences_on_advised_gains(history)
+        if gain_sentences:
+            chapters.append(Chapter(GAINS_TITLE, gain_sentences))
+    seconds_of_training_data = 0.0
+    if learned is not None:
+        seconds_of_training_data = len(learned.record) * learned.dt
+    report = live_report(history, status, seconds_by_use, axis, seconds_of_training_data)
     title = f"Prediction of {axis}, and the link"
     chapters.append(Chapter(title, report, folded=True))
     if learned is not None:
+        # The session may not have graded its latest model yet.
         findings = status.findings or model_findings(learned, alarms=status.motor_alarms_of_flight)
         blocks = [*purpose_tables(findings), *torque_blocks(learned)]
         chapters.append(Chapter(f"Model of {axis}", blocks))
     return chapters
+
+
+def _sentences_on_advised_gains(history: LiveHistory) -> list[Sentence]:
+    """Returns the events of a live session that advise gains after its latest flight, as sentences.
+
+    Args:
+        history: events and signals of the live flight on one timeline.
+    """
+    sentences = []
+    for event in history.events:
+        code = event.fact.code
+        # An event may also say that gains are being computed, which is over when the page is written.
+        is_advice = isinstance(code, GainFact | LoopAction) and code is not GainFact.ADVICE_AWAITED
+        is_of_latest_flight = event.seconds >= history.flight.start
+        if is_advice and is_of_latest_flight:
+            sentences.append(Sentence(event.sentence))
+    return sentences
 
 
 def _numbered_live_events(

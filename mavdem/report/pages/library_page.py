@@ -32,6 +32,7 @@ from mavdem.report.charts.timeline import history_timeline
 from mavdem.report.charts.vehicle_charts import vehicle_groups
 from mavdem.report.fleet import (
     HEALTH_LEVELS,
+    VehicleTexts,
     badge_level,
     motors_level,
     unnamed_vehicle,
@@ -323,41 +324,47 @@ def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values
         flights: for each flight, in the order of time, its rows in the fleet's table, one for each axis. With fewer
             than two flights there are no charts.
         changes: sentences and tables on how the latest flight differs from the baseline of healthy flights.
-        **values: further values that the template ``vehicle.html`` uses, by name.
+        **values: further values that the template ``vehicle.html`` uses, by name. Its ``entries`` are the entries of
+            the flights in the library, to which the points of the charts link.
 
     Returns:
         The page as HTML.
     """
-    summary = ""
-    next_step = ""
-    latest_flight = ""
+    # Without a flight there is no judgement.
+    texts = VehicleTexts(latest_flight="", reason="", all_flights="", next_step="")
     level = Level.UNKNOWN
     if flights:
         texts = vehicle_texts(flights)
-        latest_flight = texts.latest_flight
         level = badge_level(flights)
-        summary = texts.all_flights
-        next_step = texts.next_step
     groups: list[Group] = []
     if len(flights) > 1:
-        # Points of the charts link to the pages of their flights, "/f/ID". A flight is found among the entries of the
-        # library by the hash of its log's content.
-        ids = {entry.content_hash: entry.id for entry in values.get("entries", ())}
-        addresses = []
-        for flight in flights:
-            flight_id = ids.get(content_hash(log_row(flight).key))
-            addresses.append("" if flight_id is None else f"/f/{flight_id}")
-        groups = vehicle_groups(flights, addresses)
+        groups = vehicle_groups(flights, _addresses_of_flights(flights, values.get("entries", ())))
     return render_server_page(
         "vehicle",
-        latest_flight=latest_flight,
+        latest_flight=texts.latest_flight,
         level=level,
-        words=summary,
-        next_step=next_step,
+        words=texts.all_flights,
+        next_step=texts.next_step,
         changes=[*changes],
         groups=groups,
         **values,
     )
+
+
+def _addresses_of_flights(flights: Sequence[AxisRows], entries: Iterable[Any]) -> list[str]:
+    """Returns the address of each flight's page on the server, "/f/ID"; empty for a flight without an entry.
+
+    Args:
+        flights: rows of each flight in the fleet's table, one for each axis.
+        entries: entries of flights in the library (``serve.index.LibraryEntry``). The entry of a flight is found by the
+            hash of its log's content.
+    """
+    ids = {entry.content_hash: entry.id for entry in entries}
+    addresses = []
+    for flight in flights:
+        flight_id = ids.get(content_hash(log_row(flight).key))
+        addresses.append("" if flight_id is None else f"/f/{flight_id}")
+    return addresses
 
 
 def refusal_page(fact: Fact, *, asks_for_token: bool, **values: Any) -> str:

@@ -360,23 +360,25 @@ class Head(NamedTuple):
         if self.is_newest_first or len(events_of_flight) <= MAX_BRIEF_EVENTS:
             return events_of_flight
         causes = [page_event.cause for page_event in events_of_flight]
-        # The number of events of each kind, by the index of its longest one, the worst kind first.
-        counts = {kind.event_index: kind.event_count for kind in worst_events(causes)}
-        important_indices = list(counts)
+        # The number of events of each kind, by the index of its longest one, which is shown; the worst kind first.
+        count_by_index = {kind.event_index: kind.event_count for kind in worst_events(causes)}
+        indices = list(count_by_index)
+        index_of_headline = None
+        indices_of_causes = []
         for index, page_event in enumerate(events_of_flight):
-            if page_event.is_headline:
-                if index in important_indices:
-                    important_indices.remove(index)
-                important_indices.insert(0, index)
-                break
-        shown_indices = set(important_indices[:MAX_BRIEF_EVENTS])
-        for index, page_event in enumerate(events_of_flight):
+            if page_event.is_headline and index_of_headline is None:
+                index_of_headline = index
             if page_event.is_cause_of_headline:
-                shown_indices.add(index)
+                indices_of_causes.append(index)
+        if index_of_headline is not None:
+            other_indices = [index for index in indices if index != index_of_headline]
+            indices = [index_of_headline, *other_indices]
+        shown_indices = {*indices[:MAX_BRIEF_EVENTS], *indices_of_causes}
         brief_events = []
         # Sorted by their indices, they are in the order of time.
         for index in sorted(shown_indices):
-            brief_events.append(events_of_flight[index]._replace(total=counts.get(index, 1)))
+            total = count_by_index.get(index, 1)
+            brief_events.append(events_of_flight[index]._replace(total=total))
         return brief_events
 
     @property

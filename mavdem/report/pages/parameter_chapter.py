@@ -1,6 +1,7 @@
 """The chapter of a flight's page on the autopilot's parameters: changed in flight, of its control, and all."""
 
 import re
+from collections.abc import Mapping
 from functools import cache
 
 from mavdem.facts import Level
@@ -172,9 +173,7 @@ def _all_parameters(telemetry: Telemetry) -> Table:
 def _control_parameter_tables(telemetry: Telemetry) -> Blocks:
     """Returns tables of the autopilot's control parameters, such as its gains: those of axes, and those of no axis.
 
-    Parameters that differ only in their axis share a row, with the values of roll, pitch and yaw and the whole name of
-    the first of them, which can be searched for. Parameters that are 0 are left out: 0 mostly switches off what a
-    parameter sets. Names link to their description.
+    Parameters that are 0 are left out: 0 mostly switches off what a parameter sets.
 
     Args:
         telemetry: messages of the vehicle as columns, and its parameters.
@@ -185,31 +184,44 @@ def _control_parameter_tables(telemetry: Telemetry) -> Blocks:
         is_control = CONTROL_PARAMETERS.match(name) and not name.startswith(GEOMETRY_PREFIX)
         if not value or not is_control:
             continue
-        axis = AXIS_IN_PARAMETER.search(name)
-        if axis is None:
+        axis_in_name = AXIS_IN_PARAMETER.search(name)
+        if axis_in_name is None:
             rows_of_no_axis.append([_linked_name(telemetry, name), parameter_value_text(value)])
         else:
-            name_without_axis = AXIS_IN_PARAMETER.sub("…", name, count=1)
-            # The first letter of the axis is the key of its column.
-            names_of_axes.setdefault(name_without_axis, {})[axis[0][0]] = name
-    rows_of_axes: list[list[str]] = []
-    for names in names_of_axes.values():
-        first_name = next(names[column] for column in AXIS_COLUMNS if column in names)
-        row: list[str] = [_linked_name(telemetry, first_name)]
-        for column in AXIS_COLUMNS:
-            if column in names:
-                row.append(parameter_value_text(telemetry.parameters[names[column]]))
-            else:
-                row.append("")
-        rows_of_axes.append(row)
+            # Of ATC_RAT_RLL_P: the name for all axes is "ATC_RAT_…_P", and "R" is the column of roll.
+            name_for_all_axes = AXIS_IN_PARAMETER.sub("…", name, count=1)
+            column = axis_in_name[0][0]
+            names_of_axes.setdefault(name_for_all_axes, {})[column] = name
     blocks: Blocks = []
-    if rows_of_axes:
-        blocks.append(
-            Table(["parameter (of its first axis)", *AXIS_COLUMNS.values()], rows_of_axes)
-        )
+    if names_of_axes:
+        rows = [_row_of_axes(telemetry, names) for names in names_of_axes.values()]
+        blocks.append(Table(["parameter (of its first axis)", *AXIS_COLUMNS.values()], rows))
     if rows_of_no_axis:
         blocks.append(Table(["parameter", "value"], rows_of_no_axis))
     return blocks
+
+
+def _row_of_axes(telemetry: Telemetry, name_by_column: Mapping[str, str]) -> list[str]:
+    """Returns the row of parameters that differ only in their axis, such as the P gains of roll, pitch and yaw.
+
+    Args:
+        telemetry: the vehicle, with its parameters.
+        name_by_column: name of the parameter of each axis, by the keys of ``AXIS_COLUMNS``; at least one.
+
+    Returns:
+        The whole name of the parameter of the first axis, which can be searched for, and the value for each axis. A
+        cell is empty where the axis has no such parameter.
+    """
+    columns_with_value = [column for column in AXIS_COLUMNS if column in name_by_column]
+    first_name = name_by_column[columns_with_value[0]]
+    row: list[str] = [_linked_name(telemetry, first_name)]
+    for column in AXIS_COLUMNS:
+        if column in name_by_column:
+            value = telemetry.parameters[name_by_column[column]]
+            row.append(parameter_value_text(value))
+        else:
+            row.append("")
+    return row
 
 
 def _linked_name(telemetry: Telemetry, name: str) -> Linked:
