@@ -13,7 +13,7 @@ from rich.text import Text
 
 from mavdem.cli.streams import escape_unprintable
 from mavdem.facts import Fact, Level
-from mavdem.facts.event import LEARNING_STATES, Event
+from mavdem.facts.event import Event
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.session import SessionFact
 from mavdem.facts.watch import WatchFact
@@ -27,7 +27,7 @@ ALARM_OVER_MARKER = "ALARM OVER"
 """Words before the text of an alarm that is over."""
 
 VERDICT_MARKER = "VERDICT"
-"""Word before the verdict on a flight at the end of a session."""
+"""Word before the verdict on a flight: at the end of a session, or once a server has judged its log."""
 
 FILE_MARKER = "FILE"
 """Word before the name of a file that the session has written."""
@@ -86,24 +86,13 @@ def event_line(event: Event, *, has_remedy: bool = True, ends_alarm: bool = Fals
         sentence = fact.figures["reason"].sentence
     elif event.is_alarm:
         marker = ALARM_MARKER
+    elif fact.code is SessionFact.RECORDING_JUDGED:
+        marker = VERDICT_MARKER
     parts = [marker, sentence]
     if has_remedy:
         parts.append(fact.remedy)
     text = " ".join(part for part in parts if part)
     return stamped_line(escape_unprintable(text), event.reception, event.clock)
-
-
-def print_event(event: Event, console: Console) -> None:
-    """Prints an event of a live session in the colour of its level, if it warns.
-
-    An event of ``LEARNING_STATES`` is not printed: a pilot would have to look for an alarm among such lines.
-
-    Args:
-        event: what was found, and when.
-        console: standard output or standard error.
-    """
-    if event.fact.code not in LEARNING_STATES:
-        print_line(event_line(event), console, style_of_facts(event.fact))
 
 
 def print_line(

@@ -246,16 +246,23 @@ class StatusLines:
         self.terminal_text = None
 
     def show(self, session: LiveSession) -> None:
-        """Shows the present status of a session.
+        """Shows the present status of a session, as ``show_status`` does.
+
+        Args:
+            session: The live session: its link, the vehicle and the model that it learns.
+        """
+        self.show_status(session.shown_status)
+
+    def show_status(self, status: SessionStatus) -> None:
+        """Shows a status of a session.
 
         On a terminal, lines are updated in place: one on the vehicle, one with the headline so far and the next step, a
         table of the lights with their levels and figures, and one on learning, problems, and what is not watched. The
         headline and problems have the colour of the worst alarm. Elsewhere, as in a file, only what is new is printed.
 
         Args:
-            session: The live session: its link, the vehicle and the model that it learns.
+            status: State of the live session: vehicle, learning, alarms, lights and next step.
         """
-        status = session.shown_status
         if status.loss is None:
             self._print_watch_changes(status.watch_facts, status.boot_clock)
         if self.terminal_text is None:

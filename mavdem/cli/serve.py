@@ -16,7 +16,6 @@ from mavdem.cli.streams import print_to_stderr
 from mavdem.dem.parallel import available_workers
 from mavdem.extras import require_extra
 from mavdem.facts import Fact
-from mavdem.facts.event import Event
 from mavdem.fleet.workers import JobLimits
 from mavdem.machine import has_screen
 
@@ -117,7 +116,7 @@ def serve_command(
     require_extra("serve", "`mavdem serve`")
     # The web framework takes a second to import, live sessions as long, and `mavdem serve --help` does not need them.
     from mavdem.cli.console import STDERR
-    from mavdem.cli.live_lines import print_event
+    from mavdem.cli.live_status import StatusLines
     from mavdem.serve.run import ServerOptions, serve
 
     options = ServerOptions(
@@ -143,8 +142,13 @@ def serve_command(
     def report_warning(fact: Fact) -> None:
         print_to_stderr(f"mavdem: {fact.sentence_and_remedy}")
 
-    def report_event(event: Event) -> None:
-        print_event(event, STDERR)
-
+    status_lines = StatusLines(console=STDERR)
     opens_browser = has_screen() and not no_browser
-    serve(options, report_address, report_warning, report_event, opens_browser=opens_browser)
+    serve(
+        options,
+        report_address,
+        report_warning,
+        status_lines.print_event,
+        status_lines.show_status,
+        opens_browser=opens_browser,
+    )

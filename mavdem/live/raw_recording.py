@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import nan
 from pathlib import Path
+from shutil import copyfile
 from typing import NamedTuple
 
 import numpy as np
@@ -128,6 +129,18 @@ class RawRecording:
         else:
             nanoseconds = microseconds * 1000
             self._mcap.add_message(self._channel, nanoseconds, content, nanoseconds)
+
+    def copy_to(self, path: Path) -> None:
+        """Copies what was recorded so far to another file, while the recording of a .tlog goes on.
+
+        Args:
+            path: path of the file.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        self._file.flush()
+        copyfile(self._path, path)
 
     def close(self) -> None:
         """Writes the rest and closes the file; closing it again does nothing.

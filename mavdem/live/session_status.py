@@ -243,6 +243,9 @@ class SessionStatus(ImmutableResult):
     """The verdict of the recording on the flight that is over, or why there is none yet; None where no recording is
     to be judged apart from this session. An all-clear waits for it."""
 
+    earlier_recording: Fact | None = None
+    """The verdict of a library on the log of the vehicle's flight before this session; None without one."""
+
     loss: Fact | None = None
     """How the flight was lost, until the next take-off; None if it was not."""
 
@@ -406,14 +409,26 @@ class SessionStatus(ImmutableResult):
         None without such a fault, or if the headline of ``session_judgement`` states it.
         """
         verdict = self.worst_earlier_verdict
-        if verdict is None or not verdict.judgement.headline.forbids_flight:
-            return None
-        if self.session_judgement.headline == verdict.fact:
-            return None
+        if verdict is not None and verdict.judgement.headline.forbids_flight:
+            if self.session_judgement.headline == verdict.fact:
+                return None
+            return self._unrepaired_fault(verdict.fact, verdict.judgement.next_step)
+        recording = self.earlier_recording
+        if recording is not None and recording.is_bad and recording.forbids_flight:
+            return self._unrepaired_fault(recording, Fact(NextStep.DO_AS_ADVISED, reason=recording))
+        return None
+
+    def _unrepaired_fault(self, verdict: Fact, next_step: Fact) -> Fact:
+        """Returns the fact that a fault of an earlier flight may not have been repaired.
+
+        Args:
+            verdict: the verdict on that flight.
+            next_step: what to do about it.
+        """
         return Fact(
             SessionFact.UNREPAIRED_FAULT,
-            reason=verdict.fact,
-            next_step=verdict.judgement.next_step,
+            reason=verdict,
+            next_step=next_step,
             is_in_flight=self.is_flying and not self.is_over,
         )
 

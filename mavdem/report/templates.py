@@ -57,6 +57,10 @@ PARAMETERS = {
 """The name shown for each physical parameter, by its name in ``Physical.status``."""
 
 
+BAN = "Do not fly"
+"""Beginning of sentences that forbid flight."""
+
+
 class Medium(NamedTuple):
     """Where sentences are read, which decides how they name what to do."""
 
@@ -272,8 +276,7 @@ def _template_values(fact: Fact) -> dict[str, Any]:
             already not to fly.
     """
     medium = MEDIUM.get()
-    # The beginning of sentences that forbid flight.
-    ban = "Do not fly"
+    ban = BAN
     if fact.figures.get("is_added"):
         ban = "Nor fly"
     values = {
@@ -690,6 +693,9 @@ def forbids_flight(fact: Fact) -> bool:
         return True
     if rule == "bad":
         return fact.is_bad
+    if rule == "remedy":
+        # The remedy is a text that was stored with a log.
+        return BAN in fact.remedy
     if rule == "confirmed":
         # Only if another sensor confirms the fact.
         return "is_unconfirmed" not in fact.figures

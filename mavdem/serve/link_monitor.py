@@ -1,6 +1,7 @@
 """Live sessions on a monitored link: a page and facts (coded findings) while the vehicle flies, then its stored log."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from math import inf, nan
@@ -19,7 +20,6 @@ from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light
 from mavdem.facts.serve import RefusalReason, Stage
 from mavdem.facts.session import LinkFact, RecordingState, RowsFact, SessionFact, VehicleFact
-from mavdem.facts.watch import WatchFact
 from mavdem.fleet.names import GivenNames
 from mavdem.live import LiveStream, clock
 from mavdem.live.link import Link, ReceivedPiece
@@ -41,7 +41,10 @@ from mavdem.serve.live_pages import (
 )
 
 MAX_SILENT_PAGES = 12
-"""Pages in a row during which nothing is received, a minute in all, after which the session of a vehicle is over."""
+"""Pages in a row during which nothing is received, a minute in all, after which the session of a vehicle is over.
+
+If it was last in the air, what was recorded is added to the library then, and the session goes on.
+"""
 
 MAX_SILENT_PAGES_IN_AIR = 120
 """The same of a vehicle that was last in the air, 10 min in all: a choice.
@@ -54,27 +57,6 @@ MAX_SILENT_PAGES_AFTER_LANDING = 3
 """The same after a landing, 15 s in all: a choice. The vehicle was switched off, or its next flight is one of its own.
 
 An autopilot that reboots, or a radio that fades, is mostly back before.
-"""
-
-REPORTED_CODES = frozenset(
-    {
-        LinkFact.CONNECTION_LOST,
-        LinkFact.LINK_OPEN_AGAIN,
-        RowsFact.NOTHING_RECEIVED,
-        RowsFact.MESSAGES_RESUMED,
-        VehicleFact.FOLLOWING_VEHICLE,
-        VehicleFact.OTHER_VEHICLE,
-        VehicleFact.VEHICLE_SUCCEEDED,
-        VehicleFact.VEHICLE_REBOOTED,
-        SessionFact.FLIGHT_LEARNED,
-        WatchFact.ALARM_OVER,
-        ReportedEvent.OFF_GROUND,
-        ReportedEvent.ON_GROUND,
-    }
-)
-"""What the server's terminal says of a flight besides alarms and warnings: the link, the vehicle, take-off and landing.
-
-How the learning goes on is on the page.
 """
 
 NO_VEHICLE_CODES = frozenset(
@@ -110,11 +92,11 @@ class _IncomingRecording(NamedTuple):
     """Messages that it has already: those of its vehicle that came during the session before."""
 
 
-class _FinishedFlight(NamedTuple):
-    """A flight whose session is over, and which is shown until another vehicle comes."""
+class _StoredFlight(NamedTuple):
+    """A flight of the link whose recording, or a part of it, is in the library."""
 
-    session: LiveSession
-    """Its session."""
+    vehicle: str
+    """Name of its vehicle on the link, such as "1:1"."""
 
     entry_id: str
     """Id of its recording in the library."""
@@ -123,17 +105,20 @@ class _FinishedFlight(NamedTuple):
     """Link to its page in the library."""
 
     verdict: Fact | None = None
-    """The verdict of the recording that its page shows; None before the page is made."""
+    """The latest verdict of the library on the recording; None before it was asked for."""
+
+    session: LiveSession | None = None
+    """Its session, if that is over and shown until another vehicle comes; otherwise None."""
 
 
 class LinkMonitor:
     """Runs live sessions on a link, one after the other, in a thread; nothing is sent to the vehicle unless asked for.
 
-    A session ends when its vehicle is silent for a minute, after a landing for 15 s, after its link was lost in the
-    air for 10 min, or for ``SUCCESSION_SECONDS`` while another one sends, which the next session follows; when its
-    vehicle restarts after a landing, or takes off again after it restarted on the ground while its link was lost in
-    the air, since its next flight is one of its own; and when the server ends. After an error, such as a full disk, no
-    further session begins; what was recorded until then is kept.
+    A session ends when its vehicle is silent for a minute, after a landing for 15 s, after its link was lost in the air
+    for 10 min (a minute after the loss what was recorded is stored), or for ``SUCCESSION_SECONDS`` while another one
+    sends, which the next session follows; when its vehicle restarts after a landing, or takes off again after it
+    restarted on the ground while its link was lost in the air, since its next flight is one of its own; and when the
+    server ends. After an error, such as a full disk, no further session begins; what was recorded until then is kept.
 
     Attributes:
         problem: why no session runs any more; None while one does.
@@ -146,6 +131,7 @@ class LinkMonitor:
         log_added: Callable[[], None],
         warn: Callable[[Fact], None],
         report_event: Callable[[Event], None],
+        report_status: Callable[[SessionStatus], None],
         request_rate: float | None = None,
         server_address: str = "",
         vehicle: str | None = None,
@@ -157,8 +143,9 @@ class LinkMonitor:
             library: library to which recordings of sessions are added.
             log_added: function that is called after a recording was added.
             warn: function that is called with the reason where no session runs any more, and with what was lost.
-            report_event: function that is called with each alarm and warning, with ``REPORTED_CODES``, and where a
-                flight is saved.
+            report_event: function that is called with each event of a session, where a flight is saved, and with the
+                library's verdict on it.
+            report_status: function that is called with the status of the session every ``PAGE_SECONDS``.
             request_rate: rate that each vehicle is asked for, Hz; None to send nothing at all.
             server_address: URL of the server, with which the address of a saved flight begins.
             vehicle: "system" or "system:component" of the only vehicle to follow; None for any that sends.
@@ -173,8 +160,10 @@ class LinkMonitor:
         self._update_time = -inf
         # The page of the session before, which is shown until another vehicle is received; empty for none.
         self._finished_page = ""
-        # That session, with which the page is made again when the library has read its recording; None for none.
-        self._finished_flight: _FinishedFlight | None = None
+        # The latest flight whose session is over, with the library's verdict on its recording; None for none.
+        self._stored_flight: _StoredFlight | None = None
+        # The part of the running session's recording that was stored once its vehicle was lost in the air.
+        self._stored_part: _StoredFlight | None = None
         # The recording of the session before, in the library.
         self._latest_flight: PageLink | None = None
         self._link = Link(link)
@@ -182,12 +171,15 @@ class LinkMonitor:
         self._log_added = log_added
         self._warn = warn
         self._report_event = report_event
+        self._report_status = report_status
         self._server_address = server_address
         self._request_rate = request_rate
         self._chosen_vehicle = vehicle
         # Name of the vehicle that the next session is to follow; None for the only one on the link.
         self._next_vehicle: str | None = None
-        # The recording of that session, where it has messages of that vehicle already.
+        # The recording of the running session.
+        self._incoming: _IncomingRecording | None = None
+        # The recording of the next session, where it has messages of its vehicle already.
         self._next_recording: _IncomingRecording | None = None
         # Whether the vehicle has landed in its session, or is in the air; whether it has restarted since, so that its
         # next flight is another one; and whether it was in the air before its latest restart.
@@ -267,6 +259,7 @@ class LinkMonitor:
         """
         incoming = self._next_recording or self._new_recording()
         self._next_recording = None
+        self._incoming = incoming
         session = self._new_session(incoming, executor)
         try:
             try:
@@ -333,6 +326,7 @@ class LinkMonitor:
         self._has_restarted = False
         self._has_restarted_in_air = False
         self._is_missed_in_air = False
+        self._stored_part = None
         return session
 
     def _vehicle_of_next_session(self, session: LiveSession) -> Component | None:
@@ -373,37 +367,71 @@ class LinkMonitor:
         # The name has the time of the first message, since the session may have waited for its vehicle for hours.
         first_time = datetime.fromtimestamp(incoming.recording.first_stamp, UTC)
         entry = self._library.add(incoming.path, _recording_name(first_time))
+        if self._stored_part is not None and self._stored_part.entry_id != entry.id:
+            # The flight went on after a part of it was stored. Somebody may have deleted that part meanwhile.
+            with suppress(Refusal):
+                self._library.delete(self._stored_part.entry_id)
         address = f"/f/{entry.id}"
         self._latest_flight = PageLink("Latest flight", address)
         self._log_added()
         self._report_saved_flight(address)
-        if session.stream.followed_vehicle is not None and not self._is_stopping.is_set():
+        vehicle = session.stream.followed_vehicle
+        if vehicle is not None and not self._is_stopping.is_set():
             saved_flight = PageLink(entry.name, address)
-            self._finished_flight = _FinishedFlight(session, entry.id, saved_flight)
-            self._update_finished_page(self._finished_flight)
+            self._stored_flight = self._with_verdict(
+                _StoredFlight(vehicle.name, entry.id, saved_flight, session=session)
+            )
 
-    def _update_finished_page(self, flight: _FinishedFlight) -> None:
-        """Makes the page of a finished flight, or makes it anew if the verdict on the flight's recording has changed.
+    def _store_part(self, session: LiveSession) -> None:
+        """Adds what was recorded of a vehicle that is lost in the air to the library; the session goes on.
 
-        The library reads and judges the recording some time after the session has ended.
+        So its last minutes can be read while the vehicle is searched. If it comes back, the whole recording takes the
+        place of this part at the end of the session.
 
         Args:
-            flight: the flight, with the verdict that its page shows now.
+            session: the running session.
+
+        Raises:
+            Refusal: the library has no room.
+            OSError: the recording cannot be copied.
+        """
+        vehicle = session.stream.followed_vehicle
+        assert self._incoming is not None
+        assert vehicle is not None
+        recording = self._incoming.recording
+        name = _recording_name(datetime.fromtimestamp(recording.first_stamp, UTC))
+        path = self._library.new_incoming_path(name)
+        recording.copy_to(path)
+        entry = self._library.add(path, name)
+        address = f"/f/{entry.id}"
+        self._stored_part = _StoredFlight(vehicle.name, entry.id, PageLink(name, address))
+        self._log_added()
+        self._report_saved_flight(address, is_part=True)
+
+    def _with_verdict(self, flight: _StoredFlight) -> _StoredFlight:
+        """Returns a stored flight with the library's present verdict on it, which is reported once.
+
+        The library reads and judges a recording some time after it was stored. A page that still shows the flight is
+        made anew.
+
+        Args:
+            flight: the flight, with its latest verdict.
         """
         try:
             entry = self._library.entry(flight.entry_id)
         except Refusal:
             # Somebody has deleted the recording; the page stays as it is.
-            return
+            return flight
         verdict = _verdict_on_recording(entry)
         if verdict == flight.verdict:
-            return
-        self._finished_flight = flight._replace(verdict=verdict)
+            return flight
         if verdict.code is SessionFact.RECORDING_JUDGED:
             self._report_event(Event(nan, verdict, reception=clock.unix_time()))
-        self._finished_page = _finished_page(
-            flight.session, self._library.names, flight.saved_flight, verdict
-        )
+        if flight.session is not None:
+            self._finished_page = _finished_page(
+                flight.session, self._library.names, flight.saved_flight, verdict
+            )
+        return flight._replace(verdict=verdict)
 
     def _new_recording(self) -> _IncomingRecording:
         """Creates the recording of a session, among the incoming files of the library."""
@@ -447,8 +475,6 @@ class LinkMonitor:
     def _take_event(self, event: Event) -> None:
         """Takes an event of a session: updates the state of the flight, and reports the event on the server's terminal.
 
-        The terminal shows warnings, and the events with ``REPORTED_CODES``; all others are on the page only.
-
         Args:
             event: event that the session reports.
 
@@ -459,10 +485,9 @@ class LinkMonitor:
         if fact.code is LinkFact.STREAM_RECORDING_ENDED:
             raise OSError(fact.figures["error"])
         self._update_flight_state(fact)
-        if fact.is_watch_or_bad or fact.code in REPORTED_CODES:
-            # The sentences must not advise options of `mavdem live`, which this server does not have.
-            with sentences_for(Medium(has_terminal=False)):
-                self._report_event(event)
+        # The sentences must not advise options of `mavdem live`, which this server does not have.
+        with sentences_for(Medium(has_terminal=False)):
+            self._report_event(event)
 
     def _update_flight_state(self, fact: Fact) -> None:
         """Stores a take-off, landing or restart of the vehicle, by which is decided when its session ends.
@@ -485,13 +510,16 @@ class LinkMonitor:
             self._has_restarted = self._has_landed
             self._has_restarted_in_air = self._is_in_air
 
-    def _report_saved_flight(self, path: str) -> None:
+    def _report_saved_flight(self, path: str, *, is_part: bool = False) -> None:
         """Reports where a flight is saved.
 
         Args:
             path: path of the flight's page on this server.
+            is_part: whether its session goes on.
         """
-        saved_fact = Fact(LinkFact.FLIGHT_SAVED, address=self._server_address + path)
+        saved_fact = Fact(
+            LinkFact.FLIGHT_SAVED, address=self._server_address + path, is_part=is_part
+        )
         self._report_event(Event(nan, saved_fact, reception=clock.unix_time()))
 
     def _is_over(self) -> bool:
@@ -520,9 +548,9 @@ class LinkMonitor:
             self._render_page(session)
 
     def _update_page(self, session: LiveSession) -> None:
-        """Renders the page of the running session, after checking the disk and the vehicle's silence.
+        """Renders the page of the running session and reports its status, after checking disk and silence.
 
-        It is called every ``PAGE_SECONDS``.
+        It is called every ``PAGE_SECONDS``. What was recorded of a vehicle that was lost in the air is stored.
 
         Args:
             session: the running session, which records what it receives.
@@ -533,7 +561,12 @@ class LinkMonitor:
         self._update_time = clock.monotonic()
         self._library.check_space(0)
         self._count_silent_pages(session)
+        is_lost_for_long = self._is_missed_in_air and self._silent_pages >= MAX_SILENT_PAGES
+        if is_lost_for_long and self._stored_part is None:
+            self._store_part(session)
         self._render_page(session)
+        with sentences_for(Medium(has_terminal=False)):
+            self._report_status(self._shown_status(session))
 
     def _count_silent_pages(self, session: LiveSession) -> None:
         """Counts how many pages of the session were made in a row without a new frame of the vehicle.
@@ -577,18 +610,44 @@ class LinkMonitor:
             self._summary = f"{title}: {vehicle_state}"
         if self._finished_page and not _awaits_vehicle(status):
             self._finished_page = ""
-            self._finished_flight = None
-        if self._finished_flight is not None:
-            self._update_finished_page(self._finished_flight)
+            if self._stored_flight is not None:
+                self._stored_flight = self._stored_flight._replace(session=None)
+        if self._stored_flight is not None:
+            self._stored_flight = self._with_verdict(self._stored_flight)
+        if self._stored_part is not None:
+            self._stored_part = self._with_verdict(self._stored_part)
         html = self._finished_page
         if not html:
-            # While the session goes on, its recording is not judged, so that no all-clear is given.
-            status = replace(status, recording_verdict=AWAITED_IN_SESSION)
+            status = self._shown_status(session)
+            saved_flight = None
+            if self._stored_part is not None and status.link_loss is not None:
+                saved_flight = self._stored_part.saved_flight
             links = [] if self._latest_flight is None else [self._latest_flight]
             html = session_page(
-                session, status, self._library.names, back=LIBRARY_LINK, links=links
+                session,
+                status,
+                self._library.names,
+                back=LIBRARY_LINK,
+                links=links,
+                saved_flight=saved_flight,
             )
         self._page = SessionPage.made_now(html, session, status, start_time)
+
+    def _shown_status(self, session: LiveSession) -> SessionStatus:
+        """Returns the status of the running session, with the library's verdict on the vehicle's flight before it.
+
+        While the session goes on, its own recording is not judged, so that no all-clear is given.
+
+        Args:
+            session: the running session.
+        """
+        status = session.status
+        earlier_recording = None
+        if self._stored_flight is not None and self._stored_flight.vehicle == status.vehicle:
+            earlier_recording = self._stored_flight.verdict
+        return replace(
+            status, recording_verdict=AWAITED_IN_SESSION, earlier_recording=earlier_recording
+        )
 
 
 def _recording_name(first_time: datetime) -> str:

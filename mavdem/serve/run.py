@@ -14,6 +14,7 @@ from mavdem.facts import Fact
 from mavdem.facts.event import Event
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.workers import JobLimits
+from mavdem.live.session_status import SessionStatus
 from mavdem.machine import LOOPBACK_HOSTS
 from mavdem.serve.app import Server
 from mavdem.serve.field_store import FieldStore
@@ -69,6 +70,7 @@ def serve(
     report_address: Callable[[str, str], None],
     warn: Callable[[Fact], None],
     report_event: Callable[[Event], None],
+    report_status: Callable[[SessionStatus], None],
     *,
     opens_browser: bool,
 ) -> None:
@@ -80,6 +82,7 @@ def serve(
             browser in; the link is empty where none is needed, or where a proxy has another address.
         warn: function that is called with problems that its owner should know.
         report_event: function that is called with what happens on the link, such as alarms.
+        report_status: function that is called with the status of the session on the link every few seconds.
         opens_browser: whether to open the URL in a browser of this machine.
 
     Raises:
@@ -102,6 +105,7 @@ def serve(
             reading_threads.notify,
             warn,
             report_event,
+            report_status,
             options.request_rate,
             server_address=url,
             vehicle=options.vehicle,
