@@ -146,6 +146,8 @@ class Assessment:
         # The clock of each boot begins anew, and not every event names its boot.
         if len(flights) < 2 or len(boots) > 1:
             return None
+        if self.headline.figures.get("boot", flights[0].boot) != flights[0].boot:
+            return None
         for number, flight in enumerate(flights, start=first_number):
             if flight.start <= time <= flight.end:
                 return Fact(

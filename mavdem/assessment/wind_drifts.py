@@ -18,6 +18,8 @@ from mavdem.assessment.lights.wind import lean_limit
 from mavdem.containers import Numbers
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.intervals import TimeInterval, in_intervals, merge_close_intervals
+from mavdem.dataset.parameter_history import parameter_history
+from mavdem.dataset.segments import Segment
 from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
@@ -262,12 +264,13 @@ def wind_drifts(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator
     Yields:
         The events of a :class:`WindDriftDetector`; none of a vehicle whose velocity or yaw was not recorded.
     """
-    parameters = sensors.signals.telemetry.parameters
+    flight = Segment(sensors.boot, *flight_interval)
+    parameters = parameter_history(sensors.signals).during([flight]).any_values
     detector = WindDriftDetector(sensors.boot)
     # The latest state of each drift, by the time at which it began.
     events = {}
     latest_time = -inf
-    for sample in _samples_around_large_leans(sensors, flight_interval):
+    for sample in _samples_around_large_leans(sensors, flight_interval, parameters):
         detector.add_sample(sample, parameters)
         latest_time = sample.time
         if detector.latest is not None:
@@ -280,7 +283,7 @@ def wind_drifts(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator
 
 
 def _samples_around_large_leans(
-    sensors: BootSensors, flight_interval: TimeInterval
+    sensors: BootSensors, flight_interval: TimeInterval, parameters: Parameters
 ) -> Iterator[DriftSample]:
     """Yields lean and motion of the vehicle around all times of a flight at which it leans near its limit.
 
@@ -289,6 +292,7 @@ def _samples_around_large_leans(
     Args:
         sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
         flight_interval: start and end of the flight, s since boot.
+        parameters: parameters of the autopilot in the flight; one of them limits the lean.
 
     Yields:
         Samples at the times of the velocity, with the attitude before each; none if velocity or yaw was not recorded.
@@ -310,7 +314,7 @@ def _samples_around_large_leans(
     if len(columns) < len(AXES):
         return
     roll, pitch, _ = columns
-    least_lean = LIMIT_FRACTION * _largest_lean(signals.telemetry.parameters)
+    least_lean = LIMIT_FRACTION * _largest_lean(parameters)
     is_leaned = np.cos(roll) * np.cos(pitch) <= np.cos(least_lean)
     leaned_moments = [(time, time) for time in velocity.time[is_leaned].tolist()]
     around_leans = []

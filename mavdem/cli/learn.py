@@ -27,7 +27,7 @@ from mavdem.cli.result_folders import (
     default_result_folder,
     write_results,
 )
-from mavdem.cli.sources import read_source
+from mavdem.cli.sources import note_flights_used_together, read_source
 from mavdem.cli.streams import print_page_path
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.flights import choose_vehicle
@@ -121,6 +121,7 @@ def learn_command(
     start_time = perf_counter()
     log = read_source(source)
     signals = Signals(choose_vehicle(log.vehicles, vehicle))
+    note_flights_used_together(signals)
     options = Options(
         inputs=inputs, settings=settings, start=start, train=train, test=test, truth=truth
     )

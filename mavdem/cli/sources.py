@@ -10,6 +10,7 @@ from mavdem.assessment.assess import assess_recording, assess_signals
 from mavdem.assessment.axis import Options
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.record import Assessment
+from mavdem.assessment.separate_flights import separate_flights
 from mavdem.cli.links import refuse_link
 from mavdem.cli.output import progress
 from mavdem.cli.streams import escape_unprintable, print_to_stderr
@@ -21,6 +22,7 @@ from mavdem.flight import Flight
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.joined import join_logs
 from mavdem.ingest.parameter_file import with_parameters
+from mavdem.report.templates import render_section
 
 Result = TypeVar("Result")
 """What a function makes of a flight."""
@@ -105,11 +107,27 @@ def assess_without_model(
     """
     log = read_source(source, params)
     signals = Signals(choose_vehicle(log.vehicles, vehicle), inputs=inputs)
+    if not judges_worst_flight:
+        note_flights_used_together(signals)
     options = Options(inputs=inputs, start=start, with_model=False)
     assess_vehicle = assess_recording if judges_worst_flight else assess_signals
     assessment = assess_vehicle(log, signals, AXES[0], options, progress=progress)
     assert assessment.evidence is not None
     return assessment, assessment.evidence
+
+
+def note_flights_used_together(signals: Signals) -> None:
+    """Prints that all flights of a log are used together, if a review of the log judges them separately.
+
+    Args:
+        signals: Signals of the vehicle in all boots.
+    """
+    flights = separate_flights(signals)
+    if flights:
+        last_flight = flights[-1]
+        count = last_flight.last_number or last_flight.first_number
+        for sentence in render_section("flights_used_together", count=count):
+            print_to_stderr(sentence.text)
 
 
 def sources_by_flight_name(sources: Sequence[str]) -> dict[str, str]:

@@ -13,6 +13,7 @@ from mavdem.assessment.axis import Options
 from mavdem.assessment.flown_flights import flown_flights
 from mavdem.assessment.judgement import unjudged
 from mavdem.assessment.separate_flights import separate_flights
+from mavdem.cli.sources import note_flights_used_together
 from mavdem.dataset.parameter_history import parameter_history
 from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
@@ -144,6 +145,14 @@ def test_what_comes_before_the_first_clock_of_a_boot_does_not_count_in_the_boot_
     assert gains == [0.25, 0.3]
 
 
+def test_a_command_that_uses_all_flights_together_says_so(capsys):
+    flights = recording((SOUND, 0.25), (SOUND, 0.3))
+    note_flights_used_together(separate_flights(flights)[0].signals)
+    assert not capsys.readouterr().err
+    note_flights_used_together(flights)
+    assert capsys.readouterr().err.startswith("All 2 flights of the log are used together")
+
+
 def test_a_gain_that_a_later_boot_lowered_is_not_lowered_again():
     first, *_ = separate_flights(recording((SOUND, 2.262), (SOUND, 0.3), (SOUND, 0.197)))
     in_flight = [Segment(0, 10.0, 20.0)]
@@ -219,5 +228,8 @@ def test_an_event_in_the_headline_is_of_one_of_the_flights_that_are_judged_toget
     with MonkeyPatch.context() as patch:
         patch.setattr("mavdem.assessment.record.flown_flights", lambda _: flights)
         fact = replace(assessment).flight_of_headline
+        in_other_boot = crash.replace(boot=flight.boot + 1)
+        judgement = replace(unjudged(crash), headline=in_other_boot)
+        assert replace(assessment, judgement=judgement).flight_of_headline is None
     assert fact.figures["number"] == 2
     assert fact.sentence.startswith("That was in flight 2, from 100 to 130 s")

@@ -1,21 +1,23 @@
 """A vehicle that wind carries away, and one that only brakes; a log and a live flight are judged the same."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import radians
 
 import numpy as np
-from hover import Hover
+from hover import Hover, changed, columns
 from live_hover import Flight, replay
 from mavlink_streams import read, tlog
 from pytest import approx, mark
 
 from mavdem.assessment.assess import assess
-from mavdem.assessment.wind_drifts import WindDriftDetector, drift_sample
+from mavdem.assessment.wind_drifts import WindDriftDetector, drift_sample, wind_drifts
+from mavdem.dataset.signals import Signals
 from mavdem.facts import Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.lights import Light
 from mavdem.facts.session import SessionFact
 from mavdem.facts.watch import WatchFact
+from mavdem.witnesses.boot_sensors import BootSensors
 
 
 def drift_of(roll_degrees, east, yaw=0.0, **parameters):
@@ -64,6 +66,28 @@ def test_a_drift_ends_before_a_long_gap():
 
 def test_a_lean_limit_in_the_parameters_replaces_the_usual_one():
     assert drift_of(25.0, -2.0, ATC_ANGLE_MAX=25.0) is not None
+
+
+def test_a_lean_limit_that_was_set_after_the_flight_is_not_that_of_the_flight():
+    """At the limit of 25° the wind carries the vehicle away for 10 s; after the landing 60° are allowed."""
+    telemetry = Hover().telemetry(20.0, 20.0)
+    roll = np.full(len(telemetry.messages["ATTITUDE"]["time"]), radians(25.0))
+    telemetry = changed(telemetry, "ATTITUDE", roll=roll)
+    time = telemetry.messages["LOCAL_POSITION_NED"]["time"]
+    is_blown = (time >= 20.0) & (time < 30.0)
+    velocity = np.where(is_blown, -2.0, 2.0)
+    telemetry = changed(telemetry, "LOCAL_POSITION_NED", vx=0.0, vy=velocity, x=0.0, y=0.0, z=-5.0)
+    landed = Hover().landed
+    settings = columns(
+        np.array([1.0, landed + 2.0]),
+        param_id=np.array([b"ATC_ANGLE_MAX"] * 2),
+        param_type=9,
+        param_value=np.array([25.0, 60.0]),
+    )
+    telemetry = changed(telemetry, "PARAM_VALUE", **settings)
+    signals = Signals(replace(telemetry, parameters={"ATC_ANGLE_MAX": 60.0}))
+    [drift] = wind_drifts(BootSensors(signals, 0), (6.0, landed))
+    assert drift.time == approx(20.0, abs=3.0) and drift.figures["lean"] == approx(radians(25.0))
 
 
 @dataclass(frozen=True)
