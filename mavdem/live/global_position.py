@@ -5,12 +5,13 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.containers import Numbers
+from mavdem.dataset.position_fix import FIX_3D
 from mavdem.dataset.signals import global_positions
 from mavdem.ingest.vocabulary import MILLIMETRES_PER_METRE
 
 
 class GlobalPosition(NamedTuple):
-    """A position of the vehicle as its autopilot estimates it."""
+    """A position of the vehicle as its autopilot estimates it, or as a receiver of satellites measures it."""
 
     latitude: float
     """Latitude, degrees."""
@@ -18,8 +19,8 @@ class GlobalPosition(NamedTuple):
     longitude: float
     """Longitude, degrees."""
 
-    height: float
-    """Height above the home position, m."""
+    height: float | None
+    """Height above the home position, m; None in a position by satellites."""
 
     reception: float
     """When it was received, UNIX s."""
@@ -34,9 +35,35 @@ def received_position(values: Numbers, reception: float) -> GlobalPosition | Non
         reception: when the message was received, UNIX s.
     """
     altitude, latitude, longitude = values
+    return _possible_position(latitude, longitude, altitude / MILLIMETRES_PER_METRE, reception)
+
+
+def fix_position(values: Numbers, reception: float) -> GlobalPosition | None:
+    """Returns the position by satellites in a message; None without a fix in three dimensions.
+
+    Args:
+        values: fields of GPS_RAW_INT, with latitude and longitude in units of 1e-7 degrees.
+        reception: when the message was received, UNIX s.
+    """
+    fix_type, _, _, latitude, longitude, _ = values
+    if fix_type < FIX_3D:
+        return None
+    return _possible_position(latitude, longitude, None, reception)
+
+
+def _possible_position(
+    latitude: float, longitude: float, height: float | None, reception: float
+) -> GlobalPosition | None:
+    """Returns a position in degrees; None where it is zero, or not on the earth.
+
+    Args:
+        latitude: in units of 1e-7 degrees.
+        longitude: in units of 1e-7 degrees.
+        height: height above the home position, m; None where it is not known.
+        reception: when the message was received, UNIX s.
+    """
     degrees, is_fix = global_positions({"lat": np.array([latitude]), "lon": np.array([longitude])})
     if not is_fix.all():
         return None
     [[latitude_degrees, longitude_degrees]] = degrees.tolist()
-    height = altitude / MILLIMETRES_PER_METRE
     return GlobalPosition(latitude_degrees, longitude_degrees, height, reception)

@@ -102,6 +102,8 @@ class PoseTracker:
         """
         if self._has_local_position:
             return
+        # The autopilot's own position has a height.
+        assert position.height is not None
         degrees = np.array([position.latitude, position.longitude])
         if self._global_origin is None:
             self._global_origin = degrees

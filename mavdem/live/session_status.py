@@ -346,7 +346,7 @@ class SessionStatus(ImmutableResult):
         if reason.code is HeadlineCode.NOTHING_CHECKED:
             reason = reason.figures["reason"]
         if reason.code in STATES_OF_LEARNING:
-            reason = Fact(SessionFact.TOO_LITTLE_RECEIVED)
+            reason = self._too_little_received
         headline = Fact(HeadlineCode.NOTHING_CHECKED, reason=reason)
         if self.no_model_reason is not None and self.no_model_reason.code is SessionFact.NOT_FLYING:
             # The next flight may begin.
@@ -536,6 +536,7 @@ class SessionStatus(ImmutableResult):
         by_model = self._judgement_by_model
         lights_without_model = self._lights_without_model
         worst_lights = self._combined_lights(by_model.lights, lights_without_model)
+        worst_lights = self._lights_after_landing(worst_lights)
         judgement = self._without_vain_request(replace(by_model, lights=worst_lights))
         lights = judgement.lights
         bad_lights = [fact for fact in lights.values() if fact.is_bad]
@@ -558,6 +559,30 @@ class SessionStatus(ImmutableResult):
         if is_without_fault and is_light_replaced:
             return _judgement_by_lights(judgement, keeps_next_step=True)
         return judgement
+
+    def _lights_after_landing(self, lights: NamedFacts) -> dict[str, Fact]:
+        """Returns the lights of a flight, none of which is unknown because the vehicle is on the ground by now.
+
+        Args:
+            lights: the judgement of each part of the vehicle, by the name of the part.
+
+        Returns:
+            The lights. On the ground after a flight, one that waited for more of it says that it was too short.
+        """
+        lights_of_flight = dict(lights)
+        if self.is_flying or self.flight_number == 0:
+            return lights_of_flight
+        for name, light in lights.items():
+            reason = light.figures.get("reason")
+            if isinstance(reason, Fact) and reason.code is WatchFact.ON_GROUND_NOW:
+                lights_of_flight[name] = light.replace(reason=self._too_little_received)
+        return lights_of_flight
+
+    @property
+    def _too_little_received(self) -> Fact:
+        """The fact that a flight was too short to be judged, or its messages too few unless rows were made of them."""
+        has_rows = self.learned_rows + self.unlearned_rows > 0
+        return Fact(SessionFact.TOO_LITTLE_RECEIVED, has_rows=has_rows)
 
     def _without_vain_request(self, judgement: Judgement) -> Judgement:
         """Removes the advice to request the message VIBRATION, if the vehicle was asked for it and did not send it.

@@ -26,8 +26,9 @@ from mavdem.ingest.motors import MOTOR_MESSAGES, POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Parameters
 from mavdem.live.boot_clock import BootClock, TimedMessage
 from mavdem.live.flight_phase import PHASE_MESSAGES, FlightPhase
-from mavdem.live.global_position import GlobalPosition, received_position
+from mavdem.live.global_position import GlobalPosition, fix_position, received_position
 from mavdem.live.height_watch import BAROMETER_MESSAGE, RECEIVER_MESSAGE
+from mavdem.live.link import SILENCE_SECONDS
 from mavdem.live.messages import (
     IMU_MESSAGES,
     STATUS_MESSAGES,
@@ -549,9 +550,25 @@ class LiveStream:
             self._takeoff_place.add_pressure(pressure)
         else:
             self._takeoff_place.add_fix(message.values)
+            self._note_fix(message.values)
         self._takeoff_place.note_phase(
             is_flying=self.is_flying, is_takeoff_seen=isfinite(self.takeoff_time)
         )
+
+    def _note_fix(self, values: Numbers) -> None:
+        """Takes a position by satellites as the last one, unless the autopilot sends a better one of its own.
+
+        Args:
+            values: fields of the message GPS_RAW_INT.
+        """
+        is_own_position_recent = (
+            self._last_position is not None
+            and self._last_position.height is not None
+            and self._stamp - self._last_position.reception <= SILENCE_SECONDS
+        )
+        fix = fix_position(values, self._stamp)
+        if fix is not None and not is_own_position_recent:
+            self._last_position = fix
 
     def _process_velocity(self, message: Message, time: float) -> None:
         """Passes a velocity to the estimator of the wind and, with a position, to the pose and the search for drift.

@@ -198,6 +198,27 @@ def test_before_an_oscillation_can_show_nothing_says_that_there_is_none(slow):
     assert str(warned.next_step).startswith("Hover: whether the vehicle oscillates")
 
 
+def test_after_a_short_flight_no_light_says_that_the_vehicle_is_on_the_ground(slow):
+    ground = Fact(WatchFact.ON_GROUND_NOW)
+    facts = tuple(watch(fact.subject, ground) for fact in slow.watch_facts)
+    landed = replace(
+        slow,
+        is_flying=False,
+        flight_number=1,
+        watch_facts=facts,
+        learned_rows=9,
+        no_model_reason=Fact(SessionFact.NOT_FLYING),
+        rates={},
+    )
+    judgement = landed.overall_judgement
+    assert str(judgement.headline) == (
+        "The vehicle could not be judged: the settled flight was too short."
+    )
+    assert str(judgement.lights[Light.MOTORS]) == "Not judged: the settled flight was too short."
+    before = replace(landed, flight_number=0).overall_judgement
+    assert str(before.lights[Light.MOTORS]) == "Not judged: the vehicle is on the ground."
+
+
 def test_a_flight_of_which_nothing_was_checked_has_a_verdict_of_its_own():
     for code in (SessionFact.NOT_SETTLED, SessionFact.FLIGHT_OVER):
         over = SessionStatus(flight_number=1, no_model_reason=Fact(code, reason=None))

@@ -43,6 +43,19 @@ def test_without_a_local_position_the_global_one_shows_distance_and_height():
     assert status.last_position[:3] == (approx(47.0001), approx(8.5), approx(10.5))
 
 
+def test_a_vehicle_without_a_position_of_its_own_is_searched_where_satellites_saw_it_last():
+    fixes = [
+        (time, message("GPS_RAW_INT", fix_type=fix_type, lat=round(1e7 * degrees), lon=85_000_000))
+        for time, fix_type, degrees in ((5.5, 3, 47.0), (6.0, 3, 47.1), (6.5, 1, 47.2))
+    ]
+    own = message("GLOBAL_POSITION_INT", time_boot_ms=5900, lat=471500000, lon=85_000_000)
+    flight = Unplaced(Hover(hovering=8.0), attitude=20.0, motors=20.0).frames(end=7.0)
+    lost = replay(by_time(flight, fixes)).stream.status().last_position
+    assert lost[:3] == (approx(47.1), approx(8.5), None)
+    lost = replay(by_time(flight, fixes, [(5.9, own)])).stream.status().last_position
+    assert lost[:3] == (approx(47.15), approx(8.5), 0.0)
+
+
 def test_distance_and_height_from_the_take_off_are_shown_in_flight(monkeypatch):
     """Positions 20 m east of the take-off and 10 m above it are received."""
     drift_samples = Mock(wraps=drift_sample)

@@ -940,16 +940,17 @@ def live_page(
 
 
 def _position_of_lost_vehicle(status: SessionStatus) -> str:
-    """Returns latitude and longitude of a vehicle whose link was lost in the air, as a geo URI has them (RFC 5870).
+    """Returns latitude and longitude of a vehicle that is lost or whose link is, as a geo URI has them (RFC 5870).
 
     Args:
         status: state of the session now, or at its end.
 
     Returns:
-        The position, such as "47.39774,8.54559"; empty without a lost link, or where no position came.
+        The position, such as "47.39774,8.54559"; empty without a loss, or where no position came.
     """
     position = status.last_position
-    if status.link_loss is None or position is None:
+    is_missed = status.link_loss is not None or status.loss is not None
+    if position is None or not is_missed:
         return ""
     return f"{position.latitude:.5f},{position.longitude:.5f}"
 
