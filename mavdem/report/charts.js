@@ -73,7 +73,10 @@
   const zoom = (group, min, max) => {
     if (group.zooming) return;
     group.zooming = true;
-    for (const chart of group.charts) chart.setScale("x", { min, max });
+    for (const chart of group.charts) {
+      cutPeaks(chart.root.closest("figure"), chart.data_, [min, max]);
+      chart.setScale("x", { min, max });
+    }
     group.zooming = false;
     group.span = [min, max];
     root.dispatchEvent(new CustomEvent("zoomed", { detail: group }));
@@ -235,10 +238,38 @@
     ctx.restore();
   };
 
+  // Noise of many lines, such as those of all motors, would hide each of them. Where several samples of a line share some
+  // pixels, their mean is drawn, over the range from the least to the greatest of them.
+  const PIXELS_OF_MEAN = 4, LEAST_SAMPLES_OF_MEAN = 3, linearPaths = uPlot.paths.linear();
+  const meanAndRange = (chart, seriesNumber, first, last) => {
+    const pixels = PIXELS_OF_MEAN * devicePixelRatio, size = Math.floor((last - first + 1) * pixels / chart.bbox.width);
+    if (size < LEAST_SAMPLES_OF_MEAN) return { ...linearPaths(chart, seriesNumber, first, last), fill: null };
+    const times = chart.data[0], values = chart.data[seriesNumber], { scale } = chart.series[seriesNumber], mean = new Path2D(), range = new Path2D();
+    const place = (time, value) => [chart.valToPos(time, "x", true), chart.valToPos(value, scale, true)];
+    // The range of each run of samples without a gap is one shape: its upper edge, and back along the lower one.
+    let upper = [], lower = [];
+    const close = () => {
+      [...upper, ...lower.reverse()].forEach((point, i) => range[i ? "lineTo" : "moveTo"](...point));
+      if (upper.length) range.closePath();
+      [upper, lower] = [[], []];
+    };
+    for (let start = first; start <= last; start += size) {
+      const end = Math.min(start + size, last + 1), samples = Array.from(values.slice(start, end)).filter(value => value != null);
+      if (!samples.length) { close(); continue; }
+      const time = (times[start] + times[end - 1]) / 2;
+      mean[upper.length ? "lineTo" : "moveTo"](...place(time, samples.reduce((sum, value) => sum + value, 0) / samples.length));
+      upper.push(place(time, Math.max(...samples)));
+      lower.push(place(time, Math.min(...samples)));
+    }
+    close();
+    return { stroke: mean, fill: range, clip: null, band: null, gaps: null, flags: 0 };
+  };
+
   const series = (line, lines) => {
     // Where lines lie over each other, each shines through.
     const isOneOfMany = lines > 3 && line.kind === "line";
-    const drawn = { label: line.name, stroke: line.colour + (isOneOfMany ? "c0" : ""), width: isOneOfMany ? 1 : 1.3, scale: line.right ? "beside" : "y", points: { show: false } };
+    const drawn = { label: line.name, stroke: line.colour + (isOneOfMany ? "c0" : ""), width: 1.3, scale: line.right ? "beside" : "y", points: { show: false } };
+    if (isOneOfMany) Object.assign(drawn, { paths: meanAndRange, fill: line.colour + "30" });
     if (line.kind === "dashes") drawn.dash = [5, 4];
     if (isDots(line) || line.kind === "stems") drawn.paths = () => null;
     return drawn;
@@ -269,13 +300,15 @@
     },
   });
 
-  // Paper cannot be zoomed. Where single peaks, such as those of an impact, would leave a line less than a fifth of the
-  // height of its plot over the flight, the plot ends a quarter beyond the line on paper, and its title says how far the
-  // peaks go.
+  // Where single peaks, such as those of an impact, would leave a line less than a fifth of the height of its plot over the
+  // flight, the plot ends a quarter beyond the line, and beside its title stands how far the peaks go. On a screen a click
+  // there shows them. The first plots over the flight show all there: a short loss of attitude is no mere peak. So do those
+  // of a session that goes on.
   const PEAK_RATIO = 5, PEAK_SHARE = 0.02, BEYOND_LINE = 0.25;
-  const rangeWithoutPeaks = chart => {
-    // A chart that is drawn for paper has no scale yet, but its group has a span.
-    const data = chart.data_, [min, max] = groups[data.group].span ?? groups[data.group].whole;
+  const mayBeCut = (figure, data) => isOverFlight(data) && data.lines.length && !data.picture
+    && (root.classList.contains("printing") || !figure.closest("#flight") && !document.querySelector("main[data-level]"));
+  // The vertical range without peaks, and the ends of all values, of what is shown; null where no peak is cut.
+  const rangeWithoutPeaks = (data, [min, max]) => {
     const isShown = data.columns.map(x => x >= min && x <= max);
     const values = data.lines.flatMap(line => line.right ? [] : [...line.y].filter((value, i) => value != null && isShown[i])).sort((one, other) => one - other);
     if (!values.length || data.y.log || data.y.ends) return null;
@@ -283,16 +316,22 @@
     if (!size || values.at(-1) - values[0] <= PEAK_RATIO * size) return null;
     return { range: [low - BEYOND_LINE * size, high + BEYOND_LINE * size], ends: [values[0], values.at(-1)] };
   };
-  const cutPeaks = (figure, chart) => {
-    if (!isOverFlight(chart.data_) || !chart.data_.lines.length || chart.data_.picture) return;
-    const isForPaper = root.classList.contains("printing"), cut = isForPaper ? rangeWithoutPeaks(chart) : null;
+  // Decides for a span of time whether a chart is cut, and writes it beside its title. Its next scale has that range.
+  const cutPeaks = (figure, data, span) => {
+    const isForPaper = root.classList.contains("printing"), cut = mayBeCut(figure, data) ? rangeWithoutPeaks(data, span) : null;
+    const isCut = cut && (isForPaper || !data.hasPeaks);
+    data.cut = isCut ? cut.range : null;
     figure.querySelector("header > .cut")?.remove();
-    if (cut) figure.querySelector("header > h3").after(Object.assign(element("span", "cut"), { textContent: `cut, peaks from ${digits(Math.round(cut.ends[0]))} to ${digits(Math.round(cut.ends[1]))}` }));
-    if (cut || chart.data_.cut) {
-      const group = groups[chart.data_.group], [min, max] = group.span ?? group.whole;
-      chart.data_.cut = cut?.range;
-      chart.setScale("x", { min, max });
-    }
+    if (!cut) return;
+    const farthest = cut.range[0] - cut.ends[0] > cut.ends[1] - cut.range[1] ? cut.ends[0] : cut.ends[1], ends = `${digits(Math.round(cut.ends[0]))} to ${digits(Math.round(cut.ends[1]))}`;
+    const words = isForPaper ? `cut, peaks from ${ends}` : isCut ? `show peak ${digits(Math.round(farthest))}` : "cut peaks";
+    const note = Object.assign(element(isForPaper ? "span" : "button", isForPaper ? "cut" : "cut plain"), { textContent: words });
+    note.addEventListener("click", () => {
+      data.hasPeaks = !data.hasPeaks;
+      zoom(groups[data.group], ...span);
+      figure.querySelector("header > .cut")?.focus();
+    });
+    figure.querySelector("header > h3").after(note);
   };
 
   // Whether names fit below the things that they name; otherwise only the first and the last one are written.
@@ -300,15 +339,15 @@
 
   // Pixels of a plot's padding above, which the numbers of events need.
   const above = data => hasNumbers(data) && data.lines.length ? 13 : data.x.names.length && data.marks.length ? MARKS_ABOVE + 2 : 6;
-  // On paper each of the first plots over the flight has times of its own, since a sheet may end between them.
-  const hasTimes = figure => root.classList.contains("printing") && figure.closest("#flight > .plots") != null;
+  // Of a log each of the first plots over the flight has times of its own: a sheet or a telephone may end between them.
+  const hasTimes = figure => figure.closest("#flight:not(.session) > .plots") != null;
   const height = (figure, data) => {
     if (!data.lines.length) return 26;
     const isFlat = figure.dataset.flat != null, isBare = figure.dataset.bare != null, isForPaper = root.classList.contains("printing");
     // Many lines in one plot, such as those of all motors, are told apart only where it is high.
     const isCrowded = data.lines.length > 3, isWide = figure.clientWidth > 500;
-    const plotHeight = isForPaper ? (isCrowded ? 100 : isFlat || isWide ? 60 : 96) : (isCrowded || !isFlat ? 154 : 118);
-    const axisHeight = isBare ? (hasTimes(figure) ? 14 : 0) : isForPaper ? 26 : 34;
+    const plotHeight = isForPaper ? (isCrowded ? 84 : isFlat || isWide ? 60 : 96) : (isCrowded || !isFlat ? 154 : 118);
+    const axisHeight = isBare ? (hasTimes(figure) ? (isForPaper ? 16 : 18) : 0) : isForPaper ? 26 : 34;
     return above(data) + plotHeight + axisHeight;
   };
 
@@ -361,7 +400,7 @@
       padding: [strip ? 2 : above(data), rightPadding, bare ? (strip ? 0 : 6) : 0, 0],
       scales: { x: scale(data.x, false), y: withCut(data, scale(data.y, true, isOverFlight(data) ? LEAST_SPANS[unitOf(data.y)] : 0)), ...(data.beside ? { beside: scale(data.beside, true) } : {}) },
       axes: [
-        { ...base, ...shown(data.x), ...(data.x.log ? {} : { space: spaceBelow }), size: () => bare ? (!strip && hasTimes(figure) ? 16 : 0) : root.classList.contains("printing") ? 32 : 40, show: !strip, label: bare ? undefined : data.x.label, ...(bare ? { values: (...splits) => (hasTimes(figure) ? shown(data.x).values : noLabels)(...splits) } : {}) },
+        { ...base, ...shown(data.x), ...(data.x.log ? {} : { space: spaceBelow }), size: () => bare ? (!strip && hasTimes(figure) ? 18 : 0) : root.classList.contains("printing") ? 32 : 40, show: !strip, label: bare ? undefined : data.x.label, ...(bare ? { ticks: { ...grid, size: 3 }, gap: 2, values: (...splits) => (hasTimes(figure) ? shown(data.x).values : noLabels)(...splits) } : {}) },
         { ...base, ...(strip ? { values: noLabels, grid: { show: false }, ticks: { show: false } } : shown(data.y)), size: width, space },
         ...(data.beside ? [{ ...base, ...shown(data.beside), scale: "beside", side: 1, size: 52, space, grid: { show: false }, label: data.beside.label }] : []),
       ],
@@ -392,6 +431,7 @@
       // The chart's own scale is set later.
       group.whole ??= wholeOf(data);
       const [min, max] = group.span ?? group.whole;
+      cutPeaks(figure, data, [min, max]);
       chart.setScale("x", { min, max });
       figure.addEventListener("keydown", event => {
         const [first, last] = group.whole, { min, max } = chart.scales.x, size = max - min;
@@ -555,12 +595,12 @@
     if (always || chart.width !== figure.clientWidth) chart.setSize({ width: figure.clientWidth, height: height(figure, chart.data_) });
   };
   const repaint = () => {
+    for (const figure of figures) fit(figure); // a page that is printed at once has not been drawn yet
+    for (const group of Object.values(groups)) if (group.charts.length) zoom(group, ...(group.span ?? group.whole));
     for (const figure of figures) {
-      fit(figure); // a page that is printed at once has not been drawn yet
       const chart = charts.get(figure);
       if (!chart) continue; // it is folded away
       for (const axis of chart.axes) for (const one of [axis.font, axis.labelFont]) one[0] = font().replace(/\d+/, size => size * devicePixelRatio);
-      cutPeaks(figure, chart);
       fit(figure, true);
       chart.redraw(false, true);
     }

@@ -58,6 +58,7 @@
       // An event may be in both lists: the brief one comes first.
       words.push(...events.filter(([number], i) => events.findIndex(other => other[0] === number) === i).map(event => event.join(" ")));
     }
+    now?.classList.toggle("held", words.length > 0);
     if (now) now.textContent = words.join(" · ") || (hint ??= now.textContent);
   };
   document.addEventListener("pointermove", event => {

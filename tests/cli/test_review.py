@@ -225,7 +225,7 @@ def test_the_inventory_and_the_review_have_every_instance_and_what_can_be_truste
         assert vehicle[name] == reviewed[name] != []
     assert reviewed["trust"][0]["checks"][0]["code"] == "trust_flight"
     page = (here / "ardupilot_default_rates" / "report.html").read_text()
-    for title in ("What can be trusted", "Batteries, sensors, estimators, outputs"):
+    for title in ("Sensor checks", "Batteries, sensors, estimators, outputs"):
         assert title in page
     assert run("info", SLOW, "--verbose") == 1
     screen = capsys.readouterr().out

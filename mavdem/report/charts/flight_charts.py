@@ -45,8 +45,8 @@ class FilterStage(NamedTuple):
 
 
 FILTER_STAGES = (
-    FilterStage("{}_before", "before the filters", MEASURED),
-    FilterStage("{}", "after the filters", PREDICTED),
+    FilterStage("{}_before", "unfiltered", MEASURED),
+    FilterStage("{}", "filtered", PREDICTED),
 )
 """The spectra of a sensor that are drawn, where they were measured."""
 

@@ -106,12 +106,16 @@ class MapWind(NamedTuple):
     name: str = "wind"
     """What is written before its label, such as "mean wind"."""
 
+    is_labelled: bool = True
+    """Whether the label is written; not where a status light above the map says as much."""
+
     @classmethod
-    def of_flight(cls, wind: WindVelocity | None) -> Self | None:
+    def of_flight(cls, wind: WindVelocity | None, stated_wind: str = "") -> Self | None:
         """Returns the wind of a flight for its map: its mean, and how direction and speed changed over time.
 
         Args:
             wind: the estimated wind; None without an estimate.
+            stated_wind: what the page says of the wind above its map. If that has the direction, the map need not.
 
         Returns:
             The wind, without the speed if that is not identifiable; None if the direction is not identifiable.
@@ -130,6 +134,7 @@ class MapWind(NamedTuple):
             time=wind.time,
             directions=polar.direction,
             speeds=speeds,
+            is_labelled=compass_text(wind.direction) not in stated_wind,
         )
 
     @property
@@ -245,7 +250,7 @@ def flown_path(timeline: Timeline | None, wind: MapWind | None = None) -> Plan |
     height_classes = _height_classes(height, lowest_height, height_range)
     mode_names = list(dict.fromkeys(mode.name for mode in timeline.modes))
     mode_numbers = _mode_numbers(time, timeline.modes, mode_names)
-    height_keys = _height_keys(lowest_height, height_range)
+    lowest_text, highest_text = _height_texts(lowest_height, height_range)
     # The bar of scale is about a third of the drawing, in metres rounded to one digit.
     drawing_size = 2 * RADIUS / projection.scale
     bar_metres = float(f"{drawing_size / 3:.0e}")
@@ -258,7 +263,9 @@ def flown_path(timeline: Timeline | None, wind: MapWind | None = None) -> Plan |
         heading=timeline.heading,
         scale=(bar_length, f"{bar_metres:g} m"),
         ring_radii=_ring_radii(bar_length) if is_received else [],
-        heights=[height_keys[number] for number in sorted(set(height_classes.tolist()))],
+        lowest=lowest_text,
+        highest=highest_text,
+        colours=HEIGHT_COLOURS,
         modes=[_Key(name, _mode_colour(number)) for number, name in enumerate(mode_names)],
         wind=wind,
     )
@@ -304,24 +311,20 @@ def _height_classes(height: Array, lowest_height: float, height_range: float) ->
     return np.clip(classes, 0, class_count - 1)
 
 
-def _height_keys(lowest_height: float, height_range: float) -> list[_Key]:
-    """Returns the legend of the path's colours: the range of heights, m, that each colour stands for.
+def _height_texts(lowest_height: float, height_range: float) -> tuple[str, str]:
+    """Returns both ends of the range of heights that the path's colours divide equally, m, as text.
 
     Args:
         lowest_height: lowest height of the path, m.
         height_range: difference of the highest and the lowest height, m.
     """
-    edges = np.linspace(lowest_height, lowest_height + height_range, len(HEIGHT_COLOURS) + 1)
-    # Neighbouring edges differ by at least one of the last digit.
+    # The limits of neighbouring colours differ by at least one of the last digit.
     decimals = 0 if height_range >= len(HEIGHT_COLOURS) * WHOLE_METRES else 1
     texts = []
-    for edge in np.round(edges, decimals):
+    for height in np.round([lowest_height, lowest_height + height_range], decimals):
         # Adding 0 turns −0 into 0, which has no sign.
-        texts.append(f"{edge + 0.0:.{decimals}f}".replace("-", "−"))
-    keys = []
-    for colour, (low, high) in zip(HEIGHT_COLOURS, pairwise(texts), strict=True):
-        keys.append(_Key(f"{low} to {high} m", colour))
-    return keys
+        texts.append(f"{height + 0.0:.{decimals}f}".replace("-", "−"))
+    return texts[0], texts[1]
 
 
 def _mode_numbers(time: Array, modes: Sequence[Span], names: Sequence[str]) -> Array:

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import cycle
+from math import degrees
 
 import numpy as np
 
@@ -31,6 +32,7 @@ from mavdem.dataset.hardware_quantities import (
 )
 from mavdem.dataset.pilot_input import pilot_input
 from mavdem.dataset.position_fix import RECEIVER_MESSAGES, UNKNOWN_SATELLITES
+from mavdem.dataset.signals import Signals
 from mavdem.dataset.speed_controllers import speed_controllers
 from mavdem.dataset.time_series import TimeSeries, recorded_series, series_of_boot
 from mavdem.facts import Fact
@@ -40,11 +42,15 @@ from mavdem.facts.vibration import VibrationLight
 from mavdem.report.charts.chart import Axis, Chart, Group, Line, LineStyle, over_time
 from mavdem.report.charts.timeline import Timeline
 from mavdem.report.palette import BAD, DISTINCT, LIMITED, MEASURED, PREDICTED, TRUTH
+from mavdem.vibration.spectra import SENSOR_MESSAGES
 from mavdem.vibration.vibration_message import ReportedVibration, reported_vibration
-from mavdem.witnesses.sensors import compass_fields
+from mavdem.witnesses.sensors import compass_fields, specific_force
 
 MIN_SAMPLES = 2
 """Samples that make a line, at least."""
+
+MAX_RAW_POINTS = 3000
+"""Points of a line of raw samples, at most: about twice the pixels of a wide plot, so that minima and maxima remain."""
 
 LOCAL_AXES = {"north": "x", "east": "y", "down": "z"}
 """Axes of the local position, and the names of their fields."""
@@ -126,6 +132,60 @@ def vibration_charts(evidence: Evidence, timeline: Timeline, light: Fact) -> lis
     if clip_lines:
         charts.append(over_time("Clips so far", "", (*clip_lines, *clip_limits)))
     return [timeline.marked(chart) for chart in charts]
+
+
+def raw_sensor_charts(
+    evidence: Evidence, timeline: Timeline, axes_by_sensor: Mapping[str, Names]
+) -> list[Chart]:
+    """Returns charts of what accelerometer and gyro measured, from the message with the most samples of each.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+        timeline: charts of the flight over the same time, whose events are marked.
+        axes_by_sensor: names of the three axes of "accelerometer" and "gyro".
+
+    Returns:
+        The acceleration, m/s², and the angular rate, °/s; a sensor without samples in the flight has no chart.
+    """
+    quantities = {
+        "accelerometer": ("Acceleration", "m/s²", 1.0),
+        "gyro": ("Angular rate", "°/s", degrees(1.0)),
+    }
+    charts = []
+    for sensor, (title, unit, factor) in quantities.items():
+        series = _sensor_series(evidence.signals, sensor)
+        if series is None:
+            continue
+        series_by_axis: dict[str, TimeSeries | None] = {}
+        for axis, values in zip(axes_by_sensor[sensor], series.values.T, strict=True):
+            series_by_axis[axis] = replace(series, values=factor * values)
+        lines = _lines_of_series(series_by_axis, timeline)
+        if lines:
+            charts.append(timeline.marked(over_time(title, unit, lines).thinned(MAX_RAW_POINTS)))
+    return charts
+
+
+def _sensor_series(signals: Signals, sensor: str) -> TimeSeries | None:
+    """Returns the samples of a sensor from the message that has the most of them.
+
+    Args:
+        signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
+        sensor: "gyro" or "accelerometer", before or after its filters.
+
+    Returns:
+        (N, 3) rad/s about roll, pitch and yaw, or m/s² along forward, right and down; None if no message has them.
+    """
+    longest_series = specific_force(signals) if sensor == "accelerometer" else None
+    for recorded in SENSOR_MESSAGES:
+        if recorded.spectrum not in (sensor, f"{sensor}_before"):
+            continue
+        series = recorded_series(signals.telemetry, recorded.message, *recorded.fields)
+        is_longer = series is not None and (
+            longest_series is None or len(series.time) > len(longest_series.time)
+        )
+        if is_longer:
+            longest_series = series
+    return longest_series
 
 
 def _clip_counts(vibration: ReportedVibration, timeline: Timeline) -> dict[str, TimeSeries | None]:

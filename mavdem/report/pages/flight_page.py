@@ -112,7 +112,7 @@ if TYPE_CHECKING:
 INSTANCES_TITLE = "Batteries, sensors, estimators, outputs"
 """Title of the chapter of what a vehicle has several of."""
 
-LOG_TITLE = "The log and its repairs"
+LOG_TITLE = "Log and repairs"
 """Title of the chapter of the log itself."""
 
 MOTOR_LEADS = ("Motors:", "Steady command:")
@@ -203,6 +203,7 @@ def log_page(
             assessment.events,
             timeline,
             assessment.headline,
+            assessment.lights,
             str(assessment.next_step),
             joined_sentences(evidence),
         )
@@ -224,7 +225,10 @@ def log_page(
             timeline=timeline,
             analysis=assessment.analysis,
             light_anchors=_anchors_of_lights(chapters, assessment.lights),
-            path=flown_path(timeline, MapWind.of_flight(assessment.wind)),
+            path=flown_path(
+                timeline,
+                MapWind.of_flight(assessment.wind, str(assessment.lights.get(Light.WIND, ""))),
+            ),
             changes=changes,
             day_in_name=day_in_file_name(Path(assessment.log.source).name),
         )
@@ -403,6 +407,7 @@ def _numbered_events(
     events: Facts,
     timeline: Timeline | None,
     headline: Fact | None = None,
+    lights: NamedFacts | None = None,
     next_step: str = "",
     evidence_of_headline: str = "",
 ) -> list[PageEvent]:
@@ -415,6 +420,7 @@ def _numbered_events(
         events: events of all boots of the autopilot, each a fact (a coded finding) with its time.
         timeline: charts of one of these boots; events of other boots are not on its clock. None without charts.
         headline: the headline of the page, which may be one of the events; None for a page without one.
+        lights: status lights of the page, which may state some of the events; None for a page without them.
         next_step: text of the next step, which the page shows above the events.
         evidence_of_headline: sentence with the measurements that confirm the headline, which is above the events too.
 
@@ -424,6 +430,7 @@ def _numbered_events(
     page_events = []
     number = 0
     texts_above = {evidence_of_headline}
+    texts_of_lights = {str(light) for light in (lights or {}).values()}
     causes = set()
     if headline is not None:
         causes = {(cause.code, cause.time, cause.subject) for cause in _named_causes(headline)}
@@ -438,6 +445,7 @@ def _numbered_events(
             Event(nan, fact),
             is_headline=is_headline,
             is_cause_of_headline=(fact.code, fact.time, fact.subject) in causes,
+            is_light=str(fact) in texts_of_lights,
             repeated=frozenset(texts_above),
         )
         if fact.time is not None:
@@ -572,7 +580,7 @@ def _trust_chapter(trust_of_boots: Sequence[SensorTrust]) -> Chapter:
     for trust in trust_of_boots:
         if any(check.is_watch_or_bad for check in trust.checks):
             level = Level.WATCH
-    return Chapter("What can be trusted", [trust_table(trust_of_boots)], level=level)
+    return Chapter("Sensor checks", [trust_table(trust_of_boots)], level=level)
 
 
 def _axes_chapter(assessment: Assessment, timeline: Timeline) -> Chapter:
@@ -837,7 +845,7 @@ def _learning_chapter(axis: str, learned: Learned) -> Chapter:
     settings = Table(["setting", "value"], rows, words=True)
     caption = "Errors one step ahead; correlations between the lines may be chance (99 %)."
     groups = [Group.side_by_side(model_charts.residual_charts(learned), caption)]
-    title = f"The model of {axis}, and how it was learned"
+    title = f"How the model of {axis} was learned"
     blocks = [*detail_blocks(learned), settings]
     # The settings of the learner are for its developers. Owners who print the page for their records do not need them.
     return Chapter(title, blocks, groups, folded=True, is_printed=False)

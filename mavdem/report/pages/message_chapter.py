@@ -9,7 +9,7 @@ from mavdem.ingest.telemetry import Telemetry
 from mavdem.report.blocks import Moment, Rated, Sentence, Table, truncated
 from mavdem.report.pages.page import Chapter
 
-MESSAGES_TITLE = "Messages of the autopilot"
+MESSAGES_TITLE = "Autopilot messages"
 """Title of the chapter."""
 
 SEVERITY_NAMES = (*SEVERITIES, "notice", "info", "debug")

@@ -2,6 +2,7 @@
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
+from mavdem.containers import Names
 from mavdem.dataset.axes import AXES
 from mavdem.facts.lights import Light
 from mavdem.loops.axis_loops import Loop
@@ -12,7 +13,7 @@ from mavdem.report.charts.flight_charts import (
     axis_spectrum_charts,
     spectrogram_charts,
 )
-from mavdem.report.charts.hardware_charts import vibration_charts
+from mavdem.report.charts.hardware_charts import raw_sensor_charts, vibration_charts
 from mavdem.report.charts.timeline import Timeline
 from mavdem.report.loops import filter_sentences
 from mavdem.report.pages.page import Chapter, Section
@@ -24,12 +25,11 @@ ACCELEROMETER = "accelerometer"
 CONTROLLER_SIGNALS = "demand", "d_term"
 """Signals of the controllers whose spectra are shown, by their names in ``MeasuredNoise``."""
 
-AXES_OF_SENSORS = {ACCELEROMETER: ("forward", "right", "down")}
-"""Names of the three axes of a spectrum, by the sensor. All others are about roll, pitch and yaw."""
+AXES_OF_SENSORS: dict[str, Names] = {ACCELEROMETER: ("forward", "right", "down"), GYRO: AXES}
+"""Names of the three axes of a sensor. Spectra of other signals are about roll, pitch and yaw."""
 
 VIBRATION_CAPTION = """\
-The light judges the mean of settled flight, not single peaks. Clips add up from the left edge on; those of an impact\
- are not judged."""
+The light judges the mean of settled flight, and no clips of an impact. Clips add up from the left."""
 """What stands below the charts of vibration and clips."""
 
 UNNAMED_LINE_CAPTION = f"""\
@@ -38,8 +38,8 @@ UNNAMED_LINE_CAPTION = f"""\
 """What stands below spectra with such a line."""
 
 SLOW_SPECTRUM_CAPTION = """\
-After the filters the log has only {rate:.0f} Hz: what they pass above {nyquist:.0f} Hz appears below it (aliasing),\
- and may raise that line above the other. So the two lines do not show how much the filters remove."""
+Of the filtered signal, what is above {nyquist:.0f} Hz appears below it (aliasing): the lines do not show how much\
+ the filters remove."""
 """What stands below spectra of a sensor that was sampled more slowly after its filters than before."""
 
 
@@ -69,6 +69,11 @@ def vibration_chapter(
         accelerometer_groups += _spectrograms(assessment.noise, ACCELEROMETER, timeline)
     if accelerometer_groups:
         sections.append(Section("Spectra of the accelerometer", groups=accelerometer_groups))
+    if has_spectrograms and timeline is not None and assessment.evidence is not None:
+        raw_charts = raw_sensor_charts(assessment.evidence, timeline, AXES_OF_SENSORS)
+        if raw_charts:
+            raw_group = Group.side_by_side(raw_charts)
+            sections.append(Section("Raw acceleration and angular rate", groups=[raw_group]))
     return gyro._replace(title="Vibration", groups=[*groups, *gyro.groups], sections=sections)
 
 
@@ -119,7 +124,7 @@ def controller_spectra_chapter(
         groups += _spectra(noise, signal)
         if has_spectrograms:
             groups += _spectrograms(noise, signal, timeline)
-    title = "Spectra of the controllers"
+    title = "Controller spectra"
     return Chapter(title, (), groups, folded=True, is_printed_closed=False)
 
 
@@ -144,7 +149,7 @@ def _spectra(noise: MeasuredNoise, sensor: str, loop: Loop | None = None) -> lis
     slow_spectrum = noise.slow_filtered_spectrum(sensor)
     if slow_spectrum is not None:
         nyquist = slow_spectrum.nyquist_frequency
-        captions.append(SLOW_SPECTRUM_CAPTION.format(rate=2 * nyquist, nyquist=nyquist))
+        captions.append(SLOW_SPECTRUM_CAPTION.format(nyquist=nyquist))
     charts_of_axes = {axis: [chart] for axis, chart in charts.items()}
     return [Group.of_axes(charts_of_axes, caption=" ".join(captions))]
 

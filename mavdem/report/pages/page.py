@@ -32,7 +32,7 @@ from mavdem.report.numbers import display_unit, name_with_unit, rounded
 from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.pages.page_link import PageLink
 from mavdem.report.screen import flight_title, model_screen
-from mavdem.report.templates import first_clause, without_full_stop
+from mavdem.report.templates import first_clause, headline, period, without_full_stop
 from mavdem.report.why import evidence_text, new_evidence_text
 
 MAX_BRIEF_EVENTS = 4
@@ -147,6 +147,9 @@ class PageEvent(NamedTuple):
     is_cause_of_headline: bool = False
     """Whether it is what failed first by the headline, or the autopilot's report of that."""
 
+    is_light: bool = False
+    """Whether a status light of the page states it."""
+
     is_over: bool = False
     """Whether it is an alarm of a live session that does not last any more."""
 
@@ -173,11 +176,17 @@ class PageEvent(NamedTuple):
 
     @property
     def brief(self) -> str:
-        """What happened, for a short list; of the headline's event only the first clause, before its cause."""
-        # The clause of an alarm is that of its cause, which follows the word "Alarm".
-        sentence = str(self.cause if self.is_headline else self.event.fact)
+        """What happened, for a short list; less of what the headline, its evidence or a status light says in full."""
         if self.is_headline:
-            sentence = first_clause(sentence)
+            # The clause of an alarm is that of its cause, which follows the word "Alarm".
+            sentence = first_clause(str(self.cause))
+        elif self.is_light:
+            sentence = first_clause(str(self.event.fact))
+        elif self.is_cause_of_headline:
+            sentence = headline(self.event.fact)
+        else:
+            sentence = str(self.event.fact)
+        sentence = self._without_time(sentence)
         if self.total == 1:
             return sentence
         return f"{without_full_stop(sentence)}{count_text(self.cause, self.total)}."
@@ -187,8 +196,22 @@ class PageEvent(NamedTuple):
         """What happened and, unless the page has that already, what to do about it."""
         is_remedy_repeated = self.event.fact.remedy in self.repeated
         if is_remedy_repeated or not self.is_advice_current:
-            return str(self.event.fact)
-        return self.event.sentence
+            return self._without_time(str(self.event.fact))
+        return self._without_time(self.event.sentence)
+
+    def _without_time(self, sentence: str) -> str:
+        """Returns a sentence about the event without its time, such as " at 114.1 s", which stands beside it in a log.
+
+        In a live session the time of day stands beside it, so that nothing is left out.
+
+        Args:
+            sentence: sentence about the event.
+        """
+        if self.moment or not self.has_time:
+            return sentence
+        time_in_sentence = re.escape(period(self.seconds))
+        # A time within a list of times, such as " at 3.2 s and 4.0 s", stays.
+        return re.sub(f"{time_in_sentence}(?=[,.:;])", "", sentence, count=1)
 
     @property
     def why(self) -> str:

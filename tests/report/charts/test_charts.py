@@ -174,13 +174,13 @@ def test_spectra_have_their_lines_and_the_filters_over_them():
     chart = spectrum_chart(MeasuredNoise(spectra, {"gyro_before": (line,)}), loop)
     assert [mark.name for mark in chart.marks] == ["motor", "crossover"]
     assert [drawn_line.name for drawn_line in chart.lines] == [
-        "before the filters",
-        "after the filters",
+        "unfiltered",
+        "filtered",
         "filters",
     ]
     spectra["gyro"] = spectrum("gyro", 25.0)
     _, slow, _ = spectrum_chart(MeasuredNoise(spectra, {}), loop).lines
-    assert slow.name == "after the filters (50 Hz only)"
+    assert slow.name == "filtered (50 Hz only)"
     spectra["gyro"] = spectrum("gyro")
     assert chart.lines[2].is_on_right_axis and chart.lines[2].y[0] == approx(0.0, abs=0.1)
     axes = axis_spectrum_charts(MeasuredNoise(spectra, {}), None, "gyro", AXES)

@@ -2,12 +2,17 @@
 
 import numpy as np
 from hover import Hover, changed, columns, evidence_of
+from numpy.testing import assert_allclose
 
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.lights import Unjudged
 from mavdem.facts.vibration import VibrationLight
-from mavdem.report.charts.hardware_charts import hardware_groups, vibration_charts
+from mavdem.report.charts.hardware_charts import (
+    hardware_groups,
+    raw_sensor_charts,
+    vibration_charts,
+)
 from mavdem.report.charts.timeline import history_timeline
 from mavdem.vibration.vibration_message import CLIPPING_FIELDS, LEVEL_FIELDS
 
@@ -105,3 +110,18 @@ def test_vibration_and_clips_are_drawn_with_the_limits_of_a_light_that_judged_th
     assert counted.name == "IMU 1" and counted.y[-1] == 3 and limit.name == "bad above 100"
     unjudged = Fact(Unjudged.MULTIROTORS_ONLY)
     assert len(vibration_charts(evidence, timeline, unjudged)[0].lines) == 3
+
+
+def test_raw_acceleration_and_angular_rate_are_those_of_the_fastest_message_in_degrees():
+    times = HOVER.stamps(50.0)
+    fast = columns(times, x=np.full(len(times), 0.1), y=0.0, z=0.0)
+    slow = columns(TIME, xgyro=1.0, ygyro=1.0, zgyro=1.0, xacc=0.0, yacc=0.0, zacc=-9.8)
+    telemetry = changed(HOVER.telemetry(20.0, 20.0), "GYRO_BEFORE", **fast)
+    telemetry = changed(telemetry, "HIGHRES_IMU", **slow)
+    evidence = evidence_of(Signals(telemetry))
+    timeline = history_timeline(evidence.time_history)
+    axes = {"accelerometer": ("forward", "right", "down"), "gyro": ("roll", "pitch", "yaw")}
+    acceleration, rate = raw_sensor_charts(evidence, timeline, axes)
+    assert [line.name for line in acceleration.lines] == ["forward", "right", "down"]
+    assert_allclose(acceleration.lines[2].y, -9.8)
+    assert_allclose(rate.lines[0].y, np.degrees(0.1))
