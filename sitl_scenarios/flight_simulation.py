@@ -185,9 +185,9 @@ class Simulation:
             samples.append(sample)
             disturbed_states.append(disturbed_state)
         # The samples become columns: one array for each field of the motion.
-        columns = {
-            name: _column_of_field([sample[name] for sample in samples]) for name in samples[0]
-        }
+        columns = {}
+        for name in samples[0]:
+            columns[name] = _column_of_field([sample[name] for sample in samples])
         # Forces and moments of the disturbance are computed for all cycles at once, which is faster.
         columns |= self._disturbance_columns(columns, disturbed_states)
         columns["landed_state"] = columns["landed_state"].astype(np.uint8)

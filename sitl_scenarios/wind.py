@@ -192,7 +192,8 @@ class Weather:
             moments = gaussian_noise(moment.s, dt, samples, noise)
             self._air[:, column] += moment.sd * moments
         self._air_rows = RowsByBlock(self._air)
-        self._varies = bool(self._profile.model_fields_set)
+        # Whether the scenario has a profile: without one the wind is the same at all heights.
+        self._has_profile = bool(self._profile.model_fields_set)
 
     def _add_wind(
         self, scenario: Scenario, wind: Wind, dt: float, time: Array, noise: Generator
@@ -222,25 +223,28 @@ class Weather:
                 velocity_and_rotation += _turbulent_air(wind, scenario, dt, len(time), noise)
 
     def air_at(self, cycle: int, position: Vector3) -> AirState:
-        """Computes the state of the air in one cycle at one position.
+        """Returns the state of the air in one cycle at the position of the vehicle.
 
-        The winds drawn beforehand are the same everywhere; the profile with height and the jets are added here, because
-        they depend on where the vehicle is.
+        Most winds are the same everywhere, and were computed before the flight. The jets, and the change of the wind
+        with height (profile), depend on the position, and are computed here.
 
         Args:
-            cycle: Number of the cycle, from 0; before the first and after the last, the air is as in these.
+            cycle: Number of the cycle, from 0. Before the first cycle the air is as in the first one, and after the
+                last cycle as in the last one.
             position: Position of the vehicle, NED, m.
 
         Returns:
             Wind, NED, m/s, rotation of the air, rad/s, and external moments, N m.
         """
-        cycle = min(max(cycle, 0), len(self._air) - 1)
+        last_cycle = len(self._air) - 1
+        cycle = min(max(cycle, 0), last_cycle)
         north, east, down, p, q, roll, pitch, yaw = self._air_rows.row(cycle)
-        if self._varies:
+        if self._has_profile:
             height = -position[2]
-            since_arming = max(self._time[cycle], 0.0)
-            # Rotation by the profile's turn, and scaling by its growth with height.
-            cosine, sine = self._profile.at(height, since_arming)
+            # The first cycles may be before arming.
+            seconds_since_arming = max(self._time[cycle], 0.0)
+            # The profile turns the horizontal wind and scales it: scale × cosine and scale × sine of the angle.
+            cosine, sine = self._profile.at(height, seconds_since_arming)
             north, east = cosine * north - sine * east, sine * north + cosine * east
         for jet in self._jets:
             jet_north, jet_east, jet_down = jet.wind_at(cycle, position)

@@ -162,21 +162,29 @@ def gains_line(advice: Facts | None, seconds_by_use: Mapping[TimeUse, float]) ->
         if fact.code is GainFact.GAINS_WRITTEN:
             return f"Gains: {fact.figures['path']}. Load one file in a ground station."
     if advice:
-        finding = _reason_without_gains(advice)
-        if finding.code is GainFact.ADVICE_FAILED:
-            # This sentence itself says that there are no gains.
-            return finding.sentence
-        reason = decisive_reason(finding)
-        # A reason with a subject of its own, such as a motor, holds for all axes.
-        axis = "" if reason.subject else finding.subject or finding.figures.get("axis")
-        axis_text = f" for {axis}" if axis else ""
-        # The first sentence is the reason; those that follow explain it, and the page has them.
-        sentence = first_sentence(reason.sentence)
-        return f"No gains{axis_text}: {as_clause(sentence.removeprefix('No margins: '))}."
+        return _line_without_gains(_reason_without_gains(advice))
     has_flown = seconds_by_use[TimeUse.LEARNED] > 0 or seconds_by_use[TimeUse.UNSETTLED] > 0
     if has_flown:
         return "No gains: too little settled flight to compute them from."
     return "No gains: nothing flew."
+
+
+def _line_without_gains(finding: Fact) -> str:
+    """Returns a line that says why a session advises no gains, such as "No gains for roll: …".
+
+    Args:
+        finding: the fact of the advice that says why, about one axis or all.
+    """
+    if finding.code is GainFact.ADVICE_FAILED:
+        # This sentence itself says that there are no gains.
+        return finding.sentence
+    reason = decisive_reason(finding)
+    # A reason with a subject of its own, such as a motor, holds for all axes.
+    axis = "" if reason.subject else finding.subject or finding.figures.get("axis")
+    axis_text = f" for {axis}" if axis else ""
+    # The first sentence is the reason; those that follow explain it, and the page has them.
+    sentence = first_sentence(reason.sentence)
+    return f"No gains{axis_text}: {as_clause(sentence.removeprefix('No margins: '))}."
 
 
 def written_files(paths: OutputPaths, recording: RawRecording | None) -> JsonValues:

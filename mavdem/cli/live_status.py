@@ -666,17 +666,12 @@ def _status_texts(status: SessionStatus) -> StatusTexts:
         sentences.append(escape_unprintable(sentence.text))
     reason = status.no_model_reason
     if reason is not None:
-        # The section ends with the reason why nothing is learned and its remedy.
-        reason_text = escape_unprintable(reason.sentence_and_remedy)
-        unstated_text = _unstated_reason(reason, judgement.headline, judgement_text)
-        if unstated_text != reason_text:
-            sentences[sentences.index(reason_text)] = unstated_text
+        # After a landing another take-off is the pilot's choice, and the table shows the flight before.
         is_after_landing = reason.code is SessionFact.NOT_FLYING and bool(status.worst_lights)
-        if is_after_landing:
-            # Another take-off is the pilot's choice, and the table shows the flight before.
-            sentences[-1] = ""
+        if not is_after_landing:
+            sentences.append(_unstated_reason(reason, judgement.headline, judgement_text))
     sentences = [text for text in sentences if text and text not in judgement_text]
-    # The first sentence of the section is always there.
+    # The first sentence of the section, on the learning, is always there.
     return StatusTexts(
         vehicle=escape_unprintable(vehicle_text(status, has_table=True)),
         learning=sentences[0],

@@ -70,10 +70,9 @@ def print_screen(
 ) -> None:
     """Prints the result of a command, the most important blocks last: the user looks there when the text has scrolled.
 
-    A block is a sentence or a table. Without ``verbose`` the title, blocks of the summary that fit, and the footer are
-    shown, without empty lines between them. With texts in tables shortened to one line these are at most
-    ``SCREEN_LINES``. The texts then take more lines, as far as all of that and the reserved lines are within
-    ``TERMINAL_LINES``.
+    A block is a sentence or a table. Without ``verbose`` the title, the footer, and between them the blocks of the
+    summary that fit are printed: as many as fit into ``SCREEN_LINES`` if each row of a table is shortened to one line.
+    Then the rows are printed longer, as far as all lines and the reserved ones fit into ``TERMINAL_LINES``.
 
     Args:
         title: First lines, such as the name of the log; always complete.

@@ -34,6 +34,27 @@ def check_output_folder(folder: Path, names: Names = (), *inputs: PathName | Non
     Raises:
         Unreadable: The folder or a file cannot be written, or a file to write is one of ``inputs``.
     """
+    _check_folder(folder)
+    for name in names:
+        # A file that does not exist yet, in a folder that may not exist yet, is no error.
+        with reporting_write_errors(folder / name), suppress(FileNotFoundError):
+            writable_target(folder / name)
+    # Paths are compared after links are resolved: an input may be reached by another name.
+    targets = {os.path.realpath(folder / name) for name in names}
+    for path in inputs:
+        if path and os.path.realpath(path) in targets:
+            raise Unreadable(Unwritable.OUT_REPLACES_INPUT, path=folder, existing=path)
+
+
+def _check_folder(folder: Path) -> None:
+    """Checks that files can be written into a folder, or that it can be created for them.
+
+    Args:
+        folder: The folder.
+
+    Raises:
+        Unreadable: The nearest path that exists is a file or not writable, or a name is too long for the file system.
+    """
     # The folder itself or the nearest of its parents that exists; the last one, the root, always does.
     folder_and_parents = (folder, *folder.absolute().parents)
     existing_path = next(path for path in folder_and_parents if os.path.lexists(path))
@@ -46,15 +67,6 @@ def check_output_folder(folder: Path, names: Names = (), *inputs: PathName | Non
             # ``lstat`` raises an error if a name is too long for the file system, even if the path does not exist.
             with suppress(FileNotFoundError):
                 (existing_path / part).lstat()
-    for name in names:
-        # A file that does not exist yet, in a folder that may not exist yet, is no error.
-        with reporting_write_errors(folder / name), suppress(FileNotFoundError):
-            writable_target(folder / name)
-    # Paths are compared after links are resolved: an input may be reached by another name.
-    targets = {os.path.realpath(folder / name) for name in names}
-    for path in inputs:
-        if path and os.path.realpath(path) in targets:
-            raise Unreadable(Unwritable.OUT_REPLACES_INPUT, path=folder, existing=path)
 
 
 def check_output_file(path: Path | None, option: str, endings: Names) -> None:

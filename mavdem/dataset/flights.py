@@ -144,6 +144,8 @@ def usable_segments(
 ) -> UsableSegments:
     """Returns all segments of a vehicle's settled flight from which a model can be learned, as training data.
 
+    A segment is a part without gaps; settled flight has neither take-off nor landing.
+
     Args:
         signals: Logged time series of the vehicle, with angle, rate and setpoints of an axis.
         components: All components in the log, for the advice on rates.
@@ -168,7 +170,7 @@ def _unused_segments(segments: Segments, used_segments: Sequence[Segment | None]
     """Returns a caution if part of the settled flight is not used to learn the model.
 
     Args:
-        segments: All segments of settled flight.
+        segments: All segments (parts without gaps) of settled flight, which has neither take-off nor landing.
         used_segments: Segments from which the model is learned; None for one that could not be used.
 
     Returns:

@@ -174,20 +174,21 @@ def height_above_take_off(
 
 
 def _was_held(signals: Signals, boot: int, flight_interval: TimeInterval) -> bool:
-    """Returns whether a vehicle was held: it never rose in a flight, and hardly tilted although its setpoints did.
+    """Returns whether a vehicle was held in a flight, as on a test stand or in somebody's hand.
 
-    Such a vehicle is on a test stand, or in somebody's hand. If the height was not recorded, it counts as free.
+    It was held if it never rose, and did not follow a large setpoint of roll or pitch. If the height or the attitude
+    was not recorded, it counts as free.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
         flight_interval: start and end of the flight, s since boot.
-
-    Returns:
-        Whether it was held: it did not rise, and a large setpoint of roll or pitch was not followed.
     """
-    if has_risen(signals, boot, flight_interval) is not False:
+    # None if the height was not recorded.
+    rose = has_risen(signals, boot, flight_interval)
+    if rose is None or rose:
         return False
+    # Without a recorded attitude there are no tilts.
     for axis, tilt in zip(TILT_AXES, signals.tilts, strict=False):
         angle = tilt.angle_series.of_boot(boot).within(flight_interval)
         for setpoint in signals.for_axis(axis).setpoints:

@@ -36,9 +36,10 @@ MAX_JUDGED_SEGMENTS = 100
 
 
 def learnability_of(signals: Signals, components: Sequence[Component] = ()) -> Learnability:
-    """Returns whether a model can be learned from a log: the learnability of its longest usable settled segment.
+    """Returns whether a model can be learned from a log: the learnability of its longest usable segment.
 
-    If no segment is usable, the learnability of the longest one states why.
+    A segment is a part of the flight without gaps, take-off or landing. If none is usable, the learnability of the
+    longest one states why.
 
     Args:
         signals: Logged time series of the vehicle, with angle, rate and setpoints of an axis.

@@ -424,34 +424,44 @@ def _interpolated_outputs(target: TimeSeries, source: TimeSeries, outputs: Array
 def _observed_upper_limit(fractions: Array) -> float:
     """Infers the upper limit that the autopilot sets to motor outputs, from how often their highest value occurs.
 
-    An output that moves freely is seldom exactly at its maximum, while a limited one stays there. So the histogram of
-    at least one motor must have far more samples in the bin of the highest value than in the bins just below it, and
-    most of its other samples still further below.
-
     Args:
         fractions: (N, k) outputs of k motors as fractions of the range.
 
     Returns:
-        The limit as a fraction of the range: the highest output of all motors, or 1 where no motor shows a limit.
+        The limit as a fraction of the range: the highest output of all motors, if at least one motor shows that it is
+        limited there; otherwise 1.
     """
-    highest_fraction = float(fractions.max())
-    if highest_fraction < MIN_OBSERVED_LIMIT:
+    highest_output = float(fractions.max())
+    if highest_output < MIN_OBSERVED_LIMIT:
         return 1.0
     for outputs in fractions.T:
-        # Outputs of 0 are of a motor that is off, and do not count.
-        running_outputs = outputs[outputs > 0]
-        # Bin 0 begins at the highest value, and each further bin is below the one before.
-        bins_below_highest = np.floor((highest_fraction - running_outputs) / STOP_BIN_WIDTH)
-        samples_at_limit = np.count_nonzero(bins_below_highest == 0)
-        is_just_below = (bins_below_highest > 0) & (bins_below_highest <= STOP_NEIGHBOUR_BINS)
-        samples_per_bin_just_below = np.count_nonzero(is_just_below) / STOP_NEIGHBOUR_BINS
-        min_samples_at_limit = max(
-            MIN_STOP_SHARE * len(outputs),
-            MIN_STOP_EXCESS * samples_per_bin_just_below,
-            MIN_STOP_SAMPLES,
-        )
-        samples_far_below = np.count_nonzero(bins_below_highest > STOP_NEIGHBOUR_BINS)
-        is_mostly_far_below = samples_far_below > np.count_nonzero(bins_below_highest > 0) / 2
-        if samples_at_limit >= min_samples_at_limit and is_mostly_far_below:
-            return highest_fraction
+        if _is_limited_at(highest_output, outputs):
+            return highest_output
     return 1.0
+
+
+def _is_limited_at(limit: float, outputs: Array) -> bool:
+    """Returns whether the histogram of a motor's outputs shows that the autopilot limits them at a value.
+
+    An output that moves freely is seldom exactly at its maximum, while a limited one stays there. So there must be far
+    more samples in the bin of the limit than in the bins just below it, and most other samples still further below.
+
+    Args:
+        limit: highest output of all motors, as a fraction of the range.
+        outputs: (N,) outputs of the motor, as fractions of the range.
+    """
+    # Outputs of 0 are of a motor that is off, and do not count.
+    running_outputs = outputs[outputs > 0]
+    # Bin 0 is the one of the limit, and each further bin is below the one before.
+    bins = np.floor((limit - running_outputs) / STOP_BIN_WIDTH)
+    count_at_limit = np.count_nonzero(bins == 0)
+    count_below = np.count_nonzero(bins > 0)
+    count_far_below = np.count_nonzero(bins > STOP_NEIGHBOUR_BINS)
+    mean_count_just_below = (count_below - count_far_below) / STOP_NEIGHBOUR_BINS
+    min_count_at_limit = max(
+        MIN_STOP_SHARE * len(outputs),
+        MIN_STOP_EXCESS * mean_count_just_below,
+        MIN_STOP_SAMPLES,
+    )
+    is_mostly_far_below = count_far_below > count_below / 2
+    return bool(count_at_limit >= min_count_at_limit and is_mostly_far_below)

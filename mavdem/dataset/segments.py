@@ -99,9 +99,10 @@ def recorded_spans(signals: Signals) -> Segments:
 def settled_segments(signals: Signals) -> Segments:
     """Returns the segments of settled flight in which attitude and model inputs come fast and without gaps.
 
-    A segment ends at a gap longer than ``MAX_GAP_SECONDS``, and where the usual rate falls below ``MIN_STREAM_RATE``,
-    since ground stations change rates in flight. Only if no segment at all remains, any rate is allowed, with gaps up
-    to three times the usual step; whether such a segment can be used is decided later (``learnability``).
+    Settled flight has neither take-off nor landing. A segment of it ends at a gap longer than ``MAX_GAP_SECONDS``, and
+    where the usual rate falls below ``MIN_STREAM_RATE``, since ground stations change rates in flight. Only if no
+    segment at all remains, any rate is allowed, with gaps up to three times the usual step; whether such a segment can
+    be used is decided later (``learnability``).
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.

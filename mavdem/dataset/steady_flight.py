@@ -116,8 +116,9 @@ def attitude_tracking(signals: Signals, boot: int) -> AttitudeTracking | None:
 def steady_intervals(signals: Signals, boot: int) -> Intervals:
     """Returns the intervals in which motors may be compared with each other: settled flight that is steady too.
 
-    In a manoeuvre motors differ on purpose. In steady flight the vehicle follows its attitude setpoint and keeps its
-    heading. Without a recorded attitude all settled flight counts as steady.
+    Settled flight has neither take-off nor landing. In a manoeuvre motors differ on purpose; in steady flight the
+    vehicle follows its attitude setpoint and keeps its heading. Without a recorded attitude all settled flight counts
+    as steady.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.

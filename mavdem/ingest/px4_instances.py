@@ -94,9 +94,7 @@ def _battery_fields(battery: Columns) -> Fields:
 def _connected_batteries(topics: Topics) -> dict[int, Columns]:
     """Selects the messages of each battery while it is connected.
 
-    The topic battery_status has the battery's number as ``id``, from 1, where 0 means no battery. Without that field,
-    or if two instances have the same id, the number of the instance is used. Old versions and simulators report no
-    battery as connected; then all messages are kept.
+    Old versions and simulators report no battery as connected; then all messages are kept.
 
     Args:
         topics: The logged topics, by name and number of the instance.
@@ -107,16 +105,29 @@ def _connected_batteries(topics: Topics) -> dict[int, Columns]:
     connected_batteries: dict[int, Columns] = {}
     all_batteries: dict[int, Columns] = {}
     for instance, topic in topics.get("battery_status", {}).items():
-        number = instance
-        if "id" in topic and len(topic["id"]):
-            number = int(np.median(topic["id"])) - 1
-        if number < 0 or number in all_batteries:
+        number = _battery_number(topic, instance)
+        if number in all_batteries:
+            # Two instances report the same battery.
             number = instance
         all_batteries[number] = topic
         is_connected = flag_or_true(topic, "connected")
         if is_connected.any():
             connected_batteries[number] = selected_rows(topic, is_connected)
     return connected_batteries or all_batteries
+
+
+def _battery_number(topic: Columns, instance: int) -> int:
+    """Returns the number of a battery, from 0.
+
+    Args:
+        topic: Columns (N,) of one instance of battery_status. Its field ``id`` is the battery's number from 1, or 0
+            without a battery.
+        instance: Number of the instance, which is used if the topic does not have the battery's number.
+    """
+    if "id" not in topic or len(topic["id"]) == 0:
+        return instance
+    number_from_1 = int(np.median(topic["id"]))
+    return number_from_1 - 1 if number_from_1 > 0 else instance
 
 
 RATIO_FIELDS = {
@@ -186,8 +197,10 @@ def estimator_instances(topics: Topics) -> Fields:
         fields["instance"] = np.full(len(columns["time"]), instance)
         fields["is_primary"] = is_primary.astype(np.uint8)
         tables_of_instances.append(fields)
-    instances = in_time_order(tables_of_instances)
-    return {} if instances.get("is_primary", np.ones(1)).all() else instances
+    has_other_instance = any(not fields["is_primary"].all() for fields in tables_of_instances)
+    if not has_other_instance:
+        return {}
+    return in_time_order(tables_of_instances)
 
 
 def _estimator_status_by_instance(topics: Topics) -> dict[int, Fields]:
@@ -286,21 +299,22 @@ def _largest_since_previous_time(time: Array, sample_time: Array, values: Array)
     Returns:
         Largest samples (T,); NaN where there are none.
     """
-    largest_samples = np.full(len(time), np.nan)
-    # Each time has a window of samples, from row ``starts`` to before row ``ends``.
+    # Each time has a window of samples: those after the time before it, from row ``starts`` to before row ``ends``.
     ends = np.searchsorted(sample_time, time, side="right")
     last_rows = ends - 1
     # The first time has no time before it, and its window is the last sample.
-    ends_of_previous = np.append(last_rows[:1], ends[:-1])
-    starts = np.minimum(ends_of_previous, last_rows)
-    is_recent = (ends > 0) & (time - sample_time[last_rows] <= MAX_AID_AGE)
-    if is_recent.any():
-        windows = np.column_stack([starts, ends])[is_recent]
-        # ``reduceat`` returns the maxima from each index to the next: of windows and of the gaps between them by turns.
-        # The appended 0 makes the end of the last sample a valid index.
-        maxima = np.maximum.reduceat(np.append(values, 0.0), windows.ravel())
-        largest_samples[is_recent] = maxima[::2]
-    return largest_samples
+    starts = np.append(last_rows[:1], ends[:-1])
+    largest_samples = values[last_rows].astype(np.float64)
+    has_new_samples = (starts < ends) & (ends > 0)
+    if has_new_samples.any():
+        # One window ends where the next one with samples begins, and the last one with the last row in use.
+        # ``reduceat`` returns the maxima from each of these rows to the next.
+        values_in_windows = values[: ends[-1]]
+        largest_samples[has_new_samples] = np.maximum.reduceat(
+            values_in_windows, starts[has_new_samples]
+        )
+    has_recent_sample = (ends > 0) & (time - sample_time[last_rows] <= MAX_AID_AGE)
+    return np.where(has_recent_sample, largest_samples, np.nan)
 
 
 def _is_source_in_use(is_fused: Flags, is_rejected: Flags) -> Flags:

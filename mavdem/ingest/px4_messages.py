@@ -488,11 +488,10 @@ def _first_stamps_of_seconds(topics: Topics) -> Array:
 
     Each is the first stamp of some topic in that second. Only these few are sorted, not the stamps of all messages.
     """
-    first_stamps_of_topics = [
-        firsts_of_seconds(topic["time"])
-        for instances in topics.values()
-        for topic in instances.values()
-    ]
+    first_stamps_of_topics = []
+    for instances in topics.values():
+        for topic in instances.values():
+            first_stamps_of_topics.append(firsts_of_seconds(topic["time"]))
     return firsts_of_seconds(np.sort(np.concatenate(first_stamps_of_topics)))
 
 

@@ -159,21 +159,36 @@ class _RecordScan:
         Raises:
             EOFError: The file ends within its header, or within its flags record.
         """
-        start = FILE_HEADER_BYTES
-        if len(self.content) < start:
+        section_start = self._read_flags()
+        # The first section ends where data was appended, or at the end of the file.
+        for section_end in [*self._appended_offsets(section_start), len(self.content)]:
+            self._scan_section(section_start, section_end)
+            section_start = section_end
+
+    def _read_flags(self) -> int:
+        """Reads the flags record, which follows the header of the file unless an old version wrote it.
+
+        Returns:
+            The offset of the first record after the flags.
+
+        Raises:
+            EOFError: The file ends within its header, or within its flags record.
+        """
+        first_record = FILE_HEADER_BYTES
+        if len(self.content) < first_record:
             raise EOFError("the file ends within its header")
-        header = self.content[start : start + HEADER.size]
-        has_flags = header == HEADER.pack(FLAGS.size, FLAG_BITS)
-        if has_flags:
-            flags_start = start + HEADER.size
-            start = flags_start + FLAGS.size
-            if len(self.content) < start:
-                raise EOFError("the file ends within its flags record")
-            compatible, incompatible, *offsets = FLAGS.unpack_from(self.content, flags_start)
-            self.flags = FileFlags(compatible, incompatible, tuple(offsets))
-        for section_end in [*self._appended_offsets(start), len(self.content)]:
-            self._scan_section(start, section_end)
-            start = section_end
+        flags_start = first_record + HEADER.size
+        flags_end = flags_start + FLAGS.size
+        has_flags = self.content[first_record:flags_start] == HEADER.pack(FLAGS.size, FLAG_BITS)
+        if not has_flags:
+            return first_record
+        if len(self.content) < flags_end:
+            raise EOFError("the file ends within its flags record")
+        flags = FLAGS.unpack_from(self.content, flags_start)
+        compatible, incompatible, first_offset, second_offset, third_offset = flags
+        appended_offsets = (first_offset, second_offset, third_offset)
+        self.flags = FileFlags(compatible, incompatible, appended_offsets)
+        return flags_end
 
     def _appended_offsets(self, first_record: int) -> list[int]:
         """Returns the offsets at which data was appended to the file, if they can be right.
@@ -378,6 +393,7 @@ class _RecordScan:
             record_before = latest_offsets[-1]
             if self.definitions.header(record_before).record_type == DATA:
                 start = record_before
+        # A later record may begin anywhere after the first byte of the first doubtful record.
         next_sound = self._next_sound_record(offset, start + 1, section_end)
         has_sound_record_after = next_sound < section_end
         if not has_sound_record_after and self._may_be_cut_off(offset, section_end):

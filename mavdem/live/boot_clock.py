@@ -263,21 +263,24 @@ class BootClock:
             first_stamp: first attitude stamp of the new clock, s.
         """
         former_now = self.now
-        last_former_reception = self._last_former_reception
+        former_reception = self._last_former_reception
         self.now = first_stamp
         is_first_clock = isnan(former_now)
-        if first_stamp < former_now:
-            self.boot += 1
-            self.latest_restart = (last_former_reception, self._new_clock_reception)
-            begins_near_zero = first_stamp <= MAX_RESTART_TIME
-            has_begun_since = self._start_of_new_clock >= last_former_reception - MAX_UTC_DIFFERENCE
-            if begins_near_zero or has_begun_since:
-                self._report(Fact(VehicleFact.VEHICLE_REBOOTED, clock=former_now))
-            else:
-                self._report(Fact(VehicleFact.CLOCK_WENT_BACK, clock=former_now, time=first_stamp))
-        elif not is_first_clock:
+        if is_first_clock:
+            return
+        has_jumped_ahead = first_stamp >= former_now
+        if has_jumped_ahead:
             offset = first_stamp - former_now
             self._report(Fact(VehicleFact.CLOCK_JUMPED, offset=offset, clock=former_now))
+            return
+        self.boot += 1
+        self.latest_restart = (former_reception, self._new_clock_reception)
+        begins_near_zero = first_stamp <= MAX_RESTART_TIME
+        has_begun_since = self._start_of_new_clock >= former_reception - MAX_UTC_DIFFERENCE
+        if begins_near_zero or has_begun_since:
+            self._report(Fact(VehicleFact.VEHICLE_REBOOTED, clock=former_now))
+        else:
+            self._report(Fact(VehicleFact.CLOCK_WENT_BACK, clock=former_now, time=first_stamp))
 
     def _time_near_now(self, message: Message) -> float | None:
         """Returns the time of a message that is not an attitude, by the latest attitude.

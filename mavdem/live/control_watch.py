@@ -387,10 +387,7 @@ class ControlWatch:
         error = attitude_error(signals, boot)
         if error is None:
             return FlightEnd(is_in_air, is_falling, loss=None)
-        attitude_loss = self._attitude_loss
-        if attitude_loss is not None and attitude_loss.start_time < takeoff_time:
-            # The latest loss was in an earlier flight.
-            attitude_loss = None
+        attitude_loss = self._attitude_loss_since(takeoff_time)
         if attitude_loss is None and not is_in_air:
             # The vehicle may have toppled over as it landed. One that hit the ground upright, since it could not hold
             # its height, has no loss of attitude.
@@ -403,6 +400,14 @@ class ControlWatch:
         events = [event for event in losses if event is not None]
         ending = find_ending(signals, [*reports, *events])
         return FlightEnd(is_in_air, is_falling, ending, losses.contact)
+
+    def _attitude_loss_since(self, takeoff_time: float) -> Fact | None:
+        """Returns the loss of attitude that was found in the flight that began at a time, s; None if none was."""
+        attitude_loss = self._attitude_loss
+        if attitude_loss is None or attitude_loss.start_time < takeoff_time:
+            # The latest loss, if there is one, was in an earlier flight.
+            return None
+        return attitude_loss
 
     def _toppling(
         self, sensors: BootSensors, error: AttitudeError, flight_interval: TimeInterval

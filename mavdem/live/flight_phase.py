@@ -394,8 +394,8 @@ class FlightPhase:
         if not self.is_flying or climb_rate is None:
             self._free_climb_start = inf
             return
-        # The average is centred, and known until half of its window ago: until then earlier reviews have judged the
-        # climb rates. After a break between two reviews only the latest ones count.
+        # The climb rate is a centred average, which is known until half of its window ago (``AVERAGING_DELAY``). Judged
+        # are the values that were not known yet at the last review; after a long break only the latest of them.
         unjudged_start = max(self._review_time, now - MAX_REPORT_INTERVAL) - AVERAGING_DELAY
         unjudged_rates = _between(climb_rate, unjudged_start, now - AVERAGING_DELAY)
         is_climbing = unjudged_rates.values >= MAX_LEVEL_FLIGHT_SPEED

@@ -262,9 +262,16 @@ def decisive_reason(finding: Fact) -> Fact:
         The first of several reasons: a crash, for example, comes before what a single axis lacks. The finding itself if
         it has no reasons.
     """
-    if finding.code in (GainFact.NO_GAINS_ADVISED, LoopFact.NO_LOOP):
+    has_list_of_reasons = finding.code in (GainFact.NO_GAINS_ADVISED, LoopFact.NO_LOOP)
+    has_one_reason = finding.code in (
+        GainFact.GAINS_LEFT,
+        LoopAction.LOOPS_JUDGED,
+        LoopFact.NO_MARGINS,
+    )
+    # A reason may have a reason in turn.
+    if has_list_of_reasons:
         return decisive_reason(finding.figures["reasons"][0])
-    if finding.code in (GainFact.GAINS_LEFT, LoopAction.LOOPS_JUDGED, LoopFact.NO_MARGINS):
+    if has_one_reason:
         return decisive_reason(finding.figures["reason"])
     return finding
 

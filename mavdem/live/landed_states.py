@@ -76,7 +76,9 @@ class LandedStates:
         former_state = state if self.latest is None else self.latest
         self._samples.append(_StateSample(last_review_time, former_state))
         self._samples.append(_StateSample(now, state))
-        del self._samples[: -2 * MAX_PHASES]
+        # Each phase has two samples.
+        max_samples = 2 * MAX_PHASES
+        del self._samples[:-max_samples]
 
     def begin_in_air(self, now: float) -> None:
         """Notes that the vehicle has been in the air since the boot began, whatever state was assumed before.

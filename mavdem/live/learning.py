@@ -254,13 +254,14 @@ class FlightLearning:
         Args:
             estimate: the first estimate with unexpected motion.
         """
-        cause = None
-        unexpected_window = estimate.latest_mark
-        if unexpected_window is not None:
-            cause = unexpected_window.cause
+        # The latest mark is the one that begins with this estimate.
+        mark = estimate.latest_mark
+        cause = None if mark is None else mark.cause
         report = Fact(SessionFact.MOTION_UNEXPECTED, clock=estimate.window_center, cause=cause)
-        # During the alarm of a weak motor, no report must advise the pilot to fly on.
-        self._log(report.without_flight_advice if self._is_motor_weak else report)
+        if self._is_motor_weak:
+            # During the alarm of a weak motor, no report must advise the pilot to fly on.
+            report = report.without_flight_advice
+        self._log(report)
 
     def withdraw_since(self, landing_time: float) -> None:
         """Forgets the samples of a landing or of a loss of control, and the models that were learned from them.
@@ -281,9 +282,10 @@ class FlightLearning:
         self._landing_time = landing_time
 
     def adopt_model_before_landing(self, timeout: float = 0.0) -> None:
-        """Keeps the model that is learned after a landing from the samples before it, once the fit has finished.
+        """Adds the model from the samples before a landing to the models of the flight, once its fit has finished.
 
-        In flight the learner adopts a finished fit with the next row. After a landing no rows come, so this does it.
+        In flight the learner adopts a finished fit with the next row. After a landing no rows come, so that this method
+        makes the learner adopt it. Without a finished fit nothing changes.
 
         Args:
             timeout: longest time to wait for the model, s.
@@ -293,9 +295,11 @@ class FlightLearning:
         former_model = self.learner.learned
         self.learner.adopt_finished_fit(timeout)
         model = self.learner.learned
-        is_new_model = model is not None and model is not former_model
-        # A model of the climb alone is not kept.
-        if model is not None and is_new_model and self.has_settled:
+        if model is None or model is former_model:
+            # No fit has finished.
+            return
+        # A model of the climb alone is not kept: the flight must have been settled, which it is after the climb.
+        if self.has_settled:
             self.newest_model = model
             self._models.append(_KeptModel(self._landing_time, model))
 

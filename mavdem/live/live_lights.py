@@ -49,10 +49,11 @@ def lights_before_model(
         lights[str(light)] = _awaited_light(quantity, watch_facts, reason)
     lights[str(Light.MOTORS)] = _motors_light(watch_facts, reason)
     lights[str(Light.MARGINS)] = _margins_light(watch_facts, reason)
-    if watch_facts and no_wind_reason is None:
-        no_wind_reason = Fact(WatchFact.WIND_AWAITED)
     if no_wind_reason is not None:
         lights[str(Light.WIND)] = Fact(Unjudged.NOT_JUDGED, reason=no_wind_reason)
+    elif watch_facts:
+        # Messages come, and nothing prevents an estimate of the wind.
+        lights[str(Light.WIND)] = Fact(Unjudged.NOT_JUDGED, reason=Fact(WatchFact.WIND_AWAITED))
     if reason.code is RowsFact.LIVE_RATES_TOO_LOW:
         # The figure "reason" is the fact which messages are too slow for a model. It becomes the light on the messages,
         # with the level that it has for a log.
@@ -65,7 +66,7 @@ def lights_before_model(
 def _awaited_light(
     quantity: WatchedQuantity, watch_facts: Mapping[str, Fact], reason: Fact
 ) -> Fact:
-    """Returns the light of a quantity that is judged in settled flight: why it is not judged yet.
+    """Returns the light of a quantity that is judged in settled flight (after the climb-out): why it is not judged yet.
 
     Args:
         quantity: one of ``AWAITED_QUANTITIES``.
@@ -88,18 +89,20 @@ def _reason_not_watched(
 
     Args:
         quantity: what may be watched, such as the vibration.
-        watch_facts: since when each quantity is watched, or why it is not, by its name. A quantity may be missing just
-            after the first messages, while it is not known yet which messages come; before them all are missing.
-        reason: why there is no model, which is the reason before the first messages.
+        watch_facts: since when each quantity is watched, or why it is not, by its name; empty before the first
+            messages.
+        reason: why there is no model.
     """
-    watch_fact = watch_facts.get(quantity)
-    if watch_fact is not None:
-        # The figure is None in the fact of a quantity that is watched.
-        stated_reason: Fact | None = watch_fact.figures["reason"]
-        return stated_reason
     if not watch_facts:
+        # What prevents a model before the first messages prevents everything else too.
         return reason
-    return Fact(RowsFact.RATES_BEING_MEASURED)
+    watch_fact = watch_facts.get(quantity)
+    if watch_fact is None:
+        # Just after the first messages it is not known yet which messages come.
+        return Fact(RowsFact.RATES_BEING_MEASURED)
+    # None for a quantity that is watched.
+    stated_reason: Fact | None = watch_fact.figures["reason"]
+    return stated_reason
 
 
 def _motors_light(watch_facts: Mapping[str, Fact], reason: Fact) -> Fact:
@@ -137,9 +140,12 @@ def _margins_light(watch_facts: Mapping[str, Fact], reason: Fact) -> Fact:
     why_not_watched = _reason_not_watched(WatchedQuantity.OSCILLATION, watch_facts, reason)
     if why_not_watched is not None:
         return Fact(Unjudged.NOT_JUDGED, reason=why_not_watched)
+    why_margins_unknown = reason
     if reason.code is RowsFact.LIVE_RATES_TOO_LOW:
-        reason = Fact(MarginsLight.MARGINS_UNKNOWN, reason=reason.figures["reason"])
-    return Fact(WatchFact.NO_OSCILLATION, reason=reason)
+        # The fact which messages are too slow for a model is stated as a log's review states it.
+        slow_messages = reason.figures["reason"]
+        why_margins_unknown = Fact(MarginsLight.MARGINS_UNKNOWN, reason=slow_messages)
+    return Fact(WatchFact.NO_OSCILLATION, reason=why_margins_unknown)
 
 
 def _fast_enough_fact(rates: Mapping[str, float]) -> Fact:

@@ -206,13 +206,14 @@ def review_margins(
 
 
 def _with_duration_for_loops(margins: Fact) -> Fact:
-    """Returns the light of the margins with the duration of settled flight that identifying the loops needs.
+    """Returns the judgement of the margins with the duration of settled flight that identifying the loops needs.
 
-    Any model needs some seconds of settled flight, and the loops need more. The pilot of a flight that is too short for
-    both reads the longer duration from the beginning, instead of first the one and then the other.
+    Any model needs some seconds of settled flight (without take-off and landing), and the loops need more. If the
+    flight is too short for any model, the judgement states that shorter duration. It is replaced, so that the pilot
+    reads the longer one from the beginning.
 
     Args:
-        margins: the light, as a review of the flight so far shows it.
+        margins: the judgement of the margins, as a review of the flight so far has it.
     """
     reason = margins.figures.get("reason")
     if reason is None or reason.code is not NotLearnableReason.TOO_SHORT:

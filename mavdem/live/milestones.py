@@ -176,7 +176,7 @@ class Milestones:
         """Keeps the verdict on a flight that is over; of more than ``MAX_VERDICTS`` the least severe is forgotten.
 
         Args:
-            verdict: the verdict on the flight before the one that begins.
+            verdict: the judgement of the flight before the one that begins, with its headline and next step.
         """
         self._earlier_verdicts.append(verdict)
         if len(self._earlier_verdicts) > MAX_VERDICTS:

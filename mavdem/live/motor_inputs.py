@@ -24,7 +24,10 @@ MAX_USED_SAMPLES = 1024
 which shows the same, and no row waits for the rest."""
 
 StreamKey = tuple[str, int]
-"""Name of a message and number of its port; 0 of messages without ports."""
+"""Name of a message and number of its port, ``NO_PORT`` of messages without ports."""
+
+NO_PORT = 0
+"""Port of messages without ports, such as those of the attitude."""
 
 
 class PortChannel(NamedTuple):

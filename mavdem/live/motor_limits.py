@@ -45,8 +45,9 @@ def motor_at_upper_limit(motors: MotorOutputs, is_at_upper: Flags, now: float) -
         was at its limit for so long, if all thrust is in use, or without outputs in these seconds.
     """
     recent_count = int(np.count_nonzero(motors.time >= now - DECISION_SECONDS))
-    if not recent_count or len(is_at_upper) < MIN_LIMIT_SAMPLES:
+    if recent_count == 0 or len(is_at_upper) < MIN_LIMIT_SAMPLES:
         return None
+    # The last samples, at least as many as a decision needs.
     tested_count = max(recent_count, MIN_LIMIT_SAMPLES)
     tested_times = motors.time[-tested_count:]
     tested_outputs = motors.scale.fraction(motors.outputs[-tested_count:])
@@ -54,14 +55,15 @@ def motor_at_upper_limit(motors: MotorOutputs, is_at_upper: Flags, now: float) -
     mean_outputs = tested_outputs.mean(axis=0)
     has_reserve = mean_outputs.min() < SPENT_THRUST_SHARE * motors.scale.upper_limit
     motor_names = motors.geometry.names
-    limited_motor = _limited_motor(motor_names, is_at_upper[-tested_count:])
-    if limited_motor is None or not has_reserve:
+    fault = _limited_motor(motor_names, is_at_upper[-tested_count:])
+    if fault is None or not has_reserve:
         return None
-    # Strong wind drives the motors on one side of the vehicle to their limits, and none of them is weak.
+    # Strong wind drives the motors on one side of the vehicle to their limits. None of them is weak then, and none
+    # stands out as the subject of the fault.
     deviations = dict(zip(motor_names, mean_outputs - mean_outputs.mean(), strict=True))
-    equally_loaded = equally_loaded_motors(deviations, limited_motor.figures["names"])
-    return limited_motor.replace(
-        subject="" if equally_loaded else limited_motor.subject,
+    equally_loaded = equally_loaded_motors(deviations, fault.figures["names"])
+    return fault.replace(
+        subject="" if equally_loaded else fault.subject,
         equally_loaded=equally_loaded,
         duration=now - tested_times[0],
     )

@@ -208,14 +208,15 @@ class Presentation:
         Args:
             fact: the fact, as for :meth:`log`.
         """
+        # Times of the boot clock plus this offset are times of the session's timeline.
         timeline_offset = self.history.timeline_offset
         start_time = nan
         if fact.time is not None:
             start_time = fact.time + timeline_offset
-            if fact.time == self._motor_alarms.change_time:
-                # The fact is about a motor that became weak then: since that time the estimated wind torque was in
-                # truth the torque of the motor.
-                self.history.clear_wind_torque(start_time)
+        is_of_weak_motor = fact.time == self._motor_alarms.change_time
+        if is_of_weak_motor:
+            # Since the motor became weak, the estimated wind torque was in truth the torque of the motor.
+            self.history.clear_wind_torque(start_time)
         event = Event(
             self.history.now,
             fact,

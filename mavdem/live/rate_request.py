@@ -585,8 +585,10 @@ class RateRequest:
             if not interval.may_have_changed or interval.is_restored:
                 continue
             self.unconfirmed.append(interval)
-            # Neither an unknown interval nor 0, the "default", is ever set.
-            microseconds = interval.former_interval or STOPPED
+            microseconds = interval.former_interval
+            if not microseconds:
+                # The former interval is unknown, or 0, "the default", which autopilots interpret differently.
+                microseconds = STOPPED
             frames.append(self._interval_command(SET_INTERVAL, interval.message_id, microseconds))
         return frames
 

@@ -17,7 +17,7 @@ from mavdem.facts.session import RowsFact
 from mavdem.ingest.telemetry import Fields, Telemetry
 from mavdem.live.flight_phase import FlightPhase
 from mavdem.live.live_signals import RecentMotion, attitude_from_samples, slowest_rate
-from mavdem.live.motor_inputs import InputSelector, MotorInputs, StreamKey
+from mavdem.live.motor_inputs import NO_PORT, InputSelector, MotorInputs, StreamKey
 from mavdem.live.row_grid import GridPoint, RowGrid
 from mavdem.live.rows import AlignedRow, FormattedRow, RowFormat
 from mavdem.live.samples import SampleStream
@@ -281,9 +281,9 @@ class RowBuilder:
         Returns:
             The row.
         """
-        attitude, *port_values = point.values
+        attitude = point.values[0]
         roll, pitch, _, _ = attitude
-        values_by_port = dict(zip(inputs.ports, port_values, strict=True))
+        values_by_port = dict(zip(inputs.ports, point.values[1:], strict=True))
         motor_outputs = []
         for channel in inputs.channels:
             outputs_of_port = values_by_port[channel.port]
@@ -313,22 +313,25 @@ class RowBuilder:
         return np.array([pitch, pitch_rate])
 
     def choose_attitude_message(self, now: float) -> None:
-        """Chooses which message rows take attitude from; within a segment it stays.
+        """Chooses the message whose attitude is used for rows, by the same rule as for logs (``preferred_message``).
 
-        It goes by the number of each one's samples in the last ``DECISION_SECONDS``, by the rule for logs
-        (``preferred_message``). When none comes any more, the former choice stays.
+        The rule compares how many samples of each message have come in the last ``DECISION_SECONDS``. Without any, and
+        while a segment of rows (without a gap) goes on, the former choice stays.
 
         Args:
             now: present time on the boot clock, s.
         """
-        if self._grid.is_running:
+        is_within_segment = self._grid.is_running
+        if is_within_segment:
             return
-        counts = {}
+        recent_counts = {}
         for name in ATTITUDE_MESSAGES:
-            stream = self._streams.get((name, 0))
+            stream = self._streams.get((name, NO_PORT))
             if stream is not None:
-                counts[name] = stream.recent_count(now)
-        self.attitude_message = preferred_message(counts) or self.attitude_message
+                recent_counts[name] = stream.recent_count(now)
+        preferred_name = preferred_message(recent_counts)
+        if preferred_name:
+            self.attitude_message = preferred_name
         self._update_row_streams()
 
     def candidate_messages(self) -> dict[str, Fields]:
@@ -375,13 +378,13 @@ class RowBuilder:
         """Chooses the streams of samples that rows are made of: first the attitude, then the motor outputs.
 
         A stream has the samples of one message and one port. A port is a group of motor outputs that are sent together;
-        attitude has the port 0. A port that has sent nothing yet gets an empty stream, and there are no rows before its
-        first sample.
+        attitude has none. A port that has sent nothing yet gets an empty stream, and there are no rows before its first
+        sample.
         """
         if self.inputs is None or self.attitude_message is None:
             self._row_streams = ()
             return
-        keys = [(self.attitude_message, 0)]
+        keys = [(self.attitude_message, NO_PORT)]
         for port in self.inputs.ports:
             keys.append((self.inputs.motors.message, port))
         self._row_streams = tuple(self._streams.setdefault(key, SampleStream()) for key in keys)

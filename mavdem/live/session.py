@@ -727,8 +727,9 @@ class LiveSession:
 
         Returns:
             The first of these that applies: there were no samples (angle and motor outputs at the same times); this
-            computer was too slow for most of them; the settled flight was too short for a fit; a fit is not finished.
-            None if there are physical parameters, or if no sample has been learned from for another reason.
+            computer was too slow for most of them; the settled flight, without take-off and landing, was too short for
+            a fit; a fit is not finished. None if there are physical parameters, or if no sample has been learned from
+            for another reason.
         """
         learning = self.flight.learning
         if learning.learner is None:
@@ -925,15 +926,17 @@ def _without_measurements(reason: Fact | None) -> Hashable:
 
 
 def _states_margins(advice: Facts, margins: Fact) -> bool:
-    """Returns whether one of the decisions on control loops in some advice has the margins as its reason.
+    """Returns whether advice on gains already states the stability margins, as the reason of a decision on a loop.
 
     Args:
-        advice: what to do with the gains of each axis.
-        margins: the light of the margins, by which one axis is judged.
+        advice: facts (coded findings) on what to do with the gains of each axis.
+        margins: the fact on the margins, which are those of one axis.
     """
     for fact in advice:
-        if fact.code is LoopAction.LOOPS_JUDGED:
-            reason = fact.figures["reason"]
-            if reason.code is margins.code and reason.figures["axis"] == margins.figures["axis"]:
-                return True
+        is_decision_on_loop = fact.code is LoopAction.LOOPS_JUDGED
+        if not is_decision_on_loop:
+            continue
+        reason = fact.figures["reason"]
+        if reason.code is margins.code and reason.figures["axis"] == margins.figures["axis"]:
+            return True
     return False

@@ -371,10 +371,11 @@ class SessionStatus(ImmutableResult):
         """
         if not self.verdicts:
             return []
-        *earlier_verdicts, latest_verdict = self.verdicts
-        is_of_earlier_flight = latest_verdict.number != self.flight_number
+        earlier_verdicts = self.verdicts[:-1]
+        latest_verdict = self.verdicts[-1]
+        is_of_latest_flight = latest_verdict.number == self.flight_number
         is_from_before_restart = latest_verdict.is_lost_in_air and not self.is_recording_judged
-        if not is_of_earlier_flight and not is_from_before_restart:
+        if is_of_latest_flight and not is_from_before_restart:
             latest_verdict = latest_verdict._replace(judgement=self.overall_judgement)
         return worst_first([*earlier_verdicts, latest_verdict])
 
@@ -438,8 +439,9 @@ class SessionStatus(ImmutableResult):
 
         A vehicle whose loss is known is not missed: it has met the ground, or is about to.
         """
-        reason = self.no_model_reason
-        if reason is None or reason.code not in SILENT_LINK:
+        # Without messages no model can be learned, so that the silence is why there is none.
+        silence = self.no_model_reason
+        if silence is None or silence.code not in SILENT_LINK:
             # Messages come; another reason may prevent learning.
             return None
         if not self.is_flying or self.loss is not None:
@@ -448,12 +450,12 @@ class SessionStatus(ImmutableResult):
         if self.state is not None:
             voltage = self.state.voltage
         return link_loss_fact(
-            reason,
-            self._missing_age(reason),
-            self.last_reception,
-            self.displacement_from_takeoff,
-            voltage,
-            self.last_position,
+            silence,
+            age=self._missing_age(silence),
+            reception=self.last_reception,
+            displacement=self.displacement_from_takeoff,
+            voltage=voltage,
+            last_position=self.last_position,
             cause=self._warning_before_silence,
             is_over=self.is_over,
         )

@@ -87,7 +87,8 @@ class TrackingWatch:
         Args:
             now: present time on the boot clock, s.
             vehicle: identity and parameters of the vehicle, without messages.
-            settled_start: since when the flight is settled, s of the boot clock.
+            settled_start: since when the flight is settled, that is since the end of the climb-out, s of the boot
+                clock.
 
         Returns:
             The fact that they follow well or badly; None before ``MIN_SETTLED_SECONDS`` of settled flight, where no

@@ -310,17 +310,21 @@ class VehicleReview:
         self._update_phase()
 
     def _update_phase(self) -> None:
-        """Decides whether the vehicle flies. Each flight has its own wind, lights and alarms, from its take-off on."""
+        """Decides whether the vehicle flies, and at a take-off begins a flight with its own wind, lights and alarms.
+
+        It also reports, once, that the autopilot's landed state is contradicted by the motion.
+        """
         now = self._review_time
         self.telemetry = self._vehicle_telemetry()
         # The mean of all motor outputs, as a fraction of their range.
         collective = None
         if self._rows.inputs is not None:
             collective = self._rows.inputs.collective
-        was_contradicted = self.phase.contradicted_report is not None
+        former_contradiction = self.phase.contradicted_report
         self.phase.review(now, self.telemetry, collective)
-        if self.phase.contradicted_report is not None and not was_contradicted:
-            self._report(self.phase.contradicted_report)
+        contradiction = self.phase.contradicted_report
+        if contradiction is not None and former_contradiction is None:
+            self._report(contradiction)
         former_flight = self.flight_number
         # The watchdog begins another flight here, not with its own review a moment later: until then, the alarms of an
         # earlier flight would stand beside a vehicle that flies again.
@@ -344,6 +348,7 @@ class VehicleReview:
         assert self.telemetry is not None
         now = self._review_time
         is_flying = self.phase.is_flying
+        # The end of the climb-out; None before it.
         settled_start = self.phase.settled_start(now)
         new_reports = self.watchdog.begin_review(
             now,

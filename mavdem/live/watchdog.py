@@ -555,13 +555,14 @@ class Watchdog:
 
     @property
     def _loss_that_ended_flight(self) -> Fact | None:
-        """The loss of the flight if, by the rules for logs, it ended the flight; otherwise None.
+        """The loss of the vehicle, if it is one of those by which a flight in a log ends (``Ending``); otherwise None.
 
         Whatever is measured after such a loss, of a tumbling or crashed vehicle, does not count in its judgement.
         """
-        if self.loss is not None and self.loss.code in Ending:
-            return self.loss
-        return None
+        loss = self.loss
+        # Other losses, such as motors that stopped in the air, do not yet say how the flight ended.
+        is_end_of_flight = loss is not None and loss.code in Ending
+        return loss if is_end_of_flight else None
 
     def _judge_battery(self, review: _Review, condition: Condition) -> None:
         """Judges the power by all messages and warnings of the boot, since a battery does not recover in flight.
@@ -593,8 +594,11 @@ class Watchdog:
     def review_tracking(self, settled_start: float) -> None:
         """Judges how the vehicle follows its setpoints in the latest minute of settled flight, as a log is judged.
 
+        The judgement is added to the ``facts`` of the review, which must have begun.
+
         Args:
-            settled_start: since when the flight is settled, s of the boot clock.
+            settled_start: since when the flight is settled, that is since the end of the climb-out, s of the boot
+                clock.
         """
         review = self._review
         assert review is not None
@@ -907,9 +911,8 @@ class Watchdog:
         """Judges in flight whether motors reach the limits of their outputs, which shows three faults.
 
         1. A limit cycle (oscillation) begins.
-        2. A motor stays at its upper limit.
-        3. The vehicle sinks with motors at their upper limit although it should hold its height. This is more urgent
-           than the second fault, and replaces it.
+        2. The vehicle sinks with motors at their upper limit although it should hold its height.
+        3. A motor stays at its upper limit. This is less urgent than the second fault, and not looked for beside it.
 
         Args:
             review: the review, to whose ``facts`` the faults are added.
@@ -924,20 +927,36 @@ class Watchdog:
         # there is no need to look for one.
         if is_at_upper.any() or is_at_lower.any():
             self._judge_oscillation(review, motion)
-        has_just_taken_off = review.now - review.phase_start < DECISION_SECONDS
-        limited_motor = motor_at_upper_limit(motors, is_at_upper, review.now)
-        active_alarm = self.alarms.facts.get(WatchedQuantity.MOTOR_LIMITS)
-        if limited_motor is not None and not has_just_taken_off:
-            if active_alarm is not None and self._has_sinking_alarm:
-                # A vehicle that could not hold its height has not become sound while a motor is at its limit.
-                fault = active_alarm
-            else:
-                fault = with_motors_of_alarm(limited_motor, active_alarm)
-            review.facts[WatchedQuantity.MOTOR_LIMITS] = fault
+        fault = None
         if is_at_upper.any():
-            sinking = self._sinking_at_limit(review, moment, motors, is_at_upper)
-            if sinking is not None:
-                review.facts[WatchedQuantity.MOTOR_LIMITS] = sinking
+            fault = self._sinking_at_limit(review, moment, motors, is_at_upper)
+        if fault is None:
+            fault = self._motor_at_limit(review, motors, is_at_upper)
+        if fault is not None:
+            review.facts[WatchedQuantity.MOTOR_LIMITS] = fault
+
+    def _motor_at_limit(
+        self, review: _Review, motors: MotorOutputs, is_at_upper: Flags
+    ) -> Fact | None:
+        """Returns the fact that motors stay at their upper limits, joined with the active alarm if there is one.
+
+        Args:
+            review: the review, with its time and that of the take-off.
+            motors: outputs of the k motors in the last seconds, N samples.
+            is_at_upper: (N, k) whether each output is at its motor's upper limit.
+
+        Returns:
+            The fact, which names the motors; None if no motor stays there, and just after a take-off.
+        """
+        has_just_taken_off = review.now - review.phase_start < DECISION_SECONDS
+        motors_at_limit = motor_at_upper_limit(motors, is_at_upper, review.now)
+        if motors_at_limit is None or has_just_taken_off:
+            return None
+        active_alarm = self.alarms.facts.get(WatchedQuantity.MOTOR_LIMITS)
+        if active_alarm is not None and self._has_sinking_alarm:
+            # A vehicle that could not hold its height has not become sound while a motor is at its limit.
+            return active_alarm
+        return with_motors_of_alarm(motors_at_limit, active_alarm)
 
     def _sinking_at_limit(
         self, review: _Review, moment: FlightMoment, motors: MotorOutputs, is_at_upper: Flags
@@ -1043,13 +1062,12 @@ class Watchdog:
     def _judge_end_of_flight(self, review: _Review, moment: FlightMoment) -> None:
         """Judges whether the flight that has just ended did so on the ground or, if not, how the vehicle was lost.
 
-        A vehicle that was disarmed in the air falls, and its impact is an alarm as in flight. It is looked for in each
-        review until ``FALL_SECONDS`` after the end of the flight. If none is found, it stays unknown how the vehicle
-        came down, and it does not count as landed. Where control had been lost, it is now known how the vehicle met the
-        ground.
+        A vehicle that was disarmed in the air falls. Its impact is looked for in each review until ``FALL_SECONDS``
+        after the end of the flight. If none is found, it stays unknown how the vehicle came down, and it does not count
+        as landed.
 
         Args:
-            review: the review, whose ``facts`` get the loss.
+            review: the review, whose ``facts`` get the loss, which becomes an alarm as one in flight does.
             moment: present time, and the motion.
         """
         end_time = self._landed_states.flight_end
@@ -1058,8 +1076,10 @@ class Watchdog:
         flight_end = self.control.flight_end(moment, end_time, self._report_search.reports)
         self.has_landed = not flight_end.is_in_air
         loss = self._loss_at_end_of_flight(flight_end, review)
+        # A loss that was found in flight does not say how the vehicle met the ground, and this one may.
         if loss is not None and self._replaces_known_loss(loss):
             self._record_loss(loss, flight_end, review)
+            # A fall that was an alarm in flight has become this loss.
             self._ongoing_fall = None
 
     def _loss_at_end_of_flight(self, flight_end: FlightEnd, review: _Review) -> Fact | None:
@@ -1125,7 +1145,8 @@ class Watchdog:
             vehicle: identity and parameters of the vehicle, without messages.
             now: time of the review, s of the boot clock.
             start_time: messages before it are left out, s.
-            settled_intervals: intervals of settled flight, s; None if they are not needed.
+            settled_intervals: intervals of settled flight, without take-off and landing, s; None if they are not
+                needed.
 
         Returns:
             The signals. Their landed state is what the reviews so far have found, until ``now``.
@@ -1211,15 +1232,19 @@ class Watchdog:
         return [*self._raise_alarms(review), *self._end_alarms(review)]
 
     def _drop_past_faults(self, review: _Review) -> None:
-        """Removes from a review the faults that were there last ``CALM_SECONDS`` ago or more, without an active alarm.
+        """Removes from a review the faults that have been over for ``CALM_SECONDS``, unless their alarm is active.
 
-        The messages of the last minute still show such a fault, but an alarm on it would begin after it is over.
+        A review judges the messages of the last minute, which still show such a fault. An alarm on it would begin when
+        the fault is over.
+
+        Args:
+            review: the review, with its facts by watched quantity, and the time when each fault was there last.
         """
         for quantity, last_found_time in review.last_found_times.items():
-            is_past_fault = review.now - last_found_time >= CALM_SECONDS
+            is_over = review.now - last_found_time >= CALM_SECONDS
             has_active_alarm = quantity in self.alarms.facts
-            if is_past_fault and not has_active_alarm:
-                # After a loss of control, the fact may have been removed already (``NOT_JUDGED_AFTER_LOSS``).
+            if is_over and not has_active_alarm:
+                # The fact may be missing: some are removed after a loss of control (``NOT_JUDGED_AFTER_LOSS``).
                 review.facts.pop(quantity, None)
 
     def _raise_alarms(self, review: _Review) -> list[Fact]:
@@ -1251,41 +1276,54 @@ class Watchdog:
         return reported_alarms
 
     def _end_alarms(self, review: _Review) -> list[Fact]:
-        """Removes the active alarms that are over, and returns the facts that they are over.
-
-        If the fault was one of the present moment (``PRESENT_FAULTS``), its status light then states that it is over.
-        All other status lights keep stating what was wrong in the flight.
+        """Removes the active alarms that are over.
 
         Args:
             review: the review that ends; its warnings are among the active alarms already.
 
         Returns:
-            The facts to report, each with the time, s, at which its fault was found last.
+            The ends to report to the user (:meth:`_end_alarm`).
         """
         reported_ends = []
         for quantity in list(self.alarms.facts):
-            if not self._is_alarm_over(quantity, review):
-                continue
-            fault_time = self.alarms.last_found(quantity)
-            is_end_reported = self._is_end_reported(quantity, review)
-            alarm = self.alarms.end(quantity)
-            if quantity is WatchedQuantity.CONTROL:
-                self.loss = None
-                self.ground_contact = None
-            if not is_end_reported:
-                continue
-            alarm_over = Fact(
-                WatchFact.ALARM_OVER,
-                time=fault_time,
-                reason=alarm,
-                is_at_landing=not review.is_flying,
-            )
-            reported_ends.append(alarm_over)
-            if review.is_flying and quantity in PRESENT_FAULTS:
-                # The flight had the fault: the status light keeps its level.
-                past_fault = alarm_over.replace(alarm.level)
-                self.status_lights.replace(PART_OF_QUANTITY[quantity], alarm.code, past_fault)
+            if self._is_alarm_over(quantity, review):
+                reported_end = self._end_alarm(quantity, review)
+                if reported_end is not None:
+                    reported_ends.append(reported_end)
         return reported_ends
+
+    def _end_alarm(self, quantity: WatchedQuantity, review: _Review) -> Fact | None:
+        """Removes an active alarm, and updates the status light of its fault.
+
+        If that was a fault of the present moment (``PRESENT_FAULTS``), its status light then states that the fault is
+        over, at the same level as before, since the flight had the fault. Other lights already state when it was.
+
+        Args:
+            quantity: what the alarm is about, such as the vibration.
+            review: the review that ends.
+
+        Returns:
+            The fact that the alarm is over, with the time, s, at which its fault was found last; None if that is not
+            reported.
+        """
+        fault_time = self.alarms.last_found(quantity)
+        is_end_reported = self._is_end_reported(quantity, review)
+        alarm = self.alarms.end(quantity)
+        if quantity is WatchedQuantity.CONTROL:
+            self.loss = None
+            self.ground_contact = None
+        if not is_end_reported:
+            return None
+        alarm_over = Fact(
+            WatchFact.ALARM_OVER,
+            time=fault_time,
+            reason=alarm,
+            is_at_landing=not review.is_flying,
+        )
+        if review.is_flying and quantity in PRESENT_FAULTS:
+            past_fault = alarm_over.replace(alarm.level)
+            self.status_lights.replace(PART_OF_QUANTITY[quantity], alarm.code, past_fault)
+        return alarm_over
 
     def _is_alarm_over(self, quantity: WatchedQuantity, review: _Review) -> bool:
         """Returns whether an active alarm is over: after the landing, or if its fault has not been found for some time.
@@ -1383,10 +1421,11 @@ class Watchdog:
 
 
 def _judge_estimator(review: _Review, signals: Signals, evidence: Evidence) -> None:
-    """Judges the state estimator by the last minute.
+    """Judges the state estimator by the last minute, as the estimator of a whole log is judged.
 
     Args:
-        review: the review, to which the fact is added, with the time when a fault that has an end was there last.
+        review: the review, to whose ``facts`` the judgement is added. ``last_found_times`` gets the time when a fault
+            was there last, unless the fault is a state that lasts until now.
         signals: signals of the last minute.
         evidence: these signals, with the autopilot's warnings of the last minute, in the form by which a log is judged.
     """
@@ -1401,10 +1440,11 @@ def _judge_estimator(review: _Review, signals: Signals, evidence: Evidence) -> N
 
 
 def _judge_vibration(review: _Review, signals: Signals, evidence: Evidence) -> None:
-    """Judges the vibration in the settled flight of the last minute.
+    """Judges the vibration in the settled flight of the last minute, that is without take-off and landing.
 
     Args:
-        review: the review, to which the fact is added, with the time when too strong a vibration was there last.
+        review: the review, to whose ``facts`` the judgement is added. ``last_found_times`` gets the time when too
+            strong a vibration was there last.
         signals: signals of the last minute, with the intervals of settled flight.
         evidence: these signals in the form by which a log is judged.
     """

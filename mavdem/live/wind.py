@@ -190,8 +190,7 @@ class WindEstimate:
         roughly. The speed is estimated from the force of the wind and the vehicle's drag. If the drag is known too
         badly for that, the fact says instead that the wind is not known, and why.
         """
-        facts = self.facts
-        speed_fact = facts[0]
+        speed_fact = self.facts[0]
         low, high = speed_fact.figures["speed_interval"]
         # The reason for a rough speed: an error of the drag, which is usually not measured, scales (biases) it.
         reason_if_rough = Fact(
@@ -200,9 +199,9 @@ class WindEstimate:
         if speed_fact.figures["status"] is Status.NOT_IDENTIFIABLE:
             return Fact(WindLight.WIND_NOT_KNOWN, reason=reason_if_rough)
         direction = None
-        if len(facts) > 1:
-            # The second fact is on the direction, if that is known.
-            direction = facts[1].figures["direction"]
+        for fact in self.facts:
+            if fact.code is SessionFact.WIND_FROM:
+                direction = fact.figures["direction"]
         is_speed_accurate = is_speed_known((low, high))
         return Fact(
             WindLight.WIND_BLEW,
@@ -212,6 +211,7 @@ class WindEstimate:
             low=low,
             high=high,
             direction=direction,
+            # The share of the allowed lean that the wind takes is not known in flight.
             share=0.0,
             is_rough=not is_speed_accurate,
             reason=None if is_speed_accurate else reason_if_rough,

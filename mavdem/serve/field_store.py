@@ -298,6 +298,14 @@ class FieldStore:
         finally:
             self._waiting.release()
 
+    def _folder_of_server(self) -> Path:
+        """Returns the temporary folder for all columns of this server, which is created for the first log."""
+        if self._parent is None:
+            _remove_leftovers()
+            self._parent = Path(tempfile.mkdtemp(prefix=FOLDER_PREFIX))
+            self._server_lock = register_server(self._parent / SERVER_FILE)
+        return self._parent
+
     def _read_log(self, kept_log: KeptLog, log: Path, document: Path | None) -> None:
         """Has a log read by the worker process, which writes its columns into a temporary folder.
 
@@ -314,12 +322,7 @@ class FieldStore:
         """
         if self._is_stopping.is_set():
             raise _refusal_at_end()
-        # The folder for all columns of this server is created for the first log that is plotted.
-        if self._parent is None:
-            _remove_leftovers()
-            self._parent = Path(tempfile.mkdtemp(prefix=FOLDER_PREFIX))
-            self._server_lock = register_server(self._parent / SERVER_FILE)
-        kept_log.folder = Path(tempfile.mkdtemp(dir=self._parent))
+        kept_log.folder = Path(tempfile.mkdtemp(dir=self._folder_of_server()))
         read = partial(write_columns, kept_log.folder, document)
         outcome = self._reader.read(Job(str(log)), self._limits, read)
         # A failed job has a row with the reason as its status; a successful one has no rows here.

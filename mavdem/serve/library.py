@@ -366,14 +366,15 @@ class Library:
         Args:
             db: the connection, within a transaction.
         """
-        # The keys of all logs that the index has. Paths of the fleet's table ``logs`` are absolute and have this
-        # system's separator; paths in the index may be relative to the library's folder and have the one of POSIX.
+        # The keys of all logs that the index has. Paths in the fleet's table ``logs`` are absolute, with the separator
+        # of this system. Paths in the index may be relative to the library's folder, with "/": the two placeholders are
+        # for that folder and for the separator.
         indexed_logs = """select logs.log from entries
         join logs on logs.path in (entries.path, ? || replace(entries.path, '/', ?))"""
         new_rows_query = f"""select row, file from flights where file is not null and log not in ({indexed_logs})
         and not exists (select 1 from entries where path = file) order by rowid"""
-        folder = utf8_text(f"{self.folder}{os.sep}")
-        new_rows = self.store.sound_rows(new_rows_query, [folder, os.sep])
+        folder_with_separator = utf8_text(f"{self.folder}{os.sep}")
+        new_rows = self.store.sound_rows(new_rows_query, [folder_with_separator, os.sep])
         for file, rows_of_file in group_by(new_rows, lambda row: row.file).items():
             insert_entry(db, entry_of_fleet_log(file, rows_of_file))
 
@@ -776,7 +777,7 @@ class Library:
         was deleted while the log was read, the results are removed.
 
         Args:
-            entry: the log, as it was claimed.
+            entry: the log, as a server claimed it for reading.
             outcome: result of reading it, with the fleet's rows.
             limits: the limits of time and memory within which it was read.
         """
@@ -787,6 +788,8 @@ class Library:
         columns: JsonValues = {"stage": Stage.DONE, "claimed": "", "problem": ""}
         if not keeps_earlier_results:
             columns = self._columns_of_outcome(entry, outcome)
+            if has_page:
+                (self.results_folder(entry) / PROGRESS).unlink(missing_ok=True)
         # The ending "source" means that the log itself is not the cause: its file could not be opened, or a package
         # that its format needs is missing.
         keeps_log = entry.keep or outcome.ended == "source"
@@ -814,31 +817,31 @@ class Library:
         self.table_is_outdated.set()
 
     def _columns_of_outcome(self, entry: LibraryEntry, outcome: JobOutcome) -> JsonValues:
-        """Returns the new values of a log's row in the index after it was read, and removes its progress file.
+        """Returns the new values of a log's row in the index after it was read.
 
         The log was read successfully if its folder of results has a page. Otherwise the status of its first row is the
         reason of the failure.
 
         Args:
-            entry: the log, as it was claimed.
+            entry: the log, as a server claimed it for reading.
             outcome: result of reading it, with the fleet's rows.
 
         Returns:
-            New values by the names of the columns.
+            New values by the names of the columns. The server's claim (``claimed``) is cleared.
         """
         results = self.results_folder(entry)
         columns = self.progress_columns(entry) | {"claimed": ""}
         if not (results / PAGE_FILE).is_file():
             return columns | {"stage": Stage.FAILED, "problem": outcome.rows[0].status}
-        (results / PROGRESS).unlink(missing_ok=True)
         (first_row,) = rows_with_assigned_vehicles(self.db, outcome.rows[:1])
         if first_row.vehicle_basis == GIVEN_BASIS:
             # A user has assigned a vehicle to the flight.
             columns |= {"vehicle": first_row.vehicle, "vehicle_basis": GIVEN_BASIS}
-        paths = list(results.iterdir())
+        # The progress file is no result, and is removed next.
+        paths = [path for path in results.iterdir() if path.name != PROGRESS]
         # Names of the result files that users may download, which those that a comparison reads are not.
         names = {path.name for path in paths} - {SERIES_FILE, PARAMETERS_FILE}
-        # The progress file also names the recordings that can be made on request.
+        # So far the column names the recordings that can be made on request.
         names.update(name for name in columns.get("files", "").split(",") if name)
         return columns | {
             "stage": Stage.DONE,

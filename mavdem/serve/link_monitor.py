@@ -603,11 +603,7 @@ class LinkMonitor:
         """
         start_time = clock.monotonic()
         status = session.status
-        title = live_title(status, session.link.name, self._library.names)
-        self._summary = title
-        if status.vehicle is not None:
-            vehicle_state = vehicle_text(status).removeprefix(f"{status.vehicle}, ")
-            self._summary = f"{title}: {vehicle_state}"
+        self._update_summary(session, status)
         if self._finished_page and not _awaits_vehicle(status):
             self._finished_page = ""
             if self._stored_flight is not None:
@@ -616,6 +612,7 @@ class LinkMonitor:
             self._stored_flight = self._with_verdict(self._stored_flight)
         if self._stored_part is not None:
             self._stored_part = self._with_verdict(self._stored_part)
+        # The page of the session before; empty if it is not shown any more.
         html = self._finished_page
         if not html:
             status = self._shown_status(session)
@@ -648,6 +645,20 @@ class LinkMonitor:
         return replace(
             status, recording_verdict=AWAITED_IN_SESSION, earlier_recording=earlier_recording
         )
+
+    def _update_summary(self, session: LiveSession, status: SessionStatus) -> None:
+        """Updates the line on the running session that the library shows: its title, and what the vehicle does.
+
+        Args:
+            session: the running session.
+            status: its present status.
+        """
+        title = live_title(status, session.link.name, self._library.names)
+        self._summary = title
+        if status.vehicle is not None:
+            # The title names the vehicle already.
+            vehicle_state = vehicle_text(status).removeprefix(f"{status.vehicle}, ")
+            self._summary = f"{title}: {vehicle_state}"
 
 
 def _recording_name(first_time: datetime) -> str:

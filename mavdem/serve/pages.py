@@ -160,15 +160,8 @@ class Pages:
             request: the request, whose query may contain a search.
         """
         result = self._visible_library.search(request, FLIGHTS_PER_PAGE)
+        # The rights of the visitor, and what else all pages have.
         visitor = self._visible_library.visitor_values(request)
-        anomalous_rows: dict[str, FlightRow] = {}
-        vehicle_names: list[str] = []
-        if visitor["may_read"]:
-            anomalous_rows = self._visible_library.rows_with_motor_anomaly(result.entries)
-            vehicle_names = self._library.vehicle_names()
-        not_known_count = 0
-        if visitor["may_read"] and needs_complete_entries(result.query):
-            not_known_count = self._library.incomplete_count()
         is_library_empty = not result.entries and not result.query and not result.offset
         html = render_server_page(
             "library",
@@ -176,7 +169,6 @@ class Pages:
             total=result.total,
             query=result.query,
             problems=_search_hints(result),
-            not_known_count=not_known_count,
             order=result.order,
             offset=result.offset,
             page=FLIGHTS_PER_PAGE,
@@ -184,12 +176,38 @@ class Pages:
             sample=self._sample_log,
             is_live=self._session_summary is not None,
             session_summary=self._session_summary() if self._session_summary else "",
-            vehicles=vehicle_names,
-            anomalous_rows=anomalous_rows,
-            flights_to_compare=self._flights_to_compare(result.entries, anomalous_rows),
+            **self._values_of_vehicles(result, may_read=visitor["may_read"]),
             **visitor,
         )
         return HTMLResponse(html)
+
+    def _values_of_vehicles(self, result: SearchResult, *, may_read: bool) -> JsonValues:
+        """Returns what the list of flights shows of their vehicles, for visitors who may read all flights.
+
+        Args:
+            result: the search, with the flights on the page.
+            may_read: whether the visitor has that right; without it all values are empty.
+
+        Returns:
+            Values by the names in the template: names of all ``vehicles``; ``anomalous_rows``, the row in the fleet's
+            table of each flight whose motors have a fault or drift, by the entry's id; ``flights_to_compare``, the
+            healthy flight to compare it with; and ``not_known_count``, the number of flights of which it is not known
+            whether they match the search.
+        """
+        vehicle_names: list[str] = []
+        anomalous_rows: dict[str, FlightRow] = {}
+        not_known_count = 0
+        if may_read:
+            vehicle_names = self._library.vehicle_names()
+            anomalous_rows = self._visible_library.rows_with_motor_anomaly(result.entries)
+            if needs_complete_entries(result.query):
+                not_known_count = self._library.incomplete_count()
+        return {
+            "vehicles": vehicle_names,
+            "anomalous_rows": anomalous_rows,
+            "flights_to_compare": self._flights_to_compare(result.entries, anomalous_rows),
+            "not_known_count": not_known_count,
+        }
 
     def _flights_to_compare(
         self, entries: Sequence[LibraryEntry], anomalous_rows: Mapping[str, FlightRow]

@@ -141,30 +141,32 @@ def estimated_seconds(size: int, history: Sequence[ReadLogSize]) -> float:
     Returns:
         Estimated duration, s.
     """
-    # The neighbours are centred on the position of this size in the order, but stay within the list.
-    position = bisect(history, ReadLogSize(size, math.inf))
-    centred_first = max(position - (NEIGHBOURS + 1) // 2, 0)
-    last_possible_first = max(len(history) - NEIGHBOURS, 0)
-    first_row = min(centred_first, last_possible_first)
+    # As many neighbours are smaller as are larger than this size, except near the ends of the list.
+    rows_not_larger = bisect(history, ReadLogSize(size, math.inf))
+    centred_first_row = max(rows_not_larger - (NEIGHBOURS + 1) // 2, 0)
+    last_possible_first_row = max(len(history) - NEIGHBOURS, 0)
+    first_row = min(centred_first_row, last_possible_first_row)
     neighbours = history[first_row : first_row + NEIGHBOURS]
     return statistics.median(log.seconds * size / log.size for log in neighbours)
 
 
 def recent_slowness(history: Sequence[ReadLogSize]) -> float:
-    """Returns how many times as long as estimated from all logs the reading of the last ``RECENT_LOGS`` took.
+    """Returns how much slower than usual the last ``RECENT_LOGS`` logs were read, as a ratio of durations.
 
-    It is below 1 once the load of the machine has fallen, and above 1 once it has risen.
+    It is above 1 once the load of the machine has risen, and below 1 once it has fallen.
 
     Args:
         history: sizes and durations of logs that were read, at least one, the latest first.
 
     Returns:
-        The median of the ratios.
+        The median of the ratios of each log's duration to the one estimated for its size from the whole history.
     """
-    by_size = sorted(history)
-    return statistics.median(
-        log.seconds / estimated_seconds(log.size, by_size) for log in history[:RECENT_LOGS]
-    )
+    # The first field of a log is its size, so that the logs are sorted by it.
+    logs_by_size = sorted(history)
+    ratios = []
+    for log in history[:RECENT_LOGS]:
+        ratios.append(log.seconds / estimated_seconds(log.size, logs_by_size))
+    return statistics.median(ratios)
 
 
 def _reading_history(library: Library) -> list[ReadLogSize]:

@@ -115,17 +115,27 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
     events = rrb.TextDocumentView(origin="events", name="Events", titlebar=False)
     flight = first_tab(plots, SideTexts([values, events], list(VALUES_AND_EVENTS_HEIGHTS)))
 
-    other_axes = [other_axis for other_axis in AXES if other_axis != axis]
-    motion = rrb.Vertical(
-        *[live_plot(name_with_unit(name.capitalize(), "°"), f"axes/{name}") for name in other_axes],
-        live_plot("Rates, °/s", "rates"),
-        name="Motion",
-    )
     status = rrb.TextDocumentView(origin="status", name="Status", titlebar=False)
     status_and_log = rrb.Horizontal(status, events_view(), name="Status")
     scene = rrb.Vertical(live_scene_view(), name="3D")
-    tabs = rrb.Tabs(flight, motion, scene, _free_energy_tab(), status_and_log, active_tab=0)
+    tabs = rrb.Tabs(
+        flight, _motion_tab(axis), scene, _free_energy_tab(), status_and_log, active_tab=0
+    )
     return blueprint(tabs, play_state="following")
+
+
+def _motion_tab(learned_axis: str) -> rrb.Vertical:
+    """Returns the tab with the angles that the first tab does not show, and the body rates of all axes.
+
+    Args:
+        learned_axis: axis of the model, whose angle is in the first tab.
+    """
+    plots = []
+    for axis in AXES:
+        if axis != learned_axis:
+            plots.append(live_plot(name_with_unit(axis.capitalize(), "°"), f"axes/{axis}"))
+    plots.append(live_plot("Rates, °/s", "rates"))
+    return rrb.Vertical(*plots, name="Motion")
 
 
 def _free_energy_tab() -> rrb.Container:

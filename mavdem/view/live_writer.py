@@ -66,6 +66,23 @@ MOTOR_TORQUE_PATH = "wind/2_motor"
 """Path of the part of that line whose torque is a motor's."""
 
 
+class BandAndLine(NamedTuple):
+    """Paths, in the recording, of a line and of the band around it."""
+
+    band: str
+    """Path of the band."""
+    line: str
+    """Path of the line."""
+
+
+PARAMETER_PATHS = (
+    BandAndLine("parameters/0_band", "parameters/3_line"),
+    BandAndLine("parameters/1_band", "parameters/4_line"),
+    BandAndLine("parameters/2_band", "parameters/5_line"),
+)
+"""Paths of the three physical parameters; by their numbers no band lies over a line."""
+
+
 TERM_NAMES = tuple(term.value for term in Term)
 """Names of the terms of F(t), each of which is drawn as a line."""
 
@@ -156,9 +173,9 @@ class LiveWriter:
     def write(self, rows: list[DisplayRow]) -> None:
         """Adds rows of a live flight to the lines of all plots.
 
-        Motors, motion, attitude and wind are drawn from every row. The wind torque, the free energy and the physical
-        parameters are estimates of a model, and drawn only from rows that have them. A sample that the learner reports
-        as unusual is marked by a vertical line in the plot of the predicted angle.
+        Motors, motion, attitude and wind are drawn from every row. The wind torque, the free energy, the physical
+        parameters and the marks of surprising samples are estimates of a model, and drawn only from rows that have
+        them.
 
         Args:
             rows: rows of the live flight, in the order of their times. A row has the inputs and outputs of the model at
@@ -176,12 +193,20 @@ class LiveWriter:
         self._draw_wind_torque(estimates)
         self._draw_free_energy(estimates)
         self._draw_parameters(estimates)
+        self._mark_surprises(estimates)
+        self._widen_axes()
+
+    def _mark_surprises(self, estimates: Sequence[tuple[DisplayRow, Estimate]]) -> None:
+        """Marks samples that the learner reports as unusual by vertical lines in the plot of the predicted angle.
+
+        Args:
+            estimates: rows with their estimates.
+        """
+        angle_plot = f"axes/{self.channels.output_names[0]}"
+        mark = Lines(f"{angle_plot}/8_surprises", ("surprise",), (LIMITED,), is_filled=True)
         for row, estimate in estimates:
             if estimate.unusual:
-                angle_plot = f"axes/{self.channels.output_names[0]}"
-                mark = Lines(f"{angle_plot}/8_surprises", ("surprise",), (LIMITED,), is_filled=True)
                 self._mark_time(mark, estimate.window_center + row.timeline_offset)
-        self._widen_axes()
 
     def mark_motor_torque(self, start_time: float) -> None:
         """Draws the part of the wind torque in red that a weak motor caused, over the line of the wind torque.
@@ -455,8 +480,7 @@ class LiveWriter:
         Args:
             estimates: rows with their estimates; those without physical parameters are skipped.
         """
-        # A list for each of the three parameters.
-        samples_by_parameter: list[list[EstimateWithBand]] = [[], [], []]
+        samples_by_parameter: list[list[EstimateWithBand]] = [[] for _ in PARAMETER_PATHS]
         for row, estimate in estimates:
             if estimate.physical is None:
                 continue
@@ -466,13 +490,12 @@ class LiveWriter:
             parameters = parameter_estimates(estimate.physical).tolist()
             for samples, (value, half_width) in zip(samples_by_parameter, parameters, strict=True):
                 samples.append(EstimateWithBand(row.segment, row.timeline_time, value, half_width))
-        # The viewer draws in the order of the paths. So that no band covers a line, the bands have the paths 0_band to
-        # 2_band, and the lines 3_line to 5_line.
-        for number, trace in enumerate(self._parameter_traces):
-            band_path = f"parameters/{number}_band"
-            line_path = f"parameters/{number + len(samples_by_parameter)}_line"
-            line = Lines(line_path, (trace.name,), (trace.colour,))
-            self._draw_with_band(band_path, line, samples_by_parameter[number], trace.scale)
+        # There are no traces before the first parameters.
+        for trace, paths, samples in zip(
+            self._parameter_traces, PARAMETER_PATHS, samples_by_parameter, strict=False
+        ):
+            line = Lines(paths.line, (trace.name,), (trace.colour,))
+            self._draw_with_band(paths.band, line, samples, trace.scale)
 
     def _draw_wind_torque(self, estimates: Sequence[tuple[DisplayRow, Estimate]]) -> None:
         """Draws the estimated wind torque with its 90 % band, at the time at which it acted.

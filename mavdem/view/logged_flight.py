@@ -73,13 +73,27 @@ def flight_scene(
     log_north(recording, path[0], arm)
     title = f"Path in 3D; the vehicle is drawn with arms of {rounded(arm)} m, its nose red"
     if wind is not None and wind.speed_identifiable and wind.direction_identifiable:
-        # A wind's direction is where it blows from, the arrow points where the air moves to.
-        angle = radians(wind.direction)
-        velocity = -wind.speed * np.array([np.cos(angle), np.sin(angle), 0.0])
-        log_wind(recording, time[:1], velocity[None], arm)
-        length = rounded(WIND_ARROW_SCALE * arm)
-        title += f"; mean wind from {compass_text(wind.direction)}, {length} m for 1 m/s"
+        _log_mean_wind(recording, float(time[0]), wind, arm)
+        arrow_length = rounded(WIND_ARROW_SCALE * arm)
+        title += f"; mean wind from {compass_text(wind.direction)}, {arrow_length} m for 1 m/s"
     return _view_of_path(path, extent, title)
+
+
+def _log_mean_wind(
+    recording: rr.RecordingStream, start_time: float, wind: WindVelocity, arm: float
+) -> None:
+    """Draws the mean wind of a flight as an arrow, from the beginning of the flight on.
+
+    Args:
+        recording: Rerun recording to draw into.
+        start_time: beginning of the flight, s on the boot clock.
+        wind: the wind, with its mean speed and direction.
+        arm: length of an arm of the vehicle, m, which the length of the arrow follows.
+    """
+    # A wind's direction is where it blows from; the arrow points where the air moves to.
+    angle = radians(wind.direction)
+    velocity = -wind.speed * np.array([[np.cos(angle), np.sin(angle), 0.0]])
+    log_wind(recording, np.array([start_time]), velocity, arm)
 
 
 def _view_of_path(path: Array, extent: float, title: str) -> rrb.View:

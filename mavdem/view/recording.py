@@ -215,8 +215,9 @@ class RecordingTabs:
         ]
         # The status light of a part, such as the motors, is a finding with a level: good, watch, bad or unknown.
         for name, light in judgement.lights.items():
-            is_headline = str(light) == str(judgement.headline)
-            text = "See the headline." if is_headline else light.sentence_and_remedy
+            text = light.sentence_and_remedy
+            if light.sentence == judgement.headline.sentence:
+                text = "See the headline."
             lines.append(f"**{name.capitalize()} – {light.level}:** {text}")
         return log_text(self._recording, "headline", "", "\n\n".join(lines))
 
@@ -225,7 +226,7 @@ class RecordingTabs:
 
         Args:
             held_out: forecasts in windows that the model was not trained on.
-            outputs: outputs of the model (T, m) in settled flight, the angle first.
+            outputs: outputs of the model (T, m) in settled flight (without take-off and landing), the angle first.
             unit_in_data: unit of the angle in the data.
         """
         angle_output = 0
@@ -249,10 +250,10 @@ class RecordingTabs:
         charts = self._timeline.axis_charts.get(axis, ())
         if not charts:
             return ()
-        angle_chart = charts[0]
-        *setpoint_lines, angle_line = angle_chart.lines
-        measured_line = angle_line._replace(name="measured", colour=palette.MEASURED)
-        return [*setpoint_lines, measured_line]
+        # The first chart is that of the angle. Its last line is the measured angle, after the setpoint if there is one.
+        lines = charts[0].lines
+        measured_line = lines[-1]._replace(name="measured", colour=palette.MEASURED)
+        return [*lines[:-1], measured_line]
 
     def motion(self) -> rrb.Container:
         """Draws the motion of the vehicle: a plot of the angle of each axis with its setpoint, and one of all rates.

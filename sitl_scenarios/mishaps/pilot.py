@@ -127,11 +127,23 @@ class Pilot:
         Returns:
             The setpoints.
         """
-        self.mode = "plan"
         self.throttle_stick = MIDDLE_STICK
-        if not isinstance(self.mishap, GpsLoss) or time < self.mishap.start + self.mishap.failsafe:
-            return planned
-        self.mode = "land"
+        mishap = self.mishap
+        lands_without_position = (
+            isinstance(mishap, GpsLoss) and time >= mishap.start + mishap.failsafe
+        )
+        if lands_without_position:
+            self.mode = "land"
+            return self._landing_without_position(estimate)
+        self.mode = "plan"
+        return planned
+
+    def _landing_without_position(self, estimate: State) -> Reference:
+        """Returns the setpoints of a level vehicle that descends steadily, without control of its position.
+
+        Args:
+            estimate: State as the autopilot estimates it. The descent begins at its height in the first cycle.
+        """
         north, east, down = estimate.position
         north_speed, east_speed, _ = estimate.velocity
         if self.blind_height is None:

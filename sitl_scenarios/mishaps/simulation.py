@@ -214,18 +214,25 @@ class InstrumentedSimulation(Simulation):
         row |= self._instruments.row(
             self._flight_time, self._state, battery, self._sensor_faults.sensor_errors, impact
         )
-        text, severity = "", 0
-        if self._announcements and self._flight_time >= self._announcements[0].time:
-            _, text, severity = self._announcements.popleft()
+        announcement = self._next_announcement()
         reported_fields: dict[str, Any] = {
             "throttle_stick": self._pilot.throttle_stick,
             "mode": MODES.index(self._pilot.mode),
             "is_failsafe": self._is_failsafe or self._pilot.mode == "land",
             # STATUSTEXT has room for 50 characters.
-            "text": text[:50],
-            "severity": severity,
+            "text": announcement.text[:50],
+            "severity": announcement.severity,
         }
         return row | reported_fields
+
+    def _next_announcement(self) -> Announcement:
+        """Returns the text that the autopilot sends in this cycle, and removes it from those to be sent.
+
+        One text is sent per cycle. If none is due, it is empty.
+        """
+        if self._announcements and self._flight_time >= self._announcements[0].time:
+            return self._announcements.popleft()
+        return Announcement(self._flight_time, text="", severity=0)
 
     def _landed_state(self, reference: Reference) -> int:
         """Determines the landed state that the autopilot reports, which a mishap may make wrong.

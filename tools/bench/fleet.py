@@ -446,11 +446,13 @@ def draw_growth(table: Sequence[Sequence[str]], path: Path) -> None:
 def generate_fleet(fleet: Path, logs: tuple[Path, ...], log_count: int) -> None:
     """Makes a FLEET of --logs generated logs, copies of LOGS, whose pages can be opened."""
     with TemporaryDirectory() as folder:
-        real_fleet = Path(folder, "real")
-        run_mavdem("track", *logs, "--out", real_fleet)
-        with open_store(fleet) as store:
-            fill_store(store, read_rows(real_fleet), log_count)
+        fleet_of_logs = Path(folder, "real")
+        run_mavdem("track", *logs, "--out", fleet_of_logs)
+        rows_to_copy = read_rows(fleet_of_logs)
+    with open_store(fleet) as store:
+        fill_store(store, rows_to_copy, log_count)
     write_stand_in_pages(fleet)
+    # Tracking one more log judges all vehicles, and writes the fleet's table and its own page.
     run_mavdem("track", logs[0], "--out", fleet)
 
 

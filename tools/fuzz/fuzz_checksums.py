@@ -2,6 +2,7 @@
 
 from mavdem.ingest.mavlink.checksums import frame_checksum
 from mavdem.ingest.mavlink.dialect import definitions_by_id
+from mavdem.ingest.mavlink.frame_reader import parse_frame
 from mavdem.ingest.mavlink.framing import (
     CHECKSUM_BYTES,
     HEADER_BYTES_V1,
@@ -35,20 +36,19 @@ def with_checksums(stream: bytearray) -> bytes:
             continue
         if start + length > len(stream):
             break
-        frame = bytes(stream[start : start + length])
-        # Byte 1 of a frame is the length of its payload; the id of the message ends the header.
-        if frame[0] == MARKER_V2:
-            payload_end = HEADER_BYTES_V2 + frame[1]
-            message_id = int.from_bytes(frame[7:HEADER_BYTES_V2], "little")
-        else:
-            payload_end = HEADER_BYTES_V1 + frame[1]
-            message_id = frame[5]
-        definition = definitions_by_id().get(message_id)
+        frame_bytes = bytes(stream[start : start + length])
+        frame = parse_frame(frame_bytes)
+        definition = definitions_by_id().get(frame.message_id)
         if definition is not None:
-            checksum = frame_checksum(frame[1:payload_end], definition.crc_extra)
+            is_version_2 = frame_bytes[0] == MARKER_V2
+            payload_start = HEADER_BYTES_V2 if is_version_2 else HEADER_BYTES_V1
+            payload_end = payload_start + len(frame.payload)
+            # The checksum follows the payload. It covers the bytes before it but the marker, the first of them.
+            checksum = frame_checksum(frame_bytes[1:payload_end], definition.crc_extra)
             checksum_start = start + payload_end
             stream[checksum_start : checksum_start + CHECKSUM_BYTES] = checksum.to_bytes(
                 CHECKSUM_BYTES, "little"
             )
+        # The stamp of the next frame follows.
         start += length + STAMP_BYTES
     return bytes(stream)

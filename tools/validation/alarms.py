@@ -37,7 +37,7 @@ from flights import (
     scenario_from_values,
     simulated_telemetry,
 )
-from numpy.random import default_rng
+from numpy.random import Generator, default_rng
 
 import mavdem.live.clock
 from mavdem.assessment.motor_alarms import motor_alarms
@@ -97,9 +97,24 @@ def scenario(kind: str, number: int, rate: float) -> Scenario:
         values |= {"duration": 200.0, "flights": 3}
     if kind != HOVER:
         values |= draw_values(TABLES["alarms_in_disturbed_flight"], rng)
-    # A fault comes after 24 to 32 s, so that sound flight precedes it; a second fault comes 6 to 14 s later.
+    _add_fault(values, kind, rng)
+    values["stream"]["rate"] = rate
+    return scenario_from_values(values, "SERVO_OUTPUT_RAW")
+
+
+def _add_fault(values: Values, kind: str, rng: Generator) -> None:
+    """Adds the fault of a kind of flights to a scenario: a motor that weakens, a propeller that chips or a load.
+
+    A fault comes after 24 to 32 s, so that sound flight precedes it. A second fault comes 6 to 14 s later.
+
+    Args:
+        values: values of the scenario by section, which are changed in place.
+        kind: kind of the flight, a key of ``KINDS``; some have no fault.
+        rng: source of the random numbers.
+    """
     start = rng.uniform(24.0, 32.0)
     second_start = start + rng.uniform(6.0, 14.0)
+    # Numbers of two different motors of the four, from 1.
     motor, other_motor = (rng.permutation(4)[:2] + 1).tolist()
     if kind in (HOVER, WIND, SECOND):
         values["vehicle"] |= {"weak_motor": motor, "weak_from": start, "weak_thrust": 0.8}
@@ -116,8 +131,6 @@ def scenario(kind: str, number: int, rate: float) -> Scenario:
             "forward": shift * np.cos(bearing),
             "right": shift * np.sin(bearing),
         }
-    values["stream"]["rate"] = rate
-    return scenario_from_values(values, "SERVO_OUTPUT_RAW")
 
 
 def flight_hours_and_alarms(flight: Scenario) -> tuple[float, tuple[MotorChange, ...]]:

@@ -17,8 +17,10 @@ Usage: tools/validation/difference.py [--half NAME] [--rate HZ of the messages] 
 """
 
 from collections import Counter
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from functools import partial
+from itertools import chain
 from typing import NamedTuple
 
 import click
@@ -94,20 +96,16 @@ def rows_of_flight(flight: FlownChange, number: int, options: Options, rate: flo
 def changed_flights(scenario: Scenario, weak_motor: int) -> dict[str, FlownChange]:
     """Returns the five flights of a vehicle, by the names that ``COMPARISONS`` gives them.
 
+    Two flights are of the vehicle as it is; the others have lower gains, a weak motor, or both.
+
     Args:
         scenario: the vehicle as it is.
         weak_motor: number of the motor that loses thrust in two of the flights, from 1.
     """
     parameters = scenario.vehicle.parameters
-    lowered_gains = {
-        name: GAIN_REDUCTION * parameters[name]
-        for names in RATE_GAINS.values()
-        for name in names
-        if name in parameters
-    }
-    lowered_roll_gain = {
-        name: ROLL_GAIN_FACTOR * parameters[name] for name in ROLL_GAINS if name in parameters
-    }
+    rate_gains = chain.from_iterable(RATE_GAINS.values())
+    lowered_gains = _scaled_parameters(parameters, rate_gains, GAIN_REDUCTION)
+    lowered_roll_gain = _scaled_parameters(parameters, ROLL_GAINS, ROLL_GAIN_FACTOR)
     values = scenario.model_dump(mode="json")
     values["vehicle"] |= {"weak_motor": weak_motor, "weak_thrust": REMAINING_THRUST}
     scenario_with_weak_motor = scenario_from_table(values)
@@ -118,6 +116,19 @@ def changed_flights(scenario: Scenario, weak_motor: int) -> dict[str, FlownChang
         "motor": FlownChange(scenario_with_weak_motor, {}),
         "both": FlownChange(scenario_with_weak_motor, lowered_roll_gain),
     }
+
+
+def _scaled_parameters(
+    parameters: Mapping[str, float], names: Iterable[str], factor: float
+) -> dict[str, float]:
+    """Returns parameters of a vehicle multiplied by a factor, by name.
+
+    Args:
+        parameters: all parameters of the vehicle by name.
+        names: names of the parameters to scale, of both autopilots; those that the vehicle does not have are left out.
+        factor: the factor.
+    """
+    return {name: factor * parameters[name] for name in names if name in parameters}
 
 
 def evaluate_vehicle(seed: int, rate: float, with_models: bool) -> list[Values]:

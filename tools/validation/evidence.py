@@ -217,6 +217,7 @@ def run_cog(table_text: Callable[[str, str], str], options: list[str]) -> int:
         The exit code of cog.
     """
     cog = Cog()
+    # The module ``cog`` of the code in the pages: it takes what that code prints, and has the file and the former text.
     generator: Any = cog.cogmodule
 
     def printed(command: str) -> None:

@@ -157,8 +157,11 @@ def main(folders: tuple[Path, ...]) -> None:
     Args:
         folders: folders with telemetry logs; a log at less than 40 Hz cannot be fitted and has no rows.
     """
-    logs = [path for folder in folders for path in sorted(folder.glob("*.tlog"))]
-    rows = pd.DataFrame([row for path in logs for row in rows_of_log(path)])
+    rows_of_axes: list[dict[str, object]] = []
+    for folder in folders:
+        for path in sorted(folder.glob("*.tlog")):
+            rows_of_axes += rows_of_log(path)
+    rows = pd.DataFrame(rows_of_axes)
     table = []
     for half, axes in rows.groupby("half"):
         evaluation_ratio = axes["now"].sum() / axes["before"].sum()

@@ -131,14 +131,16 @@ def evaluate_vehicle(seed: int, margins: str) -> list[Values]:
     rows = {}
     for axis, first_loop in first_loops.items():
         rows[axis] = _row_by_first_plant(axis, first_loop, margins)
+    # All gains that were changed so far, and the loops that the latest flight identified.
     gains: dict[str, float] = {}
-    loops: dict[str, Loop | NoLoop] = {
-        axis: first_loop.identified for axis, first_loop in first_loops.items()
-    }
+    loops: dict[str, Loop | NoLoop] = {}
+    for axis, first_loop in first_loops.items():
+        loops[axis] = first_loop.identified
     for number in range(1, MAX_FLIGHTS + 1):
         changes = _advised_changes([loops[axis] for axis in first_loops], margins)
         gains = {**gains, **changes}
         for axis, first_loop in first_loops.items():
+            # The true plant of the axis judges the gains.
             row = rows[axis]
             row["met"] = meets(first_loop.with_gains(gains), target)
             if row["met"] and "flown again" not in row:

@@ -248,8 +248,10 @@ def main(logs: tuple[str, ...], seed: int, vehicles: int, jobs: int) -> None:
         print_table("Recorded", comparison_row(Path(log).name, log, true_oscillation))
         return
     rows = evaluate_flights(partial(evaluate_vehicle, seed=seed), range(vehicles), jobs)
-    right_frequencies = _count_within_factor(rows["Hz of the twin"] / rows["Hz"], 1.05)
-    right_sizes = _count_within_factor(rows["°/s of the twin"] / rows["°/s"], 1.5)
+    frequency_ratios = rows["Hz of the twin"] / rows["Hz"]
+    size_ratios = rows["°/s of the twin"] / rows["°/s"]
+    right_frequencies = _count_within_factor(frequency_ratios, factor=1.05)
+    right_sizes = _count_within_factor(size_ratios, factor=1.5)
     summary = f"{right_frequencies} within 5 % of frequency, {right_sizes} within 1.5 of size."
     print_table(f"{vehicles} vehicles, seed {seed}", rows, summary)
 

@@ -3,6 +3,8 @@
 Each battery is an instance of BAT or, in old versions, has a message of its own: BAT and BAT2, CURR and CURR2.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from mavdem.arrays import Array
@@ -71,36 +73,63 @@ def battery_status(tables: Tables) -> NamedMessage:
     Returns:
         The message, in the order of boot and time; without columns if it is not made.
     """
-    tables_of_batteries: list[Columns] = []
-    logged_names: list[str] = []
-    battery_ids: set[int] = set()
+    batteries: list[_LoggedBattery] = []
     for battery_message in BATTERY_MESSAGES:
-        for number in range(1, MAX_BATTERIES + 1):
-            # Messages of the second battery and so on are named "BAT2" and so on.
-            name = battery_message if number == 1 else f"{battery_message}{number}"
-            logged_columns = messages_with_fields(tables, name, ("Volt",))
-            if not logged_columns:
-                continue
-            logged_names.append(name)
-            for battery_id, rows in _rows_by_battery(logged_columns, number - 1).items():
-                battery_ids.add(battery_id)
-                voltage, other_measurements = _battery_measurements(rows)
-                fields = {
-                    **other_measurements,
-                    "id": np.full(len(voltage), battery_id, np.uint8),
-                    # In MAVLink the voltage of the whole battery may stand in the first of its elements for cells.
-                    "voltages": voltage[:, None],
-                }
-                tables_of_batteries.append(with_stamps(rows, fields))
+        batteries = _logged_batteries(tables, battery_message)
         # Old versions of ArduPilot log CURR, new ones BAT; a log has one of them.
-        if tables_of_batteries:
+        if batteries:
             break
-    has_further_battery = bool(battery_ids - {0})
+    has_further_battery = any(battery.number > 0 for battery in batteries)
     if not has_further_battery:
         return NamedMessage(BATTERY_MESSAGES[0], {})
+    tables_of_batteries = []
+    for battery in batteries:
+        voltage, other_measurements = _battery_measurements(battery.logged_columns)
+        fields = {
+            **other_measurements,
+            "id": np.full(len(voltage), battery.number, np.uint8),
+            # In MAVLink the voltage of the whole battery may stand in the first of its elements for cells.
+            "voltages": voltage[:, None],
+        }
+        tables_of_batteries.append(with_stamps(battery.logged_columns, fields))
     columns: Columns = concatenated_columns(tables_of_batteries)
     time_order = np.lexsort((columns["time"], columns["boot"]))
+    # A dictionary keeps each name once, in order.
+    logged_names = dict.fromkeys(battery.name for battery in batteries)
     return NamedMessage("/".join(logged_names), selected_rows(columns, time_order))
+
+
+class _LoggedBattery(NamedTuple):
+    """The messages of one battery in a log."""
+
+    name: str
+    """Name of the messages, which all batteries may share ("BAT")."""
+    number: int
+    """Number of the battery, from 0."""
+    logged_columns: Columns
+    """Columns of the messages, with ``Volt``."""
+
+
+def _logged_batteries(tables: Tables, battery_message: str) -> list[_LoggedBattery]:
+    """Returns the batteries whose messages are named like those of the first one, or so with a number.
+
+    Args:
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
+        battery_message: Name of the messages of the first battery, one of ``BATTERY_MESSAGES``.
+
+    Returns:
+        All batteries; empty if there are no such messages.
+    """
+    batteries = []
+    for number_from_1 in range(1, MAX_BATTERIES + 1):
+        # Where each battery has a message of its own, that of the second one is named "BAT2".
+        name = battery_message if number_from_1 == 1 else f"{battery_message}{number_from_1}"
+        logged_columns = messages_with_fields(tables, name, ("Volt",))
+        if logged_columns:
+            rows_by_battery = _rows_by_battery(logged_columns, default_id=number_from_1 - 1)
+            for number, rows in rows_by_battery.items():
+                batteries.append(_LoggedBattery(name, number, rows))
+    return batteries
 
 
 def _rows_by_battery(logged_columns: Columns, default_id: int) -> dict[int, Columns]:

@@ -76,7 +76,8 @@ def read_text(content: bytes) -> DataflashRecording:
         if name in definitions and values.count(b",") >= len(definitions[name].fields) - 1:
             lines.setdefault(name, []).append(_Line(number, values))
         elif line.strip():
-            bytes_skipped += len(line) + 1
+            line_break_bytes = 1
+            bytes_skipped += len(line) + line_break_bytes
             lines_skipped += 1
 
     def decode(name: str) -> MessageTable:

@@ -289,12 +289,8 @@ def _renamed_message(estimates: FlownEstimates, message: str) -> NamedMessage:
     names = estimates.preferred_names(rule["messages"])
     for name in names:
         logged_columns = estimates.tables.get(name, {})
-        # Several sensors write the same message, with the number of the sensor in a field; the first sensor is read.
-        instances = logged_columns.get(rule.get("instance_field", ""), np.zeros(0))
-        if len(instances):
-            logged_columns = rows_of_instance(
-                logged_columns, rule["instance_field"], instances.min()
-            )
+        if "instance_field" in rule:
+            logged_columns = _rows_of_first_sensor(logged_columns, rule["instance_field"])
         if not message_count(logged_columns):
             continue
         try:
@@ -304,6 +300,19 @@ def _renamed_message(estimates: FlownEstimates, message: str) -> NamedMessage:
             continue
         return NamedMessage(estimates.names.get(name, name), with_stamps(logged_columns, fields))
     return NamedMessage(names[0], {})
+
+
+def _rows_of_first_sensor(logged_columns: Columns, instance_field: str) -> Columns:
+    """Returns the rows of the first sensor of a message that several sensors write.
+
+    Args:
+        logged_columns: The message.
+        instance_field: Its field with the number of the sensor. Old versions do not log it, and then have one sensor.
+    """
+    instances = logged_columns.get(instance_field, np.zeros(0))
+    if len(instances) == 0:
+        return logged_columns
+    return rows_of_instance(logged_columns, instance_field, instances.min())
 
 
 def _local_position(estimates: FlownEstimates) -> NamedMessage:

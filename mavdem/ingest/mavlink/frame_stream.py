@@ -160,13 +160,14 @@ def merged_channels(channels: Sequence[ChannelFrames]) -> ChannelFrames:
     channel_of_frame = np.repeat(np.arange(len(channels)), frame_counts)
     order = np.argsort(message_numbers, kind="stable")
     frames = frames[order]
+    channel_of_frame = channel_of_frame[order]
     # NumPy's views of the memory: slicing them is cheaper than slicing arrays.
     bytes_of_channels = [channel.data.data for channel in channels]
+    places = zip(channel_of_frame.tolist(), frames.start.tolist(), frames.end.tolist(), strict=True)
     merged_data = bytearray()
-    for channel_number, start, end in zip(
-        channel_of_frame[order].tolist(), frames.start.tolist(), frames.end.tolist(), strict=True
-    ):
+    for channel_number, start, end in places:
         merged_data += bytes_of_channels[channel_number][start:end]
+    # Each frame now begins where the one before it ends.
     new_ends = np.cumsum(frames.size, dtype=np.int64)
     frames = replace(frames, start=new_ends - frames.size)
     return ChannelFrames(

@@ -435,16 +435,18 @@ class _RunProcessor:
         # Signed numbers, so that their differences may be negative; the bit mask takes them modulo 256.
         sequence = self._frames.sequence[first:end].astype(np.int16)
         steps = np.diff(sequence) & (SEQUENCE_NUMBERS - 1)
-        rows_after_jumps = first + 1 + np.flatnonzero(steps != 1)
+        # Each step leads from a row of the run to the next one.
+        rows_after_first = np.arange(first + 1, end)
+        rows_after_jumps = rows_after_first[steps != 1]
         part_bounds = np.concatenate([[first], rows_after_jumps, [end]])
         # With two counters nearly every frame is a part of its own, so that the attitudes of all are looked up at once.
-        attitude_bounds = np.searchsorted(self._attitude_rows, part_bounds).tolist()
-        for (start_row, end_row), (first_attitude, end_attitude) in zip(
-            pairwise(part_bounds.tolist()), pairwise(attitude_bounds), strict=True
-        ):
-            self._count_successive_frames(start_row, end_row)
+        attitude_bounds = np.searchsorted(self._attitude_rows, part_bounds)
+        rows_of_parts = pairwise(part_bounds.tolist())
+        attitudes_of_parts = pairwise(attitude_bounds.tolist())
+        for part_rows, part_attitudes in zip(rows_of_parts, attitudes_of_parts, strict=True):
+            self._count_successive_frames(*part_rows)
             if self._links.has_two_counters:
-                self._compare_attitudes(first_attitude, end_attitude)
+                self._compare_attitudes(*part_attitudes)
         first_reading, end_reading = np.searchsorted(self._reading_rows, [first, end]).tolist()
         self._links.add_readings(self._readings.between(first_reading, end_reading))
         # Copies of these frames may follow, unless the recording ends here.

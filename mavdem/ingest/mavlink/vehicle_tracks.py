@@ -286,8 +286,8 @@ class VehicleTracks:
     def _extend_first_track(self, readings: ReadingColumns) -> None:
         """Adds several readings at once to the first track, with which they are known to be consistent.
 
-        A track has the readings of one vehicle. Its latest readings, by which the next one is judged, become the latest
-        ones of all tracks, too.
+        A track has the readings of one vehicle. The last reading with a clock, with a heading and with a position is
+        stored: as the latest one of the track, and as that of all tracks, since these readings are the newest.
 
         Args:
             readings: The readings (n,), at least one.
@@ -297,12 +297,15 @@ class VehicleTracks:
         clocks = np.append(track.latest.clock, readings.clock)
         track.clock_advances += int(np.count_nonzero(np.diff(clocks) > 0))
         track.latest = readings.reading(-1)
+        # Every reading has a clock; without a heading or a position these are NaN.
         heading_rows = np.flatnonzero(~np.isnan(readings.heading))
         position_rows = np.flatnonzero(~np.isnan(readings.latitude))
         if len(heading_rows):
-            track.latest_heading = self._latest_heading = readings.reading(int(heading_rows[-1]))
+            self._latest_heading = readings.reading(int(heading_rows[-1]))
+            track.latest_heading = self._latest_heading
         if len(position_rows):
-            track.latest_position = self._latest_position = readings.reading(int(position_rows[-1]))
+            self._latest_position = readings.reading(int(position_rows[-1]))
+            track.latest_position = self._latest_position
         self._reading_counts[Contradiction.CLOCK] += len(readings.clock)
         self._reading_counts[Contradiction.HEADING] += len(heading_rows)
         self._reading_counts[Contradiction.POSITION] += len(position_rows)

@@ -471,26 +471,26 @@ def _messages_on_boot_clock(
         Columns by name of the message, and facts that report what was repaired of the clock.
     """
     definitions = definitions_by_id()
-    message_stamps = [
-        _message_stamps(stream.data, definitions[message_id], starts)
-        for message_id, starts in frames_of_messages.items()
-    ]
-    message_stamps, repairs = _without_other_recordings(stream, message_stamps)
+    all_stamps = []
+    for message_id, frame_offsets in frames_of_messages.items():
+        all_stamps.append(_message_stamps(stream.data, definitions[message_id], frame_offsets))
+    all_stamps, repairs = _without_other_recordings(stream, all_stamps)
     boot_times, clock_repairs = boot_clock(
-        message_stamps, lambda positions: _receive_times(stream, positions)
+        all_stamps, lambda positions: _receive_times(stream, positions)
     )
     tables = {}
     decoded_columns = DecodedColumns(stream.data)
-    for stamps in message_stamps:
+    # The stamps of one message, such as ATTITUDE, after the other.
+    for stamps in all_stamps:
         times = boot_times[stamps.message]
-        starts = stamps.positions
+        frame_offsets = stamps.positions
         if not is_in_order:
             order = np.lexsort((times.time, times.boot))
-            starts = starts[order]
+            frame_offsets = frame_offsets[order]
             times = BootTimes(times.time[order], times.boot[order])
         definition = definitions_by_name()[stamps.message]
         tables[stamps.message] = FrameColumns(
-            stream.data, starts, definition, times, decoded_columns
+            stream.data, frame_offsets, definition, times, decoded_columns
         )
     return tables, repairs + clock_repairs
 
