@@ -190,13 +190,18 @@ class Evidence:
 
     @cached_property
     def gain_reduction(self) -> Fact | None:
-        """Which gains to lower against a limit cycle, from what they were then; None if nothing oscillates."""
+        """The advice to lower some gains against a limit cycle, a fact (coded finding); None if nothing oscillates.
+
+        It rests on the values that the gains had during the oscillation, which the pilot may have changed since.
+        """
         oscillation = self.condition.oscillation
         if oscillation is None:
             return None
-        cycles = (oscillation, *oscillation.other_axes)
-        history = parameter_history(self.signals)
-        return gain_reduction_advice(oscillation, history.during([cycle.span for cycle in cycles]))
+        times_of_oscillation = [oscillation.span]
+        for oscillation_of_other_axis in oscillation.other_axes:
+            times_of_oscillation.append(oscillation_of_other_axis.span)
+        parameters_then = parameter_history(self.signals).during(times_of_oscillation)
+        return gain_reduction_advice(oscillation, parameters_then)
 
     @cached_property
     def parameters_in_flight(self) -> ParametersInFlight:

@@ -111,10 +111,12 @@ def innovation_ratios(telemetry: Telemetry) -> TimeSeries | None:
         columns = telemetry.messages.get(message, {})
         if not all(field in columns for field in fields):
             continue
+        # A ratio that is not known is NaN, and becomes 0.
         ratios = np.nan_to_num(float_columns(columns, fields))
-        if not ratios.any():
+        is_filter_running = ratios.any()
+        if not is_filter_running:
             continue
-        flags = np.zeros(len(columns["time"]))
+        flags = np.zeros(len(ratios))
         if "flags" in columns:
             flags = np.nan_to_num(float_column(columns, "flags"))
         is_glitching = flags.astype(np.int64) & GLITCH_FLAGS[message] > 0

@@ -208,20 +208,25 @@ def _end_of_parameters(signals: Signals, span: Segment) -> BootTime:
 
 
 def _reports_until(reports: Columns, spans: Segments, end: BootTime) -> Columns:
-    """Returns the reports of parameters up to a time; those of boots before some others are moved to their start.
+    """Selects the reports of parameters that count in a part of a recording: all until its end.
 
-    What an autopilot reported before it restarted still holds afterwards.
+    What an autopilot reported before it restarted still holds afterwards. So the reports of boots before this part are
+    included, as if they came at its start.
 
     Args:
         reports: columns of PARAM_VALUE, in the order of the recording.
-        spans: recorded spans of successive boots, at least one.
-        end: the time, in the last of these boots.
+        spans: recorded spans of the successive boots of this part, at least one.
+        end: the end, in the last of these boots.
+
+    Returns:
+        The columns of these reports, with the times and boots of early ones replaced.
     """
-    first_span = spans[0]
-    is_in_last_boot = reports["boot"] == end.boot
-    is_until_end = (reports["boot"] < end.boot) | (is_in_last_boot & (reports["time"] <= end.time))
+    is_of_earlier_boot = reports["boot"] < end.boot
+    is_of_last_boot = reports["boot"] == end.boot
+    is_until_end = is_of_earlier_boot | (is_of_last_boot & (reports["time"] <= end.time))
     reports_until_end = selected_rows(reports, is_until_end)
-    is_earlier = reports_until_end["boot"] < first_span.boot
-    time = np.where(is_earlier, first_span.start, reports_until_end["time"])
-    boot = np.where(is_earlier, first_span.boot, reports_until_end["boot"])
+    first_span = spans[0]
+    is_before_part = reports_until_end["boot"] < first_span.boot
+    time = np.where(is_before_part, first_span.start, reports_until_end["time"])
+    boot = np.where(is_before_part, first_span.boot, reports_until_end["boot"])
     return {**reports_until_end, "time": time, "boot": boot}

@@ -67,7 +67,7 @@ def fit(record: Record, settings: CompleteSettings) -> Fit:
         settings: order, embedding, noise, priors and iterations of the fit.
 
     Returns:
-        The fit, without a simulation-error fit.
+        The result of DEM. A simulation-error fit, which may follow, is not part of it.
 
     Raises:
         ValueError: the settings do not fit the data.

@@ -161,12 +161,17 @@ def second_differences(knots: Array) -> Array:
     Returns:
         Weights (K + 2, K): of the ramp of each knot (rows) in the hat of each inner knot (columns).
     """
-    inverse_spacing = 1 / np.diff(knots)
-    inner_knots = np.arange(len(knots) - 2)
-    weights = np.zeros((len(knots), len(inner_knots)))
-    weights[inner_knots, inner_knots] = inverse_spacing[:-1]
-    weights[inner_knots + 1, inner_knots] = -inverse_spacing[:-1] - inverse_spacing[1:]
-    weights[inner_knots + 2, inner_knots] = inverse_spacing[1:]
+    spacing = np.diff(knots)
+    # A hat rises to 1 over the spacing before its knot, and falls to 0 over the spacing after it.
+    rising_slope = 1 / spacing[:-1]
+    falling_slope = -1 / spacing[1:]
+    hat = np.arange(len(knots) - 2)
+    # Hat j belongs to knot j + 1, since the first knot has none: it begins at knot j and ends at knot j + 2.
+    begin, middle, end = hat, hat + 1, hat + 2
+    weights = np.zeros((len(knots), len(hat)))
+    weights[begin, hat] = rising_slope
+    weights[middle, hat] = falling_slope - rising_slope
+    weights[end, hat] = -falling_slope
     return weights
 
 
@@ -374,15 +379,17 @@ def _overlapping_windows(series: Sequence[Array], taps: int, size: int) -> Array
     Returns:
         (W, size) windows, evenly thinned to at most ``MAX_WINDOWS``.
     """
-    views = [
-        np.lib.stride_tricks.sliding_window_view(values[2 * taps :], size)[:: size - taps]
-        for values in series
-        if len(values) >= 2 * taps + size
-    ]
+    samples_between_starts = size - taps
     # The empty array makes the result two-dimensional if no series is long enough.
-    windows = np.concatenate([*views, np.zeros((0, size))])
-    stride = max(ceil(len(windows) / MAX_WINDOWS), 1)
-    return windows[::stride]
+    windows_of_series = [np.zeros((0, size))]
+    for values in series:
+        usable_values = values[2 * taps :]
+        if len(usable_values) >= size:
+            windows_at_all_samples = np.lib.stride_tricks.sliding_window_view(usable_values, size)
+            windows_of_series.append(windows_at_all_samples[::samples_between_starts])
+    windows = np.concatenate(windows_of_series)
+    thinning = max(ceil(len(windows) / MAX_WINDOWS), 1)
+    return windows[::thinning]
 
 
 def _filtered_windows(windows: Array, coefficients: Array) -> Array:

@@ -241,20 +241,23 @@ def logged_controller(parameters: Parameters, axis: str, motor_weights: Array | 
 
 
 def at_limit_share(record: Record, controller: Controller) -> float:
-    """Returns the fraction of a flight with a motor at a limit.
+    """Returns the fraction of a flight in which at least one motor was at a limit of its range.
 
     Args:
-        record: the flight, with the inputs.
+        record: the flight, whose inputs are the outputs of the motors.
         controller: controller of the axis, with the limits of the outputs.
 
     Returns:
-        The fraction, 0 to 1; 0 if the range of the inputs is not known.
+        The fraction, 0 to 1; 0 if the range of the outputs is not known.
     """
-    if len(record.input_range) != 2:
+    is_range_known = len(record.input_range) == 2
+    if not is_range_known:
         return 0.0
     lowest, highest = record.input_range
     range_fractions = (record.inputs - lowest) / (highest - lowest)
-    return float(controller.outputs_at_limit(range_fractions).mean())
+    # A flag for each sample.
+    is_any_motor_at_limit = controller.outputs_at_limit(range_fractions)
+    return float(is_any_motor_at_limit.mean())
 
 
 def inputs_per_demand(controller: Controller, record: Record) -> Array:

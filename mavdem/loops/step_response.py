@@ -402,19 +402,16 @@ def decimated_pieces(pieces: list[Array], decimation: int) -> list[Array]:
     thinned_pieces = []
     for piece in pieces:
         # The filter is linear and keeps straight lines. So only the deviation from the line through both ends is
-        # filtered, which is 0 at both ends and is extended there by zeros without a step.
-        sample_numbers = np.arange(-half_length, piece.shape[1] + half_length)
-        slope = (piece[:, -1:] - piece[:, :1]) / (piece.shape[1] - 1)
-        end_to_end_line = piece[:, :1] + slope * sample_numbers
-        deviation = np.zeros_like(end_to_end_line)
-        deviation[:, half_length:-half_length] = (
-            piece - end_to_end_line[:, half_length:-half_length]
-        )
+        # filtered. It is 0 at both ends, and can be extended there by zeros without a step.
+        sample_count = piece.shape[1]
+        first_values, last_values = piece[:, :1], piece[:, -1:]
+        slope = (last_values - first_values) / (sample_count - 1)
+        line = first_values + slope * np.arange(sample_count)
+        no_padding = (0, 0)
+        deviation = np.pad(piece - line, (no_padding, (half_length, half_length)))
         # The samples that enter each output sample of the filter, of which only every ``decimation``-th is needed.
         windows = sliding_window_view(deviation, len(low_pass), axis=1)[:, ::decimation]
-        thinned_pieces.append(
-            windows @ low_pass + end_to_end_line[:, half_length:-half_length:decimation]
-        )
+        thinned_pieces.append(windows @ low_pass + line[:, ::decimation])
     return thinned_pieces
 
 

@@ -200,8 +200,9 @@ def long_run_variance(
     Returns:
         (w, a) long-run variances; at least the prior.
     """
-    # Sums of any run of blocks are differences of these cumulative sums (N + 1, a).
+    # Cumulative sums (N + 1, a), whose differences are the sums of any run of blocks. The first one is 0.
     cumulative = np.vstack([np.zeros_like(blocks[:1]), np.cumsum(blocks, axis=0)])
+    # The number of blocks that count in each window (w, 1).
     block_count = selection.sum(axis=1, keepdims=True)
     prior_block_count = PRIOR_BLOCKS_PER_FREEDOM * prior_freedom
     largest_variance = prior_variance

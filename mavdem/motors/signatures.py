@@ -69,13 +69,18 @@ class MotorSignatures:
         above each other that turn the same way. Without the spins of the motors, each signature equals the signature of
         a load that shifted towards the motor.
         """
-        # The first column is thrust, the last one yaw.
-        signatures = self.weak_motor_balance[:, 1:]
+        # Thrust must be known too, besides roll, pitch and yaw.
         has_all_axes = len(self.axes) > len(AXES)
-        if not has_all_axes or not signatures[:, -1].all():
+        if not has_all_axes:
+            return False
+        # The signature of each motor (k, 3): roll, pitch and yaw. The column before them is thrust.
+        signatures = self.weak_motor_balance[:, 1:]
+        yaw_column = -1
+        if not signatures[:, yaw_column].all():
             return False
         directions = signatures / np.linalg.norm(signatures, axis=1, keepdims=True)
-        cosines_of_pairs = np.triu(directions @ directions.T, 1)
+        # The upper triangle has each pair of different motors once.
+        cosines_of_pairs = np.triu(directions @ directions.T, k=1)
         return cosines_of_pairs.max() < MAX_SIGNATURE_COSINE
 
 

@@ -329,8 +329,8 @@ def _torque_errors(
     Returns:
         Mean variance of the errors of the form, (rad/s²)², and relative error of the torque's standard deviation.
     """
-    power = float(np.mean(deviation**2))
-    relative_changes = gradient @ deviation / (len(deviation) * power)
+    # Least squares: a_i is the sum of gradient_i(t) torque(t) over the sum of torque(t)².
+    relative_changes = gradient @ deviation / float(np.sum(deviation**2))
     form_variance = other_variance + _variance_of_form_errors(
         deviation, gradient, relative_changes, theta, covariance
     )

@@ -264,7 +264,9 @@ def _axes_reported_together(tuning: Tuning) -> list[list[str]]:
 
 
 def _group_key(tuning: Tuning, axis: str) -> tuple[str, ...]:
-    """Returns the key by which axes are grouped for the report: texts, which are equal if the reports are the same.
+    """Returns the key by which axes are grouped: axes with the same key share one report on their gains.
+
+    An axis with an identified loop has a report of its own. Axes without one share a report if it has the same text.
 
     Args:
         tuning: its ``axes`` have the advice on the gains of each axis or, without an identified loop, the fact (coded
@@ -272,18 +274,20 @@ def _group_key(tuning: Tuning, axis: str) -> tuple[str, ...]:
         axis: "roll", "pitch" or "yaw".
 
     Returns:
-        For an axis with an identified loop its name, which no other axis has. Otherwise an empty text, the reason why
-        no loop was identified, and the remedies.
+        The name of an axis with an identified loop. Otherwise an empty text instead of the name, and then the texts of
+        the report: the reason why no loop was identified, and the remedies.
     """
     advice_or_reason = tuning.axes[axis]
     if isinstance(advice_or_reason, Advice):
         return (axis,)
+    no_name = ""
     reason_text = advice_or_reason.sentence_and_remedy
     further_remedies = []
     for remedy in _remedies_besides_tuning(tuning, axis):
+        # The reason may state the remedy already.
         if remedy not in reason_text:
             further_remedies.append(remedy)
-    return ("", reason_text, *further_remedies)
+    return (no_name, reason_text, *further_remedies)
 
 
 def _facts_on_axis(tuning: Tuning, axis: str) -> list[Fact]:

@@ -354,17 +354,18 @@ def steered_share(grid: MotionGrid) -> float:
     steps = max(round(STEERED_SECONDS / grid.step), 1)
     force = grid.level_force[:, HORIZONTAL]
     velocity = grid.velocity[:, HORIZONTAL]
-    both_complete = grid.complete[steps:] & grid.complete[:-steps]
-    force_changes = (force[steps:] - force[:-steps])[both_complete].ravel()
-    velocity_changes = (velocity[steps:] - velocity[:-steps])[both_complete].ravel()
+    # A change is known if force and velocity are known at both its ends. North and east are taken together.
+    is_change_known = grid.complete[steps:] & grid.complete[:-steps]
+    force_changes = (force[steps:] - force[:-steps])[is_change_known].ravel()
+    velocity_changes = (velocity[steps:] - velocity[:-steps])[is_change_known].ravel()
     # The error of a difference of two velocities has twice the variance of the error of one velocity. It is added to
     # the power of the changes, so that a hover, in which the velocity hardly changes, has a fraction of about 0.
-    noise = 2 * VELOCITY_SD**2 * len(velocity_changes)
+    noise_power = 2 * VELOCITY_SD**2 * len(velocity_changes)
     force_power = force_changes @ force_changes
-    velocity_power = velocity_changes @ velocity_changes + noise
+    velocity_power = velocity_changes @ velocity_changes + noise_power
     scale = np.sqrt(max(float(force_power * velocity_power), MIN_POWER))
-    opposition = -(force_changes @ velocity_changes) / scale
-    return max(float(opposition), 0.0) ** 2
+    correlation = float(force_changes @ velocity_changes) / scale
+    return max(-correlation, 0.0) ** 2
 
 
 def _turned_fraction(grid: MotionGrid) -> float:

@@ -278,26 +278,27 @@ def _advice_on_axes(
     Returns:
         For each axis the advice, or the fact that its loop is not known, with the reasons.
     """
-    evidence = assessment.evidence
-    assert evidence is not None
-    judgement = assessment.judgement
+    # A vehicle that is tuned was judged, and so has evidence.
+    assert assessment.evidence is not None
+    loops = assessment.evidence.loops
+    loop_decisions = assessment.judgement.loop_decisions
     reasons_without_loop = _reasons_without_loop(assessment, axes)
     advice_by_axis = AdviceByAxis()
     for axis in axes:
-        loop = evidence.loops[axis]
-        if not isinstance(loop, Loop):
+        loop = loops[axis]
+        if isinstance(loop, Loop):
+            advice_by_axis[axis] = _advice_on_loop(
+                loop,
+                margins,
+                reasons_of_vehicle,
+                notch_parameters,
+                loop_decisions.get(axis),
+                raises_sound_gains=raises_sound_gains,
+            )
+        else:
             # A vehicle that must not be tuned needs no further reason on a single axis.
             reasons = reasons_of_vehicle or (reasons_without_loop[axis],)
             advice_by_axis[axis] = Fact(LoopFact.NO_LOOP, reasons=reasons)
-            continue
-        advice_by_axis[axis] = _advice_on_loop(
-            loop,
-            margins,
-            reasons_of_vehicle,
-            notch_parameters,
-            judgement.loop_decisions.get(axis),
-            raises_sound_gains=raises_sound_gains,
-        )
     return advice_by_axis
 
 

@@ -222,10 +222,13 @@ class OnlineForecaster:
         else:
             new_blocks = [block]
         for new_block in new_blocks:
+            # After the last block these are the sums over all samples so far.
             statistics = self._updated_statistics(new_block, self.axis_mixer, self._scaling)
-        is_due = self._samples_since_fit * self._dt >= REFIT_SECONDS and statistics.row_count >= 1
-        if may_fit and is_due:
-            # If the regression fails, it is repeated with the next samples.
+        seconds_since_fit = self._samples_since_fit * self._dt
+        is_fit_due = seconds_since_fit >= REFIT_SECONDS and statistics.row_count >= 1
+        if may_fit and is_fit_due:
+            # If another thread computes (``is_free`` is then false), or the regression fails, the fit is made after a
+            # later block.
             with one_thread(wait=False) as is_free, suppress(LinAlgError):
                 if is_free:
                     self._samples_since_fit = 0

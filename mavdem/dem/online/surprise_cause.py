@@ -121,20 +121,24 @@ def explained_share(
         return None
     # Both accelerations are smoothed by the window from which the measured derivative is computed.
     center = window // 2
-    m = outputs.shape[1]
-    # Columns [y; y′; …]: the acceleration is the first derivative of the last output, the body rate.
-    derivatives = embed(outputs[-sample_count:], settings.p, dt, window, center)
-    acceleration = derivatives[-latest_count:, 2 * m - 1]
+    output_count = outputs.shape[1]
+    # The columns are all outputs, then all their first derivatives, and so on. The acceleration is the first derivative
+    # of the last output, the body rate.
+    embedded_outputs = embed(outputs[-sample_count:], settings.p, dt, window, center)
+    column_of_acceleration = 2 * output_count - 1
+    acceleration = embedded_outputs[-latest_count:, column_of_acceleration]
     # Only the smoothed values of the lagged commands are used, which are the columns before the derivatives.
     lagged_commands = _lagged_commands(command[-sample_count:], dt)
-    smoothed_commands = embed(lagged_commands, settings.p, dt, window, center)
-    commanded_acceleration = smoothed_commands[-latest_count:, : len(MOTOR_LAGS)]
-    covariance = np.cov(acceleration, commanded_acceleration, rowvar=False)
+    embedded_commands = embed(lagged_commands, settings.p, dt, window, center)
+    commanded_accelerations = embedded_commands[-latest_count:, : len(MOTOR_LAGS)]
+    # Row and column 0 are the measured acceleration, the others the commanded one with each motor lag.
+    covariance = np.cov(acceleration, commanded_accelerations, rowvar=False)
     variances = covariance.diagonal()
     if not (variances > 0.0).all():
         return None
     correlations = covariance[0, 1:] / np.sqrt(variances[0] * variances[1:])
-    return float(max(correlations.max(), 0.0) ** 2)
+    largest_correlation = float(correlations.max())
+    return max(largest_correlation, 0.0) ** 2
 
 
 def _lagged_commands(command: Array, dt: float) -> Array:

@@ -112,10 +112,12 @@ def _draw_output(
         window: T samples of training data and H of test data.
         output: index of the output.
         forecasts: (H, m) by name.
-        one_step: (T, m) predictions of the training data, or None.
+        one_step: (T, m) predictions of the training data, or None. With them, the whole training part is shown,
+            otherwise only the end of it.
     """
     train = window.train
     test = window.test
+    # A negative index counts from the end.
     first_shown = 0 if one_step is not None else -TRAINING_SAMPLES_SHOWN
     start_time = train.time[0]
     time = np.concatenate([train.time[first_shown:], test.time]) - start_time

@@ -162,15 +162,17 @@ class DensityModel:
         self._angular_frequency = np.abs(self._s)
 
     def _set_controller(self, controller: KnownController) -> None:
-        """Sets the frequency responses that depend only on the controller, at all frequencies (J, F).
+        """Sets the quantities that depend only on the controller, at J frequencies with F aliases each (J, F).
 
-        They are its responses C_r to the reference and C_y to the gyro, the gyro filters' response, the density of
-        white noise of variance 1 with one value per controller cycle, and the transform of a unit step at a cycle.
+        They are the controller's frequency responses to the reference and to the gyro, the response of the gyro's
+        filters, the density of white noise of variance 1 with one value per controller cycle, and the transform of a
+        unit step at one of the cycles.
 
         Args:
             controller: frequency responses, attitude gain and cycle time of the controller that flew.
         """
-        self._controller = ControllerResponses(*controller.transfer(self._frequency))
+        to_reference, to_gyro = controller.transfer(self._frequency)
+        self._controller = ControllerResponses(to_reference, to_gyro)
         self._gyro_filter = controller.gyro_filter(self._frequency)
         # White noise of variance 1, one value a cycle, has the density of one cycle time.
         self._white_density = np.where(self._in_range, self._cycle_time, 0.0)

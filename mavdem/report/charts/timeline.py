@@ -165,24 +165,30 @@ class Timeline(NamedTuple):
         return full_width_group, Group(tuple(columns), is_flat=True)
 
     def whole_flight_group(self, marked_span: TimeInterval) -> Group | None:
-        """Returns the charts of the full width once more, over the whole flight; None where nothing is drawn.
+        """Returns the most important charts over the whole flight, for a page whose plots show a part of it.
 
-        They are not zoomed with the others, and stand in two columns.
+        They are the charts that have the full width of the page above. They stand in two columns here, and are not
+        zoomed with the others.
 
         Args:
-            marked_span: first and last time, s, of the part that is grey in them.
+            marked_span: first and last time, s, of that part, which is grey in these charts.
+
+        Returns:
+            The charts as a group; None where nothing is drawn.
         """
         charts = []
         for chart in self._charts_by_importance()[:FULL_WIDTH_CHARTS]:
-            charts.append(
-                self.marked(chart)._replace(spans=(Span(*marked_span),), group=WHOLE_FLIGHT_GROUP)
-            )
+            grey_spans = (Span(*marked_span),)
+            charts.append(self.marked(chart)._replace(spans=grey_spans, group=WHOLE_FLIGHT_GROUP))
         if not charts:
             return None
+        # A single chart leaves the second column empty, which is then left out.
         charts_per_column = ceil(len(charts) / 2)
-        columns = [charts[:charts_per_column], charts[charts_per_column:]]
+        columns = [tuple(charts[:charts_per_column])]
+        if len(charts) > charts_per_column:
+            columns.append(tuple(charts[charts_per_column:]))
         return Group(
-            tuple(tuple(column) for column in columns if column),
+            tuple(columns),
             caption="The whole flight. Grey: the time of the plots above.",
             is_flat=True,
         )
@@ -563,16 +569,23 @@ def _compass_axis(lines: Sequence[Line]) -> Axis:
     Args:
         lines: lines of directions, with their bands.
     """
-    edges = list[Array]()
+    drawn_directions = list[Array]()
     for line in lines:
-        edges += [edge for edge in (line.y, line.lower_edge, line.upper_edge) if edge is not None]
-    lowest = min(int(np.floor(np.nanmin(edge) / EIGHTH_TURN)) for edge in edges)
-    highest = max(int(np.ceil(np.nanmax(edge) / EIGHTH_TURN)) for edge in edges)
+        for directions in (line.y, line.lower_edge, line.upper_edge):
+            # A line without a band has no edges.
+            if directions is not None:
+                drawn_directions.append(directions)
+    all_directions = np.concatenate(drawn_directions)
+    # Points of the compass are numbered clockwise from north, which is 0, and may be below 0 or beyond a whole turn.
+    lowest = int(np.floor(np.nanmin(all_directions) / EIGHTH_TURN))
+    highest = int(np.ceil(np.nanmax(all_directions) / EIGHTH_TURN))
+    # Every other one of the sixteen points: N, NE, E and so on.
     names = COMPASS_POINTS[::2]
+    are_all_named = highest - lowest <= MAX_NAMED_EIGHTHS
     ticks = []
     for number in range(lowest, highest + 1):
         is_cardinal = number % 2 == 0
-        if is_cardinal or highest - lowest <= MAX_NAMED_EIGHTHS:
+        if is_cardinal or are_all_named:
             ticks.append(Tick(EIGHTH_TURN * number, names[number % len(names)]))
     limits = (EIGHTH_TURN * lowest, EIGHTH_TURN * highest)
     return Axis("direction (°)", limits=limits, ticks=tuple(ticks))

@@ -185,31 +185,34 @@ def _sentences_on_bad_lights(
 
 
 def _change_of_bad_margin(light: BadLight, reviewed: ReviewedDifference) -> str:
-    """Returns the margin that makes the light on margins bad, in A and in B, such as "phase margin on roll 29 → 12°".
+    """Returns how the margin changed that makes the light on margins bad, such as "phase margin on roll 29 → 12°".
 
     Args:
-        light: a bad light.
+        light: a status light (the judgement of one subject) that is bad in at least one of the two states.
         reviewed: comparison of the two states, with the margins of both.
 
     Returns:
-        The change; empty for another light, if both logs lack different margins, if a margin is in doubt, or if it is
-        not known of both.
+        The change from state A to state B. It is empty for a light on another subject, and if no single margin can be
+        named: the two states lack different margins, a margin is in doubt, or it is not known in both states.
     """
     if light.name != Light.MARGINS:
         return ""
     lights_by_side = lights_of_both(reviewed.reviews)[light.name]
-    margins = set[tuple[str, str, str]]()
+    lacking_margins = set[tuple[str, str, str]]()
     for side in light.bad_sides:
         bad_light = lights_by_side[side]
-        is_margin = bad_light.get("code") == MarginsLight.LOOP_MARGINS
-        if not is_margin or value_at(bad_light, "figures.reason"):
+        # The light may also be bad because of an oscillation, for example.
+        is_about_margin = bad_light.get("code") == MarginsLight.LOOP_MARGINS
+        # The reason is a measured response that contradicts the margin.
+        is_doubtful = value_at(bad_light, "figures.reason")
+        if not is_about_margin or is_doubtful:
             return ""
         figures = bad_light["figures"]
-        margins.add((bad_light["subject"], figures["lacking"], figures["axis"]))
-    if len(margins) > 1:
+        lacking_margins.add((bad_light["subject"], figures["lacking"], figures["axis"]))
+    if len(lacking_margins) > 1:
         return ""
-    ((loop_name, figure_name, axis),) = margins
-    kind = KINDS_OF_MARGINS.get((loop_name, figure_name))
+    [(loop_name, margin_name, axis)] = lacking_margins
+    kind = KINDS_OF_MARGINS.get((loop_name, margin_name))
     for change in reviewed.difference.changes:
         if change.quantity.kind == kind and change.quantity.axis == axis:
             return change_text(change, reviewed.difference)

@@ -594,29 +594,30 @@ def _axes_chapter(assessment: Assessment, timeline: Timeline) -> Chapter:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
         timeline: charts of the flight over time.
     """
-    light = assessment.lights["tracking"]
-    columns: dict[str, Charts] = {}
-    rates: dict[str, Charts] = {}
-    others: dict[str, Charts] = {}
+    tracking_light = assessment.lights["tracking"]
+    all_charts: dict[str, Charts] = {}
+    rate_charts: dict[str, Charts] = {}
+    other_charts: dict[str, Charts] = {}
     for axis, unmarked_charts in timeline.axis_charts.items():
         if not unmarked_charts:
             continue
         charts = tuple(timeline.marked(chart) for chart in unmarked_charts)
-        columns[axis] = charts
-        rates[axis] = tuple(chart for chart in charts if chart.title == rate_title(axis))
-        others[axis] = tuple(chart for chart in charts if chart.title != rate_title(axis))
-    group = Group.of_axes(columns, light)
-    blocks: Blocks = [*_tracking_sentences(light, assessment.headline)]
+        all_charts[axis] = charts
+        rate_charts[axis] = tuple(chart for chart in charts if chart.title == rate_title(axis))
+        other_charts[axis] = tuple(chart for chart in charts if chart.title != rate_title(axis))
+    blocks: Blocks = [*_tracking_sentences(tracking_light, assessment.headline)]
     error_tables = _tracking_tables(assessment.tracking)
     sections = []
-    is_parted = all(rates.values()) and all(others.values())
-    if light.is_bad and is_parted:
-        group = Group.of_axes(rates, light)
-        other_group = Group.of_axes(others, light)
+    # The charts can be divided if each axis has a rate, and something else.
+    can_be_divided = all(rate_charts.values()) and all(other_charts.values())
+    if tracking_light.is_bad and can_be_divided:
+        group = Group.of_axes(rate_charts, tracking_light)
+        other_group = Group.of_axes(other_charts, tracking_light)
         sections.append(Section("Angles and errors", groups=[other_group], blocks=error_tables))
     else:
+        group = Group.of_axes(all_charts, tracking_light)
         blocks += error_tables
-    level_scope = _scope_of_tracking_level(assessment, light)
+    level_scope = _scope_of_tracking_level(assessment, tracking_light)
     return Chapter("Three axes", blocks, [group], level_scope=level_scope, sections=sections)
 
 
@@ -1162,18 +1163,20 @@ def _live_map_wind(status: SessionStatus) -> MapWind | None:
 
 
 def _live_anchors(timeline: Timeline | None, chapters: Sequence[Chapter]) -> dict[str, str]:
-    """Returns the anchors to which the lights of a live page link: the charts over time, and the advised gains.
+    """Returns the anchors of the parts of a live page to which its status lights link.
 
     Args:
-        timeline: charts of the motors and the wind; None without any.
-        chapters: chapters of the page.
+        timeline: charts over time at the top of the page, of motors and wind among others; None without any.
+        chapters: chapters of the page. The one on advised gains belongs to the light on margins.
 
     Returns:
-        Anchors by name of the light.
+        Anchors by the name of the light; a light without a link is left out.
     """
     anchors = {}
     if timeline is not None:
-        anchors = {str(light): "flight" for light in (Light.MOTORS, Light.WIND)}
+        anchor_of_timeline = "flight"
+        anchors[str(Light.MOTORS)] = anchor_of_timeline
+        anchors[str(Light.WIND)] = anchor_of_timeline
     for chapter in chapters:
         if chapter.title == GAINS_TITLE:
             anchors[str(Light.MARGINS)] = chapter.anchor

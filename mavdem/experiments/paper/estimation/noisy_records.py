@@ -119,18 +119,19 @@ def random_record(seed: int, smoothness: float, variance_step: float = 1.0) -> N
     process_noise = PROCESS_NOISE_SD * smooth_noise(
         rng.standard_normal((SIMULATED_SAMPLES, STATES)), kernel_samples
     )
+    # Each state is measured with its own noise. In the second half of the record the variances are others.
     first_variances = np.exp(-rng.uniform(*LOG_PRECISION_RANGE, STATES))
-    noise = np.sqrt(first_variances) * smooth_noise(
+    measurement_noise = np.sqrt(first_variances) * smooth_noise(
         rng.standard_normal((SIMULATED_SAMPLES, STATES)), kernel_samples
     )
-    noise[SIMULATED_SAMPLES // 2 :] *= np.sqrt(variance_step)
+    measurement_noise[SIMULATED_SAMPLES // 2 :] *= np.sqrt(variance_step)
     # The record computes the transition of the states from its matrices. So it is made first, without states.
     record = NoisyRecord(
         A,
         B,
         SIMULATED_DT,
         states=np.zeros((SIMULATED_SAMPLES, STATES)),
-        outputs=noise,
+        outputs=measurement_noise,
         inputs=inputs[:, None],
         process_variances=np.full(STATES, PROCESS_NOISE_SD**2),
         noise_variances=first_variances * variance_step,
@@ -141,7 +142,7 @@ def random_record(seed: int, smoothness: float, variance_step: float = 1.0) -> N
     states = np.zeros((SIMULATED_SAMPLES, STATES))
     for t in range(SIMULATED_SAMPLES - 1):
         states[t + 1] = Phi @ states[t] + Gamma @ record.inputs[t] + process_noise[t]
-    return replace(record, states=states, outputs=states + noise)
+    return replace(record, states=states, outputs=states + measurement_noise)
 
 
 def _random_system(rng: Generator) -> Array:
