@@ -246,7 +246,8 @@ def _saturation_loss(
 
     All of this must be true:
 
-    - The motor is at its limit to the end of the record, to the loss of the vehicle, or for ``RECOVERY_SECONDS``.
+    - The motor is at its limit to the end of the record, to the loss of the vehicle, for ``RECOVERY_SECONDS``, or
+      while the vehicle sinks to the ground.
     - The vehicle is off the ground, since the ground could make it lean.
     - The motor's command was close to the others' commands before, and is far from them at the limit.
     - The vehicle leans towards the motor, or sinks.
@@ -261,10 +262,12 @@ def _saturation_loss(
     start = event.time
     assert start is not None
     end = event.latest_time
+    sensors = _sensors_in_flight(signals, boot, start)
     is_long_enough = is_lost or end == inf or end - start >= RECOVERY_SECONDS
+    if not is_long_enough:
+        is_long_enough = _sinks_to_ground(sensors, (start, end))
     if event.figures["duration"] < MIN_LIMIT_SECONDS or not is_long_enough:
         return None
-    sensors = _sensors_in_flight(signals, boot, start)
     height = sensors.height_at(start)
     if height is not None and height < MAX_GROUND_HEIGHT:
         return None
@@ -342,6 +345,27 @@ def _sensors_in_flight(signals: Signals, boot: int, time: float) -> BootSensors:
             take_off, _ = flight
             return BootSensors(signals, boot, take_off)
     return BootSensors(signals, boot)
+
+
+def _sinks_to_ground(sensors: BootSensors, interval: TimeInterval) -> bool:
+    """Returns whether a vehicle sinks from the start of an interval to the end of its flight, which is that of both.
+
+    It must lose more than ``MAX_GROUND_HEIGHT`` of height, so that it was not on the ground for most of the time.
+
+    Args:
+        sensors: sensors of the boot.
+        interval: start and end, s since boot.
+    """
+    start, end = interval
+    ends_with_flight = False
+    for flight_start, flight_end in flights_in_boot(sensors.signals, sensors.boot):
+        if flight_start <= start and abs(flight_end - end) < LASTING_SECONDS:
+            ends_with_flight = True
+    height_at_start = sensors.height_at(start)
+    height_at_end = sensors.height_at(end)
+    if not ends_with_flight or height_at_start is None or height_at_end is None:
+        return False
+    return height_at_start - height_at_end > MAX_GROUND_HEIGHT
 
 
 def _command_excess(commands: Array, motor: int) -> Array:

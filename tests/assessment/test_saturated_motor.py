@@ -17,7 +17,7 @@ from mavdem.facts import Fact
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.event import Event
 from mavdem.facts.motors import MotorWatchFact
-from mavdem.ingest.vocabulary import attitude_target, quaternion
+from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND, attitude_target, quaternion
 from mavdem.view.first_tab import events_text
 
 HOVER = Hover(sway=0.0)
@@ -122,6 +122,19 @@ def test_a_limit_just_before_an_impact_is_no_loss():
 def test_a_short_limit_is_no_loss():
     telemetry = with_rising_output(flight(), 1, 0.5, 2100.0, end_time=SATURATES + 2.0)
     assert not losses(with_lean(telemetry, QUAD[1], 15.0))
+
+
+@mark.parametrize("speed, is_loss", [(2.0, True), (0.2, False)])
+def test_a_motor_at_its_limit_while_the_vehicle_sinks_to_the_ground_lost_thrust(speed, is_loss):
+    """The flight ends after 4 s: the motor of an octorotor stops, and the seven others brake the fall."""
+    telemetry = sinking(with_rising_output(flight(), 1, 0.5, 2100.0), speed)
+    velocity = telemetry.messages["LOCAL_POSITION_NED"]["vz"]
+    telemetry = changed(telemetry, "LOCAL_POSITION_NED", z=0.1 * np.cumsum(velocity))
+    time = np.arange(0.0, HOVER.end, 0.5)
+    is_in_air = (time >= 6.0) & (time < SATURATES + 4.0)
+    states = columns(time, landed_state=np.where(is_in_air, IN_AIR, ON_GROUND))
+    found = losses(changed(telemetry, "EXTENDED_SYS_STATE", **states))
+    assert [loss.subject for loss in found] == ([NAMES[1]] if is_loss else [])
 
 
 def test_all_motors_at_their_limit_are_no_loss_of_one():
