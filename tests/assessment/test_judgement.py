@@ -137,7 +137,7 @@ def test_the_next_step_says_do_not_fly_once():
     )
     step = Fact(NextStep.DO_AS_ADVISED, reason=limited, also=(BAD_VIBRATION, saturated))
     assert str(step).count("Do not fly") == 1
-    assert " Also balance the propellers and mount the autopilot softly. " in str(step)
+    assert " Also check and balance the propellers and mount the autopilot softly. " in str(step)
     assert " Nor fly before motor 3," in str(step)
 
 
@@ -146,7 +146,7 @@ def test_the_next_step_says_first_not_to_fly_where_the_headline_does_not():
     assert "Do not fly" not in toppled.remedy
     limited = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 2", share=0.1)
     step = str(Fact(NextStep.DO_AS_ADVISED, reason=toppled, also=(BAD_VIBRATION, limited)))
-    assert step.startswith("Do not fly: balance the propellers")
+    assert step.startswith("Do not fly: check and balance the propellers")
     assert step.endswith(toppled.remedy) and step.count("Do not fly") == 1
     assert " Nor fly before motor 2 " in step
 

@@ -456,5 +456,9 @@ def test_reports_of_the_ground_throughout_a_flight_are_an_event_and_hide_no_flig
 
 def test_a_second_boot_is_a_restart():
     boot = (FLOWN.messages["HEARTBEAT"]["time"] > 40.0).astype(int)
-    (fact,) = events(changed(FLOWN, "HEARTBEAT", boot=boot), ReportedEvent.RESTARTED)
+    restarted = changed(FLOWN, "HEARTBEAT", boot=boot)
+    (fact,) = events(restarted, ReportedEvent.RESTARTED)
     assert (fact.time, fact.figures["boot"], fact.level) == (41.0, 1, "watch")
+    first, second = events(restarted, ReportedEvent.MOTORS_ARMED)
+    assert first.sentence == "Armed."
+    assert second.sentence == "Armed when the log goes on after the restart."
