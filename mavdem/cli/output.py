@@ -118,17 +118,27 @@ def _fitting_lines(blocks: Iterable[Block], max_short_lines: int, max_lines: int
             line_count += len(short_lines)
     lines: list[str] = []
     for block, short_lines in selected_blocks:
-        shown_lines = short_lines
-        # The first, longest form that fits is used.
-        for lines_per_row in LINES_PER_ROW:
-            longer_lines = _block_lines(block, lines_per_row)
-            additional_lines = len(longer_lines) - len(short_lines)
-            if line_count + additional_lines < max_lines:
-                shown_lines = longer_lines
-                line_count += additional_lines
-                break
+        shown_lines = _longest_lines(block, short_lines, spare_lines=max_lines - line_count)
+        line_count += len(shown_lines) - len(short_lines)
         lines += shown_lines
     return lines
+
+
+def _longest_lines(block: Block, short_lines: list[str], spare_lines: int) -> list[str]:
+    """Returns the lines of a block with texts as long as there is room.
+
+    Args:
+        block: The sentence or table.
+        short_lines: The lines of the block with texts that are shortened to one line.
+        spare_lines: The block may have fewer additional lines than this.
+    """
+    # The forms from the longest to the shortest: the first one that fits is returned.
+    for lines_per_row in LINES_PER_ROW:
+        longer_lines = _block_lines(block, lines_per_row)
+        additional_lines = len(longer_lines) - len(short_lines)
+        if additional_lines < spare_lines:
+            return longer_lines
+    return short_lines
 
 
 def _block_lines(block: Block, lines_per_row: int | None = None) -> list[str]:

@@ -127,12 +127,15 @@ def _receiver_fixes(columns: Columns, boot: int, time: Array) -> _ReceiverFixes 
     rows = np.flatnonzero(columns["boot"] == boot)
     if not len(rows):
         return None
-    rows = rows[np.argsort(columns["time"][rows], kind="stable")]
-    message_time = columns["time"][rows]
-    valid_message = np.maximum(np.searchsorted(message_time, time, side="right") - 1, 0)
+    rows_by_time = rows[np.argsort(columns["time"][rows], kind="stable")]
+    message_time = columns["time"][rows_by_time]
+    message_has_fix = has_fix_by_row(columns)[rows_by_time]
+    # Index of the last message up to each time, or of the first message before it.
+    messages_so_far = np.searchsorted(message_time, time, side="right")
+    valid_message = np.maximum(messages_so_far - 1, 0)
     seconds_since_message = time - message_time[valid_message]
     return _ReceiverFixes(
-        has_fix=has_fix_by_row(columns)[rows][valid_message],
+        has_fix=message_has_fix[valid_message],
         is_recent=seconds_since_message <= _longest_usual_gap(message_time),
     )
 

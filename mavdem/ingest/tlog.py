@@ -190,15 +190,31 @@ def _bytes_before(frames: Frames, rows: slice | Rows) -> NDArray[np.integer]:
         Numbers of bytes (n,).
     """
     if isinstance(rows, slice):
-        # A slice avoids arrays of row numbers for a large log. The frames before rows first to stop − 1 are the rows
-        # first − 1 to stop − 2; the first frame of the log is preceded by byte 0, the beginning of the log.
         first_row, stop_row, _ = rows.indices(len(frames))
-        end_of_frame_before = frames[max(first_row - 1, 0) : max(stop_row - 1, 0)].end
-        if first_row == 0:
-            end_of_frame_before = np.insert(end_of_frame_before, 0, 0)
-        return frames.start[rows] - end_of_frame_before[: stop_row - first_row]
-    end_of_frame_before = np.where(rows > 0, frames.start[rows - 1] + frames.size[rows - 1], 0)
-    return frames.start[rows] - end_of_frame_before
+        return _bytes_before_successive(frames, first_row, stop_row)
+    rows_before = rows - 1
+    ends_before = frames.start[rows_before] + frames.size[rows_before]
+    # The first frame of the log has the beginning of the log before it, byte 0.
+    return frames.start[rows] - np.where(rows > 0, ends_before, 0)
+
+
+def _bytes_before_successive(frames: Frames, first_row: int, stop_row: int) -> NDArray[np.integer]:
+    """Returns the number of bytes before each of successive frames, without arrays of row numbers for a large log.
+
+    Args:
+        frames: All frames (N,) of the log.
+        first_row: Row of the first of the n frames.
+        stop_row: Row after the last of them.
+
+    Returns:
+        Numbers of bytes (n,).
+    """
+    if first_row >= stop_row:
+        return np.zeros(0, dtype=frames.start.dtype)
+    # Each frame begins after the end of the one before it, and the first frame of the log after byte 0.
+    end_before_first = 0 if first_row == 0 else frames[first_row - 1 : first_row].end[0]
+    ends_before = np.insert(frames[first_row : stop_row - 1].end, 0, end_before_first)
+    return frames.start[first_row:stop_row] - ends_before
 
 
 def _receive_stamps(data: Bytes, frames: Frames, rows: slice | Rows) -> NDArray[np.uint64]:

@@ -93,8 +93,10 @@ class RawRecording:
             self._size += STAMP_BYTES + len(frame.content)
             self._sizes_by_sender[frame.system, frame.component] = self._size
         self.frame_count += len(frames)
-        # Stamps go back where the computer's clock is set.
-        if not 0 <= stamp - self._flush_stamp < BATCH_SECONDS:
+        seconds_since_flush = stamp - self._flush_stamp
+        # They are negative where the computer's clock was set back.
+        is_flush_due = not 0 <= seconds_since_flush < BATCH_SECONDS
+        if is_flush_due:
             self._flush_stamp = stamp
             self._file.flush()
             self._sizes_by_time.append((stamp, self._size))

@@ -595,14 +595,14 @@ class LiveSession:
         if _without_measurements(reason) == _without_measurements(former_reason):
             return
         self._reported_reason = reason
-        if reason is not None and reason.code is SessionFact.FLIGHT_OVER:
-            # It may have another cause a moment later, which does not end the flight a second time.
-            is_end_reported = self._ended_flight == status.flight_number
+        is_flight_over = reason is not None and reason.code is SessionFact.FLIGHT_OVER
+        # The end of a flight may have another cause a moment later; it is reported once.
+        is_end_reported = is_flight_over and self._ended_flight == status.flight_number
+        if is_flight_over:
             self._ended_flight = status.flight_number
-            if is_end_reported:
-                return
-        if not self._is_covered_by_other_report(reason, former_reason, status):
-            self._presentation.log(_report_on_learning(reason, status))
+        if is_end_reported or self._is_covered_by_other_report(reason, former_reason, status):
+            return
+        self._presentation.log(_report_on_learning(reason, status))
 
     def _is_covered_by_other_report(
         self, reason: Fact | None, former_reason: Fact | None, status: SessionStatus
@@ -868,13 +868,12 @@ class LiveSession:
         """
         if self.stream.status().loss is not None:
             return True
-        no_parameters_reason = self._reason_without_parameters()
-        if no_parameters_reason is None:
+        reported_reason = self._reason_without_parameters()
+        if reported_reason is None or reported_reason.code is not RowsFact.LIVE_RATES_TOO_LOW:
             return False
-        if no_parameters_reason.code is not RowsFact.LIVE_RATES_TOO_LOW:
-            return False
-        rates_reason = no_parameters_reason.figures["reason"]
-        return bool(rates_reason.code == gains_unchanged.figures["reason"].code)
+        # The fact which messages are too slow, as it is stated for a log, too.
+        slow_messages = reported_reason.figures["reason"]
+        return bool(slow_messages.code == gains_unchanged.figures["reason"].code)
 
     def _log_margins(self, margins: Fact, advice: Facts) -> None:
         """Reports the stability margins, unless they are not known or the advice on gains states them anyway.

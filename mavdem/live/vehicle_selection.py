@@ -156,11 +156,6 @@ class Component:
     def count_frame(self, frame: Frame, now: float) -> bool:
         """Counts a frame of this component and the messages that are missing before it, unless it is a copy.
 
-        Each sender numbers its messages from 0 to 255 and then from 0 again. The step between two numbers is the number
-        of missing messages plus one, but not after a long gap, in which the numbers may have wrapped once or more. A
-        gap counts as long if 128 messages or more would usually come in it, by the mean interval between frames. Then
-        only its duration is counted.
-
         Args:
             frame: the frame, in the order of arrival.
             now: reception time, s of any clock, since only differences are used.
@@ -177,20 +172,33 @@ class Component:
         )
         if not is_new:
             return False
-        missing_in_gap = self._links.missing - missing_before
-        # The first frame comes after an infinite gap, in which nothing is missing.
-        gap = max(now - self._last_frame_time, 0.0)
-        if self._may_have_wrapped(gap, frame.sequence):
-            self.uncounted_gap_seconds += gap
-            self._uncounted_messages += missing_in_gap
-        self._last_frame_time = now
-        self._last_sequence = frame.sequence
-        self._update_mean_interval(gap)
+        self._note_gap(frame.sequence, now, self._links.missing - missing_before)
         if is_readable:
             self.message_counts[frame.message_id] += 1
             if definitions_by_id()[frame.message_id].name in ATTITUDE_MESSAGES:
                 self.attitude_count += 1
         return True
+
+    def _note_gap(self, sequence: int, now: float, missing_messages: int) -> None:
+        """Notes the gap before a new frame, and counts its duration instead of its missing messages if it was long.
+
+        Each sender numbers its messages from 0 to 255 and then from 0 again. The step between two numbers is the number
+        of missing messages plus one, but not after a long gap, in which the numbers may have wrapped once or more. A
+        gap counts as long if 128 messages or more would usually come in it, by the mean interval between frames.
+
+        Args:
+            sequence: sequence number of the frame.
+            now: reception time, s of the clock of :meth:`count_frame`.
+            missing_messages: number of messages that are missing in the gap by the sequence numbers.
+        """
+        # The first frame comes after an infinite gap, in which nothing is missing.
+        gap = max(now - self._last_frame_time, 0.0)
+        if self._may_have_wrapped(gap, sequence):
+            self.uncounted_gap_seconds += gap
+            self._uncounted_messages += missing_messages
+        self._last_frame_time = now
+        self._last_sequence = sequence
+        self._update_mean_interval(gap)
 
     def _update_mean_interval(self, gap: float) -> None:
         """Updates the mean interval between frames, an exponential average over about ``INTERVAL_MEMORY_FRAMES``.

@@ -1345,10 +1345,11 @@ class Watchdog:
         return self.alarms.is_calm(quantity, review.now)
 
     def _is_end_reported(self, quantity: WatchedQuantity, review: _Review) -> bool:
-        """Returns whether the end of an alarm is reported: in flight always, on the ground only if its fault is.
+        """Returns whether the end of an alarm is reported.
 
-        A landing ends most faults with the alarm. It does not end them after a loss of the vehicle, and it neither
-        charges a battery, nor ends a state that lasts, such as a GPS receiver without a fix, nor corrects a barometer.
+        In flight it always is. A landing ends all alarms, but not all faults, and only the end of a fault is reported:
+        after a loss the vehicle stays lost, and a landing neither charges a battery, nor ends a state that lasts, such
+        as a GPS receiver without a fix, nor corrects a barometer.
 
         Args:
             quantity: quantity of the alarm, which is still active.
@@ -1356,9 +1357,11 @@ class Watchdog:
         """
         if review.is_flying:
             return True
+        if self.loss is not None or quantity is WatchedQuantity.BATTERY:
+            return False
         alarm = self.alarms.facts[quantity]
         is_lasting = is_lasting_state(alarm) or alarm.code is MotionEvent.HEIGHTS_DISAGREE
-        return self.loss is None and not is_lasting and quantity is not WatchedQuantity.BATTERY
+        return not is_lasting
 
     def _reasons_not_watched(
         self, now: float, vehicle: Telemetry, motion: RecentMotion | None

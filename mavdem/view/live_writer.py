@@ -368,20 +368,7 @@ class LiveWriter:
             measured_line,
             [Sample(row.segment, row.timeline_time, scale * row.outputs[:1]) for row in rows],
         )
-        predictions = []
-        for row in rows:
-            estimate = row.estimate
-            if estimate is None:
-                time = row.timeline_time + seconds
-                prediction = EstimateWithBand(row.segment, time, np.nan, np.nan)
-            else:
-                prediction = EstimateWithBand(
-                    row.segment,
-                    estimate.ahead_times[horizon] + row.timeline_offset,
-                    estimate.ahead[horizon, 0],
-                    estimate.ahead_band[horizon, 0],
-                )
-            predictions.append(prediction)
+        predictions = [_predicted_angle(row, horizon, seconds) for row in rows]
         predicted_line = Lines(
             f"{plot}/2_predicted", (f"{seconds:.2g} s ahead",), (PREDICTED,), 1.8
         )
@@ -591,6 +578,29 @@ def _clipped_to_plot(values: Array, plot_range: Interval) -> Array:
 def axis_path(plot: str) -> str:
     """Returns the entity of the invisible lines that widen the axis of a plot."""
     return f"{plot}/90_axis"
+
+
+def _predicted_angle(row: DisplayRow, horizon: int, seconds: float) -> EstimateWithBand:
+    """Returns the prediction of the angle that was made at the time of a row.
+
+    Args:
+        row: the row, with the estimate of the learner if there is one.
+        horizon: index of the prediction among those of the learner, which are for several times ahead.
+        seconds: how far ahead this prediction is, s.
+
+    Returns:
+        The prediction at the predicted time; NaN without an estimate.
+    """
+    estimate = row.estimate
+    if estimate is None:
+        return EstimateWithBand(row.segment, row.timeline_time + seconds, np.nan, np.nan)
+    # The angle is the first output of the model.
+    return EstimateWithBand(
+        row.segment,
+        estimate.ahead_times[horizon] + row.timeline_offset,
+        estimate.ahead[horizon, 0],
+        estimate.ahead_band[horizon, 0],
+    )
 
 
 def _samples_after(time: float, samples: Sequence[Sample]) -> list[Sample]:

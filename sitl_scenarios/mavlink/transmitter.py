@@ -597,18 +597,31 @@ def recorded_stream(scenario: Scenario, motion: Motion) -> FrameStream:
     sizes = np.array([len(frame) for _, frame in received_frames], np.int64)
     frame_starts = np.cumsum(sizes) - sizes
     frames = frames_at(data, frame_starts)
-    # The remainder keeps the dates within three years.
-    boot_stamp = FIRST_BOOT + scenario.seed % 1000 * DAY
-    stamps = boot_stamp + np.round([1e6 * time for time, _ in received_frames])
-    # A stream has a function from rows of the frames to their stamps, so that a reader of a file decodes only those
-    # that are needed. Here all stamps are in an array, whose method for [] is such a function.
-    stamps_of_rows = stamps.astype(np.uint64).__getitem__
+    stamps = _receive_stamps(scenario, [time for time, _ in received_frames])
     return FrameStream(
         source="simulation",
         file_ending="simulation",
         data=data,
         frames=frames,
-        receive_stamps=stamps_of_rows,
+        # A stream has a function from rows of the frames to their stamps, so that a reader of a file decodes only those
+        # that are needed. Here all stamps are in an array, whose method for [] is such a function.
+        receive_stamps=stamps.__getitem__,
         bytes_skipped=0,
         repairs=(),
     )
+
+
+def _receive_stamps(scenario: Scenario, times: list[float]) -> NDArray[np.uint64]:
+    """Returns stamps of frames in µs since 1970, for which each seed of a scenario has another day.
+
+    Args:
+        scenario: Scenario of the flight, with its seed.
+        times: Time of arrival of each of the N frames, s since boot.
+
+    Returns:
+        Stamps (N,).
+    """
+    # The remainder keeps the dates within three years.
+    boot_stamp = FIRST_BOOT + scenario.seed % 1000 * DAY
+    microseconds = np.round([1e6 * time for time in times])
+    return (boot_stamp + microseconds).astype(np.uint64)

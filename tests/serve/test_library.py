@@ -613,7 +613,7 @@ def test_an_address_that_is_taken_is_refused(tmp_path):
         options = ServerOptions(
             tmp_path / "two", "127.0.0.1", server.port, "", False, None, 1, LIMITS, None, None
         )
-        serve(options, print, print, print, opens_browser=False)
+        serve(options, print, print, print, print, opens_browser=False)
     assert refused.value.fact.code is StartFailure.ADDRESS_NOT_FREE
     assert not (tmp_path / "two").exists()
 

@@ -21,10 +21,12 @@ Usage: tools/bench/free_energies.py [--window I] [--flight TEXT] [--margins]
 
 import sys
 import zlib
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import click
 import numpy as np
+import scipy.stats
 
 from mavdem import baselines, learn
 from mavdem.arrays import Array
@@ -222,14 +224,26 @@ def forecast_table(figures: list[FlightFigures]) -> Table:
             flights = [flight for flight in figures if half in ("all", flight.half)]
             if not flights:
                 continue
-            row = [model, f"{half} ({len(flights)})"]
-            for kind, step_counts in STEPS.items():
-                for step_count in step_counts:
-                    ratios = [flight.error_ratios[model, kind, step_count] for flight in flights]
-                    geometric_mean = np.exp(np.mean(np.log(ratios)))
-                    row.append(f"{geometric_mean:.2f}")
-            rows.append(row)
+            rows.append([model, f"{half} ({len(flights)})", *_mean_error_ratios(model, flights)])
     return Table(columns, rows)
+
+
+def _mean_error_ratios(model: str, flights: Sequence[FlightFigures]) -> list[str]:
+    """Returns the geometric means, over some flights, of a model's squared forecast errors relative to a joint VAR's.
+
+    Args:
+        model: name of the model, one of ``MODELS``.
+        flights: results of the models on each flight.
+
+    Returns:
+        A text for each kind of forecast and number of samples from one forecast to the next, in the order of ``STEPS``.
+    """
+    texts = []
+    for kind, step_counts in STEPS.items():
+        for step_count in step_counts:
+            ratios = [flight.error_ratios[model, kind, step_count] for flight in flights]
+            texts.append(f"{scipy.stats.gmean(ratios):.2f}")
+    return texts
 
 
 def margin_table(figures: list[FlightFigures]) -> Table:

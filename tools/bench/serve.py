@@ -328,14 +328,15 @@ def kill_command(log: Path, times: int) -> None:
     random_numbers = random.Random(1)
     acknowledged_digests: set[str] = set()
     with TemporaryDirectory() as folder:
-        for number in range(times):
+        for kill_number in range(times):
             with running_server(folder) as server, ThreadPoolExecutor(KILL_CLIENTS) as clients:
                 for client in range(KILL_CLIENTS):
-                    name = f"{KILL_CLIENTS * number + client}.tlog"
-                    body = distinct_log(content, KILL_CLIENTS * number + client)
+                    log_number = KILL_CLIENTS * kill_number + client
+                    body = distinct_log(content, log_number)
+                    name = f"{log_number}.tlog"
                     clients.submit(_upload_and_note, server, name, body, acknowledged_digests)
                 # The server is killed alternately within the uploads, and after them, while it reads the logs.
-                longest_wait = 3.0 if number % 2 else 0.05
+                longest_wait = 3.0 if kill_number % 2 else 0.05
                 time.sleep(random_numbers.uniform(0.0, longest_wait))
                 server.process.kill()
         with running_server(folder) as server:

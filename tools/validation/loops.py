@@ -712,7 +712,7 @@ def error_statistics(rows: Any) -> pd.Series:
         error ("size"), and percentages of errors of at most ``CLOSE_GAIN_ERROR`` ("close") and of intervals that
         contain the truth ("inside").
     """
-    figure, *_ = rows.name
+    figure = rows.name[0]
     errors = rows["estimate"] - rows["true"]
     if figure.endswith("gain_margin"):
         # The difference of two infinite margins is NaN: they agree.
