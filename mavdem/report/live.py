@@ -26,6 +26,7 @@ from mavdem.report.templates import (
     headline,
     render_section,
     time_of_day,
+    without_full_stop,
 )
 from mavdem.report.why import headline_evidence
 
@@ -236,10 +237,15 @@ def headline_reason(judgement: Judgement) -> list[Sentence]:
     if not fact.is_watch_or_bad:
         return []
     evidence = headline_evidence(fact, judgement.lights)
-    if evidence or headline(fact) == fact.sentence:
+    if evidence:
         return evidence
     _, _, details = fact.sentence.partition(": ")
-    return [Sentence(details or f"{as_clause(fact)}.", lead="Why:")]
+    if not details:
+        details = f"{as_clause(fact)}."
+    first_detail, _, _ = without_full_stop(details).partition(";")
+    if first_detail.lower() in headline(fact).lower():
+        return []
+    return [Sentence(details, lead="Why:")]
 
 
 def unrepaired_fault_text(status: SessionStatus) -> str:

@@ -30,7 +30,12 @@ from mavdem.live.session_status import SessionStatus
 from mavdem.live.takeoff_place import Displacement
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.live.wind import WindEstimate
-from mavdem.report.live import headline_reason, light_rows, live_alarm, vehicle_text
+from mavdem.report.live import (
+    headline_reason,
+    light_rows,
+    live_alarm,
+    vehicle_text,
+)
 from mavdem.report.templates import as_clause
 
 RATES = {"ATTITUDE": 25.0, "SERVO_OUTPUT_RAW": 25.0}
@@ -198,6 +203,20 @@ def test_before_an_oscillation_can_show_nothing_says_that_there_is_none(slow):
     assert str(warned.next_step).startswith("Hover: whether the vehicle oscillates")
 
 
+def test_the_state_of_a_vehicle_that_crashed_has_its_last_position(slow):
+    state = VehicleState("Loiter", is_armed=False, voltage=15.84)
+    crashed = replace(
+        slow,
+        is_flying=False,
+        state=state,
+        message_age=9.0,
+        loss=Fact(Ending.CONTROL_LOST, Level.BAD, time=22.1),
+        last_position=GlobalPosition(47.3977421, -8.5455938, 20.4, 1e9),
+    )
+    assert "disarmed, last position 47.39774, -8.54559" in vehicle_text(crashed, has_table=True)
+    assert "position" not in vehicle_text(replace(crashed, loss=None))
+
+
 def test_after_a_short_flight_no_light_says_that_the_vehicle_is_on_the_ground(slow):
     ground = Fact(WatchFact.ON_GROUND_NOW)
     facts = tuple(watch(fact.subject, ground) for fact in slow.watch_facts)
@@ -266,6 +285,18 @@ def test_what_shows_a_fault_stands_below_its_short_headline():
     [reason] = headline_reason(Judgement(Fact(SessionFact.ALARM, reason=lost), lost, {}))
     assert (reason.lead, reason.text) == ("Why:", "it works 26 % harder.")
     assert headline_reason(Judgement(SLOW.replace(Level.UNKNOWN), SLOW, {})) == []
+    # The headline leaves out the other battery, and says already why.
+    other = Fact(
+        PowerLight.BATTERY_HELD,
+        voltage=11.4,
+        cells=3,
+        subject="battery 1",
+        current=None,
+        resistance=None,
+        end_time=None,
+    )
+    empty = Fact(PowerLight.CHARGE_LOW, Level.BAD, share=0.0, share_limit=0.07, batteries=(other,))
+    assert headline_reason(Judgement(empty, empty, {})) == []
 
 
 def test_nobody_is_told_in_flight_to_start_mavdem_with_another_option(slow):
