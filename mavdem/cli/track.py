@@ -75,7 +75,7 @@ BlocksByVehicle = dict[str, Blocks]
     multiple=True,
     metavar="LOGS|FLEET",
     help="Healthy flights that the others are compared with: logs, as above, or another FLEET; may be repeated. "
-    "[default: those of the last run; at first the vehicle's own flights]",
+    "'none' takes the baseline away. [default: those of the last run; at first the vehicle's own flights]",
 )
 @click.option(
     "--name",

@@ -75,6 +75,11 @@ def name_with_frame(name: str, frame: str) -> str:
     return f"{name}{FRAME_SEPARATOR}{frame.lower()}"
 
 
+def is_calibration_name(name: str) -> bool:
+    """Returns whether a vehicle's name is the hash of a sensor's calibration, such as "accelerometer-1f6f6923a0b1"."""
+    return name.startswith((f"{Basis.ACCELEROMETER}-", f"{Basis.COMPASS}-"))
+
+
 def name_without_frame(name: str) -> str:
     """Returns the part of a vehicle's name before the frame that :func:`name_with_frame` has added, if any."""
     return name.partition(FRAME_SEPARATOR)[0]

@@ -55,6 +55,10 @@ class TrackedLogs(NamedTuple):
     """rows of the baseline"""
 
 
+NO_BASELINE = "none"
+"""Name in the place of healthy flights by which the baseline is removed; a folder of that name is "./none"."""
+
+
 def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
     """Judges the health of the motors in each flight of one vehicle.
 
@@ -202,7 +206,8 @@ def track(
         folder: folder of the fleet, which is made if it does not exist.
         names: files, folders, patterns and URLs of logs.
         reader: workers that read the logs.
-        baseline: names of healthy flights, or the folder of one fleet; if empty, the baseline of the last run.
+        baseline: names of healthy flights, or the folder of one fleet; if empty, the baseline of the last run. The name
+            ``NO_BASELINE`` alone removes that.
         page: function that makes the page of a flight, as in ``Job``; None for no pages.
         assess: judges all flights of a vehicle.
         progress: function that is called as logs are read.
@@ -220,7 +225,9 @@ def track(
     with open_store(folder) as store:
         if page is not None:
             store.reread_logs_without_page()
-        if len(baseline) == 1 and is_fleet(Path(baseline[0])):
+        if list(baseline) == [NO_BASELINE]:
+            store.healthy = []
+        elif len(baseline) == 1 and is_fleet(Path(baseline[0])):
             store.healthy = _checked_baseline(read_rows(Path(baseline[0])))
         elif baseline:
             healthy_logs, unknown_names = find_logs(baseline, folder)

@@ -7,7 +7,11 @@ from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorHealth
 from mavdem.facts.urgency import Urgency, urgency_of_headline
-from mavdem.facts.vehicle import autopilot_of_system_id_name, name_without_frame
+from mavdem.facts.vehicle import (
+    autopilot_of_system_id_name,
+    is_calibration_name,
+    name_without_frame,
+)
 from mavdem.fleet.flights import (
     AxisRows,
     Flights,
@@ -124,7 +128,8 @@ def is_serial(name: str) -> bool:
 def short_name(name: str) -> str:
     """Returns the name of a vehicle; a serial number is shortened to its first and last characters, as a line needs.
 
-    The frame that may follow the number is left out, since it stands beside the short name.
+    Of the hash of a calibration, which names a vehicle without a serial number, only the last characters are shown. The
+    frame that may follow the number is left out, since it stands beside the short name.
 
     Args:
         name: name of the vehicle in its logs.
@@ -132,6 +137,9 @@ def short_name(name: str) -> str:
     if not is_serial(name):
         return name
     number = name_without_frame(name)
+    if is_calibration_name(number):
+        # The hash of a calibration follows the name of the sensor, which many vehicles have in common.
+        return f"…{number[-SERIAL_END_LENGTH:]}"
     return f"{number[:SERIAL_START_LENGTH]}…{number[-SERIAL_END_LENGTH:]}"
 
 
@@ -193,11 +201,14 @@ def vehicle_label(name: str, frame: str, names: GivenNames, *, is_shared: bool =
         is_shared: whether the name is made of a MAVLink system id, which several vehicles may have.
 
     Returns:
-        The text of :func:`vehicle_name_or_type`; for a serial number with its first and last characters after it.
+        The text of :func:`vehicle_name_or_type`; for a serial number with its first and last characters after it, and
+        for the hash of a calibration such as "Quadrotor (unnamed, …6f6923)".
     """
     label = vehicle_name_or_type(name, frame, names, is_shared=is_shared)
     if is_shared or name in names.vehicles or not is_serial(name):
         return label
+    if is_calibration_name(name):
+        return f"{label} (unnamed, {short_name(name)})"
     return f"{label} {short_name(name)}"
 
 

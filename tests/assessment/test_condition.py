@@ -17,13 +17,14 @@ from mavdem.assessment.tier import log_tier
 from mavdem.dataset.learnability import learnability_of
 from mavdem.dataset.signals import Signals
 from mavdem.facts.learnability import NotLearnableReason, UnusableOutputs
+from mavdem.fleet.names import NO_NAMES
 from mavdem.ingest import Log
 from mavdem.ingest.output_scale import OutputScale
 from mavdem.ingest.telemetry import Component
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.motors.hover import hover_figures, hover_of
 from mavdem.report.condition import stream_contents
-from mavdem.report.fleet import short_name
+from mavdem.report.fleet import short_name, vehicle_label
 
 HOVER = Hover(hovering=60.0)
 
@@ -155,6 +156,8 @@ def test_a_board_on_another_frame_is_another_vehicle():
 def test_without_a_number_the_calibration_names_the_vehicle_and_defaults_do_not():
     vehicle_name, basis = name_of(flown(CALIBRATED))
     assert basis == "accelerometer"
+    label = vehicle_label(vehicle_name, "QUADROTOR", NO_NAMES)
+    assert label == f"Quadrotor (unnamed, …{vehicle_name[-6:]})"
     more = {"INS_GYROFFS_X": 0.5, "ATC_RAT_RLL_P": 0.2}
     assert name_of(flown(CALIBRATED | more)) == (vehicle_name, basis)
     assert name_of(flown(CALIBRATED | {"INS_ACCOFFS_X": 0.12}))[0] != vehicle_name

@@ -54,6 +54,8 @@ def test_a_fleet_in_one_command(tmp_path, capsys, monkeypatch):
     assert run("track", flights, "--out", out) == 0
     kept_baseline_text = "Baseline: 1 flight of an earlier run, since no --baseline was given: "
     assert kept_baseline_text + log.name in " ".join(capsys.readouterr().out.split())
+    assert run("track", flights, "--out", out, "--baseline", "none") == 0
+    assert "Baseline:" not in capsys.readouterr().out
     # Logs without a flight are no success.
     assert run("track", damaged, "--out", tmp_path / "none", "--jobs", "1") == 1
     assert "without the topics of a flight" in capsys.readouterr().out

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
+from mavdem.assessment.lights.vibration import ARDUPILOT_LEVELS, PX4_LEVELS
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.fleet.flights import AxisRows, log_row, worst_health
 from mavdem.fleet.health_figures import health_figures
@@ -75,6 +76,11 @@ TRIM_WITHOUT_LEAN_TITLE = "Trim without lean (%)"
 TITLES_OF_DEVIATIONS = TRIM_TITLE, TRIM_WITHOUT_LEAN_TITLE
 """Titles of the charts of the motors, whose quantity is 0 of even motors."""
 
+VIBRATION_TITLE = "Vibration, first IMU (m/s²)"
+VIBRATION_LEVEL_TITLE = "Vibration level, first IMU (m/s²)"
+VIBRATION_LIMITS = {VIBRATION_TITLE: ARDUPILOT_LEVELS, VIBRATION_LEVEL_TITLE: PX4_LEVELS}
+"""Limits of the vibration by the title of its chart: ArduPilot measures three axes, PX4 one level."""
+
 Estimates = dict[str, Array]
 """Estimates and half widths of their intervals (flights, 2) by name of the line; NaN where not known."""
 
@@ -133,18 +139,27 @@ def _charts_over_flights(flights: Sequence[AxisRows], addresses: Sequence[str]) 
     for title, estimates in _charted_quantities(flights):
         if _known_flight_count(estimates) < 2:
             continue
+        lines = [*_lines_of_estimates(estimates, suspect_motor)]
+        if title in VIBRATION_LIMITS:
+            lines.append(_limit_line(VIBRATION_LIMITS[title].watch, len(flights)))
         # A horizontal line at 0, where the deviations of even motors are.
         levels = (0.0,) if title in TITLES_OF_DEVIATIONS else ()
         chart = Chart(
             title,
             flight_axis,
             Axis(""),
-            tuple(_lines_of_estimates(estimates, suspect_motor)),
+            tuple(lines),
             levels,
             marks=tuple(marks),
         )
         charts.append(chart)
     return charts
+
+
+def _limit_line(limit: float, flight_count: int) -> Line:
+    """Returns a line over all flights at the vibration, m/s², from which on the light of the vibration warns."""
+    flight_numbers = np.arange(flight_count, dtype=np.float64)
+    return Line(f"watch above {limit:g}", LIMITED, flight_numbers, np.full(flight_count, limit))
 
 
 def _known_flight_count(estimates: Estimates) -> int:
@@ -241,10 +256,10 @@ def _charted_quantities(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Esti
     """
     yield _motor_deviations(flights)
     vibration = _estimates_of_column(flights, "vibration", 3)
-    yield "Vibration, first IMU (m/s²)", dict(zip("xyz", vibration, strict=True))
+    yield VIBRATION_TITLE, dict(zip("xyz", vibration, strict=True))
     # Some firmware has a single level in the place of three components.
     (level,) = _estimates_of_column(flights, "vibration", 1)
-    yield "Vibration level, first IMU (m/s²)", {"level": level}
+    yield VIBRATION_LEVEL_TITLE, {"level": level}
     # How far the voltage falls in a flight shows how the battery ages.
     (voltage_at_start,) = _estimates_of_column(flights, "voltage_start", 1)
     (voltage_at_end,) = _estimates_of_column(flights, "voltage_end", 1)

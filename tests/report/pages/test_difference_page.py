@@ -434,6 +434,8 @@ def test_a_page_lists_no_more_parameters_than_an_autopilot_has(difference):
     page = comparison_page(("a.bin", "b.bin"), reviewed)
     assert f">P{MAX_LISTED_PARAMETERS - 1}<" in page and f">P{MAX_LISTED_PARAMETERS}<" not in page
     assert f"{len(parameters)} of {2 * len(parameters)} parameters changed, the first" in page
+    # The headline has no gains to name, but does not leave out that parameters changed.
+    assert f"{len(parameters)} that both logs have differ, but no gain of the rate" in page
 
 
 def test_a_bad_margin_is_stated_for_both_flights():

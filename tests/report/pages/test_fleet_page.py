@@ -185,7 +185,9 @@ def test_a_fault_is_marked_and_an_unknown_is_a_gap_or_of_all_flights_no_panel():
     ends = [line.y, line.lower_edge, line.upper_edge]
     assert_allclose(np.transpose(ends), [[0.5, 0.3, 0.7], [np.nan] * 3, [0.6, 0.4, 0.8]])
     assert "Motor time constant (ms)" not in drawn
-    assert [line.name for line in drawn["Vibration, first IMU (m/s²)"].lines] == ["x", "y", "z"]
+    *axes, limit = drawn["Vibration, first IMU (m/s²)"].lines
+    assert [line.name for line in axes] == ["x", "y", "z"]
+    assert limit.name == "watch above 15" and set(limit.y) == {15.0}
 
 
 def test_each_motor_is_followed_over_flights_and_the_suspected_one_is_labelled():
