@@ -24,7 +24,7 @@ pytestmark = [mark.slow, mark.usefixtures("coarse_physics")]
 @fixture(scope="module", params=[2.0, 4.0])
 def flown(request, tmp_path_factory, coarse_physics):
     """A quadrotor one of whose motors stops 2 m or 4 m up."""
-    stream = StreamSpec(autopilot="ardupilot", rate=50.0, instruments=True)
+    stream = StreamSpec(autopilot="ardupilot", rate=25.0, instruments=True)
     mishap = MotorStop(kind="motor_stop", start=10.0, motor=1)
     scenario = Scenario(duration=16.0, height=request.param, seed=7, stream=stream, mishap=mishap)
     path = tmp_path_factory.mktemp("stopped") / "flight.tlog"

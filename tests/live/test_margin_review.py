@@ -52,7 +52,7 @@ STEERED = {
         "highest": 5.0,
         "period": 10.0,
     },
-    "stream": {"autopilot": "ardupilot", "rates": {"ATTITUDE_TARGET": 100.0}},
+    "stream": {"autopilot": "ardupilot", "rate": 50.0, "rates": {"ATTITUDE_TARGET": 50.0}},
 }
 """A flight whose gains lack margin."""
 

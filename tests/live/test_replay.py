@@ -65,9 +65,7 @@ EXACT = 1e-12, 1e-9
 @mark.parametrize(
     "flight, far",
     [
-        (Flight(), EXACT),
         (Flight(version=1, quaternion=True, system=7), EXACT),
-        (Flight(attitude=250.0, motors=250.0), EXACT),
         (Flight(attitude=120.0, motors=110.0, clock=2**32 / 1e6 - 25), EXACT),
         (Flight(attitude=250.0), LOW_PASSED),
         (Flight(motors=250.0), LOW_PASSED),

@@ -49,8 +49,8 @@ TURBULENCE = ((FIRST_ORDER, 1.5, 0.3), (gaussian_kernel_noise(8), 0.7, 0.06))
 def test_the_smoother_is_the_posterior_of_the_joint_gaussian(components, damping):
     """The smoothed wind torque and its variance equal those of the joint Gaussian, also of an unstable plant."""
     rng = default_rng(0)
-    commanded = rng.standard_normal(90)
-    rate = 0.2 * rng.standard_normal(90)
+    commanded = rng.standard_normal(50)
+    rate = 0.2 * rng.standard_normal(50)
     noise = 0.02
     plant = sampled_plant(damping, 0.05, components, 0.02)
     rate_filter = plant.rate_filter(noise)
@@ -72,7 +72,7 @@ def test_the_smoother_is_the_posterior_of_the_joint_gaussian(components, damping
     )
     start = zero_state.copy()
     start[:2] = rate[0], commanded[0]
-    inputs = np.append(np.column_stack([early, late]), [[0.0, 0.0]], axis=0)[:90]
+    inputs = np.append(np.column_stack([early, late]), [[0.0, 0.0]], axis=0)[:50]
     steady = plant.rate_filter(noise).P
     means, covariances, _ = joint(model, start, inputs, rate[:, None], steady)
     mean = means @ plant.wind_output

@@ -1,4 +1,4 @@
-"""What every surface says about the loops of twenty flights: one advice on each gain, that of the decision.
+"""What every surface says about the loops of seventeen flights: one advice on each gain, that of the decision.
 
 The flights are a made-up hover whose loops, margins and tracking are given. Every text is searched for gains that it
 names, with the value before and after, and for advice to load or to keep gains.
@@ -139,7 +139,6 @@ FLIGHTS = {
     "sound": {},
     "probably sound": {"loop": 1.7},
     "below the goal": {"loop": 3.0},
-    "below the goal in many models": {"loop": 2.5},
     "below the goal, and slow": {"loop": 3.0, "tracking": lambda axis: falls_short(axis, 0.0)},
     "below the goal and overshoots": {"loop": 3.0, "tracking": overshooting_response},
     "below the goal and resonates": {"loop": 3.0, "response": resonance},
@@ -149,15 +148,11 @@ FLIGHTS = {
         "tracking": large_tracking_error,
     },
     "below the goal, biased": {"loop": 2.1, "bias": -0.5},
-    "sound but overshoots": {"tracking": overshooting_response},
     "sound but resonates": {"response": resonance},
-    "sound but misses": {"tracking": large_tracking_error},
     "sound but slow": {"tracking": lambda axis: falls_short(axis, 0.0)},
     "sound, slow at a motor's limit": {"tracking": lambda axis: falls_short(axis, 0.5)},
     "refuted": {"loop": REFUTED},
     "refuted and overshoots": {"loop": REFUTED, "tracking": overshooting_response},
-    "not steered": {"loop": NOT_STEERED},
-    "not steered but resonates": {"loop": NOT_STEERED, "response": resonance},
     "measured by an injected signal": {"loop": 3.0, "injected": injected_response(20.0)},
     "oscillates": {"loop": 6.0, "oscillation": OSCILLATION},
     "oscillates, overshoots, without gains": {
