@@ -54,7 +54,7 @@ def missing_extra_fact(extra: str, subject: str) -> Fact | None:
     """Returns a fact that names the missing modules of an extra, or None if all are installed.
 
     Args:
-        extra: Name of the extra, a key of ``EXTRAS``.
+        extra: Name of the extra, such as "control".
         subject: Name of the part that needs the extra, with which the fact's sentence begins.
     """
     names = missing_modules(extra)
@@ -82,7 +82,7 @@ def require_extra(extra: str, subject: str = "") -> None:
     It is called before the import of an optional module, so that the user reads what to install.
 
     Args:
-        extra: Name of the extra, a key of ``EXTRAS``.
+        extra: Name of the extra, such as "control".
         subject: Name of the part that needs the extra, with which the error's sentence begins.
     """
     fact = missing_extra_fact(extra, subject)

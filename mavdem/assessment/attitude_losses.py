@@ -105,7 +105,7 @@ def _loss_intervals(
     """Finds the intervals of a flight in which the attitude was lost.
 
     It is lost while the error exceeds ``LOST_ANGLE``. It is also lost, with any setpoint, if the vehicle sank
-    fast and was tilted by more than ``MAX_TILT`` until the flight ended.
+    fast and was tilted too far to fly until the flight ended.
 
     Args:
         sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.

@@ -174,15 +174,14 @@ def disagreement(
 def _drift_start(times: Array, changes: Array, do_disagree: Flags) -> float:
     """Estimates when the difference of both heights began to grow, as if it had grown at a constant rate from 0.
 
-    The samples of a disagreement begin when the difference has grown to ``MAX_AGREEMENT``. This is half of
-    ``MIN_DISAGREEMENT``: at a constant rate the first half took as long as the second half, which the samples show. So
-    the growth began as long before. It cannot have begun before the difference last had the other sign.
+    The samples of a disagreement begin when the difference has grown to half of ``MIN_DISAGREEMENT``. At a constant
+    rate this first half took as long as the second half, which the samples show. So the growth began as long before. It
+    cannot have begun before the difference last had the other sign.
 
     Args:
         times: (N,) times of the differences, s.
         changes: (N,) change of the difference since the take-off, m.
-        do_disagree: (N,) whether a sample belongs to the disagreement, which begins at ``MAX_AGREEMENT``; at least one
-            does.
+        do_disagree: (N,) whether a sample belongs to the disagreement; at least one does.
 
     Returns:
         The time, s; not before the first sample.

@@ -330,17 +330,19 @@ def _time_by_autopilot(telemetry: Telemetry, flight: Segment | None) -> float | 
     """
     messages = telemetry.messages
     if flight is not None:
-        boot_utc = utc_at_boot(messages, flight.boot)
-        if boot_utc is not None:
-            return boot_utc + flight.start
+        utc_at_start_of_boot = utc_at_boot(messages, flight.boot)
+        if utc_at_start_of_boot is not None:
+            return utc_at_start_of_boot + flight.start
     columns = messages.get("SYSTEM_TIME", {})
-    boots = np.unique(columns.get("boot", np.zeros(0, dtype=int)))
-    for boot in boots.tolist():
-        boot_utc = utc_at_boot(messages, boot)
-        if boot_utc is not None:
-            is_set = float_column(columns, "time_unix_usec") / MICROSECONDS >= MIN_UTC
-            times_with_utc = columns["time"][is_set & (columns["boot"] == boot)]
-            return boot_utc + float(times_with_utc[0])
+    no_boots = np.zeros(0, dtype=int)
+    for boot in np.unique(columns.get("boot", no_boots)).tolist():
+        utc_at_start_of_boot = utc_at_boot(messages, boot)
+        if utc_at_start_of_boot is not None:
+            # A clock that is not set counts from 1970.
+            is_clock_set = float_column(columns, "time_unix_usec") / MICROSECONDS >= MIN_UTC
+            is_of_boot = columns["boot"] == boot
+            times_since_boot = columns["time"][is_clock_set & is_of_boot]
+            return utc_at_start_of_boot + float(times_since_boot[0])
     return None
 
 

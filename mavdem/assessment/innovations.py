@@ -104,8 +104,9 @@ def innovation_ratios(telemetry: Telemetry) -> TimeSeries | None:
         telemetry: messages of the vehicle.
 
     Returns:
-        Samples (N, 5): the ratios of the ``INNOVATIONS``, 0 for one that is not known, and the filter's flag for a
-        glitch of GPS, 0 or 1. None if no message has them, or if they are all 0 because the filter does not run.
+        Samples (N, 5): the ratios of velocity, position, height and compass, 0 for one that is not known, and the
+        filter's flag for a glitch of GPS, 0 or 1. None if no message has them, or if they are all 0 because the filter
+        does not run.
     """
     for message, fields in INNOVATION_FIELDS.items():
         columns = telemetry.messages.get(message, {})
@@ -149,7 +150,7 @@ def longest_rejection(time: Array, ratios: Array, failsafe_limit: float) -> Reje
 
     Args:
         time: (N,) times of the samples, s since boot.
-        ratios: (N, 4) innovations over the limit of the filter's own test, one column for each of the ``INNOVATIONS``.
+        ratios: (N, 4) innovations of velocity, position, height and compass, over the limit of the filter's own test.
         failsafe_limit: ratio from which on ArduCopter's failsafe counts an innovation, as by
             :func:`failsafe_innovation_limit`.
 
@@ -188,7 +189,7 @@ def _meets_failsafe(ratios: Array, failsafe_limit: float) -> Flags:
     limit counts as two.
 
     Args:
-        ratios: (N, 4) innovations over the limit of the filter's own test, one column for each of the ``INNOVATIONS``.
+        ratios: (N, 4) innovations of velocity, position, height and compass, over the limit of the filter's own test.
         failsafe_limit: ratio from which on the failsafe counts an innovation.
 
     Returns:

@@ -236,7 +236,7 @@ def _estimator_samples(telemetry: Telemetry) -> dict[str, TimeSeries]:
         telemetry: messages of the vehicle as columns, and its parameters.
 
     Returns:
-        Samples (N, 5) of each instance: the ratios in the order of ``INNOVATIONS``, and in ``USED_COLUMN`` 1 while the
+        Samples (N, 5) of each instance: the ratios in the order of ``INNOVATIONS``, and in the last column 1 while the
         autopilot used the instance, otherwise 0.
     """
     columns = telemetry.messages.get(INSTANCES_MESSAGE, {})
@@ -411,7 +411,7 @@ def _largest_difference(evidence: Evidence, altitude: TimeSeries, reference: Tim
 def _compass_instances(evidence: Evidence) -> Iterator[Instance]:
     """Yields the compasses with the strength of the magnetic field that they measure, mGauss.
 
-    ArduPilot's ``COMPASS_USE_PARAMETERS`` say which ones are used; without them, that is not known.
+    ArduPilot's parameters COMPASS_USE, COMPASS_USE2 and so on say which ones are used; without them, that is not known.
 
     Args:
         evidence: signals, events and measurements of the vehicle.

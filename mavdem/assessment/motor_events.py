@@ -114,8 +114,8 @@ def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fa
 
     Yields:
         A fact for each motor and interval, with the name of the motor as subject, the ``share`` of the interval's
-        samples in which it was at the limit, or off, and the ``duration`` of these samples, s. If the outputs come more
-        slowly than every ``LASTING_SECONDS``, it also has their ``sampling_interval``, s. A limit while the pilot
+        samples in which it was at the limit, or off, and the ``duration`` of these samples, s. If the outputs come so
+        slowly that short events may be missed, it also has their ``sampling_interval``, s. A limit while the pilot
         commanded full throttle has ``is_full_throttle``, and is good if the vehicle climbs. The time of an event that
         began before the record is -inf.
     """
@@ -290,19 +290,22 @@ def _with_full_throttle_marked(
     stick = series_of_boot(throttle_stick(signals), boot)
     if stick is None:
         return limit
-    manual = mode_intervals(signals, boot, MANUAL_THROTTLE_MODES)
+    manual_intervals = mode_intervals(signals, boot, MANUAL_THROTTLE_MODES)
     is_in_event = in_intervals(stick.time, [interval])
-    is_manual_in_event = in_intervals(stick.time, intersection(manual, [interval]))
-    is_full = is_manual_in_event & (stick.values >= FULL_STICK)
-    if not is_in_event.any() or is_full.sum() <= FULL_THROTTLE_FRACTION * is_in_event.sum():
+    is_manual_in_event = in_intervals(stick.time, intersection(manual_intervals, [interval]))
+    is_full_throttle = is_manual_in_event & (stick.values >= FULL_STICK)
+    # Numbers of samples of the stick, which stand for durations.
+    full_throttle_count = is_full_throttle.sum()
+    event_count = is_in_event.sum()
+    if full_throttle_count <= FULL_THROTTLE_FRACTION * event_count:
         return limit
-    limit = limit.replace(is_full_throttle=True)
+    limit_at_full_throttle = limit.replace(is_full_throttle=True)
     climb_rate = series_of_boot(signals.climb_rate, boot)
     if climb_rate is not None:
-        climb = climb_rate.values[in_intervals(climb_rate.time, [interval])]
-        if len(climb) and climb.mean() > MIN_CLIMB_SPEED:
-            return limit.replace(Level.GOOD)
-    return limit
+        climb_in_event = climb_rate.values[in_intervals(climb_rate.time, [interval])]
+        if len(climb_in_event) and climb_in_event.mean() > MIN_CLIMB_SPEED:
+            return limit_at_full_throttle.replace(Level.GOOD)
+    return limit_at_full_throttle
 
 
 def _has_left_ground(signals: Signals, boot: int, flights: Intervals, time: Array) -> Flags:

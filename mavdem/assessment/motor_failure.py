@@ -74,9 +74,8 @@ class FailureCommands(NamedTuple):
 def failure_commands(signals: Signals, failure: Fact) -> FailureCommands | None:
     """Returns the commands of all motors when one of them failed, and before.
 
-    If the flight was lost, the commands at the failure are taken from the ``AVERAGING_SECONDS`` after it, before an
-    impact; after that the vehicle tumbles. If only thrust was lost, they are taken from up to twice
-    ``RECOVERY_SECONDS``.
+    If the flight was lost, the commands at the failure are taken from the first seconds after it, before an impact;
+    after that the vehicle tumbles. If only thrust was lost, they are taken from a longer time.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -356,7 +355,7 @@ def _mean_excess(commands: TimeSeries, motor: int) -> Array:
         motor: index of the motor.
 
     Returns:
-        The excess (N,), averaged over ``AVERAGING_SECONDS``; negative where the motor is commanded less.
+        The excess (N,), as a moving average; negative where the motor is commanded less.
     """
     mean_of_others = np.delete(commands.values, motor, axis=1).mean(axis=1)
     excess = commands.values[:, motor] - mean_of_others
@@ -401,11 +400,18 @@ def raise_level_of_assumed_landings(ending: Fact | None, events: Sequence[Fact])
     Returns:
         All events, in the same order.
     """
-    cause = None if ending is None else ending.figures.get("cause")
-    if ending is None or cause is None or cause.code is not FailedFirst.LANDING_ASSUMED_FIRST:
+    if ending is None:
         return list(events)
-    landings = [report.figures["cause"] for report in _reported_landings(ending, events)]
-    return [event.replace(Level.BAD) if event in landings else event for event in events]
+    cause = ending.figures.get("cause")
+    if cause is None or cause.code is not FailedFirst.LANDING_ASSUMED_FIRST:
+        return list(events)
+    # The evidence of such a loss is the autopilot's report of the landing, which has the event itself as its cause.
+    assumed_landings = [report.figures["cause"] for report in _reported_landings(ending, events)]
+    events_with_level = []
+    for event in events:
+        is_assumed_landing = event in assumed_landings
+        events_with_level.append(event.replace(Level.BAD) if is_assumed_landing else event)
+    return events_with_level
 
 
 def _reported_landings(ending: Fact, events: Sequence[Fact]) -> Facts:

@@ -243,8 +243,8 @@ def _reaction_of_command(command: TimeSeries, interval: TimeInterval) -> Facts:
         interval: start and end of the time when its speed was zero, s since boot.
 
     Returns:
-        One fact: ``COMMAND_ROSE`` supports that the motor stood still, ``COMMAND_UNCHANGED`` contradicts it. Empty if
-        no command was recorded in the interval, or in twice ``RECOVERY_SECONDS`` before it.
+        One fact: a command that rose supports that the motor stood still, an unchanged one contradicts it. Empty if no
+        command was recorded in the interval, or in the seconds before it (:func:`command_change`).
     """
     change = command_change(command.time, command.values, interval, HIGHEST_COMMAND_QUANTILE)
     if change is None:

@@ -55,7 +55,7 @@ class MeasuredNoise(NamedTuple):
         before the filters.
 
         Args:
-            sensor: name of the sensor, such as ``GYRO``.
+            sensor: name of the sensor, such as "gyro".
         """
         filtered = self.spectra.get(sensor)
         unfiltered = self.spectra.get(f"{sensor}_before")

@@ -138,16 +138,20 @@ class Assessment:
         time = self.headline.time
         if self.evidence is None or time is None:
             return None
-        first_number = 1
-        if self.recorded_flight is not None:
-            first_number = self.recorded_flight.flight.first_number
         flights = flown_flights(self.evidence.signals)
         boots = {flight.boot for flight in flights}
         # The clock of each boot begins anew, and not every event names its boot.
-        if len(flights) < 2 or len(boots) > 1:
+        is_time_ambiguous = len(boots) > 1
+        if len(flights) < 2 or is_time_ambiguous:
             return None
-        if self.headline.figures.get("boot", flights[0].boot) != flights[0].boot:
+        boot_of_flights = flights[0].boot
+        # An event of another boot, which may be at the same time on its clock, was in none of these flights.
+        if self.headline.figures.get("boot", boot_of_flights) != boot_of_flights:
             return None
+        # These flights may be a part of a recording, whose flights are numbered from 1.
+        first_number = 1
+        if self.recorded_flight is not None:
+            first_number = self.recorded_flight.flight.first_number
         for number, flight in enumerate(flights, start=first_number):
             if flight.start <= time <= flight.end:
                 return Fact(

@@ -111,8 +111,8 @@ class OrderChoice:
     def chosen(self) -> int:
         """The lowest order for which no higher order is strongly better.
 
-        The gain of F̄ᵒ, averaged over the flights, is strong if it exceeds ``STRONG_EVIDENCE_NATS`` and, with several
-        flights, ``STANDARD_ERRORS`` standard errors of its mean.
+        An order is strongly better if its F̄ᵒ, averaged over the flights, is higher by strong evidence and, with several
+        flights, by more than the standard errors of the mean (:meth:`_is_strong_gain`).
         """
         # Orders that were fitted to at least one flight.
         has_fit = np.isfinite(self.free_energy).any(axis=0)

@@ -239,7 +239,7 @@ def embed_by_kernel(
     Args:
         samples: (T, m) uniformly sampled signals.
         order: highest derivative.
-        width: width σ of the kernel exp(−t²/2σ²)/(√(2π) σ), s, at least ``MIN_KERNEL_STEPS`` sampling steps.
+        width: width σ of the kernel exp(−t²/2σ²)/(√(2π) σ), s, so large that the samples resolve the kernel.
         dt: sampling step, s.
 
     Returns:

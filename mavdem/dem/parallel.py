@@ -552,7 +552,7 @@ def _receive_pauses(pause_receiver: ReceivingEnd) -> None:
     signal is sent: Python only calls the handler.
 
     Args:
-        pause_receiver: receiving end of the pipe through which the parent process sends ``PAUSE`` or ``RESUME``.
+        pause_receiver: receiving end of the pipe through which the parent process sends that it pauses or continues.
     """
     global _is_paused
     # The pipe is closed when the parent ends.

@@ -224,12 +224,11 @@ def _gyro_notches(parameters: Parameters, prefix: str) -> Iterator[Notch]:
     The centre of the filter is at ``FREQ``. If it follows the throttle, its centre in hover is used (see
     :func:`hover_center_ratio`). If it follows a measurement, its lowest centre is used, at which it costs most phase. A
     double or triple notch (``OPTS``) is modelled as a single one: at a quarter of the centre their phases differ by at
-    most 3°. With ``MULTI_SOURCE_OPTION`` there is a notch for each motor, or each peak of a spectrum, here all with the
-    same centre.
+    most 3°. The filter may have a notch for each motor, or for each peak of a spectrum, here all with the same centre.
 
     Args:
         parameters: parameters of the log, by name.
-        prefix: beginning of the names of the filter's parameters, one of ``GYRO_NOTCH_PREFIXES``.
+        prefix: beginning of the names of the filter's parameters, such as "INS_HNTCH_".
 
     Yields:
         Each harmonic as often as the filter has sources; nothing if the filter is disabled.
@@ -260,7 +259,7 @@ def hover_center_ratio(parameters: Parameters, prefix: str) -> float:
 
     Args:
         parameters: parameters of the log, by name.
-        prefix: beginning of the filter's parameters, one of ``GYRO_NOTCH_PREFIXES``.
+        prefix: beginning of the names of the filter's parameters, such as "INS_HNTCH_".
 
     Returns:
         The ratio, without a unit; 1 if the notch does not follow the throttle.
@@ -283,7 +282,7 @@ def notch_source_count(parameters: Parameters, prefix: str) -> int:
 
     Args:
         parameters: parameters of the log, by name.
-        prefix: beginning of the filter's parameters, one of ``GYRO_NOTCH_PREFIXES``.
+        prefix: beginning of the names of the filter's parameters, such as "INS_HNTCH_".
 
     Returns:
         The number, at least 1.

@@ -231,8 +231,8 @@ class GainSearch:
         """Returns the gains to set for the next flight in one stage of tuning, and the design that they lead to.
 
         The first stage tunes the rate controller (P, I and D), the second the gain of the attitude controller. The
-        gains far from those of the logged flight are less certain. They are therefore reached in several flights, and
-        each flight changes a gain by at most the factor ``MAX_GAIN_STEP``.
+        gains far from those of the logged flight are less certain. They are therefore reached in several flights, each
+        of which changes a gain by a limited factor only.
 
         Args:
             stage: stage of tuning.
@@ -330,7 +330,7 @@ class GainSearch:
     def _gains_for_all_models(self, design: _RateDesign) -> Parameters:
         """Lowers P, I and D of a design until the rate loop has its margins with all plant models of the choice.
 
-        The search before it uses only some of these models (``SEARCH_DRAWS``), since it would take too long with all.
+        The search before it uses only some of these models, since it would take too long with all.
 
         Args:
             design: the design. Its factors on the logged P are tried in their order, from the largest on.
@@ -571,7 +571,7 @@ class GainSearch:
 
         Args:
             factors: factor of each gain, by the autopilot's name.
-            exponent: exponent of the factors, 0 to 1, one of ``STEP_EXPONENTS``.
+            exponent: exponent of the factors, 0 to 1. Below 1 it makes the step shorter.
 
         Returns:
             The rounded gains by the autopilot's name.

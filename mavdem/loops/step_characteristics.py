@@ -38,7 +38,7 @@ def step_characteristics(
 
     Args:
         time: times after the step (K,), s.
-        steps: responses to a step of 1 (N, K), of the estimate in row ``ESTIMATE``, then of draws.
+        steps: responses to a step of 1 (N, K), of the estimate in the first row, then of draws.
         frequency: frequencies (F,), Hz, at which the response is known.
         gains: gains |T| (N, F), with rows in the same order.
 
@@ -85,7 +85,7 @@ def _unbiased_overshoots(steps: Array) -> Array:
     (A. C. Davison and D. V. Hinkley, Bootstrap Methods and their Application, sec. 5.2).
 
     Args:
-        steps: responses to a step of 1 (N, K), of the estimate in row ``ESTIMATE``, then of draws.
+        steps: responses to a step of 1 (N, K), of the estimate in the first row, then of draws.
 
     Returns:
         Overshoots (N,), 0 or more, as fractions of the step, in the same order.

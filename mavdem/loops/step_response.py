@@ -614,7 +614,7 @@ def _known_frequency_count(
 
     Args:
         frequency: (F,) frequencies of the response, Hz, ascending.
-        gains: (N, F) gains |T|, of the estimate in row ``ESTIMATE``, then of draws.
+        gains: (N, F) gains |T|, of the estimate in the first row, then of draws.
         spectrum_frequency: (F′,) frequencies of the coherence, Hz.
         coherence: (F′,) coherence of setpoint and response.
 

@@ -83,8 +83,7 @@ def welch_spectra(
         min_rate: lowest accepted rate of a signal, Hz.
 
     Returns:
-        The spectra; None if a signal is slower than ``min_rate``, or there are fewer than ``MIN_WINDOWS`` windows
-        without gaps.
+        The spectra; None if a signal is slower than ``min_rate``, or there are too few windows without gaps.
     """
     signals_on_grid = resampled_signals(signals, segments, window_seconds, min_rate)
     if signals_on_grid is None:

@@ -279,7 +279,7 @@ def _assessment_of_evidence(
 ) -> HealthAssessment:
     """Turns the evidence of a flight into an assessment: fault, drift, unknown or OK, tested in this order.
 
-    1. Fault: one motor is weak, with a probability of at least ``MIN_FAULT_PROBABILITY``.
+    1. Fault: one motor is weak, with a probability so high that it is named (:func:`_weak_motor`).
     2. Drift: one motor is weak, or anything else changed, of balance or effort, with a probability of at least
        ``MIN_REPORTED_PROBABILITY``, or the balance lies outside of nearly all healthy flights'.
     3. Unknown: the balance is so imprecise that a weak motor would not have been found.
@@ -397,9 +397,9 @@ def _drift_fact(
     """Returns the fact about a flight that differs from the healthy ones, without a single motor being at fault.
 
     The balance (torque in roll, pitch and yaw relative to the thrust) and the effort (mean output times voltage) may
-    have changed; the more probable change is reported. For a changed balance the likeliest cause is given, with the
-    name of a motor if its probability is at least ``MIN_NAMED_PROBABILITY``. If neither change is probable enough, the
-    balance is reported as outside of nearly all healthy flights'.
+    have changed; the more probable change is reported. For a changed balance the likeliest cause is given
+    (:func:`_balance_change`). If neither change is probable enough, the balance is reported as outside of nearly all
+    healthy flights'.
 
     Args:
         flight: Measured motor balance of the flight, and the names of its motors.

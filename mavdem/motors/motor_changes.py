@@ -136,7 +136,7 @@ def thrust_losses(changes: Sequence[MotorChange]) -> list[Fact]:
     - A loss without a recovery is bad.
     - A loss that ended has the level "watch", and its end time. It is bad too if it was larger than a loss that lasts,
       since the lasting one may then be the smaller fault.
-    - A loss that ended within ``MIN_LOSS_SECONDS`` was too brief to be real, and is left out.
+    - A loss that ended soon was too brief to be real, and is left out (:func:`_losses_by_outcome`).
 
     Args:
         changes: All changes of the flight, in the order of time.

@@ -29,8 +29,8 @@ class ParametersOfPiece(NamedTuple):
 def parameter_history(flights: Flights) -> list[ParametersOfPiece]:
     """Estimates the physical parameters of each piece of a flight, from this piece alone.
 
-    Pieces are at least ``PIECE_SECONDS`` long, unless a segment is shorter. There are at most ``MAX_PIECES``, unless
-    the flight has more segments. Pieces without an estimate, such as those in which no motor moves, are left out.
+    The pieces are those of :func:`_flight_pieces`. Pieces without an estimate, such as those in which no motor moves,
+    are left out.
 
     Args:
         flights: segments of one flight, in order of time.

@@ -180,8 +180,8 @@ class Physical(NamedTuple):
             seed: seed of the random numbers.
 
         Returns:
-            (N + 1, r + 3) samples of the effects of r inputs, damping, lag and delay. Row ``ESTIMATE`` is the
-            estimate itself, the others are ``DRAWS``.
+            (N + 1, r + 3) samples of the effects of r inputs, damping, lag and delay. The first row is
+            the estimate itself, the others are the draws.
         """
         theta = parameter_vector(self)
         samples = normal_draws(theta, self.covariance, number, seed)

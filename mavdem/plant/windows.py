@@ -154,8 +154,8 @@ def cut_windows(record: Record) -> FlightWindows:
     """Cuts a record into windows of one length and transforms them, ready for the fit of the gray-box model.
 
     The inputs are converted to deviations from their mean over all windows (the trim), in units of their common
-    standard deviation, so that the priors of the model fit any kind of input. Samples at twice ``MAX_RATE`` or faster
-    are thinned.
+    standard deviation, so that the priors of the model fit any kind of input. Samples that come much faster than the
+    motion needs are thinned.
 
     Args:
         record: inputs and outputs of a flight; one of the outputs is the body rate.

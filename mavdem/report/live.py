@@ -262,20 +262,26 @@ def unrepaired_fault_text(status: SessionStatus) -> str:
 
 
 def closing_lines(status: SessionStatus) -> list[str]:
-    """Returns the last words on a session: its verdict and the next step or, after several flights, all verdicts.
+    """Returns the last lines that a session prints: what it found, and what to do next.
 
-    Of several flights each has a line, the worst first, followed by the next step after that one. So a fault of the
-    first flight is not forgotten because the last one was sound.
+    They are the headline and the next step or, after several flights, the verdict on each flight (its headline). The
+    worst one comes first, so that a fault of the first flight is not forgotten because the last one was sound. The next
+    step is that after the worst flight.
 
     Args:
         status: state of the session at its end.
+
+    Returns:
+        The lines. Of several flights: the verdict on the worst one, the next step, and the other verdicts.
     """
     verdicts = status.verdicts_worst_first
     if len(verdicts) < 2:
         return headline_and_next_step(status.session_judgement)
-    lines = [verdict.fact.sentence for verdict in verdicts]
-    _, *next_step_lines = headline_and_next_step(verdicts[0].judgement)
-    return [lines[0], *next_step_lines, *lines[1:]]
+    worst_verdict, *other_verdicts = verdicts
+    # The headline is left out, since the verdict says the same with the number of the flight.
+    _, *next_step_lines = headline_and_next_step(worst_verdict.judgement)
+    other_sentences = [verdict.fact.sentence for verdict in other_verdicts]
+    return [worst_verdict.fact.sentence, *next_step_lines, *other_sentences]
 
 
 def moment_text(event: Event) -> str:

@@ -443,12 +443,15 @@ def _cause_of_exponent(exponent: float, frequency: float) -> LineCause:
     Returns:
         The cause; UNNAMED for an ambiguous exponent.
     """
-    if FRAME_EXPONENTS[0] <= exponent <= FRAME_EXPONENTS[1]:
+    lowest_of_frame, highest_of_frame = FRAME_EXPONENTS
+    lowest_of_motors, highest_of_motors = MOTOR_EXPONENTS
+    highest_of_falling, lowest_of_steep = ALIAS_EXPONENTS
+    if lowest_of_frame <= exponent <= highest_of_frame:
         # At low frequencies, a constant line may also be the resonance of the rate loop.
         return LineCause.FRAME if frequency > MAX_LOOP_FREQUENCY else LineCause.UNNAMED
-    if MOTOR_EXPONENTS[0] <= exponent <= MOTOR_EXPONENTS[1]:
+    if lowest_of_motors <= exponent <= highest_of_motors:
         return LineCause.MOTOR
-    if exponent <= ALIAS_EXPONENTS[0] or exponent >= ALIAS_EXPONENTS[1]:
+    if exponent <= highest_of_falling or exponent >= lowest_of_steep:
         return LineCause.ALIAS
     return LineCause.UNNAMED
 

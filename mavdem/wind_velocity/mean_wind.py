@@ -152,7 +152,7 @@ def mean_wind_by_minute(
 def wind_profile(
     winds: Array, variances: Array, heights: Array, step: float
 ) -> list[dict[str, float]]:
-    """Returns the mean wind by height, in layers of about ``LAYER_HEIGHT``.
+    """Returns the mean wind by height, in layers of about equal height (:func:`_layer_rows`).
 
     Layers in which the vehicle was for less than ``INDEPENDENT_SECONDS`` are left out, since a single gust would
     determine their mean.

@@ -352,7 +352,7 @@ def still_windows(signals: Signals, boot: int) -> StillWindows | None:
         boot: number of the boot; a boot lasts from one start of the autopilot to the next.
 
     Returns:
-        The windows of ``REST_SECONDS``, with a flag for each; None without body rates.
+        The windows (:func:`_window_starts`), with a flag for each; None without body rates.
     """
     rates = []
     for attitude in signals.attitudes:

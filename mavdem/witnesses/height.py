@@ -128,9 +128,9 @@ def is_usable_barometer(noise: float | None) -> bool:
 def barometer_noise(altitude: TimeSeries) -> float | None:
     """Estimates the noise of a barometer: the robust RMS of the second differences of its means over 1 s.
 
-    The second difference of an altitude over steps of 1 s is a vertical acceleration. No multirotor keeps up an
-    acceleration above ``MAX_BAROMETER_NOISE``, so that a larger value is noise of the sensor. The RMS is robust because
-    it is computed from the median absolute deviation, which a few outliers do not change.
+    The second difference of an altitude over steps of 1 s is a vertical acceleration. No multirotor keeps up a large
+    one, so that a large value is noise of the sensor (:func:`is_usable_barometer`). The RMS is robust because it is
+    computed from the median absolute deviation, which a few outliers do not change.
 
     Args:
         altitude: (N,) m, of one boot.
@@ -176,7 +176,7 @@ def _climb_by_barometer(barometer: TimeSeries) -> TimeSeries | None:
     """Returns the slope of the barometer's altitude over ``SLOPE_SECONDS``, m/s upward, at ``GRID_RATE``.
 
     Args:
-        barometer: (N,) altitude of one boot, m, averaged over ``MEAN_SECONDS``.
+        barometer: (N,) altitude of one boot, m, as a moving average.
 
     Returns:
         (M,) central differences; None if the record is not longer than ``SLOPE_SECONDS``.
@@ -200,8 +200,7 @@ def _contradicted_intervals(
     """Returns the intervals in which estimate and barometer differ by more than ``MAX_CLIMB_DIFFERENCE`` for long.
 
     Args:
-        barometer_climb: (M,) climb rate by the barometer, m/s upward, at ``GRID_RATE``; None without a usable
-            barometer.
+        barometer_climb: (M,) climb rate by the barometer, m/s upward, at even times; None without a usable barometer.
         estimated_climb: (K,) climb rate by the estimate, m/s upward; None if it was not recorded.
 
     Returns:
@@ -217,10 +216,11 @@ def _contradicted_intervals(
     is_contradicted = is_estimate_known & differs
     long_intervals = []
     for start, end in true_intervals(time, is_contradicted):
-        # An interval at the end of the record is infinite there, and is cut to its recorded part.
-        start, end = max(start, float(time[0])), min(end, float(time[-1]))
-        if end - start >= MIN_CONTRADICTION_SECONDS:
-            long_intervals.append((start, end))
+        # An interval at an end of the record is infinite there, and is cut to its recorded part.
+        recorded_start = max(start, float(time[0]))
+        recorded_end = min(end, float(time[-1]))
+        if recorded_end - recorded_start >= MIN_CONTRADICTION_SECONDS:
+            long_intervals.append((recorded_start, recorded_end))
     return long_intervals
 
 
@@ -260,8 +260,8 @@ class ReliableHeight(NamedTuple):
 def reliable_height(signals: Signals, boot: int, take_off: float) -> ReliableHeight | None:
     """Returns the height above the take-off, by the more reliable one of two sources.
 
-    That is the autopilot's estimate, unless a usable barometer contradicts it by more than ``MAX_HEIGHT_DIFFERENCE`` at
-    any time; then it is the barometer.
+    That is the autopilot's estimate, unless a usable barometer contradicts it by far at any time; then it is the
+    barometer (:func:`_reliable_source`).
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.

@@ -129,8 +129,8 @@ class AxisEstimates:
 def motor_changes(alarms: Sequence[MotorChange], flights: Flights) -> MotorChanges:
     """Finds the samples at which a motor lost or recovered thrust, and those in which a motor was weak.
 
-    A loss lasts until the same motor recovers. Its interval is extended at both ends by ``MAX_ONSET_ERROR``, by which
-    the times of alarms may be wrong. Alarms of other boots than the flights' are ignored.
+    A loss lasts until the same motor recovers. Its interval is extended a little at both ends, since the times of
+    alarms may be wrong by as much. Alarms of other boots than the flights' are ignored.
 
     Args:
         alarms: changes of the motors' thrust, each with the boot on whose clock its times are.

@@ -115,12 +115,15 @@ def model_findings(
     """
     if learned is None:
         # Whether rates and angles agree matters to a model only.
-        return Findings(flight_overrides(condition, alarms, None, trim), (), ())
+        overrides = flight_overrides(condition, alarms, consistency=None, trim=trim)
+        return Findings(overrides, purposes=(), warnings=())
     overrides = flight_overrides(condition, alarms, consistency, trim)
     purposes = _purpose_findings(learned, held_out)
     if overrides:
-        purposes = [_finding_lowered_by_override(finding, overrides[0]) for finding in purposes]
-    return Findings(overrides, tuple(purposes), tuple(model_warnings(learned, held_out)))
+        worst_override = overrides[0]
+        purposes = [_finding_lowered_by_override(finding, worst_override) for finding in purposes]
+    warnings = model_warnings(learned, held_out)
+    return Findings(overrides, tuple(purposes), tuple(warnings))
 
 
 def with_vehicle_made_torque_marked(learned: Learned, *, vehicle_made_torque: bool) -> Learned:

@@ -64,9 +64,9 @@ class _Turn(NamedTuple):
 def reached_rate(signals: Signals, segments: Segments) -> ReachedRate | None:
     """Returns the largest rate and setpoint in a typical turn of a flight, and how long motors were at a limit.
 
-    A turn about the axis of ``signals`` is a time of at least ``MIN_TURN_SECONDS`` in which the setpoint has one sign
-    and exceeds half of the largest setpoint of the flight. The typical turn is the median one by the fraction of its
-    setpoint that the rate reaches.
+    In a turn about the axis of ``signals`` the setpoint has one sign and exceeds half of the largest setpoint of the
+    flight (:func:`_find_turns`). The typical turn is the median one by the fraction of its setpoint that the rate
+    reaches.
 
     Args:
         signals: logged time series of the vehicle, with angle, rate and setpoints of the axis.
@@ -93,8 +93,8 @@ def reached_rate(signals: Signals, segments: Segments) -> ReachedRate | None:
 def _find_turns(rate: TimeSeries, setpoint: TimeSeries, segments: Segments) -> list[_Turn]:
     """Finds the turns of a flight about one axis, with the largest rate and setpoint of each.
 
-    A turn lasts as long as the setpoint exceeds half of its largest value in the flight, in one direction, and at least
-    ``MIN_TURN_SECONDS``. Its rate may be reached up to ``RISE_SECONDS`` later.
+    A turn lasts as long as the setpoint exceeds half of its largest value in the flight, in one direction. Short turns
+    are left out (:func:`_long_intervals`). The rate of a turn may be reached up to ``RISE_SECONDS`` later.
 
     Args:
         rate: body rate, rad/s.

@@ -145,7 +145,7 @@ def tune_loops(
     Args:
         assessment: all results on the vehicle: events, status lights, model, loops and wind.
         axes: the requested ones of "roll", "pitch" and "yaw".
-        margins: name of the required margins, in ``MARGIN_TARGETS``.
+        margins: name of the required margins, such as "default" or "sharp".
         is_written: whether the gains will be written to a file.
         raises_sound_gains: whether the gains of loops that have enough margin are raised, to make them faster.
         filters: whether to set a notch filter as well.
@@ -270,7 +270,7 @@ def _advice_on_axes(
     Args:
         assessment: all results on the vehicle: events, status lights, model, loops and wind.
         axes: the requested ones of "roll", "pitch" and "yaw".
-        margins: name of the required margins, in ``MARGIN_TARGETS``.
+        margins: name of the required margins, such as "default" or "sharp".
         reasons_of_vehicle: reasons why no gains of any axis may be raised.
         notch_parameters: parameters that set a notch filter; empty if no filter is set.
         raises_sound_gains: whether the gains of loops that have enough margin are raised.

@@ -16,8 +16,8 @@ from mavdem.facts.hardware import HardwareFact
 def controllers_fact(evidence: Evidence) -> Fact | None:
     """Returns the fact about the speed controllers' measurements in flight: speeds, currents, temperatures and errors.
 
-    The level is "unknown" unless all of them count errors. Then it is "watch" if one of them counted more than
-    ``MAX_ERROR_RATE`` errors per second in a flight, and "good" otherwise.
+    The level is "unknown" unless all of them count errors. Then it is "watch" if one of them counted too many errors
+    per second in a flight, and "good" otherwise (:func:`_errors_in_flight`).
 
     Args:
         evidence: signals, events and measurements of the vehicle.

@@ -416,9 +416,9 @@ def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
         hover: outputs of its motors in the hover.
 
     Returns:
-        One of four facts: ``HEADROOM_LITTLE`` with the motors of least headroom; the trim to watch, with the smallest
-        ``headroom`` of a motor as a fraction of its range if that is small; ``MOTORS_EVEN`` with the headroom, None if
-        full throttle used it up; or any other fact of the trim, unchanged.
+        One of four facts: that the headroom is little, with the motors of least headroom; the trim to watch, with the
+        smallest ``headroom`` of a motor as a fraction of its range if that is small; that the motors work evenly, with
+        the headroom, None if full throttle used it up; or any other fact of the trim, unchanged.
     """
     trim = trim_of_signals(evidence.signals) or Fact(TrimFact.TRIM_UNKNOWN)
     smallest_headroom = min(hover.headroom)

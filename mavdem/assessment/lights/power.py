@@ -567,7 +567,7 @@ def _battery_load(flights: Sequence[TimeSeries]) -> _BatteryLoad:
 
     In U = U₀ − R I the open-circuit voltage U₀ falls slowly as the battery discharges. To remove that, moving means
     over 2 s are subtracted from voltage and current. The deviations u and i that remain give R = −Σ u i / Σ i². The
-    result is used only if the correlation of u and i is at most ``MAX_RESISTANCE_CORRELATION``, which is negative.
+    result is used only if u and i are clearly anticorrelated.
 
     Args:
         flights: one series (N, 2) for each flight: voltage, V, and current, A.

@@ -148,7 +148,7 @@ def _lean_fraction(condition: Condition, parameters: Parameters) -> float:
 
     Args:
         condition: condition of the vehicle, with its mean lean.
-        parameters: parameters of the autopilot in flight; one of ``LEAN_LIMIT_PARAMETERS`` limits the lean.
+        parameters: parameters of the autopilot in flight, one of which limits the lean, such as ANGLE_MAX.
 
     Returns:
         Mean lean over the limit; 0 if lean or limit is not known.

@@ -221,7 +221,7 @@ class ClosedLoop(ForecasterBase):
 
         Args:
             draws: number of draws from the posterior of the plant, for the intervals of the margins. They follow the
-                estimate, which is row ``ESTIMATE`` of the responses.
+                estimate, which is the first row of the responses.
             seed: seed of the draws.
 
         Returns:

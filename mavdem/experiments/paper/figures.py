@@ -76,7 +76,7 @@ def draw_forecasts(window: Window, panels: Panels, one_step: Array | None = None
         window: T samples of training data and H of test data, with m outputs.
         panels: forecasts (H, m) of the test data, by title of the column and by name.
         one_step: (T, m) one-step predictions of the training data, all of which are then shown; None shows only the
-            last ``TRAINING_SAMPLES_SHOWN`` samples of training.
+            end of the training part.
 
     Returns:
         The figure.

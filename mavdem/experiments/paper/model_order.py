@@ -262,8 +262,7 @@ def _values_by_system(values: Mapping[str, list[Any]]) -> JsonValues:
     """Names the values of each system, for the JSON document: lists become dictionaries by the name of the system.
 
     Args:
-        values: a list with one value for each of ``SYSTEMS``, by whether the inputs are known: a key of
-            ``SETTINGS_BY_INPUTS``.
+        values: a list with one value for each of ``SYSTEMS``, by whether the inputs are "known" or "unknown".
 
     Returns:
         Dictionaries by the same key, then by system.

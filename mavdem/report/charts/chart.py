@@ -585,7 +585,7 @@ def step_chart(title: str, loop_name: str, steps: Sequence[Line]) -> Chart:
     Args:
         title: title of the chart.
         loop_name: "rate" or "attitude".
-        steps: responses to a step of 1, for the ``STEP_SECONDS`` of the loop.
+        steps: responses to a step of 1, all of the same duration.
     """
     setpoint = 1.0
     if loop_name == "rate":

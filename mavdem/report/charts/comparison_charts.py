@@ -105,7 +105,7 @@ def flight_series(signals: Signals) -> FlightSeries:
 
     Returns:
         Roll, pitch and how far each is from its setpoint, °; their rates, °/s; height, m; mean output of all motors,
-        and of each motor the means over ``MEAN_SECONDS``, % of the range; voltage of the first battery, V; and
+        and the output of each motor averaged over time, % of the range; voltage of the first battery, V; and
         vibration of the first IMU along its worst axis, m/s². Each is an array (2, N) of times since take-off, s, and
         values. Empty if the vehicle never flew.
     """

@@ -91,7 +91,7 @@ def bode_charts(learned: Learned, output: int = -1) -> Charts:
     max_frequency = min(MAX_RESPONSE_FREQUENCY, MAX_SAMPLING_FRACTION / learned.dt)
     frequency = np.geomspace(MIN_RESPONSE_FREQUENCY, max_frequency, RESPONSE_POINTS)
     physical = identified_plant(learned)
-    # Responses (N, F): of the estimate in the row ``ESTIMATE``, and then of the draws; DEM's model has no draws.
+    # Responses (N, F): of the estimate in the first row, and then of the draws; DEM's model has no draws.
     if physical is None:
         responses = model_response(learned, command.motors, frequency, output_index)
         source, colour = "DEM's model", PREDICTED

@@ -353,29 +353,33 @@ def _trims_without_lean(flights: Sequence[AxisRows]) -> Estimates:
         Deviation and half width of its 90 % interval (flights, 2) by the name of the motor, NaN where not known; empty
         if they are known of no flight.
     """
-    figures_of_flights = [health_figures(log_row(flight)) for flight in flights]
+    health_figures_of_flights = [health_figures(log_row(flight)) for flight in flights]
     # Figures are missing if the log of a flight does not show how the motors share the work.
-    known_figures = [figures for figures in figures_of_flights if figures.missing is None]
+    known_figures = [figures for figures in health_figures_of_flights if figures.missing is None]
     if not known_figures:
         return {}
-    latest = known_figures[-1]
-    # The flights with the same motors, none of which failed.
-    flight_numbers = []
-    balances = []
-    for number, figures in enumerate(figures_of_flights):
-        has_same_motors = figures.missing is None and figures.geometry_key == latest.geometry_key
-        if has_same_motors and log_row(flights[number]).failed_motor is None:
-            flight_numbers.append(number)
-            balances.append(figures.known_balance)
-    if not balances:
+    latest_figures = known_figures[-1]
+    # The flights with the same motors, none of which failed, by their index.
+    balance_by_flight = {}
+    for index, (flight, figures) in enumerate(zip(flights, health_figures_of_flights, strict=True)):
+        is_known = figures.missing is None
+        has_same_motors = figures.geometry_key == latest_figures.geometry_key
+        has_failed_motor = log_row(flight).failed_motor is not None
+        if is_known and has_same_motors and not has_failed_motor:
+            balance_by_flight[index] = figures.known_balance
+    if not balance_by_flight:
         return {}
-    assert latest.signatures is not None
-    deviations = deviations_of_motors(level_balances(balances), latest.signatures)
+    # Known figures have signatures: how a weak motor would change the balance.
+    assert latest_figures.signatures is not None
+    balances_without_lean = level_balances([*balance_by_flight.values()])
+    deviations = deviations_of_motors(balances_without_lean, latest_figures.signatures)
     # The axes of the array are the motor, the flight, and the pair of estimate and half width.
-    trims = np.full((len(latest.motors), len(flights), 2), np.nan)
-    trims[:, flight_numbers, 0] = PERCENT * deviations.estimates.T
-    trims[:, flight_numbers, 1] = PERCENT * deviations.half_widths.T
-    return dict(zip(map(without_remark, latest.motors), trims, strict=True))
+    trims = np.full((len(latest_figures.motors), len(flights), 2), np.nan)
+    flight_indices = [*balance_by_flight]
+    trims[:, flight_indices, 0] = PERCENT * deviations.estimates.T
+    trims[:, flight_indices, 1] = PERCENT * deviations.half_widths.T
+    names = [without_remark(motor) for motor in latest_figures.motors]
+    return dict(zip(names, trims, strict=True))
 
 
 def _motor_names(flights: Sequence[AxisRows]) -> list[str]:

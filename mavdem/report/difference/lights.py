@@ -93,11 +93,11 @@ def lights_of_both(reviews: Mapping[str, Review]) -> dict[str, dict[str, JsonVal
     first_side, second_side = STATE_NAMES
     first_lights = reviews.get(first_side, {}).get("lights") or {}
     second_lights = reviews.get(second_side, {}).get("lights") or {}
-    lights_of_both = {}
+    common_lights = {}
     for name, first_light in first_lights.items():
         if name in second_lights:
-            lights_of_both[name] = {first_side: first_light, second_side: second_lights[name]}
-    return lights_of_both
+            common_lights[name] = {first_side: first_light, second_side: second_lights[name]}
+    return common_lights
 
 
 class ComparedLevels(NamedTuple):

@@ -428,7 +428,7 @@ def _overview_groups(
 
 
 def _motor_groups(series_charts: Sequence[Chart]) -> list[Group]:
-    """Returns the outputs of the motors in both flights, ``CHARTS_IN_ROW`` side by side.
+    """Returns the charts of the outputs of the motors in both flights, in rows.
 
     Args:
         series_charts: charts of the time series of both flights.
@@ -459,8 +459,8 @@ def _series_chapter(
 ) -> Chapter:
     """Returns the chapter with the charts over time that are in no other part of the page.
 
-    The charts of ``OVERVIEW_SERIES`` stand at the top of the page, and those of ``MOTOR_OUTPUTS`` in the chapter of the
-    motors. The others that both flights have stand here in pairs, such as roll beside pitch. A sentence above them
+    The overview at the top of the page has some of the charts, and the chapter of the motors those of their outputs.
+    The others that both flights have stand here in pairs, such as roll beside pitch. A sentence above them
     names each side whose time series were not stored, so that its lines are missing.
 
     Args:

@@ -108,6 +108,7 @@ from mavdem.witnesses import SensorTrust
 if TYPE_CHECKING:
     from mavdem.live.history import LiveHistory
     from mavdem.live.session_status import SessionStatus
+    from mavdem.live.wind import WindEstimate
 
 INSTANCES_TITLE = "Batteries, sensors, estimators, outputs"
 """Title of the chapter of what a vehicle has several of."""
@@ -1141,17 +1142,31 @@ def _live_map_wind(status: SessionStatus) -> MapWind | None:
         Direction and speed interval of the wind, without the interval if the speed is not identifiable; None if the
         direction is not known.
     """
-    estimate, name = status.mean_wind, "mean wind"
+    if status.present_wind is not None:
+        return _map_wind_of_estimate(status.present_wind, "wind now")
+    name = "mean wind"
     light = status.overall_judgement.lights[Light.WIND]
     has_direction = light.code is WindLight.WIND_BLEW and light.figures["direction"] is not None
-    if status.present_wind is not None:
-        estimate, name = status.present_wind, "wind now"
-    elif has_direction and not status.is_flying:
+    if has_direction and not status.is_flying:
         mean_interval = (light.figures["low"], light.figures["high"])
         return MapWind(light.figures["direction"], speed_interval=mean_interval, name=name)
-    if estimate is None:
+    if status.mean_wind is None:
         return None
-    # The first fact of an estimate is on the speed; a second one, if there is any, on the direction.
+    return _map_wind_of_estimate(status.mean_wind, name)
+
+
+def _map_wind_of_estimate(estimate: WindEstimate, name: str) -> MapWind | None:
+    """Returns the wind that a map shows for an estimate of a live session.
+
+    Args:
+        estimate: the estimate, with one or two facts (coded findings): the first one is on its speed; a second one, if
+            there is any, on its direction.
+        name: what the map calls it, such as "wind now".
+
+    Returns:
+        Direction and speed interval, without the interval if the speed is not identifiable; None if the direction is
+        not known.
+    """
     speed_fact, *direction_facts = estimate.facts
     if not direction_facts:
         return None

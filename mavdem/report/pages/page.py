@@ -7,6 +7,7 @@ of ``mavdem/report``; charts are drawn by uPlot (MIT), which a page contains wit
 import re
 from collections.abc import Mapping, Sequence
 from datetime import date
+from itertools import chain
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -355,14 +356,14 @@ class Head(NamedTuple):
         if self.timeline is None:
             return ""
         names: list[str] = []
-        for group in self.timeline.overview_groups[1:]:
-            for column in group.columns:
-                for panel in column:
-                    name = panel.title[0].lower() + panel.title[1:]
-                    # Speed and direction of the wind are one subject.
-                    is_named = any(name.startswith(other) for other in names)
-                    if not is_named:
-                        names.append(name)
+        _, *further_groups = self.timeline.overview_groups
+        columns = chain.from_iterable(group.columns for group in further_groups)
+        for panel in chain.from_iterable(columns):
+            name = panel.title[0].lower() + panel.title[1:]
+            # Speed and direction of the wind are one subject: "wind from NE" begins with "wind".
+            is_subject_named = any(name.startswith(earlier_name) for earlier_name in names)
+            if not is_subject_named:
+                names.append(name)
         return ", ".join(names)
 
     @property
