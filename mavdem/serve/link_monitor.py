@@ -532,7 +532,7 @@ class LinkMonitor:
         return self._is_stopping.is_set() or self._silent_pages >= longest_silence
 
     def _watch_session(self, session: LiveSession) -> None:
-        """Updates the page of the running session if it is due; called every ``NEWS_SECONDS``.
+        """Updates the page of the running session if it is due, and reports its status; called every ``NEWS_SECONDS``.
 
         The page is due every ``PAGE_SECONDS``, and sooner if it is outdated.
 
@@ -544,11 +544,13 @@ class LinkMonitor:
         """
         if clock.monotonic() - self._update_time >= PAGE_SECONDS:
             self._update_page(session)
+            with sentences_for(Medium(has_terminal=False)):
+                self._report_status(self._shown_status(session))
         elif self._page.is_outdated(session):
             self._render_page(session)
 
     def _update_page(self, session: LiveSession) -> None:
-        """Renders the page of the running session and reports its status, after checking disk and silence.
+        """Renders the page of the running session, after checking the disk and the vehicle's silence.
 
         It is called every ``PAGE_SECONDS``. What was recorded of a vehicle that was lost in the air is stored.
 
@@ -565,8 +567,6 @@ class LinkMonitor:
         if is_lost_for_long and self._stored_part is None:
             self._store_part(session)
         self._render_page(session)
-        with sentences_for(Medium(has_terminal=False)):
-            self._report_status(self._shown_status(session))
 
     def _count_silent_pages(self, session: LiveSession) -> None:
         """Counts how many pages of the session were made in a row without a new frame of the vehicle.

@@ -7,6 +7,7 @@ import time
 from dataclasses import replace
 from datetime import UTC, datetime
 from itertools import count
+from math import inf
 from threading import Event
 from unittest.mock import Mock
 
@@ -336,7 +337,8 @@ def test_a_fault_in_the_log_of_the_flight_before_stands_in_the_next_session(idle
             "abc", "a.tlog", level="bad", headline="Motor 3 lost thrust.", next_step=step
         )
         live._stored_flight = link_monitor._StoredFlight(vehicle, "abc", link)
-        live._update_page(session)
+        live._update_time = -inf
+        live._watch_session(session)
         (shown,) = live._report_status.call_args.args
         assert live_pages.live_page.call_args.args[3] == shown
         texts[vehicle, step] = unrepaired_fault_text(shown)
