@@ -53,6 +53,7 @@ class Repair(Code):
     LOG_OF_SEVERAL_BOOTS = "log_of_several_boots"
     CLOCK_MOVED = "clock_moved"
     CLOCK_SET = "clock_set"
+    CLOCK_SET_BACK = "clock_set_back"
     UNIX_TIME_MOVED = "unix_time_moved"
     SYSTEM_NUMBERED = "system_numbered"
     DEFINITION_CONTRADICTED = "definition_contradicted"

@@ -138,13 +138,12 @@ def test_a_second_boot_and_a_pause_fit_the_satellite_time(tmp_path):
     assert duration_and_boots(vehicle)[1] == 2
 
 
-def stream_part(received, start, end):
+def stream_part(received, start, end, sequence=0):
     """Returns frames of a flight from start to end on the boot clock, s.
 
-    Their stamps begin at the time of reception, s.
+    Their stamps begin at the time of reception, s, and their sequence numbers at ``sequence``.
     """
     frames = b""
-    sequence = 0
     for row in range(round((end - start) / STEP)):
         stamp = mavlink_streams.NOW + round(1e6 * (received + STEP * row))
         for content in mavlink_streams.flight([start + STEP * row], sequence=sequence):
@@ -184,6 +183,17 @@ def test_another_sender_for_a_while_is_left_out_of_a_stream(other_start):
 def test_a_clock_that_falls_without_a_pause_and_not_to_zero_is_no_reboot():
     vehicle = stream_vehicle(stream_part(0.0, 400.0, 440.0), stream_part(40.0, 250.0, 270.0))
     assert boots_and_codes(vehicle) == (1, [Repair.OTHER_CLOCK_LEFT_OUT])
+
+
+@mark.parametrize("set_to", [250.0, 20.0])
+def test_a_clock_that_is_set_back_while_the_sequence_numbers_go_on_is_continued(set_to):
+    """The autopilot neither restarted, nor is it another sender: nothing of its flight is left out."""
+    after = stream_part(4.0, set_to, set_to + 3.0, sequence=2 * round(4.0 / STEP))
+    vehicle = stream_vehicle(stream_part(0.0, 400.0, 404.0), after)
+    assert boots_and_codes(vehicle) == (1, [Repair.CLOCK_SET_BACK])
+    time = vehicle.messages["ATTITUDE"]["time"]
+    assert len(time) == round(7.0 / STEP)
+    assert np.diff(time) == approx(STEP, abs=0.002)
 
 
 @mark.slow

@@ -15,6 +15,7 @@ from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair, SourceFact
 from mavdem.ingest.byte_rows import Bytes
 from mavdem.ingest.mavlink.clock_readings import BootTimes, MessageStamps, Times, stamped_messages
+from mavdem.ingest.mavlink.clock_steps import backward_clock_steps, with_steps_undone
 from mavdem.ingest.mavlink.clocks import boot_clock
 from mavdem.ingest.mavlink.dialect import (
     MessageDefinition,
@@ -474,10 +475,13 @@ def _messages_on_boot_clock(
     all_stamps = []
     for message_id, frame_offsets in frames_of_messages.items():
         all_stamps.append(_message_stamps(stream.data, definitions[message_id], frame_offsets))
+    receive_times = partial(_receive_times, stream)
+    steps = backward_clock_steps(all_stamps, stream.frames, receive_times)
+    all_stamps = [with_steps_undone(stamps, steps) for stamps in all_stamps]
     all_stamps, repairs = _without_other_recordings(stream, all_stamps)
-    boot_times, clock_repairs = boot_clock(
-        all_stamps, lambda positions: _receive_times(stream, positions)
-    )
+    for step in steps:
+        repairs += repair_facts(Repair.CLOCK_SET_BACK, time=step.time_before, duration=step.seconds)
+    boot_times, clock_repairs = boot_clock(all_stamps, receive_times)
     tables = {}
     decoded_columns = DecodedColumns(stream.data)
     # The stamps of one message, such as ATTITUDE, after the other.
@@ -516,12 +520,20 @@ def _without_other_recordings(
         is_outside = outside_blocks(blocks, stamps.positions)
         left_out_count += int(np.count_nonzero(~is_outside))
         if is_outside.any():
-            definition = definitions_by_name()[stamps.message]
-            starts = stamps.positions[is_outside]
-            stamps_outside_blocks.append(_message_stamps(stream.data, definition, starts))
+            stamps_outside_blocks.append(_selected_stamps(stamps, is_outside))
     duration = sum(block.duration for block in blocks)
     repairs = repair_facts(Repair.OTHER_CLOCK_LEFT_OUT, count=left_out_count, duration=duration)
     return stamps_outside_blocks, repairs
+
+
+def _selected_stamps(message_type: MessageStamps, is_selected: NDArray[np.bool_]) -> MessageStamps:
+    """Returns some of the messages of a type, with their stamps; flags (n,) select them."""
+    stamps = message_type.stamps
+    if callable(stamps):
+        stamps = stamps()
+    selected_stamps = None if stamps is None else stamps[is_selected]
+    positions = message_type.positions[is_selected]
+    return message_type._replace(positions=positions, stamps=selected_stamps)
 
 
 def _blocks_of_other_recordings(
