@@ -98,7 +98,7 @@ def flight_losses(attitude_loss: Fact | None, contact: Fact | None) -> FlightLos
     """Decides which of a loss of attitude and a contact with the ground was how the flight was lost.
 
     If the ground came first, they are one event, the contact. Otherwise both are events: the loss was in the air, and
-    the contact only followed.
+    the contact, which then has the figure ``is_after_loss``, only followed.
 
     Args:
         attitude_loss: the loss of attitude that the flight did not recover from; None if there was none.
@@ -111,8 +111,10 @@ def flight_losses(attitude_loss: Fact | None, contact: Fact | None) -> FlightLos
     if is_ground_first or attitude_loss.code in CONTACTS:
         # Both events are the same contact, which is described more exactly by ``contact``.
         return FlightLosses(None, contact)
-    if not attitude_loss.is_bad:
-        # No second sensor confirms the loss in the air, so that the contact is how the flight was lost.
+    # A loss is bad only if a second sensor confirms it.
+    is_loss_confirmed = attitude_loss.is_bad
+    if not is_loss_confirmed:
+        # The contact is then how the flight was lost.
         return FlightLosses(attitude_loss, contact)
     return FlightLosses(attitude_loss, contact.replace(is_after_loss=True))
 

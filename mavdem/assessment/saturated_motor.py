@@ -348,7 +348,7 @@ def _sensors_in_flight(signals: Signals, boot: int, time: float) -> BootSensors:
 
 
 def _sinks_to_ground(sensors: BootSensors, interval: TimeInterval) -> bool:
-    """Returns whether a vehicle sinks from the start of an interval to the end of its flight, which is that of both.
+    """Returns whether an interval ends with the flight, about, and the vehicle sinks to the ground in it.
 
     It must lose more than ``MAX_GROUND_HEIGHT`` of height, so that it was not on the ground for most of the time.
 
@@ -358,14 +358,15 @@ def _sinks_to_ground(sensors: BootSensors, interval: TimeInterval) -> bool:
     """
     start, end = interval
     ends_with_flight = False
-    for flight_start, flight_end in flights_in_boot(sensors.signals, sensors.boot):
-        if flight_start <= start and abs(flight_end - end) < LASTING_SECONDS:
+    for take_off, landing in flights_in_boot(sensors.signals, sensors.boot):
+        if take_off <= start and abs(landing - end) < LASTING_SECONDS:
             ends_with_flight = True
     height_at_start = sensors.height_at(start)
     height_at_end = sensors.height_at(end)
     if not ends_with_flight or height_at_start is None or height_at_end is None:
         return False
-    return height_at_start - height_at_end > MAX_GROUND_HEIGHT
+    height_loss = height_at_start - height_at_end
+    return height_loss > MAX_GROUND_HEIGHT
 
 
 def _command_excess(commands: Array, motor: int) -> Array:

@@ -115,6 +115,28 @@ class LightRow(NamedTuple):
     """Its figure with unit, or what was found so far in a few words; empty where there is neither."""
 
 
+def _wrapped_light(light: Fact) -> Fact:
+    """Returns the fact about a part of the vehicle that a light of a live flight wraps, or the light itself.
+
+    Two kinds of lights only say when something was so, and have the fact itself as a figure: a light that was good in
+    flight, and an alarm that is over.
+
+    Args:
+        light: the judgement of one part of the vehicle, a fact (a coded finding) with a level.
+
+    Returns:
+        The wrapped fact. That of an alarm, which says which part is meant, such as the motor, has the level of the
+        light, and its time if it has none itself.
+    """
+    if light.code is WatchFact.GOOD_IN_FLIGHT:
+        light = light.figures["light"]
+    if light.code is WatchFact.ALARM_OVER:
+        alarm = cause_of_alarm(light)
+        alarm_time = light.time if alarm.time is None else alarm.time
+        return alarm.replace(light.level, time=alarm_time)
+    return light
+
+
 def light_rows(status: SessionStatus) -> list[LightRow]:
     """Returns the rows of the table of status lights of a live flight, one for each part of the vehicle.
 
@@ -127,15 +149,7 @@ def light_rows(status: SessionStatus) -> list[LightRow]:
     """
     lights = {}
     for name, light in status.overall_judgement.lights.items():
-        if light.code is WatchFact.GOOD_IN_FLIGHT:
-            # This fact only says that the light was good in flight, and holds it as a figure.
-            light = light.figures["light"]
-        if light.code is WatchFact.ALARM_OVER:
-            # Which part is meant, such as the motor, is in the reason of the alarm.
-            alarm = cause_of_alarm(light)
-            alarm_time = light.time if alarm.time is None else alarm.time
-            light = alarm.replace(light.level, time=alarm_time)
-        lights[name] = light
+        lights[name] = _wrapped_light(light)
     rows = []
     # The section of templates "live_lights" has a paragraph for each light that the table shows. It is returned as a
     # sentence, whose lead is the name of the light, and whose text is the figure.
@@ -239,11 +253,14 @@ def headline_reason(judgement: Judgement) -> list[Sentence]:
     evidence = headline_evidence(fact, judgement.lights)
     if evidence:
         return evidence
+    # The details of a sentence follow a colon. A sentence without one is repeated as a whole.
     _, _, details = fact.sentence.partition(": ")
     if not details:
         details = f"{as_clause(fact)}."
+    # Details are separated by semicolons. The headline may have the first and most important one already.
     first_detail, _, _ = without_full_stop(details).partition(";")
-    if first_detail.lower() in headline(fact).lower():
+    is_in_headline = first_detail.lower() in headline(fact).lower()
+    if is_in_headline:
         return []
     return [Sentence(details, lead="Why:")]
 

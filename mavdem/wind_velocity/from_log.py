@@ -325,11 +325,11 @@ def _require_usable(motion: _FlightMotion, stuck_seconds: float) -> None:
     if np.ptp(motion.time) > MAX_FLIGHT_SECONDS:
         raise NotLearnable(NoWind.CLOCK_JUMPS)
     # A value that never changes was not measured.
-    yaw_is_constant = np.ptp(motion.attitude[:, YAW]) == 0
-    north_is_constant = np.ptp(motion.velocity[:, NORTH]) == 0
-    if yaw_is_constant:
+    is_yaw_constant = np.ptp(motion.attitude[:, YAW]) == 0
+    if is_yaw_constant:
         raise NotLearnable(NoWind.NOT_MEASURED, name="yaw")
-    if north_is_constant:
+    is_velocity_constant = np.ptp(motion.velocity[:, NORTH]) == 0
+    if is_velocity_constant:
         raise NotLearnable(NoWind.NOT_MEASURED, name="velocity")
 
 

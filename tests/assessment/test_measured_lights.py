@@ -612,7 +612,7 @@ def test_the_log_states_how_often_the_attitude_was_recorded():
     interpolated = Fact(Repair.ATTITUDE_INTERPOLATED, attitude_rate=20.0, rate=50.0)
     fact = log_light(evidence(replace(HOVER.telemetry(50.0, 50.0), repairs=(interpolated,))))
     assert fact.code is LogLight.RECORDED_FAST
-    assert "Body rates at 50 Hz, commands at 50 Hz, attitude at 20 Hz" in fact.sentence
+    assert "50 Hz (models need 40 Hz), attitude at 20 Hz" in fact.sentence
     enough = interpolated.replace(attitude_rate=45.0)
     fact = log_light(evidence(replace(HOVER.telemetry(50.0, 50.0), repairs=(enough,))))
     assert fact.code is LogLight.RECORDED_FAST

@@ -189,7 +189,7 @@ def _chapters(
     headline: Sequence[Sentence],
     flights: tuple[FlightSeries | None, FlightSeries | None],
 ) -> list[Chapter]:
-    """Returns the chapters of the page: first the charts of what changed, both flights over each other.
+    """Returns the chapters of the page. The first ones have the charts of motors and loops, if these changed.
 
     Args:
         reviewed: comparison of both flights.
@@ -197,7 +197,7 @@ def _chapters(
         flights: time series of flight A and of flight B; None where they were not stored with the flight.
     """
     reviews_by_side = reviewed.reviews
-    # Names of files and dates, which stand at the top, would fill each chart's legend.
+    # Each side is only called "A" or "B". Names of files and dates stand at the top, and would fill each legend.
     legend = {side: side for side in SIDE_COLOURS}
     series_charts = list(_series_charts(flights, legend))
     all_sentences = difference_blocks(reviewed, headline)
@@ -205,23 +205,28 @@ def _chapters(
         # What is known of parameters then stands at the top.
         stated_above = parameter_sentences(reviewed)
         all_sentences = [sentence for sentence in all_sentences if sentence not in stated_above]
-    motors = _motor_chapter(reviewed, legend, series_charts)
-    steps = _step_chapter(reviews_by_side, legend)
-    changed_chapters = []
-    if motors.blocks or _has_changed_motor(reviewed.difference):
-        # The block of this chapter is a table, where a flight has a warning of a single motor.
-        changed_chapters.append(motors)
+    motor_chapter = _motor_chapter(reviewed, legend, series_charts)
+    step_chapter = _step_chapter(reviews_by_side, legend)
+    first_chapters = []
+    later_chapters = []
+    # The chapter of the motors has a table if a flight has a warning of a single motor.
+    has_motor_warning = bool(motor_chapter.blocks)
     if _do_loops_differ(reviewed):
-        changed_chapters.append(steps)
-    other_chapters = [chapter for chapter in (steps, motors) if chapter not in changed_chapters]
+        first_chapters.append(step_chapter)
+    else:
+        later_chapters.append(step_chapter)
+    if has_motor_warning or _has_changed_motor(reviewed.difference):
+        first_chapters.insert(0, motor_chapter)
+    else:
+        later_chapters.append(motor_chapter)
     margins = _table_chapter("Margins", "90 % interval", _margin_rows(reviews_by_side))
     return [
-        *changed_chapters,
+        *first_chapters,
         _change_chapter(reviewed),
         Chapter("Both flights", (), _overview_groups(reviews_by_side, legend, series_charts)),
         _series_chapter(flights, series_charts),
         _light_chapter(reviewed, headline),
-        *other_chapters,
+        *later_chapters,
         margins._replace(folded=True),
         _parameter_chapter(reviewed),
         _single_side_chapter(series_charts),

@@ -7,7 +7,7 @@ from mavdem.dataset.axes import AXES
 from mavdem.facts.lights import Light
 from mavdem.loops.axis_loops import Loop
 from mavdem.report.blocks import Blocks, Sentence
-from mavdem.report.charts.chart import Group
+from mavdem.report.charts.chart import Chart, Group
 from mavdem.report.charts.flight_charts import (
     UNNAMED_LINE,
     axis_spectrum_charts,
@@ -49,7 +49,8 @@ def vibration_chapter(
     """Returns the chapter to which the light of the vibration leads: vibration, clips and spectra of gyro and IMU.
 
     Vibration and clips over time come first, with the limits of the light. The spectra of the gyro show where they come
-    from. Its spectrograms and the accelerometer follow in parts to open, since two rows of plots say enough at first.
+    from. Parts to open follow, since two rows of plots say enough at first: the spectrograms of the gyro, the spectra
+    of the accelerometer, and the samples of both sensors.
 
     Args:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
@@ -57,24 +58,27 @@ def vibration_chapter(
         has_spectrograms: whether there are spectrograms, which take much of a page.
     """
     gyro = gyro_chapter(assessment, timeline, has_spectrograms=has_spectrograms)
-    groups: list[Group] = []
+    vibration_over_time: list[Chart] = []
+    raw_charts: list[Chart] = []
     if timeline is not None and assessment.evidence is not None:
         light = assessment.lights[Light.VIBRATION]
-        charts = vibration_charts(assessment.evidence, timeline, light)
-        if charts:
-            groups.append(Group.side_by_side(charts, VIBRATION_CAPTION))
+        vibration_over_time = vibration_charts(assessment.evidence, timeline, light)
+        # A page without room for spectrograms has none for the samples of the sensors either.
+        if has_spectrograms:
+            raw_charts = raw_sensor_charts(assessment.evidence, timeline, AXES_OF_SENSORS)
+    groups = [*gyro.groups]
+    if vibration_over_time:
+        groups.insert(0, Group.side_by_side(vibration_over_time, VIBRATION_CAPTION))
     sections = [*gyro.sections]
     accelerometer_groups = _spectra(assessment.noise, ACCELEROMETER)
     if has_spectrograms:
         accelerometer_groups += _spectrograms(assessment.noise, ACCELEROMETER, timeline)
     if accelerometer_groups:
         sections.append(Section("Spectra of the accelerometer", groups=accelerometer_groups))
-    if has_spectrograms and timeline is not None and assessment.evidence is not None:
-        raw_charts = raw_sensor_charts(assessment.evidence, timeline, AXES_OF_SENSORS)
-        if raw_charts:
-            raw_group = Group.side_by_side(raw_charts)
-            sections.append(Section("Raw acceleration and angular rate", groups=[raw_group]))
-    return gyro._replace(title="Vibration", groups=[*groups, *gyro.groups], sections=sections)
+    if raw_charts:
+        raw_group = Group.side_by_side(raw_charts)
+        sections.append(Section("Raw acceleration and angular rate", groups=[raw_group]))
+    return gyro._replace(title="Vibration", groups=groups, sections=sections)
 
 
 def gyro_chapter(
