@@ -1,11 +1,6 @@
 """A log dropped into the Rerun Viewer, whose loaders write a recording to standard output."""
 
-import json
-import subprocess
-import sys
-
 from command_line import run
-from patience import PATIENCE
 from pytest import mark
 from recorded_flights import SLOW, short_flight
 from rerun.chunk import RrdReader
@@ -15,33 +10,19 @@ from mavdem.cli.open import EXIT_INCOMPATIBLE, load
 pytestmark = mark.slow
 
 
-LOADING = """
-import json, os, sys
-from mavdem.cli.open import load
-
-for recording, *words in json.loads(sys.argv[1]):
-    os.dup2(os.open(recording, os.O_WRONLY | os.O_CREAT), 1)
-    code = load(words)
-    assert code == 0, code
-"""
-"""Loads logs one after the other, each with its options into a file that is standard output meanwhile."""
-
-
-def test_a_log_is_written_as_a_dashboard_or_as_the_reason_why_there_is_no_model(tmp_path):
-    """In a process of its own, which can be ended where Rerun never answers; a viewer that waits sees what is done."""
-    dashboard, reason = str(tmp_path / "dashboard.rrd"), str(tmp_path / "reason.rrd")
+def test_a_log_is_written_as_a_dashboard_or_as_the_reason_why_there_is_no_model(
+    tmp_path, capfdbinary
+):
+    """A viewer that waits sees what is done meanwhile."""
     options = ["--recording-id", "any", "--application-id", "dropped"]
-    jobs = [
-        [dashboard, str(short_flight(tmp_path)), *options],
-        [reason, str(SLOW), *options[:2]],
-    ]
-    command = [sys.executable, "-c", LOADING, json.dumps(jobs)]
-    subprocess.run(command, timeout=PATIENCE, check=True)
-    for path, shown_path, application, blueprints in (
-        (dashboard, "/flight/angle/", "dropped", 2),
-        (reason, "/report", "mavdem", 1),
+    for log, log_options, shown_path, application, blueprints in (
+        (short_flight(tmp_path), options, "/flight/angle/", "dropped", 2),
+        (SLOW, options[:2], "/report", "mavdem", 1),
     ):
-        read = RrdReader(path)
+        assert load([str(log), *log_options]) == 0
+        path = tmp_path / f"{application}.rrd"
+        path.write_bytes(capfdbinary.readouterr().out)
+        read = RrdReader(str(path))
         assert len(read.blueprints()) == blueprints
         assert [entry.application_id for entry in read.recordings()] == [application]
         assert any(str(chunk.entity_path).startswith(shown_path) for chunk in read.stream())

@@ -6,7 +6,7 @@ from functools import lru_cache
 from live_hover import Flight, differences, offline, replay
 from numpy.testing import assert_array_equal
 from pytest import mark
-from recorded_flights import LOGS, SAMPLE_LOGS, SHARED
+from recorded_flights import FLIGHT, LOGS, SAMPLE_LOGS, SHARED
 
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.phases import TRANSIENT_SECONDS
@@ -21,7 +21,9 @@ from mavdem.live.vehicle_review import REVIEW_PERIOD
 pytestmark = [mark.slow, mark.usefixtures("without_alarms")]
 
 RECORDED = (
-    list(SAMPLE_LOGS) + sorted(SHARED.glob("sitl_*/*.tlog")) + sorted(SHARED.glob("logs/*.tlog"))
+    [FLIGHT, *SAMPLE_LOGS]
+    + sorted(SHARED.glob("sitl_*/*.tlog"))
+    + sorted(SHARED.glob("logs/*.tlog"))
 )
 AS_ANOTHER = (
     "ardupilot_calm",
@@ -43,7 +45,8 @@ TWO_VEHICLES = "px4_two_vehicles_gcslink"
 TO_THE_GROUND = "ap_reboot_rates_never_asked_again"
 """A simulated flight that is replayed whole: the autopilot restarts after its landing."""
 SECONDS = {
-    "ap_short_with_climb": 105.0,
+    "ap_short_with_climb": 82.0,
+    "px4_rate_change_13.8ms": 30.0,
     "ardupilot_wind5_steps": 94.0,
     "px4_wind5_steps": 64.0,
     "dronekit_flight": 60.0,
