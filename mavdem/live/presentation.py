@@ -241,6 +241,7 @@ class Presentation:
         if omission_report is not None:
             self.log(omission_report)
         for state in self._report_limit.pop_omitted_states(now, is_at_end=is_at_end):
+            # Not by :meth:`log`, which would apply the limit of reports again.
             self._add_event(state)
 
     def _is_repetition(self, fact: Fact) -> bool:

@@ -414,14 +414,15 @@ class LiveSession:
     def _update_silence_monitor(
         self, first_arrival: float, last_arrival: float, frames: Sequence[Frame]
     ) -> float:
-        """Updates the silence monitor by who has sent something: the followed vehicle, others, or nobody intact frames.
+        """Notes for the silence monitor what has arrived: messages of the followed vehicle or of others, or noise.
 
-        If the followed vehicle has been silent for long while another one sends, that becomes its successor.
+        Noise is bytes without an intact frame. If the followed vehicle has been silent for long while another one
+        sends, that one becomes its successor.
 
         Args:
             first_arrival: when the first of the messages arrived, s of the monotonic clock.
             last_arrival: when the last of the messages arrived, s of that clock.
-            frames: frames of the messages, which the stream has processed.
+            frames: frames of the messages, which the stream has processed; empty if only other bytes have arrived.
 
         Returns:
             How long no message of the followed vehicle had come before these, s; 0 if none of these is from it.

@@ -318,16 +318,20 @@ class LinkMonitor:
             keeps_vehicle=self._chosen_vehicle is not None,
             first_pieces=incoming.first_pieces,
         )
+        self._next_vehicle = None
+        self._forget_former_session()
+        return session
+
+    def _forget_former_session(self) -> None:
+        """Resets what the monitor has noted of a session, such as its silence and the state of its flight."""
         self._silent_pages = 0
         self._frames_at_last_page = 0
-        self._next_vehicle = None
         self._has_landed = False
         self._is_in_air = False
         self._has_restarted = False
         self._has_restarted_in_air = False
         self._is_missed_in_air = False
         self._stored_part = None
-        return session
 
     def _vehicle_of_next_session(self, session: LiveSession) -> Component | None:
         """Returns the vehicle that the next session follows: one that sends now, or the same one after its restart.
@@ -400,7 +404,8 @@ class LinkMonitor:
         assert vehicle is not None
         recording = self._incoming.recording
         name = _recording_name(datetime.fromtimestamp(recording.first_stamp, UTC))
-        path = self._library.new_incoming_path(name)
+        # The file of the recording itself may have this name: if its first message came in the second of its creation.
+        path = self._library.new_incoming_path()
         recording.copy_to(path)
         entry = self._library.add(path, name)
         address = f"/f/{entry.id}"

@@ -28,6 +28,7 @@ from mavdem.facts.serve import RefusalReason
 from mavdem.facts.session import LinkFact, RowsFact, SessionFact, TimeUse, VehicleFact
 from mavdem.fleet.names import NO_NAMES
 from mavdem.ingest import read_log
+from mavdem.ingest.mavlink.frame_reader import FrameReader
 from mavdem.live import clock
 from mavdem.live.global_position import GlobalPosition
 from mavdem.live.history import LiveHistory
@@ -110,6 +111,18 @@ def test_a_session_has_a_page_and_leaves_its_log(tmp_path, heard):
     assert entry.name == f"{datetime.fromtimestamp(first_stamp, UTC):%Y-%m-%d_%H-%M-%S}.tlog"
     with serving(tmp_path / "other") as server:
         assert server.get("/live").status == 404 and "/live" not in server.get("/").text
+
+
+def test_the_part_of_a_recording_is_a_file_of_its_own(idle, monkeypatch):
+    """Also where the recording was created in the second of its first message, by which the part is named."""
+    live, _ = idle
+    monkeypatch.setattr(link_monitor, "_recording_name", Mock(return_value="flight.tlog"))
+    live._incoming = live._new_recording()
+    live._incoming.recording.add(1e9, FrameReader().feed(FRAMES))
+    live._store_part(Mock())
+    (entry,), _ = live._library.find("1", [], 10)
+    part = live._library.log_path(entry).read_bytes()
+    assert part and part == live._incoming.path.read_bytes()
 
 
 @mark.parametrize(

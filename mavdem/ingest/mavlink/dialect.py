@@ -128,8 +128,10 @@ def crc_extra_table() -> CrcExtras:
     than any defined one, since ``take`` with the mode "clip" looks these up there.
     """
     definitions = definitions_by_id()
-    last_row = max(definitions) + 1
-    table = np.full(last_row + 1, -1, dtype=np.int32)
+    largest_id = max(definitions)
+    # A row for each id from 0 to the largest one, and the extra one.
+    row_count = largest_id + 2
+    table = np.full(row_count, -1, dtype=np.int32)
     for message_id, definition in definitions.items():
         table[message_id] = definition.crc_extra
     return table
