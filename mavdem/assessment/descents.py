@@ -60,8 +60,8 @@ def fall_events(sensors: BootSensors, interval: TimeInterval) -> Iterator[Fact]:
     # The barometer lags behind, so that its descent is sought a little later too.
     examined_interval = (start - BAROMETER_LAG, end + BAROMETER_LAG)
     sink_rate = sensors.sink_rate(examined_interval)
-    # The estimate may be right until the impact at the end of the fall, and wrong in the lag after it: the larger speed
-    # that the sensors confirm counts.
+    # The climb estimate may be right until an impact at the end of the fall, and wrong in the lag after it. So of both
+    # intervals the one counts in which the sensors confirm the larger speed.
     interval_until_end = (start - BAROMETER_LAG, end)
     sink_rate_until_end = sensors.sink_rate(interval_until_end)
     if sink_rate is not None and sink_rate_until_end is not None:

@@ -497,10 +497,9 @@ class MotorLossDetector:
         """Records the loss or the recovery of one motor, or the recovery of several, and makes a new reference.
 
         A weak motor needs a higher command for the same thrust. Its rise is the relative increase of its command since
-        it was sound. So the rise before this change and that by the change multiply:
-        1 + rise = (1 + rise before) (1 + rise by the change). A recovered motor is recorded as sound, with size 0, if
-        several recover together or if the rise that remains is within the error of the rise before. Of any other motor,
-        the rise and the interval of the lost thrust are recorded.
+        it was sound, so that the rise before this change counts too (:func:`_total_rise`). A recovered motor is
+        recorded as sound, with size 0, if several recover together or if the rise that remains is within the error of
+        the rise before. Of any other motor, the rise and the interval of the lost thrust are recorded.
 
         Args:
             rises: (k,) rises of the motors' commands under the cause that was found, in their ratio to each other: 0
@@ -524,9 +523,9 @@ class MotorLossDetector:
             # The rise since the motor was sound, with both ends of its 90 % interval.
             change_of_command = float(estimate.rises[motor])
             half_width = float(estimate.half_widths[motor])
-            rise = (1 + previous_rise) * (1 + change_of_command) - 1
-            lowest_rise = (1 + previous_rise) * (1 + change_of_command - half_width) - 1
-            highest_rise = (1 + previous_rise) * (1 + change_of_command + half_width) - 1
+            rise = _total_rise(previous_rise, change_of_command)
+            lowest_rise = _total_rise(previous_rise, change_of_command - half_width)
+            highest_rise = _total_rise(previous_rise, change_of_command + half_width)
             is_sound_again = rise < max(RISES[0], previous_rise * MAX_RECOVERED_FRACTION)
             if rises[motor] < 0 and (len(moved_motors) > 1 or is_sound_again):
                 self._add_alarm(motor, block_count, log_odds, 0.0)
@@ -625,3 +624,13 @@ def _blocks_since_change(balances: Array, change: _DatedChange) -> int:
     blocks_before = count - candidates
     log_likelihoods = (sums_since**2).sum(axis=1) * count / (candidates * blocks_before)
     return int(candidates[np.argmax(log_likelihoods)])
+
+
+def _total_rise(earlier_rise: float, later_rise: float) -> float:
+    """Returns the relative rise of a motor's command over two changes, whose factors 1 + rise multiply.
+
+    Args:
+        earlier_rise: relative rise by the first change; 0 if there was none.
+        later_rise: relative rise by the second change, over the command after the first one.
+    """
+    return (1 + earlier_rise) * (1 + later_rise) - 1

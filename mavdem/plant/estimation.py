@@ -4,7 +4,6 @@ Effect, damping, lag and delay are the same in all windows; trim, and the level 
 window's own. Method and limits: docs/physical.md.
 """
 
-from contextlib import suppress
 from math import hypot
 from typing import NamedTuple
 
@@ -144,7 +143,7 @@ def _estimate_parameters(
         The parameters, each with its status: reported, biased or not identifiable.
 
     Raises:
-        numpy.linalg.LinAlgError: no model has a likelihood.
+        ValueError: no model has a finite likelihood.
     """
     selected_model = _select_model(windows, directions)
     fit = selected_model.fit
@@ -180,36 +179,72 @@ def _select_model(windows: FlightWindows, directions: Array | None) -> _Selected
     selected_windows = windows.select(selection)
     model, prior_start = initial_model(selected_windows, directions)
     start_theta = best_start(model, prior_start, selected_windows)
+    fits = _fits_of_spectra(model, start_theta, selected_windows)
+    logarithms = [_log_estimates(_plant_values(fit.model, fit.theta, windows.dt)) for fit in fits]
+    best_fit = max(fits, key=lambda fit: fit.evidence)
+    return _SelectedModel(
+        fit=_refined_fit(best_fit, selected_windows),
+        spectrum_range=np.ptp(logarithms, axis=0),
+    )
+
+
+def _fits_of_spectra(
+    model: GrayBoxModel, start_theta: Array, windows: FlightWindows
+) -> list[GrayBoxFit]:
+    """Fits the gray-box model with each of ``WIND_SPECTRA`` as the spectrum of the wind torque.
+
+    Each fit begins with the result of the last one.
+
+    Args:
+        model: form of the model, of which only the spectrum is replaced.
+        start_theta: parameters θ with which the first fit begins.
+        windows: Fourier transforms of inputs and body rate in the windows to fit.
+
+    Returns:
+        The fits, without those of spectra for which the likelihood is not finite.
+    """
     fits = []
     for wind in WIND_SPECTRA:
         candidate = model._replace(wind=wind)
-        # Each fit begins with the result of the last one. Noise is the last entry of θ, after the wind torque.
-        # So the entries of a component that this spectrum adds come just before it, and begin at the prior.
+        # Noise is the last entry of θ, after the wind torque. So the entries of a component that this spectrum adds
+        # come just before it, and begin at the prior.
         initial_theta, _ = candidate.prior
         initial_theta[: len(start_theta) - 1] = start_theta[:-1]
         initial_theta[-1] = start_theta[-1]
         try:
-            fits.append(fit_gray_box(candidate, selected_windows, initial_theta))
+            fit = fit_gray_box(candidate, windows, initial_theta)
         except LinAlgError:
             continue
-        start_theta = fits[-1].theta
+        fits.append(fit)
+        start_theta = fit.theta
+    return fits
 
-    best_fit = max(fits, key=lambda fit: fit.evidence)
+
+def _refined_fit(fit: GrayBoxFit, windows: FlightWindows) -> GrayBoxFit:
+    """Adds to a fit those of the ``REFINEMENTS`` that increase the evidence, each with one more parameter.
+
+    Args:
+        fit: fit of the model without refinements.
+        windows: the fitted windows.
+
+    Returns:
+        The fit with the refinements that are kept (:func:`_select_model`); the same fit if none is.
+    """
+    best_fit = fit
     for name in REFINEMENTS:
         candidate = best_fit.model._replace(refinements=(*best_fit.model.refinements, name))
+        # The parameter of the refinement is the last one, and has no effect at 0.
         initial_theta = np.append(best_fit.theta, 0.0)
-        with suppress(LinAlgError):
-            refined_fit = fit_gray_box(
-                candidate, selected_windows, initial_theta, STRONG_EVIDENCE_NATS
-            )
-            if _is_possible_problem(refined_fit):
-                best_fit = max(best_fit, refined_fit, key=lambda fit: fit.evidence)
-
-    logarithms = [_log_estimates(_plant_values(fit.model, fit.theta, windows.dt)) for fit in fits]
-    return _SelectedModel(best_fit, np.ptp(logarithms, axis=0))
+        try:
+            candidate_fit = fit_gray_box(candidate, windows, initial_theta, STRONG_EVIDENCE_NATS)
+        except LinAlgError:
+            continue
+        if _is_possible(candidate_fit) and candidate_fit.evidence > best_fit.evidence:
+            best_fit = candidate_fit
+    return best_fit
 
 
-def _is_possible_problem(fit: GrayBoxFit) -> bool:
+def _is_possible(fit: GrayBoxFit) -> bool:
     """Returns whether the refinements of a fit are possible: no jump comes late; the fit bounds how early one comes."""
     return fit.refinements.get(Refinement.JUMPS, 0.0) >= 0
 

@@ -480,17 +480,17 @@ def estimate_drag(
     # Importing scipy.optimize takes half a second.
     from scipy.optimize import least_squares
 
-    velocities = as_real_array(wind, "wind")
-    if velocities.shape not in ((2,), (len(time), 2)):
-        raise ValueError(f"wind must have shape (2,) or ({len(time)}, 2), not {velocities.shape}")
+    wind_array = as_real_array(wind, "wind")
+    if wind_array.shape not in ((2,), (len(time), 2)):
+        raise ValueError(f"wind must have shape (2,) or ({len(time)}, 2), not {wind_array.shape}")
+    wind_of_samples = np.broadcast_to(wind_array, (len(time), 2))
     # Samples without a known wind are left out, like those without a velocity.
-    wind_velocities = np.broadcast_to(velocities, (len(time), 2))
-    speeds = as_real_array(velocity, "velocity")
-    speeds = np.where(np.isfinite(wind_velocities).all(axis=1, keepdims=True), speeds, np.nan)
-    samples = validated_motion(time, attitude, speeds)
-    wind_velocities = wind_velocities[samples.usable]
-    step = GUST_SECONDS if np.ptp(wind_velocities, axis=0).max() > VARYING_WIND else GRID_STEP
-    grid = flight_grid(samples, step, wind=wind_velocities)
+    is_wind_known = np.isfinite(wind_of_samples).all(axis=1, keepdims=True)
+    known_velocity = np.where(is_wind_known, as_real_array(velocity, "velocity"), np.nan)
+    samples = validated_motion(time, attitude, known_velocity)
+    used_wind = wind_of_samples[samples.usable]
+    varies = np.ptp(used_wind, axis=0).max() > VARYING_WIND
+    grid = flight_grid(samples, GUST_SECONDS if varies else GRID_STEP, wind=used_wind)
     grid = grid.select(grid.complete)
     prior = Drag.from_parameters()
     air_velocity = grid.along_body_axes(grid.velocity)

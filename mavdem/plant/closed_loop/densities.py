@@ -218,8 +218,10 @@ class DensityModel:
         aliased_reference = power_densities[:, Quantity.REFERENCE]
         # (J, 1, 1), like the cross-spectral densities (J, C, C).
         self._aliased_reference_density = aliased_reference[:, None, None]
+        # Alias number 0 is the frequency itself.
+        is_not_aliased = self._alias_numbers == 0
         reference = unfolded_density(
-            aliased_reference, alias_frequency, self._alias_numbers == 0, self._in_range
+            aliased_reference, alias_frequency, is_not_aliased, self._in_range
         )
         # Out of range the density may have any positive value: other densities are divided by it, and the result is
         # multiplied by 0.
