@@ -183,11 +183,14 @@ class BlackBoxData:
         """Returns the generative model with ``order`` states, in the units of the data.
 
         All parameters have prior mean 0 and variance 1, and so have the states x. The outputs share one noise
-        precision, and each state has its own. So λ has 1 + ``order`` entries: one of the measurement noise, and one
-        for the process noise of each state.
+        precision, and each state has its own. So the logarithms λ of the noise precisions are 1 + ``order``: one of the
+        measurement noise, and one for the process noise of each state.
+
+        Outputs and states have derivatives up to order p, inputs and process noise up to order p − 1 (generalized
+        coordinates).
 
         Args:
-            order: number of states n.
+            order: number of states n, beside m outputs and r inputs.
 
         Returns:
             The model, with the priors of its parameters and noise precisions.

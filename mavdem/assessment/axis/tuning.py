@@ -569,11 +569,11 @@ def _allows_new_gains(headline: Fact) -> bool:
 
 
 def _reasons_against_higher_gains(evidence: Evidence, judgement: Judgement) -> Facts:
-    """Returns why the gains of no axis may be raised: the repairs that the vehicle needs, and a limit cycle.
+    """Returns why the gains may not be raised on any axis: repairs that the vehicle needs, or a limit cycle.
 
-    A limit cycle, a lasting oscillation of the loops, is known by up to three facts: one among the repairs, the reason
-    of the decision on the axis that oscillates, and the gains to lower. Only one of them is returned, since a reader
-    needs it once: the reason of the decision, which contains the gains to lower, or else these themselves.
+    A limit cycle is a lasting oscillation of the loops. Three facts may be about the same one: a repair, the reason of
+    the decision on the axis that oscillates, and the gains to lower. A reader needs one of them: if an axis is known to
+    oscillate, the reason of its decision replaces the repair. Otherwise the gains to lower are added.
 
     Args:
         evidence: signals, events and measurements of the vehicle.

@@ -64,49 +64,71 @@ def backward_clock_steps(
     reference = reference_type_of(message_types)
     if reference is None:
         return []
-    positions, seconds = stamped_messages(reference)
-    is_sound = ~outlier_stamps(seconds)
-    positions, seconds = positions[is_sound], seconds[is_sound]
+    positions, clock = stamped_messages(reference)
+    is_sound = ~outlier_stamps(clock)
+    positions, clock = positions[is_sound], clock[is_sound]
     steps = []
-    for row in np.flatnonzero(np.diff(seconds) < -MAX_LATE_SECONDS).tolist():
-        pair = positions[row : row + 2]
-        stamps_after = seconds[row + 1 : row + 1 + MIN_RESET_STAMPS]
-        stays_below = stamps_after.max() < seconds[row] - MAX_LATE_SECONDS
-        received_before, received_after = receive_times(pair)
+    for last_row_before in np.flatnonzero(np.diff(clock) < -MAX_LATE_SECONDS).tolist():
+        first_row_after = last_row_before + 1
+        time_before, time_after = float(clock[last_row_before]), float(clock[first_row_after])
+        stamps_after = clock[first_row_after : first_row_after + MIN_RESET_STAMPS]
+        stays_below = stamps_after.max() < time_before - MAX_LATE_SECONDS
+        messages_around_fall = positions[[last_row_before, first_row_after]]
+        received_before, received_after = receive_times(messages_around_fall)
         pause = float(received_after - received_before)
-        # Comparisons with NaN are false.
-        goes_on = 0.0 <= pause <= MAX_PAUSE and _are_numbered_in_turn(frames, pair)
-        time_before, time_after = float(seconds[row]), float(seconds[row + 1])
+        # A pause that is not known is NaN, and fails both comparisons.
+        messages_go_on = 0.0 <= pause <= MAX_PAUSE and _are_numbered_in_turn(
+            frames, messages_around_fall
+        )
+        # Within the pause, an autopilot that restarted can have counted no further than this.
         may_have_restarted = time_after <= pause + MAX_STAMP_DEVIATION
-        if stays_below and goes_on and not may_have_restarted:
-            steps.append(ClockStep(int(pair[1]), time_before, time_before + pause - time_after))
+        if stays_below and messages_go_on and not may_have_restarted:
+            # Without the step the clock would have gone on by the pause.
+            set_back_by = time_before + pause - time_after
+            steps.append(
+                ClockStep(
+                    position=int(positions[first_row_after]),
+                    time_before=time_before,
+                    seconds=set_back_by,
+                )
+            )
     return steps
 
 
 def _are_numbered_in_turn(frames: Frames, pair: StreamPositions) -> bool:
-    """Returns whether two frames of a sender are numbered in turn, with its frames between them.
+    """Returns whether the sequence numbers of two frames agree with the number of frames sent between them.
+
+    A component numbers its frames 0 to 255 in turn, over and over. The difference of the two numbers is compared with
+    the number of frames of this component from the first, exclusive, to the second, inclusive. Up to
+    ``MAX_LOST_FRAMES`` may be missing.
 
     Args:
         frames: The frames of the stream.
-        pair: Positions of both (2,).
+        pair: Positions in the stream of the two frames (2,), of one component.
     """
     first, second = np.searchsorted(frames.start, pair).tolist()
-    following = frames[slice(first + 1, second + 1)]
-    is_of_sender = following.system == frames.system[first]
-    is_of_sender &= following.component == frames.component[first]
-    step = int(frames.sequence[second]) - int(frames.sequence[first])
-    lost_frames = (step - int(np.count_nonzero(is_of_sender))) % SEQUENCE_NUMBERS
+    frames_after_first = frames[first + 1 : second + 1]
+    is_of_component = (frames_after_first.system == frames.system[first]) & (
+        frames_after_first.component == frames.component[first]
+    )
+    received_frames = int(np.count_nonzero(is_of_component))
+    sent_frames = int(frames.sequence[second]) - int(frames.sequence[first])
+    lost_frames = (sent_frames - received_frames) % SEQUENCE_NUMBERS
     return lost_frames <= MAX_LOST_FRAMES
 
 
 def with_steps_undone(message_type: MessageStamps, steps: Sequence[ClockStep]) -> MessageStamps:
-    """Returns the messages of a type with stamps whose clock goes on over some steps backward.
+    """Adds to the stamps after each step of the clock by how much it was set back, so that the clock seems to go on.
 
-    A type keeps its stamps if they do not fall at a step: they may count from 1970, or be of another computer.
+    Stamps of this type that do not fall at a step are of another clock: they may count from 1970, or be those of
+    another computer. These are not changed.
 
     Args:
-        message_type: The messages, with their stamps.
-        steps: The steps of the component's clock, in the order of the stream.
+        message_type: Messages of one type in the order of the stream, with their stamps, s, and stream positions.
+        steps: The steps backward of the component's clock, in the order of the stream.
+
+    Returns:
+        The messages with the changed stamps.
     """
     stamps = message_type.stamps
     if not steps or stamps is None:
@@ -115,11 +137,17 @@ def with_steps_undone(message_type: MessageStamps, steps: Sequence[ClockStep]) -
         stamps = stamps()
     continued = np.array(stamps, dtype=np.float64)
     for step in steps:
-        first_row = int(np.searchsorted(message_type.positions, step.position))
-        if first_row == len(stamps):
+        first_row_after = int(np.searchsorted(message_type.positions, step.position))
+        if first_row_after == len(stamps):
+            # All messages of this type came before the step.
             continue
-        time_before = stamps[first_row - 1] if first_row else step.time_before
-        if time_before - stamps[first_row] > step.seconds / 2:
-            # A stamp of 0 was not set.
-            continued[first_row:] += step.seconds * (stamps[first_row:] > 0)
+        time_before = stamps[first_row_after - 1] if first_row_after else step.time_before
+        fall = time_before - stamps[first_row_after]
+        # Messages of this type are rarer than those that showed the step, so that their stamps fall by less. Those of
+        # another clock rise.
+        falls_at_step = fall > step.seconds / 2
+        if falls_at_step:
+            # A stamp of 0 means that the sender knew no time.
+            is_set = stamps[first_row_after:] > 0
+            continued[first_row_after:][is_set] += step.seconds
     return message_type._replace(stamps=continued)
