@@ -197,6 +197,7 @@ def log_page(
     if assessment.evidence is not None:
         vehicle = assessment.evidence.signals.telemetry
         changes = gain_changes(name, vehicle, advice, assessment.next_step)
+    # Sentences refer to parts of the page, where those of the terminal name commands.
     with sentences_for(Medium(has_terminal=False, has_gain_table=changes is not None)):
         timeline = assessment_timeline(assessment, has_all_flights=True)
         evidence = headline_evidence(assessment.headline, assessment.lights)
@@ -210,15 +211,7 @@ def log_page(
         )
         if timeline is not None:
             timeline = timeline._replace(event_labels=_labels_in_charts(events, timeline))
-        chapters = [*_flight_chapters(name, assessment, timeline, advice, is_full=is_full)]
-        chapters += _model_chapters(assessment)
-        if assessment.evidence is not None:
-            telemetry = assessment.evidence.signals.telemetry
-            charts_boot = None if timeline is None else timeline.boot
-            chapters.append(messages_chapter(telemetry, charts_boot))
-        if contents is not None:
-            chapters.append(Chapter(LOG_TITLE, log_blocks(contents), folded=True))
-        chapters = [*unfold_chapters_of_warnings(chapters, assessment.lights, assessment.headline)]
+        chapters = _log_chapters(name, assessment, contents, timeline, advice)
         head = Head(
             assessment.headline.level,
             lights=lights_with_reason_once(assessment.lights),
@@ -235,20 +228,57 @@ def log_page(
         )
         subtitle = capitalize_first(review_title(assessment).text)
         max_points = MAX_POINTS if is_full else MAX_POINTS_OF_SMALL_PAGE
-        sentences = judgement_sentences(assessment.judgement)
-        # After the headline come its evidence, which is what sensors confirm, and the next step. The status lights
-        # stand in a grid below.
-        headline_of_page = sentences.headline
-        if assessment.stated_headline != assessment.headline:
-            headline_of_page = headline_sentence(assessment.stated_headline.sentence)
-        summary = [
-            headline_of_page,
-            *evidence,
-            *_margin_sentences(assessment),
-            sentences.next_step,
-            *flight_sentences(assessment, has_headline_above=True),
-        ]
+        summary = _summary_sentences(assessment, evidence)
         return render_document(name, subtitle, summary, chapters, back, head, max_points)
+
+
+def _log_chapters(
+    name: str,
+    assessment: Assessment,
+    contents: JsonValues | None,
+    timeline: Timeline | None,
+    advice: AdviceByAxis,
+) -> list[Chapter]:
+    """Returns the chapters of the page of a log: on the flight, the models, the messages and the contents of the log.
+
+    Args:
+        name: title of the page.
+        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
+        contents: inventory of the log; None for a small page, which has no chapter on it.
+        timeline: charts of the flight over time, if it has any.
+        advice: advice on the gains of each axis, or why there is none; empty for a small page.
+    """
+    is_full = contents is not None
+    chapters = [*_flight_chapters(name, assessment, timeline, advice, is_full=is_full)]
+    chapters += _model_chapters(assessment)
+    if assessment.evidence is not None:
+        telemetry = assessment.evidence.signals.telemetry
+        charts_boot = None if timeline is None else timeline.boot
+        chapters.append(messages_chapter(telemetry, charts_boot))
+    if contents is not None:
+        chapters.append(Chapter(LOG_TITLE, log_blocks(contents), folded=True))
+    return [*unfold_chapters_of_warnings(chapters, assessment.lights, assessment.headline)]
+
+
+def _summary_sentences(assessment: Assessment, evidence: Sequence[Sentence]) -> list[Sentence]:
+    """Returns the sentences at the top of the page of a log. The status lights stand in a grid below them.
+
+    Args:
+        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
+        evidence: what sensors confirm of the headline, which comes right after it.
+    """
+    sentences = judgement_sentences(assessment.judgement)
+    headline_of_page = sentences.headline
+    # If the log has several vehicles or flights, the headline says of which one it is.
+    if assessment.stated_headline != assessment.headline:
+        headline_of_page = headline_sentence(assessment.stated_headline.sentence)
+    return [
+        headline_of_page,
+        *evidence,
+        *_margin_sentences(assessment),
+        sentences.next_step,
+        *flight_sentences(assessment, has_headline_above=True),
+    ]
 
 
 def _margin_sentences(assessment: Assessment) -> list[Sentence]:
