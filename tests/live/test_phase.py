@@ -1,5 +1,6 @@
 """What counts as settled flight while it is flown, and what is taken back when it turns out to have been a landing."""
 
+from dataclasses import replace
 from math import inf
 
 import numpy as np
@@ -200,11 +201,13 @@ def test_a_landing_is_dated_by_the_last_report_in_flight():
 def test_the_mean_of_the_wind_is_of_one_flight():
     """It stays after a landing, until the next take-off."""
     hover = Hover(hovering=8.0)
-    made = replay(Flight(hover).frames(end=hover.end))
+    flight = Flight(hover, attitude=12.0, motors=12.0)
+    next_flight = replace(flight, clock=60.0)
+    made = replay(flight.frames(end=hover.end))
     made.stream.wind.mean = mean = WindEstimate(10.0, np.ones(2), np.ones(2))
-    replay(Flight(hover, clock=60.0).frames(end=6.0), made.stream)
+    replay(next_flight.frames(end=6.0), made.stream)
     assert made.stream.status().mean_wind is mean
-    replay(Flight(hover, clock=60.0).frames(6.0, end=9.0), made.stream)
+    replay(next_flight.frames(6.0, end=9.0), made.stream)
     assert made.stream.status().mean_wind is None and made.stream.boot == 0
 
 

@@ -196,7 +196,7 @@ def test_a_low_battery_vibration_and_warnings_are_said_as_they_come():
 @mark.parametrize("version, is_known", [(0x010C03FF, False), (0x010D00FF, True)])
 def test_a_version_that_came_once_says_what_the_vibration_of_px4_is(version, is_known):
     """PX4 before 1.13 sends other quantities in VIBRATION, so that it can be judged only with the version."""
-    flight = Flight(Hover(hovering=70.0), attitude=20.0, motors=20.0, autopilot="PX4")
+    flight = Flight(Hover(hovering=70.0), attitude=12.0, motors=12.0, autopilot="PX4")
     levels = [(time, message("VIBRATION", vibration_z=0.1)) for time in ticks(4.0, 75.0, 2.0)]
     sent = [(3.5, message("AUTOPILOT_VERSION", flight_sw_version=version)), *levels]
     replayed = replay(by_time(flight.frames(end=75.0), sent))
