@@ -725,6 +725,37 @@ class Library:
             self._remove_files_of_deleted_log(db, entry)
         self.table_is_outdated.set()
 
+    def replace_part(self, part_id: str, whole: LibraryEntry) -> LibraryEntry:
+        """Deletes a log that is the beginning of another, which takes over what users added to it.
+
+        These are the given name of the flight, its note and tags, and with whom it is shared.
+
+        Args:
+            part_id: id of the log that is deleted.
+            whole: index entry of the log that contains it.
+
+        Returns:
+            The changed entry of the whole log.
+
+        Raises:
+            Refusal: the part was deleted before, or the disk is full.
+        """
+        part = self.entry(part_id)
+        given_name = self.names.flights.get(part.content_hash, "")
+        # One change for the reader of the library: either both logs are in it, or the whole one with these additions.
+        with self.transaction():
+            if given_name:
+                self.name_flight(whole, given_name)
+            whole = self.change(
+                whole.id,
+                note=part.note,
+                tags=part.tags,
+                sharing=part.sharing,
+                log_shared=part.log_shared,
+            )
+            self.delete(part_id)
+        return whole
+
     # Reading logs
 
     def claim(self) -> LibraryEntry | None:

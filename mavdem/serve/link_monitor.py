@@ -374,7 +374,7 @@ class LinkMonitor:
         if self._stored_part is not None and self._stored_part.entry_id != entry.id:
             # The flight went on after a part of it was stored. Somebody may have deleted that part meanwhile.
             with suppress(Refusal):
-                self._library.delete(self._stored_part.entry_id)
+                self._library.replace_part(self._stored_part.entry_id, entry)
         address = f"/f/{entry.id}"
         self._latest_flight = PageLink("Latest flight", address)
         self._log_added()

@@ -22,7 +22,7 @@ from serving import LIMITS, AtOnce, log, read_made_up, serving
 from standin_logs import fleet_of, rows_of_log
 
 from mavdem.assessment.flown_flights import FlownFlight
-from mavdem.errors import Unreadable
+from mavdem.errors import Refusal, Unreadable
 from mavdem.facts import Fact, Level
 from mavdem.facts.fleet import ReadingFact
 from mavdem.facts.lights import Light
@@ -312,6 +312,25 @@ def test_a_log_that_comes_again_while_it_is_deleted_stays(library, monkeypatch):
     AtOnce(library).run()
     library.finish_reading(claimed, outcome, LIMITS)
     assert (library.results_folder(entry) / PAGE_FILE).is_file()
+
+
+def test_a_whole_log_takes_over_what_users_added_to_its_part(library):
+    """A name, a note and sharing that the first minutes of a flight were given stay when the whole flight is stored."""
+    stored = []
+    for content in (log("first minutes"), log("whole flight")):
+        path = library.new_incoming_path()
+        path.write_bytes(content)
+        stored.append(library.add(path, "a.ulg"))
+    part, whole = stored
+    library.name_flight(part, "Search in the wood")
+    part = library.change(part.id, note="Seen last at the lake", sharing="link", log_shared=1)
+    whole = library.replace_part(part.id, whole)
+    (entry,), _ = library.find(*ALL, 10)
+    assert entry == whole == library.entry(whole.id)
+    assert library.names.flights == {whole.content_hash: "Search in the wood"}
+    assert (entry.note, entry.sharing, entry.log_shared) == ("Seen last at the lake", "link", 1)
+    with raises(Refusal):
+        library.replace_part(part.id, whole)
 
 
 def test_only_flights_of_an_earlier_track_are_counted_as_incomplete(tmp_path):
