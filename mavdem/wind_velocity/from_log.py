@@ -156,7 +156,8 @@ def wind_evidence(signals: Signals) -> WindEvidence:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
 
     Returns:
-        The estimates of this library and of the autopilot, and the reason if this library has none.
+        The estimates of this library and of the autopilot, and the reason if this library has none. For a multirotor,
+        the estimate of the autopilot is left out too then, since there is none to compare it with.
     """
     telemetry = signals.telemetry
     vehicle_type = telemetry.vehicle
