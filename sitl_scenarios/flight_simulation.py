@@ -459,6 +459,7 @@ class Simulation:
         self._has_landed = reference.landed_state == LANDING or not self.armed
         if self._has_landed:
             self._controller.reset()
+        # The filters of a new gyro have no memory of the motion before the contact.
         self._gyro = gyro_for(self._controller)
 
     def _spin_on_ground(self, settled_speeds: Vector4) -> None:

@@ -104,8 +104,8 @@ def _loss_intervals(
 ) -> Intervals:
     """Finds the intervals of a flight in which the attitude was lost.
 
-    It is lost while the error exceeds ``LOST_ANGLE``. It is also lost, with any setpoint, if the vehicle sank
-    fast and was tilted too far to fly until the flight ended.
+    It is lost while roll or pitch is further from its setpoint than ``LOST_ANGLE``. It is also lost, whatever the
+    setpoint, if the vehicle was tilted too far to fly until the flight ended, and fell.
 
     Args:
         sensors: sensors of the vehicle in one boot, which lasts from one start of the autopilot to the next.
@@ -117,6 +117,7 @@ def _loss_intervals(
         landing. Losses that follow each other within ``RECOVERY_SECONDS`` are one.
     """
     flight_start, flight_end = flight_interval
+    # A large vehicle takes up to ``MAX_SETPOINT_DELAY`` to follow a new setpoint, so that only longer runs count.
     off_setpoint = lasting_runs(error.time, error.magnitude > LOST_ANGLE, MAX_SETPOINT_DELAY)
     toppled_and_falling = []
     for start, end in lasting_runs(error.time, error.is_toppled, MAX_SETPOINT_DELAY):
@@ -124,8 +125,7 @@ def _loss_intervals(
         is_falling = sink_rate is not None and sink_rate > FALL_SPEED
         if end >= flight_end and is_falling:
             toppled_and_falling.append((start, end))
-    # An error counts only ``MAX_SETPOINT_DELAY`` after the setpoint changed, so that a loss may show up to that much
-    # after the landing.
+    # For the same delay, a loss just before the landing may show only after it.
     latest_start = _time_of_landing_report(sensors, flight_end) + MAX_SETPOINT_DELAY
     losses = merge_close_intervals(union(off_setpoint, toppled_and_falling), RECOVERY_SECONDS)
     return [(start, end) for start, end in losses if flight_start < start <= latest_start]

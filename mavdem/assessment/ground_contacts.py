@@ -207,22 +207,26 @@ class _Contact:
         return self._contact_event(time, rest, sensor_facts)
 
     def _search_end(self, rest: Rest | None, record_end: float) -> float | None:
-        """Returns the end of the ``SEARCH_SECONDS`` in which the contact with the ground is sought.
+        """Returns the time before which the vehicle must have touched the ground if it did.
+
+        The contact is sought in the ``SEARCH_SECONDS`` before that time, by :meth:`event`.
 
         Args:
             rest: when and how the vehicle came to lie still after the flight; None if it did not.
             record_end: time of the last attitude of the boot, s since boot.
 
         Returns:
-            The end, s since boot; None if the flight continues.
+            The time, s since boot; None if nothing shows that the flight has ended.
         """
         if rest is not None:
             return rest.time
         if self._ends_soon(record_end):
+            # The log ends with the flight, so that the vehicle may have come to rest unseen.
             return record_end
         if self.loss is not None and self.loss.time is not None:
-            # After it lost its attitude, a vehicle may lie on the ground with its motors running, which shake it. Then
-            # the search begins MAX_SETPOINT_DELAY before that loss, and ends SEARCH_SECONDS after its beginning.
+            # After it lost its attitude, a vehicle may lie on the ground with its motors running, so that it never
+            # rests. The loss shows up to ``MAX_SETPOINT_DELAY`` after its cause, so that the search begins that much
+            # before it.
             search_start = self.loss.time - MAX_SETPOINT_DELAY
             return min(record_end, search_start + SEARCH_SECONDS)
         return None

@@ -74,18 +74,21 @@ class FailureCommands(NamedTuple):
 def failure_commands(signals: Signals, failure: Fact) -> FailureCommands | None:
     """Returns the commands of all motors when one of them failed, and before.
 
-    If the flight was lost, the commands at the failure are taken from the first seconds after it, before an impact;
-    after that the vehicle tumbles. If only thrust was lost, they are taken from a longer time.
+    Each is a median over time. At the failure, that is the time of :func:`_interval_at_failure`: the first seconds if
+    the flight was lost, since the vehicle tumbles afterwards, and longer if a motor only lost thrust.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
-        failure: how the flight was lost, or that a motor lost thrust; its subject is the motor.
+        failure: the fact (coded finding) how the flight was lost, or that a motor lost thrust; its subject is the name
+            of that motor.
 
     Returns:
-        The commands; None if the fact is neither of these, or there is no sample in flight before it or at it.
+        The commands; None if the fact is another one, or there is no sample in flight before the failure or at it.
     """
     logged = _logged_commands(signals, failure)
-    return None if logged is None else logged.medians(failure.subject)
+    if logged is None:
+        return None
+    return logged.medians(failure.subject)
 
 
 def with_evidence_of_cause(
@@ -325,8 +328,8 @@ def _change_of_mean_command(logged: _LoggedCommands, ending: Fact) -> Facts:
 def _start_of_climb(usual: TimeSeries, until_failure: TimeSeries, motor: int) -> float:
     """Returns when the command of a motor began to climb above the others', before the motor failed.
 
-    That is the first sample after the last one at which the command exceeded the mean of the others by no more than
-    usual, which is the ``USUAL_QUANTILE`` of the excess in the flight before.
+    The excess of a command is how much it is above the mean of the others. It is usual up to the ``USUAL_QUANTILE`` of
+    the excess in the flight before. The climb begins after the last sample of usual excess.
 
     Args:
         usual: commands (N, k) of the k motors in the flight before.
@@ -334,16 +337,17 @@ def _start_of_climb(usual: TimeSeries, until_failure: TimeSeries, motor: int) ->
         motor: index of the motor.
 
     Returns:
-        The time, s since boot. It is the time of the first sample if the command was always higher than usual, and the
-        time of the last sample if the command is as usual there.
+        The time, s since boot. It is the time of the first sample if no excess was usual, and the time of the last
+        sample if that excess still is.
     """
-    usual_limit = np.quantile(_mean_excess(usual, motor), USUAL_QUANTILE)
+    max_usual_excess = np.quantile(_mean_excess(usual, motor), USUAL_QUANTILE)
     excess = _mean_excess(until_failure, motor)
-    usual_samples = np.flatnonzero(excess <= usual_limit)
+    usual_samples = np.flatnonzero(excess <= max_usual_excess)
     if not len(usual_samples):
         return float(until_failure.time[0])
+    last_usual_sample = usual_samples[-1]
     last_sample = len(excess) - 1
-    first_sample_of_climb = min(usual_samples[-1] + 1, last_sample)
+    first_sample_of_climb = min(last_usual_sample + 1, last_sample)
     return float(until_failure.time[first_sample_of_climb])
 
 

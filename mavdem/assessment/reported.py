@@ -379,7 +379,8 @@ def _arming_events(signals: Signals, recorded_span: Segment) -> Iterator[Fact]:
         return
     is_armed = state.values > 0
     # Before the first sample the motors count as disarmed, so that a log that begins while they are armed has an event.
-    for sample in np.flatnonzero(np.diff(is_armed, prepend=False)):
+    has_changed = np.diff(is_armed, prepend=False)
+    for sample in np.flatnonzero(has_changed):
         code = ReportedEvent.MOTORS_ARMED if is_armed[sample] else ReportedEvent.MOTORS_DISARMED
         yield _reported_event(
             signals, recorded_span, "HEARTBEAT", code, state.time[sample], is_begun=sample == 0

@@ -293,7 +293,8 @@ class StatusLines:
         Args:
             event: What was found, and when.
         """
-        # An alarm of a lost link has no end of its own: it is over when messages come again.
+        # The alarm that the link is lost has no end of its own: the event that messages come again ends it, which its
+        # line then says. So this is looked up before the event updates whether the alarm is active.
         ends_alarm = self._is_link_alarmed and event.fact.code is RowsFact.MESSAGES_RESUMED
         self._update_link_alarm(event)
         if self.terminal_text is None:
@@ -343,15 +344,20 @@ class StatusLines:
         self._print(line, style_of_facts(fact))
 
     def _print(self, line: str, style: str = "") -> None:
-        """Prints a line: above the status that is updated in its place, or else below the line before.
+        """Prints a line on the present output.
+
+        On a terminal it stands above the status, which is updated in its place below all lines. Otherwise, as in a
+        file, it stands below the line before.
 
         Args:
             line: The line.
             style: Style of its text on a terminal.
         """
-        if self.terminal_text is None:
+        is_status_on_terminal = self.terminal_text is not None
+        if not is_status_on_terminal:
             self._print_below(line, style)
         else:
+            # The latest lines are printed again when the size of the terminal has changed.
             self._latest_lines.append((line, style))
             print_line(line, STDERR, style)
 
@@ -713,7 +719,7 @@ def _judgement_text(judgement: Judgement) -> str:
     Args:
         judgement: The judgement of the flight so far.
     """
-    sentences = headline_and_next_step(judgement)
-    statement = statement_of_headline(sentences[0], judgement.headline)
-    sentences[0] = shortened(statement, MAX_HEADLINE_LINES * STDERR.width)
-    return escape_unprintable(" ".join(sentences))
+    headline, *next_step = headline_and_next_step(judgement)
+    statement = statement_of_headline(headline, judgement.headline)
+    short_headline = shortened(statement, MAX_HEADLINE_LINES * STDERR.width)
+    return escape_unprintable(" ".join([short_headline, *next_step]))

@@ -464,7 +464,10 @@ def _print_fleet(
 
 
 def _report_index_and_table(folder: Path, index: Path) -> None:
-    """Reports on standard error where the index page is, and how to query the table of flights.
+    """Prints on standard error where the index page is, and how to query the table of flights.
+
+    The table is a set of Parquet files. They are written only if the optional packages for them are installed;
+    otherwise it is printed how to install these.
 
     Args:
         folder: Folder of the fleet, with its SQLite store, its table and its pages.
@@ -477,6 +480,6 @@ def _report_index_and_table(folder: Path, index: Path) -> None:
     if missing_parquet is not None:
         print_to_stderr(missing_parquet)
         return
-    # SQL doubles a quote within quotes.
+    # The user copies the pattern into a query, between single quotes: SQL doubles such a quote within the text.
     pattern = f"{folder}/flights/**/*.parquet".replace("'", "''")
     print_to_stderr(f"Query, for example in DuckDB: from '{pattern}'")

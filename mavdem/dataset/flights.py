@@ -155,18 +155,21 @@ def usable_segments(
         The flights in the order of time, all with one sampling step, empty if no segment is usable; and the
         learnability of the best segment, which then says why.
     """
+    # For each segment, whether a model can be learned from it, and the reason if not. The best segment comes first.
     learnabilities = list(segment_learnabilities(signals, components, min_rate))
-    # The best segment comes first.
     best_learnability = learnabilities[0]
     usable = [learnability for learnability in learnabilities if learnability.learnable]
+    all_segments = best_learnability.segments
     used_segments = [learnability.segment for learnability in usable]
-    cautions = _unused_segments(best_learnability.segments, used_segments)
+    cautions = _cautions_on_unused_segments(all_segments, used_segments)
     flights = [_flight_with_cautions(learnability, *cautions) for learnability in usable]
     flights.sort(key=lambda flight: (boot_number(flight), flight.time[0]))
     return UsableSegments(tuple(flights), best_learnability)
 
 
-def _unused_segments(segments: Segments, used_segments: Sequence[Segment | None]) -> Facts:
+def _cautions_on_unused_segments(
+    segments: Segments, used_segments: Sequence[Segment | None]
+) -> Facts:
     """Returns a caution if part of the settled flight is not used to learn the model.
 
     Args:

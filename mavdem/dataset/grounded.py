@@ -74,9 +74,13 @@ MIN_FOLLOWED_RATIO = 1 / 3
 def without_grounded(flights: Intervals, signals: Signals, boot: int) -> Intervals:
     """Removes the times in which the ground carries or holds the vehicle, although the autopilot reports a flight.
 
-    Three things are removed: flights without any vertical speed; flights in which the vehicle never rose and did not
-    follow its setpoints; and intervals of at least ``MIN_GROUND_SECONDS`` in which the motors show that the ground
-    carries or holds it.
+    A vehicle may be reported in flight while it stands with running motors, or is held by hand or a rope. Three things
+    are removed:
+
+    1. flights without any vertical speed;
+    2. flights in which the vehicle never rose and did not follow its setpoints;
+    3. within the other flights, intervals of at least ``MIN_GROUND_SECONDS`` in which the motors show that the ground
+       carries or holds it.
 
     Args:
         flights: Intervals of flight by the reports of the autopilot, s.

@@ -94,7 +94,7 @@ def segment_learnabilities(
     if log_quality.armed == 0:
         reason = NEVER_ARMED
     elif log_quality.airborne == 0:
-        reason = _never_airborne(signals, log_quality)
+        reason = _reason_never_airborne(signals, log_quality)
     elif not segments:
         reason = judge.slow_or_short(log_quality)
     if reason is not None:
@@ -128,7 +128,7 @@ def _unusable_log(signals: Signals, components: Sequence[Component]) -> Fact | N
     """
     telemetry = signals.telemetry
     if telemetry.vehicle not in POSSIBLE_MULTIROTORS:
-        return _other_vehicle_type(signals, components)
+        return _reason_no_multirotor(signals, components)
     # The format of the log that was translated to MAVLink, such as ULog, on which the advice depends.
     recorder = telemetry.translated_from
     attitude = signals.attitude
@@ -170,7 +170,7 @@ def _missing_part_of_attitude(telemetry: Telemetry) -> str:
     return {"ATT": "rates", "ANG": "rates", "RATE": "angles"}.get(name, "")
 
 
-def _other_vehicle_type(signals: Signals, components: Sequence[Component]) -> Fact:
+def _reason_no_multirotor(signals: Signals, components: Sequence[Component]) -> Fact:
     """Returns the reason to refuse a vehicle that is no multirotor, since models are of multirotors only.
 
     The user may have chosen the wrong vehicle of the log, so the reason names another one that is a multirotor.
@@ -182,7 +182,8 @@ def _other_vehicle_type(signals: Signals, components: Sequence[Component]) -> Fa
     Returns:
         The reason, with MAVLink ids and type of the first multirotor; None in their place if there is none.
     """
-    other_ids = other_type = None
+    other_ids = None
+    other_type = None
     for component in components:
         if component.kind in MULTIROTORS:
             other_ids = _component_ids(component)
@@ -205,17 +206,19 @@ def _component_ids(component: Component) -> str:
 def _missing_inputs(signals: Signals) -> Fact:
     """Returns the reason why a log has no inputs of the model.
 
-    The inputs are the motor outputs or, if the caller chose it, the controller's demand for the axis. Without motor
-    outputs the reason advises how to record them.
+    The inputs are the motor outputs or, if the caller chose it, the controller's demand of torque about the axis. A
+    demand that never changed is none. If no motor outputs were recorded, the reason advises how to record them.
 
     Args:
         signals: logged time series of the vehicle, with angle, rate and setpoints of one axis.
     """
     telemetry = signals.telemetry
     if signals.inputs == "demand":
-        is_recorded = DEMAND_MESSAGE in telemetry.messages
+        code = NotLearnableReason.NO_DEMAND
+        if DEMAND_MESSAGE in telemetry.messages:
+            code = NotLearnableReason.DEMAND_CONSTANT
         return Fact(
-            NotLearnableReason.DEMAND_CONSTANT if is_recorded else NotLearnableReason.NO_DEMAND,
+            code,
             axis=signals.axis,
             name=telemetry.name_in_source(DEMAND_MESSAGE),
             recorder=telemetry.translated_from,
@@ -227,15 +230,15 @@ def _missing_inputs(signals: Signals) -> Fact:
     return reason
 
 
-def _never_airborne(signals: Signals, log_quality: QualityFigures) -> Fact:
+def _reason_never_airborne(signals: Signals, log_quality: QualityFigures) -> Fact:
     """Returns the reason to refuse a vehicle that was armed but did not fly, with what shows that it did not.
 
     There are three cases:
 
-    - The autopilot reported that it was in the air, but it had no vertical speed.
-    - The autopilot reported it on the ground throughout.
-    - If neither was reported, the collective (mean output of all motors) was low. Without a collective, nothing shows
-      whether it flew.
+    1. The autopilot reported that it was in the air, but it had no vertical speed.
+    2. The autopilot reported it on the ground throughout.
+    3. Neither was reported, but the collective (mean output of all motors) was too low to fly. Without a collective,
+       the reason is that nothing shows whether it flew.
 
     Args:
         signals: logged time series of the vehicle, such as attitude, setpoints and motor outputs.
@@ -256,7 +259,8 @@ def _never_airborne(signals: Signals, log_quality: QualityFigures) -> Fact:
             name=message_name,
             remedy=rate_advice(telemetry),
         )
-    # Each case has a value of its own; those of the other cases are None.
+    # The sentence on the fact states the case by these two figures: the first is known in case 1 only, the second in
+    # case 3 only, and neither in case 2.
     min_climb_rate = grounded.MIN_LIFT_OFF_SPEED if is_reported_airborne else None
     highest_collective = flight_states.max_collective(signals) if is_nothing_reported else None
     return Fact(

@@ -124,7 +124,8 @@ def settled_segments(signals: Signals) -> Segments:
 def longest_recorded_segment(signals: Signals) -> Segment | None:
     """Returns the longest part of a log with both attitude and model inputs, for logs that have no settled flight.
 
-    Neither message rates nor the phase of flight are considered, but there are no gaps.
+    Settled flight is the flight without take-off and landing, from which models are learned. Here the vehicle may be on
+    the ground, and its messages may be slow, but there are no gaps in them.
 
     Args:
         signals: logged time series of the vehicle, with angle, rate and setpoints of one axis.
@@ -132,9 +133,10 @@ def longest_recorded_segment(signals: Signals) -> Segment | None:
     Returns:
         The segment; None if the two were never recorded together.
     """
+    whole_boot = [(-inf, inf)]
     segments = []
     for boot in _boots_with_both_streams(signals):
-        segments += _sampled_segments(signals, boot, [(-inf, inf)], _intervals_at_any_rate)
+        segments += _sampled_segments(signals, boot, whole_boot, _intervals_at_any_rate)
     return max(segments, key=lambda segment: segment.duration, default=None)
 
 

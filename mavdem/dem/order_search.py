@@ -353,7 +353,8 @@ def fits_by_order(data: BlackBoxData, max_order: int) -> tuple[Iterate | None, .
         max_order: largest number of states.
 
     Returns:
-        The iterate of highest F̄ᵒ of each order; ``None`` for an order whose fit broke down.
+        For each order the iterate of its fit with the highest value of the objective F̄ᵒ, the free energy; None for an
+        order whose fit overflowed or met a singular matrix.
     """
     fits: list[Iterate | None] = []
     for order in range(1, max_order + 1):

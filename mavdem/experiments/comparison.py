@@ -155,14 +155,16 @@ class Comparison:
 
     @cached_property
     def _summaries(self) -> dict[tuple[str, ForecastKind], tuple[JsonValues, ...]]:
-        """The summaries of all methods, by name of the flight and kind of forecast, as :meth:`summaries` returns them.
+        """The summaries that :meth:`summaries` returns, by name of the flight and kind of forecast.
 
-        They are computed once for all, because the tests over flights and the document need them several times.
+        Each is a dictionary of one method's errors over the windows of the flight. They are computed once, because the
+        tests over flights and the document need them several times.
         """
         summaries = {}
         for flight in self.flights:
+            windows_of_flight = self.of_flight(flight)
             for kind in ForecastKind:
-                summaries[flight, kind] = self.of_flight(flight)._sorted_summaries(kind)
+                summaries[flight, kind] = windows_of_flight._sorted_summaries(kind)
         return summaries
 
     def _sorted_summaries(self, kind: ForecastKind) -> tuple[JsonValues, ...]:
@@ -175,7 +177,7 @@ class Comparison:
             A summary for each method, as JSON values.
         """
         methods = self.methods_of(kind)
-        # All methods are compared with the first one. No method may make forecasts of this kind.
+        # All methods are compared with the first one. If no method makes forecasts of this kind, there is no summary.
         summaries = [self._summary(method, kind, reference=methods[0]) for method in methods]
         # The error ratio has the key "relative" in the published summaries.
         return tuple(sorted(summaries, key=itemgetter("relative")))
@@ -315,9 +317,10 @@ class Comparison:
             - ``verdicts``: results of :meth:`tests`.
             - ``over_flights``: results of :meth:`over_flights`.
             - ``flights``: for each flight its summaries and single outcomes (``_flight_values``).
-            - ``predictions``: this dictionary for predictions, which are forecasts without knowledge of the future
+            - ``predictions``: the same dictionary for predictions, which are forecasts without knowledge of the future
               inputs. None if no method makes them, and in the dictionary of the predictions itself.
         """
+        # The dictionary of the predictions is made by this method too, and then contains no other one.
         predicting_methods = self.methods_of(UNKNOWN_INPUTS)
         has_predictions = kind != UNKNOWN_INPUTS and bool(predicting_methods)
         return {

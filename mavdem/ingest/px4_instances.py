@@ -30,9 +30,10 @@ from mavdem.ingest.vocabulary import EstimatorRatio
 
 
 def sys_status(topics: Topics) -> Fields:
-    """Makes SYS_STATUS of the first connected battery, with the decimals that the message would cut off.
+    """Makes SYS_STATUS of the first connected battery.
 
-    PX4 itself (SYS_STATUS.hpp) sends the connected battery with the least charge, which may change in flight. In
+    PX4 itself (SYS_STATUS.hpp) sends that of the connected battery with the least charge, which may be another one
+    later in the flight. Voltage and current keep their decimals, which the integers of a real message cut off. In
     addition to the message's fields there is ``charge_state`` (MAV_BATTERY_CHARGE_STATE), as in BATTERY_STATUS.
 
     Args:
@@ -44,7 +45,8 @@ def sys_status(topics: Topics) -> Fields:
     batteries = _connected_batteries(topics)
     if not batteries:
         return {}
-    return _battery_fields(batteries[min(batteries)])
+    first_number = min(batteries)
+    return _battery_fields(batteries[first_number])
 
 
 def battery_status(topics: Topics) -> Fields:

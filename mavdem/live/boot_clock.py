@@ -175,16 +175,17 @@ class BootClock:
         return True
 
     def _unwrapped_time(self, message: Message) -> float:
-        """Returns the time of a stamp, s, if its counter has wrapped to zero as often as the present clock's.
+        """Returns the time of an attitude as if its counter never began again at zero, s of the present boot clock.
 
         Args:
-            message: an attitude with a stamp, s, whose counter begins again after ``wrap_period``, s.
+            message: an attitude with a stamp, s, whose counter begins again at zero after ``wrap_period``, s.
         """
         time = message.stamp
-        # Without a wrap the period may be infinite.
+        # The counter has begun again this often. If it never has, its period may be infinite, which times 0 is NaN.
         if self._wraps:
             time += self._wraps * message.wrap_period
-        # The counter has wrapped once more if the stamp went back, and is close to the clock with one period added.
+        # Now it may have begun again once more: then the time lies before the present one, ``self.now``, and with one
+        # period added soon after it. Otherwise a message came late, or the autopilot restarted, and nothing is added.
         has_gone_back = time < self.now - MIN_RESET_STEP
         gap_after_wrap = time + message.wrap_period - self.now
         if has_gone_back and gap_after_wrap <= MAX_WRAP_GAP:

@@ -341,7 +341,8 @@ class ControlWatch:
     def crash_after_loss(self, moment: FlightMoment) -> FlightEnd | None:
         """Judges whether a vehicle that lost control has met the ground, while the autopilot reports it as flying.
 
-        Autopilots report the landing of a crashed vehicle, and disarm, seconds late.
+        Autopilots report the landing of a crashed vehicle, and disarm, seconds late. Until then the vehicle is examined
+        as if its flight ended now, but only if it is so low that it may be on the ground.
 
         Args:
             moment: present time, with the vehicle's parameters, time of take-off, and motion of the last seconds.

@@ -110,11 +110,13 @@ class GainAdviser:
                 niceness = NORMAL_PRIORITY
             self._start_computation(vehicle, niceness)
         if self._pending is None:
+            # No advice is being computed.
             return ()
         # Only the end of a session waits for the other process, nothing in flight does.
         if not is_at_end and not self._pending.done():
             return ()
         self.facts, self.judgement = self._awaited_result(self._pending)
+        # The next advice gets a process of its own.
         self.close()
         return self.facts
 

@@ -221,6 +221,7 @@ class MotorAlarms:
         if not watch.is_continued(time):
             # After a landing or a long gap there is no reference, so that nothing shows whether the loss is over.
             self._reported_loss = None
+        # The sudden losses that last. Once a slow loss is reported, they are parts of it, and do not count any more.
         sudden_losses = []
         if self._reported_loss is None:
             sudden_losses = list(self._detector.weak_motors.values())
@@ -230,12 +231,10 @@ class MotorAlarms:
         self._is_suddenly_weak = bool(sudden_losses)
         watch.add_sample(time, commands, lean)
         gradual_loss = watch.loss
-        if sudden_losses and (
-            gradual_loss is None or not is_much_larger(gradual_loss, sudden_losses)
-        ):
-            return ()
         if gradual_loss is None:
             return self._report_end_of_gradual_loss(time)
+        if sudden_losses and not is_much_larger(gradual_loss, sudden_losses):
+            return ()
         return self._report_gradual_loss(gradual_loss)
 
     def _report_gradual_loss(self, loss: MotorChange) -> Facts:
@@ -249,20 +248,21 @@ class MotorAlarms:
             ``MIN_REPORTED_GROWTH`` times as large as in that report; otherwise nothing.
         """
         former_report = self._reported_loss
-        is_new = former_report is None or former_report.name != loss.name
-        if former_report is None or is_new:
-            self.latest.append(loss)
+        if former_report is None or former_report.name != loss.name:
+            # No loss of this motor is reported now.
             is_report_due = True
+            self.latest.append(loss)
+            # A sudden loss was a part of this one, and is not followed any more. So its end must not begin the search
+            # for slow losses anew.
             self._is_suddenly_weak = False
         else:
-            self._update_latest_loss(loss)
             is_report_due = loss.size >= MIN_REPORTED_GROWTH * former_report.size
+            self._update_latest_loss(loss)
         if is_report_due:
             self._reported_loss = loss
+        # The alarm shows the newest figures, whether they are reported or not.
         self._update_active_alarms(loss)
-        if is_report_due:
-            return (loss.event,)
-        return ()
+        return (loss.event,) if is_report_due else ()
 
     def _report_end_of_gradual_loss(self, time: float) -> Facts:
         """Reports that a motor has recovered from the slow loss that was reported; nothing if none was.
@@ -283,11 +283,12 @@ class MotorAlarms:
         return (recovery.event,)
 
     def _update_latest_loss(self, loss: MotorChange) -> None:
-        """Replaces the latest loss of a motor by its present size; the time at which it was found first stays.
+        """Updates the size of a motor's loss in the list of the latest changes; the time when it was found first stays.
 
         Args:
-            loss: the loss as of the latest search.
+            loss: the loss as of the latest search. Nothing is updated if the list has no loss of this motor and boot.
         """
+        # The list may have several losses of the motor, with a recovery after each: the last one is updated.
         for index in reversed(range(len(self.latest))):
             change = self.latest[index]
             if change.name == loss.name and change.boot == loss.boot and change.is_weak:

@@ -157,8 +157,9 @@ class InputSelector:
     def _columns_of_port(self, name: str, port: int, stream: SampleStream) -> Fields:
         """Returns the outputs of one port as the columns that a log would have.
 
-        They have R rows: first the samples with the extremes of each channel since boot, then the latest samples; of a
-        fast stream only every second, third … sample, so that no call takes long.
+        The rules for logs find out from these columns which channels drive motors. They have R rows: first the samples
+        with the smallest and the largest output of each channel since boot, then the latest samples; of a fast stream
+        only every second, third … sample, so that no call takes long.
 
         Args:
             name: name of the message.
@@ -183,6 +184,7 @@ class InputSelector:
         columns = {"time": time, "boot": np.full(len(time), self._boot)}
         layout = MOTOR_MESSAGES[name]
         if not layout.is_ported:
+            # The message has one field with an array of all channels.
             columns[layout.field] = table
             return columns
         # The message has one field for each channel, numbered from 1, and a field with the number of its port.

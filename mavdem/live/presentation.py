@@ -231,17 +231,21 @@ class Presentation:
             self._display.log(event)
 
     def report_omissions(self, *, is_at_end: bool = False) -> None:
-        """Reports how many reports of the autopilot were left out, and the states among them, if that is due.
+        """Makes up for reports of the autopilot that were left out, because too many of one kind had come.
+
+        From time to time the user sees how many these were. Where a state, such as "on the ground", was left out and
+        still holds, it is shown as soon as the limit allows, so that the last state that is shown is the present one.
 
         Args:
-            is_at_end: whether the session ends; before, it is called once a second.
+            is_at_end: whether the session ends, after which nothing can be shown any more. Before, this is called once
+                a second.
         """
         now = clock.monotonic()
         omission_report = self._report_limit.pop_omission_report(now)
         if omission_report is not None:
             self.log(omission_report)
         for state in self._report_limit.pop_omitted_states(now, is_at_end=is_at_end):
-            # Not by :meth:`log`, which would apply the limit of reports again.
+            # These passed the limit of reports already, which :meth:`log` would apply again.
             self._add_event(state)
 
     def _is_repetition(self, fact: Fact) -> bool:

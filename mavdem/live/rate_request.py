@@ -462,10 +462,13 @@ class RateRequest:
             interval: the message, whose ``fall_count`` is updated.
             rate: its measured rate, Hz; 0 if the message no longer comes.
         """
-        if rate > 0:
+        goes_on = rate > 0
+        if goes_on:
             interval.fall_count += 1
+        # The count is 0 if the message has only ever ended, which is reported each time.
         if interval.fall_count <= 1:
             self._report_message(interval, RateFact.RATE_FELL, former_rate=interval.reachable_rate)
+        # Of some messages nothing is reported, since mavdem does not depend on them.
         is_contested = interval.is_reported and interval.fall_count == MAX_TRIES
         if is_contested and not self._is_contest_reported:
             self._is_contest_reported = True

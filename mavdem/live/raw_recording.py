@@ -77,7 +77,8 @@ class RawRecording:
     def add(self, stamp: float, frames: Sequence[Frame]) -> None:
         """Adds frames, and passes them on to the operating system every ``BATCH_SECONDS``.
 
-        Passing on each frame by itself would take most of the time; what still waits here is lost in a crash.
+        Passing on each frame by itself would take most of the time. Frames that were not passed on are lost if the
+        program crashes.
 
         Args:
             stamp: time when the link completed them, UNIX s.
@@ -91,10 +92,11 @@ class RawRecording:
         for frame in frames:
             self._write_frame(stamp, frame.content)
             self._size += STAMP_BYTES + len(frame.content)
+            # The recording may be divided later, where the last frame of a vehicle ends.
             self._sizes_by_sender[frame.system, frame.component] = self._size
         self.frame_count += len(frames)
         seconds_since_flush = stamp - self._flush_stamp
-        # They are negative where the computer's clock was set back.
+        # The seconds are negative where the computer's clock was set back.
         is_flush_due = not 0 <= seconds_since_flush < BATCH_SECONDS
         if is_flush_due:
             self._flush_stamp = stamp

@@ -138,18 +138,19 @@ class RowBuilder:
         return stream is self._row_streams[1]
 
     def latest_motor_outputs(self) -> list[float] | None:
-        """Returns the latest output of each motor, in the unit of the stream and the order of the inputs.
+        """Returns the latest output of each motor, in the unit of its message and the order of the model's inputs.
 
-        It is None before inputs are chosen, and where one of their ports has not sent anything.
+        It is None before it is known which output channels drive the motors, and while one of the ports to which these
+        channels belong has not sent anything. A port is a group of channels with messages of its own.
         """
         if self.inputs is None:
             return None
         outputs = []
         for channel in self.inputs.channels:
-            values = self._streams[self.inputs.motors.message, channel.port].latest
-            if not values:
+            outputs_of_port = self._streams[self.inputs.motors.message, channel.port].latest
+            if not outputs_of_port:
                 return None
-            outputs.append(values[channel.offset])
+            outputs.append(outputs_of_port[channel.offset])
         return outputs
 
     def completed_rows(self, name: str, stream: SampleStream) -> list[AlignedRow]:

@@ -389,10 +389,12 @@ class LiveSession:
             silence: how long no message of the followed vehicle had come before the latest ones, s.
         """
         report = resumption(MissingMessages.MESSAGES, silence)
-        if report is not None:
-            self._presentation.log(report)
-            # The return of attitude and motor outputs, a moment later, then needs no second report.
-            self._reported_silence = silence
+        if report is None:
+            return
+        self._presentation.log(report)
+        # A moment later attitude and motor outputs come again, too. :meth:`_report_resumed_motion` then reports that
+        # only if these were missing for much longer.
+        self._reported_silence = silence
 
     def _report_resumed_motion(self) -> None:
         """Reports that attitude or motor outputs come again, if neither had come for ``SILENCE_SECONDS``.
@@ -648,16 +650,19 @@ class LiveSession:
 
     @property
     def shown_status(self) -> SessionStatus:
-        """The status as of now, for users: an all-clear waits for the judgement of a recording that is being read."""
+        """The status as of now, for users: a headline that all is well waits for the judgement of the recording."""
         return self._with_awaited_recording(self.status)
 
     def _with_awaited_recording(self, status: SessionStatus) -> SessionStatus:
-        """Returns a status in which an all-clear waits for the judgement of the recording, while that is being read.
+        """Adds to a status that the recording of the latest flight is still being judged, if it is.
+
+        The recording may show faults that the session did not see. So the status then shows no headline that all is
+        well, but that the judgement of the recording is awaited; warnings are shown as ever.
 
         Args:
             status: the present status.
         """
-        # The adviser judges the recording after a landing, and finds the gains to advise.
+        # After a landing, the adviser reads the recording, judges the flight by it and finds the gains to advise.
         if self.gain_adviser is None or not self.gain_adviser.is_awaited:
             return status
         awaited = Fact(SessionFact.RECORDING_NOT_JUDGED, kind=RecordingState.BEING_READ)
@@ -829,14 +834,18 @@ class LiveSession:
         self._recorded_flight = self.stream.flight_number
 
     def _announce_final_advice(self, adviser: GainAdviser) -> None:
-        """Makes advice due at the end of a session in flight, and reports if the end will wait for advice.
+        """Requests advice on gains at the end of a session in flight, and reports that the end will wait for it.
+
+        A session that ends after a landing needs no request: the advice was requested at the landing.
 
         Args:
-            adviser: computes the advice. After a landing it is due anyway, or has been given.
+            adviser: computes the advice.
         """
         has_flown = self.flight.learning.has_settled or self.stream.is_flying
-        if has_flown and not self.flight.learning.has_landed:
+        has_landed = self.flight.learning.has_landed
+        if has_flown and not has_landed:
             self._request_gain_advice(adviser)
+        # Advice is awaited from its request until it is given.
         if adviser.is_awaited:
             self._presentation.log(Fact(GainFact.ADVICE_AWAITED, duration=MAX_WAIT_SECONDS))
 
@@ -926,15 +935,15 @@ def _without_measurements(reason: Fact | None) -> Hashable:
 
 
 def _states_margins(advice: Facts, margins: Fact) -> bool:
-    """Returns whether advice on gains already states the stability margins, as the reason of a decision on a loop.
+    """Returns whether advice on gains already states the stability margins of an axis, which then need no report.
 
     Args:
         advice: facts (coded findings) on what to do with the gains of each axis.
-        margins: the fact on the margins, which are those of one axis.
+        margins: the fact on the margins of one axis.
     """
     for fact in advice:
-        is_decision_on_loop = fact.code is LoopAction.LOOPS_JUDGED
-        if not is_decision_on_loop:
+        if fact.code is not LoopAction.LOOPS_JUDGED:
+            # Only a decision on the loops of an axis has a reason, which may be their margins.
             continue
         reason = fact.figures["reason"]
         if reason.code is margins.code and reason.figures["axis"] == margins.figures["axis"]:

@@ -337,20 +337,25 @@ class SessionStatus(ImmutableResult):
         return self._judgement_with_recording(judgement)
 
     def _judgement_of_unjudged_flight(self, judgement: Judgement) -> Judgement:
-        """Returns the judgement of a flight that is over, and of which nothing was checked.
+        """Returns the judgement of a flight that is over, if no check of the vehicle was possible in it.
+
+        Its headline says that nothing was checked, and why.
 
         Args:
-            judgement: judgement whose headline states that nothing was checked, or what the session does.
+            judgement: the judgement so far. Its headline says either that nothing was checked, with the reason as a
+                figure, or what the session does, such as to wait for steady flight (``STATES_OF_LEARNING``).
         """
         reason = judgement.headline
         if reason.code is HeadlineCode.NOTHING_CHECKED:
             reason = reason.figures["reason"]
         if reason.code in STATES_OF_LEARNING:
+            # What the session waited for is no reason once the flight is over. It is that too little came before.
             reason = self._too_little_received
         headline = Fact(HeadlineCode.NOTHING_CHECKED, reason=reason)
         if self.no_model_reason is not None and self.no_model_reason.code is SessionFact.NOT_FLYING:
-            # The next flight may begin.
+            # The session waits for the next flight, so that its next step stays, such as to take off.
             return replace(judgement, headline=headline)
+        # Otherwise the next step follows from the headline, as at the end of the session.
         return _judgement_with_headline(headline, judgement.lights)
 
     @property
@@ -365,9 +370,10 @@ class SessionStatus(ImmutableResult):
     def verdicts_worst_first(self) -> list[FlightVerdict]:
         """The verdicts on all flights of the session, the worst first, with which a session of several flights ends.
 
-        The verdict on the latest flight is made from the present judgement, by the recording once that is judged. But
-        if the autopilot restarted after a loss in the air, this session's judgement is about the time after the
-        restart: then the verdict from before the restart stays until the recording is judged.
+        A verdict is the judgement of one flight with its number; it was made when the flight ended. That on the latest
+        flight is made anew, since its judgement may be by the recording meanwhile. But if the autopilot restarted after
+        a loss in the air, the present judgement is about the time after the restart: then the verdict from before the
+        restart stays until the recording is judged.
         """
         if not self.verdicts:
             return []
@@ -1027,17 +1033,18 @@ def _lights_of_recording(
 
 
 def _judgement_by_lights(judgement: Judgement, *, keeps_next_step: bool) -> Judgement:
-    """Returns a judgement whose headline sums up its lights.
+    """Replaces the headline of a judgement by one that sums up its lights: the worst of them, or that all are good.
 
     Args:
-        judgement: headline, next step, and a light for each part of the vehicle.
-        keeps_next_step: whether the next step stays if the new headline has neither the level "watch" nor "bad".
-            Otherwise the next step follows from the new headline.
+        judgement: headline, next step (what the pilot should do), and lights: the judgement of each part of the vehicle
+            as a fact with a level.
+        keeps_next_step: whether the next step stays, such as how to get a model, if the new headline does not warn. A
+            headline that warns always brings its own next step.
     """
     headline = headline_by_lights(judgement.lights)
-    if headline.is_watch_or_bad or not keeps_next_step:
-        return _judgement_with_headline(headline, judgement.lights)
-    return replace(judgement, headline=headline)
+    if keeps_next_step and not headline.is_watch_or_bad:
+        return replace(judgement, headline=headline)
+    return _judgement_with_headline(headline, judgement.lights)
 
 
 def _judgement_with_headline(headline: Fact, lights: NamedFacts) -> Judgement:

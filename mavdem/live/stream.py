@@ -379,9 +379,9 @@ class LiveStream:
     def _no_rows_reason(self) -> Fact | None:
         """Why there are no rows (samples of motor outputs and motion) to learn from; None if there are.
 
-        It is the first thing that is missing: a vehicle to follow; its attitude, which gives the boot clock; or what
-        the latest review found missing. After a crash it is that the flight is over, since learning does not wait for
-        another take-off then.
+        After a crash it is that the flight is over, since learning does not wait for another take-off then. Otherwise
+        it is the first thing that is missing: a vehicle to follow; its attitude, which gives the boot clock; or what
+        the latest review found missing. A review examines the messages of the vehicle twice a second.
         """
         loss = self._review.watchdog.loss
         if loss is not None and not self.is_flying:

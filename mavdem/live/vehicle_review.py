@@ -168,16 +168,20 @@ class VehicleReview:
         self._review_control(now)
 
     def _review_control(self, now: float) -> None:
-        """Judges whether control is being lost while the attitude is far from its setpoint, between the reviews too.
+        """Judges whether control is lost, if the attitude has been far from its setpoint for a while in flight.
+
+        Until then the judgement of the reviews, which come twice a second, suffices. Now it is made more often, every
+        ``CONTROL_PERIOD``, so that the alarm comes as early as possible.
 
         Args:
             now: present time on the boot clock, s.
         """
         watchdog = self.watchdog
         is_already_lost = watchdog.loss is not None
-        may_be_losing = self.phase.is_flying and watchdog.control.may_be_lost
-        if is_already_lost or not may_be_losing:
+        may_be_lost = self.phase.is_flying and watchdog.control.may_be_lost
+        if is_already_lost or not may_be_lost:
             return
+        # The time since the last judgement is negative after a restart of the boot clock.
         is_due = abs(now - self._control_time) >= CONTROL_PERIOD
         if self.telemetry is None or not is_due:
             return
@@ -340,15 +344,16 @@ class VehicleReview:
         self._motion = self._rows.recent_motion()
 
     def _begin_watchdog_review(self) -> None:
-        """Performs the step that reports new warnings of the autopilot, and queues the watchdog's other steps.
+        """Begins the watchdog's part of a review: reports new warnings of the autopilot, and queues the other steps.
 
-        The watchdog looks for faults without a model. It judges battery, estimator, vibration and tracking in flight
-        only, and only in its thorough reviews, since that takes longer.
+        The watchdog looks for faults without a model. It judges battery, estimator and vibration in flight only, and
+        only in some of its reviews, the thorough ones, since that takes longer. In some of these it judges the tracking
+        too, how the attitude follows its setpoint, which takes longest.
         """
         assert self.telemetry is not None
         now = self._review_time
         is_flying = self.phase.is_flying
-        # The end of the climb-out; None before it.
+        # Flight is settled from the end of the climb-out on; None before it.
         settled_start = self.phase.settled_start(now)
         new_reports = self.watchdog.begin_review(
             now,

@@ -396,17 +396,18 @@ class VehicleSelector:
         return [component for component in self if component.vehicle_type in MULTIROTORS]
 
     def _refuse_duplicate_ids(self, sender: Component) -> None:
-        """Reports once that two vehicles send under the same ids, and follows neither of them.
+        """Stops following ids under which two vehicles send, and reports it once.
 
-        Their messages cannot be distinguished, so that alarms about them would be false. Once one of them is silent,
-        the other may be followed.
+        The messages of the two cannot be distinguished, so that alarms about them would be false. Once one of them is
+        silent, the other may be followed.
 
         Args:
-            sender: component that has just sent a message.
+            sender: the ids, as the component that has just sent a message.
         """
         fact = Fact(VehicleFact.TWO_VEHICLES_LIVE, subject=sender.name)
         if self.followed is sender:
             self.followed = None
+        # A third vehicle may still be followed.
         if self.followed is None:
             self.not_followed_reason = fact
         if sender.name not in self._refused:
@@ -436,7 +437,8 @@ class VehicleSelector:
     def _report_choice(self, vehicles: list[Component]) -> None:
         """Reports that the user must choose one of several vehicles, unless these were reported already.
 
-        Until then that is why nothing is followed (``not_followed_reason``), and all of them are watched for alarms.
+        Until the user has chosen, that is the reason why none is followed, and all of them are watched for alarms
+        (``other_vehicles``).
 
         Args:
             vehicles: the vehicles, by system and component id; at least two.
@@ -447,6 +449,7 @@ class VehicleSelector:
         self.other_vehicles = names
         first_name = vehicles[0].name
         self.not_followed_reason = Fact(VehicleFact.CHOOSE_VEHICLE, name=first_name)
+        # Of many vehicles the report lists the first ones, and how many others there are.
         listed = [vehicle.description for vehicle in vehicles[:MAX_LISTED_VEHICLES]]
         unlisted_count = max(len(vehicles) - MAX_LISTED_VEHICLES, 0)
         self._report(

@@ -839,7 +839,7 @@ class Watchdog:
         loss = self._with_motor_as_cause(loss)
         self._store_ground_contact(loss, contact)
         if contact is not None and loss.code in LOSSES_IN_AIR:
-            # No parachute helps a vehicle that has already struck the ground.
+            # The fact then does not advise to release the parachute, which does not help a vehicle on the ground.
             loss = loss.replace(is_low=True)
         self.loss = loss
         review.facts[WatchedQuantity.CONTROL] = loss
@@ -1047,16 +1047,18 @@ class Watchdog:
         return is_recently_landed and not self._is_height_drift_found
 
     def _show_height_drift(self, drift: Fact) -> None:
-        """Makes the drift of a height sensor, found at rest after a flight, the status light of the estimator.
+        """Updates the status light of the estimator by the drift of a height sensor, found at rest after a flight.
+
+        A light shows the worst fact on one part of the vehicle, here on its estimate of attitude and position.
 
         Args:
-            drift: the event that barometer or satellite receiver has drifted. It is good if only the altitude by
+            drift: the event that barometer or satellite receiver has drifted. Its level is good if only the altitude by
                 satellites wandered, which is no fault of the vehicle.
         """
-        # In flight, barometer and satellites may have disagreed without showing which of the two was wrong. The drift
-        # is a better judgement of the same fault, and so replaces that light even where it is less bad.
+        # In flight, the light may have become that barometer and satellites disagree, without which of the two was
+        # wrong. The drift says so. It replaces that fact even if its own level is better.
         self.status_lights.replace(Light.ESTIMATOR, MotionEvent.HEIGHTS_DISAGREE, drift)
-        # If the light states another fault, or none, the drift becomes the light unless that is worse.
+        # Any other fact stays the light if its level is worse than that of the drift.
         self.status_lights.add(Light.ESTIMATOR, drift)
 
     def _judge_end_of_flight(self, review: _Review, moment: FlightMoment) -> None:
@@ -1144,13 +1146,15 @@ class Watchdog:
         Args:
             vehicle: identity and parameters of the vehicle, without messages.
             now: time of the review, s of the boot clock.
-            start_time: messages before it are left out, s.
-            settled_intervals: intervals of settled flight, without take-off and landing, s; None if they are not
-                needed.
+            start_time: time on the same clock, s; messages before it are left out.
+            settled_intervals: intervals of settled flight, without take-off and landing, on the same clock, s. None if
+                the caller judges nothing that depends on them.
 
         Returns:
-            The signals. Their landed state is what the reviews so far have found, until ``now``.
+            The signals, from ``start_time`` until ``now``. Their landed state is not a message, but what the reviews so
+            far have found.
         """
+        # Messages that come again and again, such as the state of the battery.
         repeated_messages = (*STATUS_MESSAGES, *ESTIMATOR_FLAG_MESSAGES)
         columns = self._slow_messages.columns(repeated_messages, start_time)
         # The names of flight modes and the firmware's version come once, when a ground station asks for them.
@@ -1264,15 +1268,17 @@ class Watchdog:
                 # A battery does not recover in flight: a milder fault that is found later replaces no worse alarm.
                 fault = worst_fact([fault, self.alarms.facts.get(quantity, fault)])
             fault_time = review.last_found_time(quantity)
+            # An alarm is new unless one with the same code and level was active already.
             is_new = self.alarms.raise_alarm(quantity, fault, fault_time)
-            # A report of the autopilot on its estimator was passed on to the user when it was received.
+            # What the autopilot itself reports on its estimator was shown to the user when the report came.
             is_autopilot_report = isinstance(fault.code, ReportedEvent)
-            was_reported = quantity is WatchedQuantity.ESTIMATOR and is_autopilot_report
-            if is_new and not was_reported:
-                reported_fact = fault
-                if quantity is WatchedQuantity.BATTERY:
-                    reported_fact = _battery_report_in_flight(fault)
-                reported_alarms.append(alarm_if_bad(reported_fact, review.now))
+            was_shown = quantity is WatchedQuantity.ESTIMATOR and is_autopilot_report
+            if not is_new or was_shown:
+                continue
+            reported_fact = fault
+            if quantity is WatchedQuantity.BATTERY:
+                reported_fact = _battery_report_in_flight(fault)
+            reported_alarms.append(alarm_if_bad(reported_fact, review.now))
         return reported_alarms
 
     def _end_alarms(self, review: _Review) -> list[Fact]:

@@ -493,15 +493,17 @@ class LiveWind:
             self._next_step_end = time
 
     def _withdraw_unchecked_estimates(self, reason: Fact) -> None:
-        """Ends the filter, and forgets the estimates since free flight was checked last with success.
+        """Ends the estimation, and takes back the estimates since the last check that the vehicle flew freely.
 
         Args:
-            reason: why the motion shows no wind.
+            reason: why the motion shows no wind, such as that the vehicle is held.
         """
         self.no_estimate_reason = reason
         self.latest = None
+        # The mean over all estimates, and their number, become those at that check.
         self.mean = self._checked_mean
         self._estimate_count = self._checked_count
+        # A new filter begins when the vehicle flies freely again.
         self._filter = None
 
     def _parameter_draws(self) -> Array:

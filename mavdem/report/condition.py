@@ -258,12 +258,15 @@ def _wind_estimate_sentences(
     """
     typical_drag = None
     if wind.drag.source is DragSource.POPULATION:
-        # The drag of typical multirotors, 1/s: both ends of its interval, as the mean over the body axes x and y.
+        # The flight did not show the vehicle's own drag, so that the drag of typical multirotors was used. It is stated
+        # as both ends of its interval, 1/s, each the mean over the body axes x and y.
         typical_drag = wind.drag.interval("linear").mean(axis=1)
     # A vehicle also leans without wind, by a misaligned attitude or an offset load, and the intervals of the wind allow
-    # for that. The standard deviation of this lean is given as an acceleration, m/s², and divided by gravity it is an
-    # angle, rad. The coverage factor makes it the half width of a 90 % interval.
+    # for that. ``LEAN_SD`` is the standard deviation of this lean as an acceleration, m/s², and divided by gravity it
+    # is an angle, rad. The coverage factor makes it the half width of a 90 % interval.
     lean_allowance = coverage_factor() * LEAN_SD / GRAVITY
+    # The template has the sentences. It states the margin, s, around each time in which the attitude was far from its
+    # setpoint: the wind is not estimated there.
     return render_section(
         "wind",
         wind=wind,
@@ -394,17 +397,21 @@ def drag_blocks(drag: Drag, autopilot: str, settings: Mapping[str, ParameterValu
 def _drag_table(drag: Drag, autopilot: str, settings: Mapping[str, ParameterValue]) -> Table:
     """Returns the table of a vehicle's drag: value and 90 % interval of each parameter to set, and the linear drag.
 
+    An autopilot has a parameter for the linear drag, its "momentum drag coefficient", and others for the quadratic
+    drag. If the first is not among the parameters to set, the linear drag has a row without such a name.
+
     Args:
         drag: drag of the vehicle, with linear coefficients along x and y of the body (2,), 1/s. Their mean is shown.
         autopilot: name of the autopilot, which decides on the names of the parameters.
-        settings: value and both ends of the interval of each parameter to set, by its name.
+        settings: value and both ends of the interval of each parameter of the autopilot to set, by its name.
     """
-    momentum_name, _ = DRAG_PARAMETER_NAMES.get(autopilot, ("", ""))
+    linear_drag_name, _ = DRAG_PARAMETER_NAMES.get(autopilot, ("", ""))
+    # Value and interval by the text of the row's first cell.
     quantities: dict[str, ParameterValue] = {}
     for name, setting in settings.items():
-        unit = "linear drag, 1/s" if name == momentum_name else "kg/m²"
+        unit = "linear drag, 1/s" if name == linear_drag_name else "kg/m²"
         quantities[f"{name} ({unit})"] = setting
-    if momentum_name not in settings:
+    if linear_drag_name not in settings:
         low, high = drag.interval("linear").mean(axis=1)
         linear_drag = ParameterValue(float(drag.linear.mean()), low=float(low), high=float(high))
         quantities["linear drag (1/s)"] = linear_drag

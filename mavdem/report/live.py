@@ -140,9 +140,9 @@ def _wrapped_light(light: Fact) -> Fact:
 def light_rows(status: SessionStatus) -> list[LightRow]:
     """Returns the rows of the table of status lights of a live flight, one for each part of the vehicle.
 
-    A row has the level of the light and one figure, such as the battery's voltage. A light that warns and has no figure
-    has the beginning of its sentence, and one that is not judged what it waits for or lacks. After the link was lost,
-    the figure of a light that was good is how long ago that was.
+    A light is the judgement of one part as a fact with a level. Its row has the level and one figure, such as the
+    battery's voltage. In the place of the figure, a light that warns without one has the beginning of its sentence; one
+    that is not judged, what it waits for or lacks; and after the link was lost, one that was good, how long ago.
 
     Args:
         status: state of the session.

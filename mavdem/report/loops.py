@@ -325,7 +325,8 @@ def _faults_in_flight(
 ) -> list[Sentence]:
     """Returns what the flight shows of axes whose loops are not known, such as that an axis swings, and what to do.
 
-    What the report has stated already is left out, and so is what the next step states.
+    A decision on the loops of an axis has a reason, what is wrong, and a remedy. It is left out if the reader has both
+    already: the reason as the headline; or the reason in the report, and the remedy in the next step below it.
 
     Args:
         tuning: the fact why the loop of each axis is not known, and the decision on its loops.
@@ -343,8 +344,9 @@ def _faults_in_flight(
             continue
         decision = tuning.judgement.loop_decisions[axis]
         reason = str(decision.reason)
-        is_stated_above = reason == report and decision.fact.remedy in next_step
-        if not is_stated_above and reason != headline_above:
+        is_in_report = reason == report and decision.fact.remedy in next_step
+        is_headline = reason == headline_above
+        if not is_in_report and not is_headline:
             decisions[axis] = decision
     return decision_sentences(decisions, next_step, lead_end=" in flight:")
 
@@ -697,6 +699,7 @@ def margin_overview(tuning: Tuning) -> Table | None:
             continue
         remark = ", doubtful" if _has_doubtful_margins(tuning, axis) else ""
         for loop_name in LOOP_NAMES:
+            # The variants are "now" and, where gains change, "advised".
             for variant, loop in compared_loops(advice).items():
                 cells = _margin_cells(loop.open_loop(loop_name), STEP_SECONDS[loop_name])
                 # Wind turns the angle, which the attitude loop holds.
@@ -893,11 +896,12 @@ def _gain_sentences(advice: Advice) -> list[Sentence]:
     """Returns sentences on what the advised gains of one axis are expected to do.
 
     They state the expected deviation of the angle in wind, what comes after this step if it does not reach the margins,
-    unusual ratios of the gains, and the noise in the demand.
+    unusual ratios of the gains, and the noise in the demand. The template "loop_gains" has the words.
 
     Args:
         advice: gains by name of the parameter, and the control loop before and after.
     """
+    # Reasons for the gains themselves are stated in another place.
     unusual_notes = [note for note in advice.notes if note.code not in REASONS_FOR_GAINS]
     return render_section(
         "loop_gains", advice=advice, unusual_notes=unusual_notes, largest_step=MAX_GAIN_STEP

@@ -572,8 +572,8 @@ def vehicle_blocks(axes: Mapping[str, AxisEstimates], *, is_doubtful: bool) -> B
 def _axis_header(axes: Mapping[str, AxisEstimates]) -> list[str]:
     """Returns the header of the table of physical parameters, in which each axis has a row.
 
-    The control effectiveness is an angular acceleration per unit of the model's inputs, which the header names. The
-    unit is taken from the first axis with a flight, since the header is common to all rows.
+    The control effectiveness is an angular acceleration per unit of the model's inputs, such as motor outputs in
+    percent, and the header names that unit. All axes of a vehicle have the same one.
 
     Args:
         axes: physical parameters by axis; an axis whose data could not be used has no flights.
@@ -581,7 +581,8 @@ def _axis_header(axes: Mapping[str, AxisEstimates]) -> list[str]:
     input_unit = ""
     for estimates in axes.values():
         if estimates.flights:
-            input_unit = estimates.flights[0].input_units[0]
+            first_flight = estimates.flights[0]
+            input_unit = first_flight.input_units[0]
             break
     effectiveness_unit = unit_per_input(TORQUE_UNIT, input_unit)
     return [

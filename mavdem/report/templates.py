@@ -251,18 +251,21 @@ def _filled_template(fact: Fact, template_name: str) -> str:
 
 
 def _advises_flight(code: Code, template_name: str) -> bool:
-    """Returns whether a template advises to fly, for example to record more data.
+    """Returns whether a text on a fact (a coded finding) advises to fly, for example to record more data.
 
-    The file of templates marks the codes whose texts do so by the key ``advises_flight``. The advice is in the remedy.
-    A fact without a remedy, such as a next step, is itself advice, which is in its sentence.
+    The TOML file has a table for each code, with a template for each text: its "sentence", its "remedy" (what to do).
+    The table has the further key ``advises_flight`` if one of them advises to fly. That is the remedy or, of a code
+    without a remedy, such as a next step, the sentence.
 
     Args:
-        code: code of a fact, by which its templates are found.
-        template_name: which of these templates, such as "sentence" or "remedy".
+        code: code of the fact, by which its table is found.
+        template_name: which of the texts: "sentence" or "remedy", for example.
     """
-    templates = sentence_templates()[code]
-    advising_template = "remedy" if "remedy" in templates else "sentence"
-    return "advises_flight" in templates and template_name == advising_template
+    table = sentence_templates()[code]
+    if "advises_flight" not in table:
+        return False
+    advising_template = "remedy" if "remedy" in table else "sentence"
+    return template_name == advising_template
 
 
 def _template_values(fact: Fact) -> dict[str, Any]:

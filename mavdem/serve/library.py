@@ -449,9 +449,11 @@ class Library:
         return FoundEntries(entries, total=len(matching_ids))
 
     def incomplete_count(self) -> int:
-        """Returns the number of flights of which neither flight time nor modes nor gains are known.
+        """Returns the number of flights without flight time, modes and gains because an earlier version read their log.
 
-        An earlier version of ``mavdem track``, which did not store these, has read their logs.
+        Earlier versions of ``mavdem track`` did not store these three. A log is counted if the library has none of them
+        (``INCOMPLETE_SQL``), unless the present version has read it: then its row in the table of the fleet's flights
+        is complete (``COMPLETE_ROW_SQL``), and the log itself does not contain them.
         """
         query = f"""select count(*) from entries where {INCOMPLETE_SQL}
         and path not in (select file from flights where {COMPLETE_ROW_SQL})"""

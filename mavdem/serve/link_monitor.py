@@ -610,30 +610,48 @@ class LinkMonitor:
         status = session.status
         self._update_summary(session, status)
         if self._finished_page and not _awaits_vehicle(status):
+            # A vehicle has come: from now on the page is that of the running session.
             self._finished_page = ""
             if self._stored_flight is not None:
                 self._stored_flight = self._stored_flight._replace(session=None)
+        self._update_verdicts()
+        html = self._finished_page
+        if not html:
+            status = self._shown_status(session)
+            html = self._page_of_running_session(session, status)
+        self._page = SessionPage.made_now(html, session, status, start_time)
+
+    def _update_verdicts(self) -> None:
+        """Looks up the library's verdicts on what is stored: the flight before, and the part of a flight that was lost.
+
+        The library judges a recording some time after it was stored. A new verdict also renews the page of the finished
+        session, if that is still shown.
+        """
         if self._stored_flight is not None:
             self._stored_flight = self._with_verdict(self._stored_flight)
         if self._stored_part is not None:
             self._stored_part = self._with_verdict(self._stored_part)
-        # The page of the session before; empty if it is not shown any more.
-        html = self._finished_page
-        if not html:
-            status = self._shown_status(session)
-            saved_flight = None
-            if self._stored_part is not None and status.link_loss is not None:
-                saved_flight = self._stored_part.saved_flight
-            links = [] if self._latest_flight is None else [self._latest_flight]
-            html = session_page(
-                session,
-                status,
-                self._library.names,
-                back=LIBRARY_LINK,
-                links=links,
-                saved_flight=saved_flight,
-            )
-        self._page = SessionPage.made_now(html, session, status, start_time)
+
+    def _page_of_running_session(self, session: LiveSession, status: SessionStatus) -> str:
+        """Renders the HTML page of the running session, with a link to the flight before if there was one.
+
+        Args:
+            session: the running session.
+            status: its status, as users are to see it.
+        """
+        # While the link is lost in the air, the page has a link to the part of the flight that was stored.
+        saved_flight = None
+        if self._stored_part is not None and status.link_loss is not None:
+            saved_flight = self._stored_part.saved_flight
+        links = [] if self._latest_flight is None else [self._latest_flight]
+        return session_page(
+            session,
+            status,
+            self._library.names,
+            back=LIBRARY_LINK,
+            links=links,
+            saved_flight=saved_flight,
+        )
 
     def _shown_status(self, session: LiveSession) -> SessionStatus:
         """Returns the status of the running session, with the library's verdict on the vehicle's flight before it.

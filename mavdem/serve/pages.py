@@ -357,11 +357,13 @@ class Pages:
         if not self._has_viewer or RECORDING_FILE not in entry.file_names:
             raise Refusal(reason_without_file(entry, RECORDING_FILE))
         visitor = self._visible_library.visitor_values(request)
+        # The name that a user gave to the flight, or else that of its file.
+        given_name = visitor["given"].flights.get(entry.content_hash)
         return HTMLResponse(
             render_server_page(
                 "viewer",
                 flight=entry,
-                name=visitor["given"].flights.get(entry.content_hash) or entry.name,
+                name=given_name or entry.name,
                 back=PageLink("Flight", f"/f/{entry.id}"),
                 **visitor,
             ),
@@ -439,13 +441,17 @@ class Pages:
             request: the request, for the sender's rights.
             entry: index entry of the flight.
             name: name of the file, or ``log``.
+
+        Raises:
+            Refusal: the sender may not have the file, or there is none of this name.
         """
         # A log with a digest is stored in the library; others lie where `mavdem track` has read them.
         is_stored = bool(entry.digest)
         if name == "log":
             path = self._visible_library.log_path(request, entry)
             if not is_stored and path.is_file():
-                # This path in the index may have been tampered with. Only a file that is recognised as a log is sent.
+                # This path in the index may have been tampered with. So the file is sent only if it is a log:
+                # ``detect_format`` raises an error for any other one.
                 detect_format(path)
             name = entry.name
         elif is_stored and name in entry.file_names:
@@ -454,6 +460,7 @@ class Pages:
             raise Refusal(reason_without_file(entry, name))
         with refuse_missing_file():
             status = path.stat()
+        # A folder or a device in the place of the file is not sent.
         if not S_ISREG(status.st_mode):
             raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
         return FileResponse(

@@ -99,10 +99,11 @@ class SpectralLine(NamedTuple):
 def find_spectral_lines(spectrum: Spectrum) -> tuple[SpectralLine, ...]:
     """Finds the lines of a spectrum, and what causes them.
 
-    The frequency of a line may depend on the throttle, so that a mean over windows would smear it. Therefore the
-    spectra of all windows are aligned by each of ``SEARCH_EXPONENTS`` before they are averaged; a line stands out if
-    the exponent is near the line's. Each peak is then tracked with a more exact exponent. A line of unknown cause
-    that is much weaker than a named line is that line, smeared by a wrong exponent, and is left out.
+    The frequency of a line may be proportional to a power of the throttle, so that a mean over windows would smear it.
+    Therefore the spectra of all windows are aligned by each of ``SEARCH_EXPONENTS``, exponents of such a power, before
+    they are averaged; a line stands out if the exponent is near the line's. Each peak is then tracked with a more exact
+    exponent. A line of unknown cause that is much weaker than a line of known cause is that line, smeared by a wrong
+    exponent, and is left out.
 
     Args:
         spectrum: spectrum of one sensor, in W windows.
@@ -119,7 +120,7 @@ def find_spectral_lines(spectrum: Spectrum) -> tuple[SpectralLine, ...]:
         for peak in prominent_peaks(mean_log_density, MIN_PEAK_PROMINENCE):
             if frequency[peak] >= MIN_LINE_FREQUENCY:
                 candidates.append(_line_near(spectrum, windows, frequency[peak]))
-    # The same line may be found with several exponents.
+    # The same line may be found with several exponents. The ratio of a line is its height above the spectrum around it.
     lines = _distinct_lines(candidates)
     ratio_of_strongest_named_line = 0.0
     for line in lines:

@@ -121,7 +121,7 @@ def mean_wind_by_minute(
 ) -> list[dict[str, float]]:
     """Returns the mean wind of each minute of a flight.
 
-    The flight is cut into equal parts of half a minute to a minute.
+    The flight is cut into equal parts of at most ``PART_SECONDS``, one minute; an odd second more makes no other part.
 
     Args:
         winds: N posterior samples of the wind velocity, north and east (T, N, 2), m/s.
@@ -134,8 +134,9 @@ def mean_wind_by_minute(
         ``direction`` that the wind comes from, degrees; and ``start`` and ``end``, the times of its first and last
         step, s.
     """
-    # A flight of more than a minute has two parts, so that a wind that rose is seen.
-    part_count = max(ceil(len(winds) * step / PART_SECONDS - PART_TOLERANCE), 1)
+    # The number is rounded up: a flight of more than a minute has two parts, so that a wind that rose is seen.
+    minutes = len(winds) * step / PART_SECONDS
+    part_count = max(ceil(minutes - PART_TOLERANCE), 1)
     wind_of_parts = []
     for rows in np.array_split(np.arange(len(winds)), part_count):
         mean_wind = mean_wind_of_steps(winds[rows], variances[rows], step)

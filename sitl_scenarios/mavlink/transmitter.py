@@ -590,7 +590,9 @@ def recorded_stream(scenario: Scenario, motion: Motion) -> FrameStream:
     for first_row in range(0, len(motion), BLOCK_CYCLES):
         sent_frames = transmitter.send(motion[first_row : first_row + BLOCK_CYCLES])
         received_frames += link.pass_on(sent_frames)
+    # At the end of the flight a frame may still wait to be overtaken by the next one.
     received_frames += link.held_frames()
+    # The scenario may have a second link, which repeats all frames, or a second vehicle.
     received_frames = with_second_sender(scenario, received_frames)
     # All frames are stored as one array of bytes, with the index at which each frame begins.
     data = np.frombuffer(b"".join(frame for _, frame in received_frames), dtype=np.uint8)

@@ -248,17 +248,20 @@ class Pilot:
             estimate: Position, velocity, attitude and rates as the autopilot estimates them.
 
         Returns:
-            Output of the pilot; None before the dive, when the autopilot flies.
+            Output of the pilot; None before the dive, when the flight plan sets the motors.
         """
+        # The log has this mode from the beginning, as of a pilot who flew there by hand and holds the stick at hover.
         self.mode = "stabilize"
         self.throttle_stick = self.hover_stick
         if time < dive.start:
             return None
         if time < dive.start + dive.seconds:
+            # The motors keep some thrust, by which the attitude stays controlled.
             self.throttle_stick = 0.0
             return self._level(estimate, DIVE_THRUST)
         self.throttle_stick = 1.0
-        if estimate.velocity[2] < CAUGHT_SPEED:
+        _, _, sink_speed = estimate.velocity
+        if sink_speed < CAUGHT_SPEED:
             self.has_ended_manoeuvre = True
         return self._level(estimate, CATCH_THRUST)
 

@@ -82,23 +82,27 @@ class InstrumentedSimulation(Simulation):
 
     @property
     def finished(self) -> bool:
-        """Whether the recording is over: the autopilot has lost its power, or the vehicle has crashed or landed before.
+        """Whether the recording is over; the first of these rules that applies decides.
 
-        A crashed or late landed vehicle is recorded at rest for some seconds. A vehicle that is still armed at the
-        planned end of the flight gets up to ``MAX_LATE_SECONDS`` more to land.
+        1. If the mishap is a brown-out, it is over when the autopilot has lost its power.
+        2. A crashed vehicle is recorded until it has been disarmed, and for ``LYING_SECONDS`` more.
+        3. A vehicle that is still armed is recorded up to ``MAX_LATE_SECONDS`` beyond the planned end of the flight.
+        4. A vehicle that landed after the planned end is recorded at rest for ``LATE_RECORD_SECONDS``.
+        5. Any other recording ends as planned.
         """
         mishap = self.scenario.mishap
         if isinstance(mishap, BrownOut) and self._flight_time >= mishap.start + mishap.seconds:
             return True
-        # A vehicle that crashed lies on the ground.
         if self._lying_since is not None:
-            return self._flight_time >= self._lying_since + CRASH_CHECK_SECONDS + LYING_SECONDS
+            # The autopilot takes ``CRASH_CHECK_SECONDS`` to recognise the crash, and then disarms.
+            disarming_time = self._lying_since + CRASH_CHECK_SECONDS
+            return self._flight_time >= disarming_time + LYING_SECONDS
         planned_end = self.scenario.duration
         may_still_land = self._flight_time < planned_end + MAX_LATE_SECONDS
         if self.armed and may_still_land:
             return False
+        # A vehicle that lands as planned is disarmed in the cycle of the planned end.
         if self._disarmed_at is not None and self._disarmed_at > planned_end + self.cycle:
-            # A vehicle that landed after the planned end is recorded at rest, too.
             return self._flight_time >= self._disarmed_at + LATE_RECORD_SECONDS
         return super().finished
 

@@ -140,7 +140,7 @@ def generated_logs(rows: FlightRows, count: int) -> Iterator[GeneratedLog]:
     for number in range(count):
         vehicle, flight = divmod(number, FLIGHTS_OF_A_VEHICLE)
         real_rows = real_logs[vehicle % len(real_logs)]
-        # Digest and size in bytes only have to differ from log to log.
+        # The size in bytes, and the key with its digest, need only differ from log to log.
         size = 1_000_000 + number
         identity = LogIdentity(
             path=f"/flights/vehicle_{vehicle:03}/{flight:03}.bin",
@@ -148,7 +148,9 @@ def generated_logs(rows: FlightRows, count: int) -> Iterator[GeneratedLog]:
             date=FIRST_DAY + timedelta(days=DAYS_BETWEEN_FLIGHTS * flight, minutes=vehicle),
             vehicle=f"{vehicle:03}",
         )
+        # All rows of a log get the same factors, by which flights of a vehicle differ.
         factors = {column: random_numbers.gauss(1.0, JITTER) for column in JITTERED_COLUMNS}
+        # Time and memory that reading the log would have taken are not measured here: any value does.
         outcome = JobOutcome(
             identity.path,
             ended="read",

@@ -211,9 +211,9 @@ def forecast_table(figures: list[FlightFigures]) -> Table:
         figures: results of the models on each flight.
 
     Returns:
-        A row for each model and each half of the flights, "A", "B" and "all"; a column for each kind of forecast and
-        number of samples from one forecast to the next. Cells are geometric means over the flights: below 1 the model
-        has smaller errors than the joint VAR.
+        A row for each model and each half of the flights ("A" and "B"), and one for all of them; a column for each kind
+        of forecast and number of samples from one forecast to the next. Cells are geometric means over the flights:
+        below 1 the model has smaller errors than the joint VAR (a vector autoregression of outputs and inputs).
     """
     columns = ["model", "flights"]
     for kind, step_counts in STEPS.items():

@@ -105,18 +105,21 @@ def scenario(kind: str, number: int, rate: float) -> Scenario:
 def _add_fault(values: Values, kind: str, rng: Generator) -> None:
     """Adds the fault of a kind of flights to a scenario: a motor that weakens, a propeller that chips or a load.
 
-    A fault comes after 24 to 32 s, so that sound flight precedes it. A second fault comes 6 to 14 s later.
+    A load shifts the centre of mass, to which motors must answer as if one were weak, though none is.
 
     Args:
         values: values of the scenario by section, which are changed in place.
         kind: kind of the flight, a key of ``KINDS``; some have no fault.
         rng: source of the random numbers.
     """
+    # The fault comes at a random time in the flight of 50 s, after enough sound flight to compare with. In some
+    # flights a second fault follows while the first one lasts. Both are choices, in s after arming.
     start = rng.uniform(24.0, 32.0)
     second_start = start + rng.uniform(6.0, 14.0)
     # Numbers of two different motors of the four, from 1.
     motor, other_motor = (rng.permutation(4)[:2] + 1).tolist()
     if kind in (HOVER, WIND, SECOND):
+        # The motor gives 80 % of its thrust from then on.
         values["vehicle"] |= {"weak_motor": motor, "weak_from": start, "weak_thrust": 0.8}
     if kind == CHIPPED:
         values["propeller"] = CHIPPED_PROPELLER | {"motor": motor, "start": start}

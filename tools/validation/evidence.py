@@ -177,16 +177,17 @@ def write_tables(command_part: str) -> int:
 
 
 def _new_table(command_part: str, commit: str, command: str, previous: str) -> str:
-    """Runs a command, and returns the text of its block in Markdown; the previous one if it is not chosen.
+    """Returns the text that a page shows of a command, in Markdown: the command, the commit, and its output as a table.
 
     Args:
-        command_part: text that a command must contain to be run.
-        commit: abbreviated commit of the repository.
-        command: the command of the block.
-        previous: text of the block in the page.
+        command_part: text by which commands are chosen: one that does not contain it is not run.
+        commit: abbreviated commit of the repository, at which the command is run.
+        command: the command, which is run in a shell's syntax.
+        previous: the text that the page shows so far. It stays if the command is not run.
     """
     if command_part not in command:
         return previous
+    # The user sees on standard error which command runs, since some take long.
     click.echo(command, err=True)
     return f"`{command}`, at `{commit}`:\n\n{without_padding(output_of(command))}\n"
 
@@ -245,16 +246,17 @@ def main(command_part: str, only_list: bool, summaries: bool) -> None:
     """Writes the tables of docs/evidence anew, or prints the list of the commands that make them.
 
     Args:
-        command_part: text in the commands to run; all commands if it is empty.
+        command_part: text that a command must contain to be run; all commands are run if it is empty.
         only_list: whether to print the commands and to run none.
-        summaries: whether to run no command, and to write only the counts of claims and the list of pages anew.
+        summaries: whether to run no command, and to write only what is computed from the pages themselves: how many
+            claims of a paper are reproduced, and the list of pages.
     """
     if only_list:
         for table in measured_tables():
             click.echo(f"{table.page.name}, at {table.commit}: {table.command}")
         return
-    exit_code = write_summaries() if summaries else write_tables(command_part)
-    if exit_code != 0:
+    exit_code_of_cog = write_summaries() if summaries else write_tables(command_part)
+    if exit_code_of_cog != 0:
         raise SystemExit(1)
 
 

@@ -418,9 +418,12 @@ def simulated_log(seed: int, cache: Path, is_rounded: bool = False) -> tuple[Log
 
     Args:
         seed: seed of the flight.
-        cache: folder of all flights.
-        is_rounded: whether stamps are MAVLink's, some of which are whole milliseconds; else all are exact, as in
-            autopilots' own logs.
+        cache: folder of all flights, each with its telemetry log and a file of the true values.
+        is_rounded: whether the messages keep the stamps of the telemetry log, some of which are rounded to whole
+            milliseconds. Otherwise they get the exact times, as in the logs that autopilots write themselves.
+
+    Returns:
+        The log, and the true values by axis, as :func:`loop_figures` names them.
     """
     folder = flight_folder(seed, cache)
     true_figures = json.loads((folder / "truth.json").read_text("utf-8"))

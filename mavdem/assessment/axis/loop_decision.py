@@ -496,9 +496,8 @@ def _decision_to_raise_gains(observations: LoopObservations, loop: Loop) -> Loop
 def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
     """Returns the decision on an axis with which nothing is known to be wrong.
 
-    Nothing is wrong if the margins are known to be good: by an injected signal, the identified loop or the measured
-    response. Otherwise it is not known whether something is wrong. Then the action is what the reason for that advises,
-    such as to log the setpoint.
+    Nothing is wrong if the stability margins are known to be good: by an injected signal, by the loop that was
+    identified in flight, or by the measured response to the setpoint. Otherwise it is not known.
 
     Args:
         observations: margins and tracking of the axis, and the repairs that the vehicle needs.
@@ -509,33 +508,48 @@ def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
     margins = observations.margins
     good_facts = [fact for fact in margins.facts if fact.is_good]
     if not good_facts:
-        reason = _reason_for_no_margins(observations)
-        action = None
-        if reason.code is MarginsLight.RATE_STANDS_OUT:
-            action = _advice_to_compare_peaks(observations, reason)
-        elif reason.remedy:
-            action = _action_to_remedy(reason)
-        # A loop whose margins are not known to be good is not a basis for new gains.
-        return LoopDecision(
-            margins.axis,
-            LoopDiagnosis.UNKNOWN,
-            reason,
-            action,
-            reasons_against_gains=(reason,),
-        )
+        return _decision_without_margins(observations)
+    # A fact (a coded finding) on the margins themselves comes before one on the measured response.
     best_fact = good_facts[0]
     reasons_against_gains: Facts = ()
     if best_fact.code is MarginsLight.LOOP_MEASURED:
-        # An injected signal moves the vehicle, so that no gains are computed from such a flight.
+        # The margins were measured with an injected signal. It moves the vehicle, so that no gains are computed from
+        # such a flight.
         reasons_against_gains = (best_fact,)
     elif isinstance(margins.loop, Fact):
-        # This fact says why no loop was identified from which gains could be computed.
+        # Without a loop that was identified there is no basis for gains; the fact in its place says why.
         reasons_against_gains = (margins.loop,)
     return LoopDecision(
         margins.axis,
         LoopDiagnosis.NOTHING_WRONG,
         best_fact,
         reasons_against_gains=reasons_against_gains,
+    )
+
+
+def _decision_without_margins(observations: LoopObservations) -> LoopDecision:
+    """Returns the decision on an axis with which nothing is known to be wrong, but whose margins are not known either.
+
+    Args:
+        observations: margins and tracking of the axis, and the repairs that the vehicle needs.
+
+    Returns:
+        The decision, with the diagnosis "unknown". Its action is what would make the margins known, such as to log the
+        setpoint; None if nothing would.
+    """
+    reason = _reason_for_no_margins(observations)
+    action = None
+    if reason.code is MarginsLight.RATE_STANDS_OUT:
+        action = _advice_to_compare_peaks(observations, reason)
+    elif reason.remedy:
+        action = _action_to_remedy(reason)
+    # A loop whose margins are not known to be good is not a basis for new gains.
+    return LoopDecision(
+        observations.margins.axis,
+        LoopDiagnosis.UNKNOWN,
+        reason,
+        action,
+        reasons_against_gains=(reason,),
     )
 
 

@@ -90,7 +90,9 @@ class Tuning(NamedTuple):
             return self.no_loop
         if any(advice.gains for advice in self.advice):
             return None
-        return self.advice[0].conclusion
+        # Each axis has its own conclusion why its gains stay. That on the first one stands for all.
+        first_advice = self.advice[0]
+        return first_advice.conclusion
 
     def files(self, vehicle: Telemetry) -> dict[str, str]:
         """Returns the contents of the parameter files that set the advised gains, to be loaded by a ground station.

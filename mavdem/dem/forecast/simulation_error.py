@@ -238,12 +238,13 @@ def simulation_horizon(
         free.
     """
     n, r, m = model.sizes
+    # The uniform prior is that of the paper, whose method has no such fit. Without known inputs nothing is simulated.
+    if settings.horizon is None or settings.prior == "uniform" or not scaling.known:
+        return None
     # θ has the n² entries of A first, then the n r entries of B. Those that the prior fixes have a large precision.
     precisions_of_A_and_B = np.diag(model.prior.theta_precision)[: n * n + n * r]
     free_parameter_count = np.count_nonzero(precisions_of_A_and_B < KINEMATIC_PRECISION)
-    if settings.horizon is None or settings.prior == "uniform":
-        return None
-    if not scaling.known or free_parameter_count == 0:
+    if free_parameter_count == 0:
         return None
     # The horizon is the longest for which the record suffices, from the settings' horizon down to the shortest.
     max_horizon = max(1, round(settings.horizon / record.dt))

@@ -132,27 +132,29 @@ def sign_of_effect(record: Record, mixer: Array) -> float:
 
 
 def recorded_controller(record: Record, mixer_row: Array) -> LoopController:
-    """Returns the controller that the parameters of a record state, for a combination of its motors as output.
+    """Returns the controller of an axis by the autopilot's parameters, with a combination of the motors as its output.
 
     Args:
-        record: the record, with the autopilot's parameters.
-        mixer_row: (r,) the combination.
+        record: the training data of the axis, with the autopilot's parameters.
+        mixer_row: (r,) weights of the r motors in the combination, such as +1 on one side of the axis and −1 on the
+            other.
 
     Returns:
-        The controller with its gains per unit of the combination. Ratios of gains that are 0 are raised to
-        ``MIN_KNOWN_RATIO``, since the model has their logarithms.
+        The controller with its gains per unit of the combination, as the medians of their prior. The ratios of the
+        integral and the derivative gain to the proportional one are at least ``MIN_KNOWN_RATIO``, since the model has
+        their logarithms.
 
     Raises:
         NotLearnable: the parameters, or the mixer, are not known; there is no proportional gain; or the combination
-            turns the axis against the demand.
+            decreases when the controller demands more torque, so that its sign is wrong.
     """
     axis = record_axis(record)
     controller = logged_controller(record.parameters, axis, record.effect_directions)
     if not controller.p > 0:
         name = controller.parameter_names["p"]
         raise NotLearnable(LoopFact.NO_PROPORTIONAL_GAIN, name=name, value=controller.p)
-    # The output of the controller is a demand. Its gains times the change of the combination per unit of demand are the
-    # gains with which it drives the combination.
+    # The autopilot's controller has a demand of torque as output, from which the mixer makes motor outputs. Its gains
+    # times the change of the combination per unit of demand are the gains of a controller that sets the combination.
     combination_per_demand = float(mixer_row @ inputs_per_demand(controller, record))
     if not combination_per_demand > 0:
         raise NotLearnable(LoopFact.MIXER_REVERSED)
@@ -165,6 +167,7 @@ def recorded_controller(record: Record, mixer_row: Array) -> LoopController:
         derivative_of_error=controller.derivative_of_error,
         # ArduPilot adds the derivative of the shaped target angle to the rate setpoint, PX4 does not.
         setpoint_slope_gain=float(controller.is_ardupilot),
+        # A cut-off of 0 stands for a filter that is switched off or not known.
         gyro_cutoff=controller.gyro_filter or UNKNOWN_GYRO_CUTOFF,
         derivative_cutoff=controller.derivative_filter or UNKNOWN_DERIVATIVE_CUTOFF,
         target_cutoff=controller.target_filter or UNKNOWN_TARGET_CUTOFF,

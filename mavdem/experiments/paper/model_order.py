@@ -423,12 +423,13 @@ def _order_tables(
 
 
 def _free_energy_picture(free_energies: Mapping[str, Array]) -> Picture:
-    """Returns the figure of F̄ by model order, a panel for known and one for unknown inputs.
+    """Returns the figure of the free energy F̄ by model order, a panel for known and one for unknown inputs.
 
-    What is drawn is the distance below the maximum over all orders, the mean of the flights, on a logarithmic axis.
+    A panel has a line for each system: how far F̄, as the mean of the flights, is below that of the best order. The
+    axis is logarithmic, and the distance is drawn as ``MIN_NATS_SHOWN`` at the best order itself, where it is 0.
 
     Args:
-        free_energies: F̄ (systems, flights, orders), nats, by whether the inputs are known.
+        free_energies: F̄ (systems, flights, orders), nats, by "known" and "unknown", what the inputs are.
     """
     panels = {}
     for inputs, values_by_system in free_energies.items():

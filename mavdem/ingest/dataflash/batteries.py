@@ -74,9 +74,9 @@ def battery_status(tables: Tables) -> NamedMessage:
         The message, in the order of boot and time; without columns if it is not made.
     """
     batteries: list[_LoggedBattery] = []
+    # New versions of ArduPilot log BAT, old ones CURR. A log has one of them.
     for battery_message in BATTERY_MESSAGES:
         batteries = _logged_batteries(tables, battery_message)
-        # Old versions of ArduPilot log CURR, new ones BAT; a log has one of them.
         if batteries:
             break
     has_further_battery = any(battery.number > 0 for battery in batteries)
@@ -88,7 +88,8 @@ def battery_status(tables: Tables) -> NamedMessage:
         fields = {
             **other_measurements,
             "id": np.full(len(voltage), battery.number, np.uint8),
-            # In MAVLink the voltage of the whole battery may stand in the first of its elements for cells.
+            # MAVLink's field has an element for each cell. Where these are not known, the first element may have the
+            # voltage of the whole battery.
             "voltages": voltage[:, None],
         }
         tables_of_batteries.append(with_stamps(battery.logged_columns, fields))

@@ -135,6 +135,7 @@ def _message_table(definition: FormatDefinition, lines: list[_Line]) -> MessageT
         if row is not None:
             values_of_messages.append(row)
             line_numbers.append(line.number)
+    # Whether each message has an integer in all its integer fields.
     is_valid = np.ones(len(values_of_messages), dtype=np.bool_)
     columns: dict[str, NDArray[Any]] = {}
     for index, name in enumerate(definition.fields):
@@ -199,8 +200,8 @@ def _parsed_values(texts: list[bytes], is_numeric: list[bool]) -> list[float | b
 def _texts_with_decimal_points(values: bytes, definition: FormatDefinition) -> list[bytes]:
     """Splits a line of values with decimal commas, such as "1000, 0,5, -1,25", which some ground stations write.
 
-    If there are spaces after the commas between values, they show which comma is which. Without them ("1000,0,5") every
-    number that is not an integer must have a decimal comma; otherwise it is unknown which numbers have one.
+    A space after a comma shows that it separates two values. Without spaces ("1000,0,5") the definition tells which
+    values may have a decimal comma, and all of them must have one; otherwise it is unknown which of them do.
 
     Args:
         values: The values of the line.
@@ -210,7 +211,8 @@ def _texts_with_decimal_points(values: bytes, definition: FormatDefinition) -> l
         The values, with decimal points; an empty list if decimal commas cannot be distinguished from separators.
     """
     field_count = len(definition.fields)
-    texts = values.strip().split(b", ", field_count - 1)
+    # The last field may be a text that contains ", " itself: the line is split into as many texts as there are fields.
+    texts = values.strip().split(b", ", maxsplit=field_count - 1)
     if len(texts) != field_count:
         return _fields_of_pieces(values.split(b","), definition.characters)
     fields = []

@@ -432,7 +432,8 @@ class _RunProcessor:
             first: Row of the first frame.
             end: Row after the last frame.
         """
-        # Signed numbers, so that their differences may be negative; the bit mask takes them modulo 256.
+        # Sequence numbers are bytes, from 255 on to 0. As signed numbers they have negative differences there, which
+        # the bit mask takes modulo 256.
         sequence = self._frames.sequence[first:end].astype(np.int16)
         steps = np.diff(sequence) & (SEQUENCE_NUMBERS - 1)
         # Each step leads from a row of the run to the next one.

@@ -25,9 +25,11 @@ def assign_times_to_unstamped_messages(
 ) -> None:
     """Assigns a time to each message without a usable stamp: the time of the last stamped message before it.
 
-    Stamped messages of all types of the component count, in the order of the stream. There are two exceptions. Messages
-    before the first stamped one get its time. At a restart of the autopilot, a message that was received nearer to the
-    first stamped message after it than to the last one before gets the time of the former.
+    Stamped messages of all types of the component count, in the order of the stream. There are two exceptions:
+
+    - Messages before the first stamped one get its time.
+    - Messages between the last stamped one before a restart of the autopilot and the first one after it may be of
+      either boot. Those that were received nearer to the first one after it get its time.
 
     Args:
         message_types: The messages of a component by type, with their stamps and positions in the stream.
@@ -42,11 +44,14 @@ def assign_times_to_unstamped_messages(
     if not untimed_types:
         return
     first_type = min(timed_types, key=lambda readings: int(readings.positions[0]))
-    # Messages before the first stamped one get its time; the loop below replaces the times of all others.
+    # All messages get the time of the first stamped one. It stays that of the messages before it: the loop below
+    # replaces the times of all others.
     for untimed in untimed_types:
         untimed.set_times(0, first_type.time[:1], first_type.boot[:1])
+    # The stamped messages come in sections of the stream, each sorted by position and after the section before.
     for readings in _merged_in_stream_order(timed_types):
-        # All later messages get these times first; those of the next section then replace what comes after it.
+        # All messages from the begin of this section to the end of the stream get a time of this section. The next
+        # section then replaces the times of those after its own begin.
         for untimed in untimed_types:
             first = int(np.searchsorted(untimed.positions, readings.positions[0]))
             rows_before = last_rows_before(readings.positions, untimed.positions[first:])

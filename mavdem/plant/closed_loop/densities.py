@@ -205,12 +205,14 @@ class DensityModel:
         """Sets the densities of output and reference, which are estimated from the log instead of being modelled.
 
         The density of the output scales the noise that is proportional to it. The reference is made by the pilot, who
-        is not modelled. Its estimate is aliased, so that the density at each alias is recovered from it.
+        is not modelled. Since the log is slow, its estimate at each frequency is the sum over the frequencies that
+        alias onto it. ``unfolded_density`` divides the sum among these.
 
         Args:
             frequency: frequencies (J,) of the estimates, Hz.
             power_densities: estimated power densities (J, 4) of all quantities, in the order of ``Quantity``.
         """
+        # (J, F): magnitude of each frequency of the estimates, and of those that alias onto it, which may be negative.
         alias_frequency = np.abs(self._frequency)
         output = np.interp(alias_frequency, frequency, power_densities[:, Quantity.OUTPUT])
         self._output_density = output * self._in_range
@@ -223,8 +225,8 @@ class DensityModel:
         reference = unfolded_density(
             aliased_reference, alias_frequency, is_not_aliased, self._in_range
         )
-        # Out of range the density may have any positive value: other densities are divided by it, and the result is
-        # multiplied by 0.
+        # Aliases beyond the range of the model are left out of all sums, by a factor of 0. Their density is set to 1
+        # only because other densities are divided by it.
         self._reference_density = np.where(self._in_range, reference, 1.0)
 
     def _set_alias_phases(self, stamp_offsets: Array) -> None:

@@ -115,26 +115,29 @@ class MapWind(NamedTuple):
 
         Args:
             wind: the estimated wind; None without an estimate.
-            stated_wind: what the page says of the wind above its map. If that has the direction, the map need not.
+            stated_wind: what the page says of the wind above its map. If it contains the direction, such as "NW", the
+                arrow has no label.
 
         Returns:
             The wind, without the speed if that is not identifiable; None if the direction is not identifiable.
         """
         if wind is None or not wind.direction_identifiable:
             return None
+        # Direction and speed over time.
         polar = wind.polar
         speed_interval = None
         speeds = None
         if wind.speed_identifiable:
             speed_interval = wind.mean_speed_interval
             speeds = polar.speed
+        is_direction_stated = compass_text(wind.direction) in stated_wind
         return cls(
             wind.direction,
             speed_interval=speed_interval,
             time=wind.time,
             directions=polar.direction,
             speeds=speeds,
-            is_labelled=compass_text(wind.direction) not in stated_wind,
+            is_labelled=not is_direction_stated,
         )
 
     @property

@@ -100,13 +100,14 @@ def hardware_groups(evidence: Evidence, timeline: Timeline) -> dict[str, list[Gr
 def vibration_charts(evidence: Evidence, timeline: Timeline, light: Fact) -> list[Chart]:
     """Returns charts of the vibration that the autopilot reports of its IMUs, and of their clips.
 
-    ArduPilot reports three axes of each IMU, which has a chart of its own; PX4 one level of each IMU, which are drawn
-    in one chart. Clips are counted from the beginning of the charts on.
+    ArduPilot reports three axes of each IMU, so that each IMU has a chart of its own. PX4 reports one level of each
+    IMU, and one chart has them all. A clip is a sample of an accelerometer at the end of its range.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        timeline: charts of the flight over the same time, whose events are marked.
-        light: the judgement of the vibration; its limits are drawn if the vibration was judged.
+        timeline: the charts of the flight, whose time these charts share, and whose events are marked in them.
+        light: the judgement of the vibration, a fact (a coded finding). The limits by which it judged are drawn; none
+            if the vibration could not be judged.
 
     Returns:
         The charts; none if vibration was not recorded. IMUs that never clipped have no line.
@@ -114,6 +115,7 @@ def vibration_charts(evidence: Evidence, timeline: Timeline, light: Fact) -> lis
     vibration = reported_vibration(evidence.signals)
     if vibration is None:
         return []
+    # Horizontal lines at the limits.
     level_limits: tuple[Line, ...] = ()
     clip_limits: tuple[Line, ...] = ()
     if light.code is VibrationLight.VIBRATION_MEASURED:

@@ -328,10 +328,13 @@ def _measured_trims(flights: Sequence[AxisRows]) -> Estimates:
         Deviation and half width of its 90 % interval (flights, 2) by the name of the motor, NaN where not known.
     """
     motors = _motor_names(flights)
-    # The column has the output of each motor, divided by the mean of all motors: 1 is no deviation.
+    # The column has the output of each motor in hover, divided by the mean of all motors: 1 is no deviation. Its shape
+    # is (motors, flights, 2), the value and its half width.
     relative_outputs = _estimates_of_column(flights, "trim_share", len(motors))
     trims: Estimates = {}
-    for motor, (outputs, half_widths) in zip(motors, relative_outputs.swapaxes(1, 2), strict=True):
+    for motor, estimates in zip(motors, relative_outputs, strict=True):
+        outputs = estimates[:, 0]
+        half_widths = estimates[:, 1]
         trims[motor] = PERCENT * np.column_stack([outputs - 1.0, half_widths])
     return trims
 

@@ -258,8 +258,8 @@ def light_blocks(reviews: Mapping[str, Review]) -> Blocks:
 def lights_are_equal(first_light: JsonValues, second_light: JsonValues) -> bool:
     """Returns whether a status light means the same in two logs: the same level and, if it warns, the same reason.
 
-    The reason is the same if the code of the finding is, and the motor, IMU or axis that it is about. Its numbers, such
-    as the thrust that was lost, may differ. Margins that are good must be of the same axes.
+    A light judges one subject, such as the motors. The reason is the same if the code of the finding is, and the motor,
+    IMU or axis that it is about. Its numbers, such as the thrust that was lost, may differ.
 
     Args:
         first_light, second_light: the same light in the review documents of both logs.
@@ -267,9 +267,9 @@ def lights_are_equal(first_light: JsonValues, second_light: JsonValues) -> bool:
     if first_light["level"] != second_light["level"]:
         return False
     if first_light["level"] not in WARNING_LEVELS:
-        # Margins that are known and good on one axis only are less than good margins on three axes.
-        axes_of_margins = [_axes_of_margins(light) for light in (first_light, second_light)]
-        return axes_of_margins[0] == axes_of_margins[1]
+        # A light that does not warn needs no reason. But good margins of the loops must be those of the same axes:
+        # known on one axis only, they are less than on three. A light on another subject has no axes in both logs.
+        return _axes_of_margins(first_light) == _axes_of_margins(second_light)
     keys = ("code", "subject", "figures.axis")
     return all(value_at(first_light, key) == value_at(second_light, key) for key in keys)
 
@@ -282,17 +282,29 @@ def _axes_of_margins(light: JsonValues) -> frozenset[str]:
 
 
 def _light_cells(first_light: JsonValues, second_light: JsonValues | None) -> list[Rated | str]:
-    """Returns the cells of a light in a table, each with its level and its sentence.
+    """Returns the cells of a status light in a table of two logs: its level in each log, and the sentence behind it.
 
-    Where the lights are about different IMUs, the second cell ends with how each IMU changed.
+    A light judges one subject, such as the vibration. If it is about IMU 1 in one log and about IMU 3 in the other, the
+    second sentence ends with how each of these sensors changed.
 
     Args:
-        first_light: the light in the review document of the first log.
-        second_light: that in the document of the second log; None if it does not have the light, whose cell is empty.
+        first_light: the light in the review document of the first log, with its ``level`` and ``sentence``.
+        second_light: that in the document of the second log; None if that does not have it, and its cell is empty.
     """
-    first_cell = Rated(first_light["level"], Level(first_light["level"]), first_light["sentence"])
+    first_cell = _light_cell(first_light)
     if second_light is None:
         return [first_cell, ""]
-    remark = remark_on_imus(dict(zip(STATE_NAMES, (first_light, second_light), strict=True)))
-    second_reason = second_light["sentence"] + remark
-    return [first_cell, Rated(second_light["level"], Level(second_light["level"]), second_reason)]
+    first_side, second_side = STATE_NAMES
+    remark = remark_on_imus({first_side: first_light, second_side: second_light})
+    return [first_cell, _light_cell(second_light, remark)]
+
+
+def _light_cell(light: JsonValues, remark: str = "") -> Rated:
+    """Returns a cell with the level of a status light, which a page colours by it and explains by the light's sentence.
+
+    Args:
+        light: the light in the review document of a log.
+        remark: a further sentence behind that one, with a space before it.
+    """
+    level = light["level"]
+    return Rated(level, Level(level), light["sentence"] + remark)

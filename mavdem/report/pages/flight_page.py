@@ -653,19 +653,22 @@ def _axes_chapter(assessment: Assessment, timeline: Timeline) -> Chapter:
 
 
 def _scope_of_tracking_level(assessment: Assessment, light: Fact) -> str:
-    """Returns for which part of a flight the level of the attitude tracking holds; empty for the whole flight.
+    """Returns words that limit the level in a chapter's title to a part of the flight; empty if none are needed.
 
-    Tracking is judged in settled flight only, but the charts go on until the vehicle is lost.
+    How well the attitude tracks its setpoint is judged in settled flight only, without take-off, landing and loss. But
+    the charts of the chapter also show how the vehicle was lost. So "good" beside them is limited to the time before.
 
     Args:
         assessment: all results on a vehicle of the log, with the event by which the vehicle was lost, if it was.
         light: the judgement of how well all axes track, a fact (a coded finding) with a level.
     """
     loss = None if assessment.evidence is None else assessment.evidence.ending
+    if loss is None or loss.time is None:
+        return ""
     is_tracking_judged = light.level is not Level.UNKNOWN
     # If the light states the loss itself, its level is about the whole flight.
     states_loss = light.code in Ending
-    if loss is None or loss.time is None or not is_tracking_judged or states_loss:
+    if states_loss or not is_tracking_judged:
         return ""
     return f" in settled flight, until {loss_onset(loss):.1f} s"
 
@@ -998,13 +1001,18 @@ def _position_of_lost_vehicle(status: SessionStatus) -> str:
 def _shown_silence(status: SessionStatus) -> float:
     """Returns for how long the time axis of a live page goes on after the last message of a vehicle in flight, s.
 
+    The empty part of the charts shows since when the link has been lost; it ends after ``MAX_SHOWN_SILENCE``. It is 0
+    while messages come, and when the session is over.
+
     Args:
         status: state of the session now, or at its end.
     """
     link_loss = status.link_loss
     if link_loss is None or status.is_over:
         return 0.0
-    return min(link_loss.figures["duration"] or 0.0, MAX_SHOWN_SILENCE)
+    # The duration is None if it is not known since when.
+    silence = link_loss.figures["duration"] or 0.0
+    return min(silence, MAX_SHOWN_SILENCE)
 
 
 def _live_subtitle(status: SessionStatus, link: str) -> str:

@@ -123,16 +123,19 @@ def _script_hash(source: str) -> str:
 
 @cache
 def _server_environment() -> Environment:
-    """Returns Jinja's environment for the pages of the server.
+    """Returns Jinja's environment for the pages of the server: that of all pages, with more filters and values.
 
     All templates are compiled at once, so that the first visitor does not wait for that.
     """
+    # An overlay shares the settings of the environment, but has its own values.
     jinja = environment().overlay()
+    # Templates write these names after a bar, as in {{ time | utc }}.
     jinja.filters["brief"] = _short_vehicle_name
     jinja.filters["unnamed"] = _unnamed_vehicle
     jinja.filters["utc"] = _utc_text
     jinja.filters["minutes"] = _minutes_text
     jinja.filters["metres"] = _metres_text
+    # Names of constants and functions that the templates use.
     values = {
         "lights": [str(light) for light in Light],
         "healths": HEALTH_LEVELS,
