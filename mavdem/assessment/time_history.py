@@ -19,6 +19,7 @@ from mavdem.containers import Names
 from mavdem.dataset import flight_states
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.batteries import battery_name
+from mavdem.dataset.intervals import in_intervals
 from mavdem.dataset.segments import Segment, Segments
 from mavdem.dataset.setpoints import Setpoint
 from mavdem.dataset.signals import Signals
@@ -184,8 +185,8 @@ def time_history(
 def _barometer_height(signals: Signals) -> TimeSeries | None:
     """Returns the height by the barometer alone, to be compared with the height that the autopilot estimates.
 
-    A barometer measures height above an arbitrary level. So its height is shifted in each boot, by a constant, to begin
-    at the height that the autopilot has then.
+    A barometer measures height above an arbitrary level. So its height is shifted in each boot, by a constant, to agree
+    with the autopilot's before the take-offs (``_barometer_level``).
 
     Args:
         signals: logged time series of the vehicle, with its height.
@@ -201,10 +202,38 @@ def _barometer_height(signals: Signals) -> TimeSeries | None:
         if altitude is None:
             continue
         estimated_height = signals.height.of_boot(boot)
-        start = max(estimated_height.time[0], altitude.time[0])
-        level = altitude.value_at(start) - estimated_height.value_at(start)
-        heights_by_boot.append(replace(altitude, values=altitude.values - level))
+        level = _barometer_level(signals, altitude, estimated_height)
+        if level is not None:
+            heights_by_boot.append(replace(altitude, values=altitude.values - level))
     return _joined(heights_by_boot)
+
+
+def _barometer_level(
+    signals: Signals, altitude: TimeSeries, estimated_height: TimeSeries
+) -> float | None:
+    """Returns how much higher a barometer reads than the autopilot's estimate, m, where both should be right.
+
+    Args:
+        signals: logged time series of the vehicle, with its flights.
+        altitude: by the barometer (N,), m, in one boot.
+        estimated_height: by the autopilot (M,), m, in the same boot.
+
+    Returns:
+        The difference just before the take-offs of the boot, of several flights the median, since an estimator that has
+        just started may be wrong by metres; if nothing flew, the median of the whole boot. None if the barometer was
+        not recorded together with the estimate.
+    """
+    first_time, last_time = estimated_height.time[[0, -1]]
+    has_estimate = in_intervals(altitude.time, [(first_time, last_time)])
+    if not has_estimate.any():
+        return None
+    barometer = altitude.select(has_estimate)
+    estimate = np.interp(barometer.time, estimated_height.time, estimated_height.values)
+    difference = replace(barometer, values=barometer.values - estimate)
+    flights = flights_in_boot(signals, int(barometer.boot[0]))
+    levels = [initial_difference(difference, take_off) for take_off, _ in flights]
+    known_levels = [level for level in levels if level is not None]
+    return float(np.median(known_levels or difference.values))
 
 
 def _satellite_height(

@@ -265,12 +265,34 @@
     return { stroke: mean, fill: range, clip: null, band: null, gaps: null, flags: 0 };
   };
 
+  // On paper, which may have no colours, the lines of a plot have dashes of their own: lengths of dashes and gaps in pixels,
+  // by the number of the line. A line that is dashed on the screen stays so, a setpoint gives way to what follows it, and no
+  // other line of the plot has the dashes of either.
+  const DASHES = [5, 4], PAPER_DASHES = [[], DASHES, [1.5, 2.5], [9, 3, 1.5, 3], [14, 4], [9, 3, 1.5, 3, 1.5, 3], [3, 3, 1.5, 3], [20, 3]];
+  const dashesOnPaper = (line, lines) => {
+    const isSecondary = other => other.kind === "dashes" || other.name === "setpoint";
+    if (isSecondary(line)) return DASHES;
+    const free = PAPER_DASHES.filter(dashes => dashes !== DASHES || !lines.some(isSecondary));
+    return free[lines.filter(other => other.kind === "line" && !isSecondary(other)).indexOf(line) % free.length];
+  };
+  // The dashes as the background of the line's mark in the legend.
+  const dashedBackground = (dashes, colour) => {
+    const stops = [];
+    let end = 0;
+    dashes.forEach((length, i) => {
+      const tint = i % 2 ? "transparent" : colour;
+      stops.push(`${tint} ${end}px`, `${tint} ${end += length}px`);
+    });
+    return dashes.length ? `repeating-linear-gradient(to right, ${stops.join(", ")})` : colour;
+  };
+  const isDashedOnPaper = (line, lines) => lines.length > 1 && (line.kind === "line" || line.kind === "dashes");
+
   const series = (line, lines) => {
     // Where lines lie over each other, each shines through.
-    const isOneOfMany = lines > 3 && line.kind === "line";
+    const isOneOfMany = lines.length > 3 && line.kind === "line";
     const drawn = { label: line.name, stroke: line.colour + (isOneOfMany ? "c0" : ""), width: 1.3, scale: line.right ? "beside" : "y", points: { show: false } };
     if (isOneOfMany) Object.assign(drawn, { paths: meanAndRange, fill: line.colour + "30" });
-    if (line.kind === "dashes") drawn.dash = [5, 4];
+    if (line.kind === "dashes") drawn.dash = DASHES;
     if (isDots(line) || line.kind === "stems") drawn.paths = () => null;
     return drawn;
   };
@@ -316,13 +338,29 @@
     if (!size || values.at(-1) - values[0] <= PEAK_RATIO * size) return null;
     return { range: [low - BEYOND_LINE * size, high + BEYOND_LINE * size], ends: [values[0], values.at(-1)] };
   };
+  // Writes beside the title of a chart whose axis is limited which lines leave it, and how far.
+  const nameLinesOutside = (figure, data) => {
+    const [low, high] = data.y.ends ?? [];
+    if (low == null || high == null || data.picture) return;
+    const words = [];
+    for (const line of data.lines) {
+      const values = line.right ? [] : [...line.y].filter(value => value != null && (value < low || value > high));
+      if (!values.length) continue;
+      const farthest = values.reduce((one, other) => Math.max(low - one, one - high) > Math.max(low - other, other - high) ? one : other);
+      words.push(`${line.name} to ${digits(Math.round(farthest))}`);
+    }
+    if (words.length) figure.querySelector("header > h3").after(Object.assign(element("span", "cut"), { textContent: words.join(", ") }));
+  };
   // Decides for a span of time whether a chart is cut, and writes it beside its title. Its next scale has that range.
   const cutPeaks = (figure, data, span) => {
     const isForPaper = root.classList.contains("printing"), cut = mayBeCut(figure, data) ? rangeWithoutPeaks(data, span) : null;
     const isCut = cut && (isForPaper || !data.hasPeaks);
     data.cut = isCut ? cut.range : null;
     figure.querySelector("header > .cut")?.remove();
-    if (!cut) return;
+    if (!cut) {
+      nameLinesOutside(figure, data);
+      return;
+    }
     const farthest = cut.range[0] - cut.ends[0] > cut.ends[1] - cut.range[1] ? cut.ends[0] : cut.ends[1], ends = `${digits(Math.round(cut.ends[0]))} to ${digits(Math.round(cut.ends[1]))}`;
     const words = isForPaper ? `cut, peaks from ${ends}` : isCut ? `show peak ${digits(Math.round(farthest))}` : "cut peaks";
     const note = Object.assign(element(isForPaper ? "span" : "button", isForPaper ? "cut" : "cut plain"), { textContent: words });
@@ -369,7 +407,7 @@
       line.y = withoutSamples(line.y);
       columns.push(line.y);
       line.series = line.low ? [drawn.length - 2, drawn.length - 1, drawn.length] : [drawn.length];
-      drawn.push(series(line, data.lines.length));
+      drawn.push(series(line, data.lines));
     }
     return { data, columns, drawn, bands };
   };
@@ -453,6 +491,11 @@
   };
 
   // The legend of a chart: the cursor's place, and for each line its name and its value there. A name hides its line.
+  const markOf = (line, lines) => {
+    const mark = Object.assign(element("i"), { style: `background: ${line.colour}` });
+    if (isDashedOnPaper(line, lines)) mark.style.setProperty("--on-paper", dashedBackground(dashesOnPaper(line, lines), line.colour));
+    return mark;
+  };
   const addLegend = (figure, data, chart) => {
     const header = figure.querySelector("header");
     if (!header) return;
@@ -468,7 +511,7 @@
     data.values = data.picture ? [] : data.lines.map(line => {
       const hides = named && !isDots(line) && line.kind !== "stems";
       const entry = element(hides ? "button" : "span"), value = element("b");
-      if (named) entry.append(Object.assign(element("i"), { style: `background: ${line.colour}` }), Object.assign(element("span"), { textContent: isCommon ? line.name.slice(commonWord.length) : line.name }), " ");
+      if (named) entry.append(markOf(line, data.lines), Object.assign(element("span"), { textContent: isCommon ? line.name.slice(commonWord.length) : line.name }), " ");
       if (isCommon) entry.setAttribute("aria-label", line.name);
       entry.append(value);
       legend.append(entry);
@@ -600,6 +643,9 @@
     for (const figure of figures) {
       const chart = charts.get(figure);
       if (!chart) continue; // it is folded away
+      const { lines } = chart.data_, isForPaper = root.classList.contains("printing");
+      for (const line of lines.filter(line => isDashedOnPaper(line, lines)))
+        chart.series[line.series.at(-1)].dash = isForPaper ? dashesOnPaper(line, lines).map(length => length * devicePixelRatio) : line.kind === "dashes" ? DASHES : undefined;
       for (const axis of chart.axes) for (const one of [axis.font, axis.labelFont]) one[0] = font().replace(/\d+/, size => size * devicePixelRatio);
       fit(figure, true);
       chart.redraw(false, true);

@@ -139,7 +139,7 @@
     search.closest("p").querySelector("[role=status]").textContent = `${shown < rows.length ? `${shown} of ` : ""}${rows.length} rows`;
   });
 
-  // On a phone the list of contents is closed until it is wanted, and after it was used; and the plots of all axes but
+  // On a phone the list of contents is closed until it is wanted, and after it was used or the page beside it was touched; and the plots of all axes but
   // the one that decides.
   const phone = matchMedia("(max-width: 600px)"), folded = new WeakSet();
   const fold = () => {
@@ -152,6 +152,9 @@
     for (const part of document.querySelectorAll(".contents > details, .fold:not(.first)")) part.open = !phone.matches;
   });
   onClick(".contents a", link => { link.closest("details").open = !phone.matches; });
+  document.addEventListener("click", event => {
+    if (phone.matches && !event.target.closest?.(".contents")) for (const part of document.querySelectorAll(".contents > details[open]")) part.open = false;
+  });
   fold();
 
   // What a session shows anew has a map of its own, parts that were not folded yet, and events that are not marked.
