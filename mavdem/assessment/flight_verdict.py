@@ -6,7 +6,7 @@ from typing import NamedTuple
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.severity import severity_rank
 from mavdem.facts import Fact, Level
-from mavdem.facts.session import SessionFact
+from mavdem.facts.session import LinkFact, SessionFact
 
 
 class FlightVerdict(NamedTuple):
@@ -54,10 +54,22 @@ class FlightVerdict(NamedTuple):
 def worst_first(verdicts: Sequence[FlightVerdict]) -> list[FlightVerdict]:
     """Returns the verdicts on flights from the worst to the best: a crash comes before a weak motor.
 
+    A vehicle that is missing since it was in the air comes first: it must be searched, whatever earlier flights were.
     Of flights that are as bad (``severity_rank``) the latest comes first: its next step is the one to take.
 
     Args:
         verdicts: the verdicts in the order of the flights.
     """
     latest_first = reversed(verdicts)
-    return sorted(latest_first, key=lambda verdict: severity_rank(verdict.judgement.headline))
+    return sorted(latest_first, key=_order_by_severity)
+
+
+def _order_by_severity(verdict: FlightVerdict) -> tuple[bool, int, int]:
+    """Returns the key by which verdicts are sorted from the worst to the best.
+
+    Args:
+        verdict: the verdict on one flight.
+    """
+    headline = verdict.judgement.headline
+    is_missing = headline.code is LinkFact.LOST_IN_FLIGHT
+    return not is_missing, *severity_rank(headline)

@@ -44,6 +44,7 @@ from mavdem.report.live import (
     vehicle_text,
     watched_quantities_text,
 )
+from mavdem.report.templates import headline as headline_text
 from mavdem.report.templates import render_section
 
 UNCHANGED_STATE_PERIOD = 30.0
@@ -72,7 +73,6 @@ UNREPORTED_REASONS = frozenset(
     {
         WatchFact.ON_GROUND_NOW,
         WatchFact.OSCILLATION_AWAITED,
-        WatchFact.REFERENCE_SHORT,
         WatchFact.SETTLED_FLIGHT_AWAITED,
         SessionFact.NOT_SETTLED,
         RowsFact.MOTORS_NOT_KNOWN,
@@ -493,7 +493,7 @@ class StatusLines:
         fault_of_earlier_flight = unrepaired_fault_text(status)
         headline = status.session_judgement.headline
         if headline.code is SessionFact.FLIGHT_VERDICT:
-            fault_of_earlier_flight = headline.sentence
+            fault_of_earlier_flight = headline_text(headline)
         if fault_of_earlier_flight:
             text = escape_unprintable(fault_of_earlier_flight)
             self._print(stamped_line(text, boot_clock=status.boot_clock))

@@ -36,7 +36,7 @@ def link_loss_fact(
         reception: UNIX time of the last message, s; None where that is not known.
         displacement: where the vehicle was then, from its take-off; None where that is not known.
         voltage: voltage of its battery then, V; None where that is not known.
-        last_position: its latest geographic position; None where none came.
+        last_position: its latest geographic position in this flight; None where none came.
         cause: what was found before and may explain the silence, such as an alarm; None for nothing.
         is_over: whether the session has ended, so that the age grows no more.
 

@@ -164,7 +164,7 @@ class SessionStatus(ImmutableResult):
     its origin is another one then. None elsewhere, or where they do not come."""
 
     last_position: GlobalPosition | None = None
-    """Its latest geographic position, by which it is searched once its link is lost; None where none came."""
+    """Its latest geographic position in this boot or flight, by which it is searched; None where none came."""
 
     message_age: float | None = None
     """Time since the last message of the followed vehicle, s; None before any."""

@@ -143,8 +143,11 @@ class LiveStream:
         self._clock = BootClock(self._report)
         self._pose = PoseTracker()
         self._takeoff_place = TakeoffPlace()
-        # The latest geographic position; None before any. A reboot does not move it.
-        self._last_position: GlobalPosition | None = None
+        # The latest geographic position; None before any. ``last_position`` is that of the present flight.
+        self._latest_position: GlobalPosition | None = None
+        # The boot and the flight in which it was received, by their numbers.
+        self._position_boot = 0
+        self._position_flight = 0
         self._rate_check = RateCheck(axis, can_request=not rates_requested, report=self._report)
         self._review = VehicleReview(
             self._vehicles, self._rate_check, self.motor_alarms, self.wind, self._report
@@ -367,7 +370,7 @@ class LiveStream:
             position=None if self.pose is None else self.pose.position,
             takeoff_position=self._pose.takeoff_position if is_takeoff_seen else None,
             displacement=None if is_takeoff_seen else self._takeoff_place.displacement,
-            last_position=self._last_position,
+            last_position=self.last_position,
             watch_facts=self.watch_facts,
             worst_lights=watchdog.status_lights.latest,
             wind=self.wind.latest,
@@ -561,14 +564,33 @@ class LiveStream:
         Args:
             values: fields of the message GPS_RAW_INT.
         """
+        own_position = self.last_position
         is_own_position_recent = (
-            self._last_position is not None
-            and self._last_position.height is not None
-            and self._stamp - self._last_position.reception <= SILENCE_SECONDS
+            own_position is not None
+            and own_position.height is not None
+            and self._stamp - own_position.reception <= SILENCE_SECONDS
         )
         fix = fix_position(values, self._stamp)
         if fix is not None and not is_own_position_recent:
-            self._last_position = fix
+            self._note_position(fix)
+
+    def _note_position(self, position: GlobalPosition) -> None:
+        """Takes a position as the latest one of the present boot and flight."""
+        self._latest_position = position
+        self._position_boot = self.boot
+        self._position_flight = self.flight_number
+
+    @property
+    def last_position(self) -> GlobalPosition | None:
+        """The latest geographic position of this boot or of this flight; None where none came.
+
+        After a reboot the position of a crashed vehicle stays until the next flight begins, and that of a vehicle whose
+        autopilot restarts in flight until another one comes. A vehicle that flies again is not searched at a position
+        from before the reboot.
+        """
+        is_of_boot = self._position_boot == self.boot
+        is_of_flight = self._position_flight == self.flight_number
+        return self._latest_position if is_of_boot or is_of_flight else None
 
     def _process_velocity(self, message: Message, time: float) -> None:
         """Passes a velocity to the estimator of the wind and, with a position, to the pose and the search for drift.
@@ -595,7 +617,7 @@ class LiveStream:
             new_position = received_position(position, self._stamp)
             # Without a position fix the position before stays the latest one.
             if new_position is not None:
-                self._last_position = new_position
+                self._note_position(new_position)
                 self._pose.add_global_position(time, new_position, is_flying=self.is_flying)
         if first_wind is not None:
             self._report(first_wind)

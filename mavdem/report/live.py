@@ -283,7 +283,7 @@ def closing_lines(status: SessionStatus) -> list[str]:
 
     They are the headline and the next step or, after several flights, the verdict on each flight (its headline). The
     worst one comes first, so that a fault of the first flight is not forgotten because the last one was sound. The next
-    step is that after the worst flight.
+    step is that after the worst flight. A fault of an earlier flight that forbids to fly has its own next step.
 
     Args:
         status: state of the session at its end.
@@ -297,7 +297,13 @@ def closing_lines(status: SessionStatus) -> list[str]:
     worst_verdict, *other_verdicts = verdicts
     # The headline is left out, since the verdict says the same with the number of the flight.
     _, *next_step_lines = headline_and_next_step(worst_verdict.judgement)
-    other_sentences = [verdict.fact.sentence for verdict in other_verdicts]
+    unrepaired_fault = status.unrepaired_fault
+    other_sentences = []
+    for verdict in other_verdicts:
+        if unrepaired_fault is not None and unrepaired_fault.figures["reason"] == verdict.fact:
+            other_sentences.append(unrepaired_fault.sentence_and_remedy)
+        else:
+            other_sentences.append(verdict.fact.sentence)
     return [worst_verdict.fact.sentence, *next_step_lines, *other_sentences]
 
 

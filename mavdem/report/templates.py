@@ -663,7 +663,7 @@ def _weak_motor_clause(weak_motor: Fact | None) -> str:
     if weak_motor is None:
         return ""
     finding = as_clause(headline(weak_motor))
-    return f"; the flight before shows that {finding}"
+    return f"; before that, {finding}"
 
 
 def _baseline_flights(count: int, are_chosen: bool) -> str:

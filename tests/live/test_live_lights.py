@@ -352,7 +352,8 @@ def test_a_link_lost_in_flight_says_for_how_long_where_the_vehicle_was_and_what_
     judgement = silent.overall_judgement
     assert judgement.headline.level is Level.WATCH
     assert str(judgement.headline) == (
-        "Link lost 4 s ago, in flight: last 12 m above the take-off, 34 m from it, battery 15.8 V."
+        "Link lost 4 s ago, in flight: last 12 m above the take-off, 34 m from it, battery 15.8 V; "
+        "no position received in this flight."
     )
     assert str(judgement.next_step).startswith(
         "Watch the vehicle itself: no alarm comes now. Check"

@@ -21,7 +21,7 @@ from mavdem.facts.lights import Light
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.power import PowerLight
-from mavdem.facts.session import RowsFact, SessionFact
+from mavdem.facts.session import MissingMessages, RowsFact, SessionFact
 from mavdem.facts.watch import WatchFact
 from mavdem.live.learning import FlightLearning
 from mavdem.live.milestones import MAX_VERDICTS, Milestones
@@ -168,9 +168,7 @@ def test_a_take_off_does_not_hide_what_forbids_to_fly():
     flying = replace(second, verdicts=milestones.verdicts)
     assert flying.session_judgement == flying.overall_judgement
     text = unrepaired_fault_text(flying)
-    assert text.startswith("Flight 1 (0:34 min): motor 3") and text.endswith(
-        f"land. After landing: {advice}"
-    )
+    assert text.startswith("Flight 1 (0:34 min): motor 3") and text.endswith("If it was not, land.")
     # The status of the first second of a flight comes before that flight has a verdict.
     assert unrepaired_fault_text(replace(flying, verdicts=milestones.verdicts[:1])) == text
     for ended in (replace(flying, is_flying=False), replace(flying, is_over=True)):
@@ -183,6 +181,21 @@ def test_a_take_off_does_not_hide_what_forbids_to_fly():
     both = replace(flying, is_flying=False, worst_lights=weak)
     assert both.session_judgement == both.overall_judgement
     assert unrepaired_fault_text(both).endswith(f"If it was not: {advice}")
+
+
+def test_a_vehicle_that_is_missing_in_the_air_is_searched_first_and_the_crash_before_is_kept():
+    milestones = Milestones("roll", Mock())
+    loss = Fact(Ending.CONTROL_LOST, time=22.1, height=None, cause=None, word=None)
+    crashed = SessionStatus(is_flying=True, flight_number=1, flight_seconds=34.0, loss=loss)
+    silent = SessionStatus(is_flying=True, flight_number=2, flight_seconds=9.0, message_age=60.0)
+    for now, status in enumerate((crashed, replace(crashed, is_flying=False), silent)):
+        milestones.update(learning_with(), status, float(now))
+    silence = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0)
+    end = replace(silent, no_model_reason=silence, is_over=True, verdicts=milestones.verdicts)
+    missing_line, search, crash_line = closing_lines(end)
+    assert missing_line.startswith("Flight 2 (0:09 min): link lost")
+    assert "search" in search
+    assert crash_line.startswith("Flight 1 (0:34 min)") and "Do not fly" in crash_line
 
 
 def test_a_crash_comes_before_a_weak_motor_whatever_the_order_of_the_flights():

@@ -9,6 +9,9 @@ from mavlink_streams import message
 from pytest import approx, mark
 
 from mavdem.assessment.wind_drifts import drift_sample
+from mavdem.facts import Fact
+from mavdem.facts.session import RowsFact
+from mavdem.live.link_loss import link_loss_fact
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.vehicle_state import VehicleState
 from mavdem.report.live import vehicle_text
@@ -54,6 +57,33 @@ def test_a_vehicle_without_a_position_of_its_own_is_searched_where_satellites_sa
     assert lost[:3] == (approx(47.1), approx(8.5), None)
     lost = replay(by_time(flight, fixes, [(5.9, own)])).stream.status().last_position
     assert lost[:3] == (approx(47.15), approx(8.5), 0.0)
+
+
+def test_a_vehicle_is_not_searched_where_it_was_in_a_flight_before_a_reboot():
+    """After the reboot no position comes; until it flies again, the last one is where the vehicle lies."""
+    fix = message("GPS_RAW_INT", fix_type=3, lat=470000000, lon=85_000_000)
+    flight = Unplaced(Hover(hovering=8.0), attitude=20.0, motors=20.0)
+    flown = replay(by_time(flight.frames(end=17.0), [(9.0, fix)]))
+    assert flown.stream.status().last_position is not None
+
+    # Frames with the bytes of former ones would count as their copies.
+    rebooted = [(time + 20.0, frame) for time, frame in flight.frames(start=0.01, end=8.0)]
+    first_seconds = [(time, frame) for time, frame in rebooted if time < 23.0]
+    on_ground = replay(first_seconds, flown.stream).stream
+    assert on_ground.boot == 1 and on_ground.status().last_position is not None
+    in_next_flight = replay(rebooted[len(first_seconds) :], on_ground).stream.status()
+    assert in_next_flight.is_flying and in_next_flight.last_position is None
+    text = link_loss_fact(
+        Fact(RowsFact.NOTHING_RECEIVED, duration=3.0),
+        age=12.0,
+        reception=None,
+        displacement=None,
+        voltage=None,
+        last_position=in_next_flight.last_position,
+        cause=None,
+        is_over=False,
+    ).sentence
+    assert text.endswith("no position received in this flight.")
 
 
 def test_distance_and_height_from_the_take_off_are_shown_in_flight(monkeypatch):

@@ -23,7 +23,7 @@ from mavdem.cli.live_status import MAX_SETTLING_SECONDS, ChangeDebouncer, Status
 from mavdem.dataset.segment_learnability import slow_streams
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
-from mavdem.facts.ending import MotionEvent
+from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.event import Event
 from mavdem.facts.events import ReportedEvent
@@ -58,6 +58,7 @@ from mavdem.live.watchdog import DECISION_SECONDS, TRACKING_PERIOD, Watchdog
 from mavdem.live.wind import WindEstimate
 from mavdem.report.live import light_rows, vehicle_text, watched_quantities_text
 from mavdem.report.pages.flight_page import live_page
+from mavdem.report.templates import headline as headline_text
 from mavdem.report.templates import time_of_day
 
 
@@ -124,9 +125,11 @@ def test_what_was_wrong_is_the_headline_of_the_session(hot):
     assert judgement.headline.figures["reason"].code is MotorsLight.MOTOR_LIMITED
     assert judgement.lights["margins"].figures["reason"].code is MarginsLight.OSCILLATES
     assert judgement.next_step.figures["reason"] is judgement.headline
-    assert str(judgement.next_step).startswith("Land soon. Do not fly")
+    # What to check and repair is the next step after the landing.
+    assert str(judgement.next_step) == "Land soon."
     landed = replace(hot.stream.status(), motor_alarms=(), is_flying=False).overall_judgement
     assert landed.next_step.code is NextStep.DO_AS_ADVISED
+    assert str(landed.next_step).startswith("Do not fly")
 
 
 @mark.slow
@@ -1149,7 +1152,46 @@ def test_what_forbids_to_fly_since_an_earlier_flight_stands_on_terminal_lines_an
         }
         for surface, text in texts.items():
             assert "Flight 1: motor 3" in text.replace("\N{NO-BREAK SPACE}", " "), surface
-            assert "Do not fly" in text, surface
+            advice = "If it was not, land." if status.is_flying else "Do not fly"
+            assert advice in text, surface
+
+
+def test_plain_lines_say_that_a_loss_of_thrust_is_not_watched_until_it_is(capsys):
+    def watch_fact(code, reason):
+        return Fact(code, time=4.0, subject=WatchedQuantity.MOTORS, reason=reason)
+
+    reference = Fact(WatchFact.REFERENCE_SHORT, duration=8.0)
+    status = SessionStatus("1:1", is_flying=True, message_age=0.0)
+    lines = StatusLines(None)
+    for fact in (
+        watch_fact(WatchFact.NOT_WATCHED, reference),
+        watch_fact(WatchFact.WATCHED, None),
+    ):
+        lines.show(Mock(shown_status=replace(status, watch_facts=(fact,))))
+    printed = capsys.readouterr().out
+    assert "Not watched: loss of thrust (the first 8 s of settled flight" in printed
+    assert "Watched: loss of thrust (since 4 s)" in printed
+
+
+def test_the_headline_of_an_earlier_flight_is_its_first_clause():
+    weak = Fact(
+        MotorWatchFact.MOTOR_LOST_THRUST, Level.BAD, subject="motor 3", loss=(0.2, 0.4), time=9.0
+    )
+    crash = Fact(
+        Ending.CRASHED,
+        Level.BAD,
+        time=38.2,
+        height=None,
+        speed=5.1,
+        cause=None,
+        word=None,
+        weak_motor=weak,
+    )
+    verdict = SessionStatus("1:1", flight_number=1, loss=crash).verdict.fact
+    assert "before that, motor 3" in verdict.sentence
+    standing = Fact(SessionFact.UNREPAIRED_FAULT, reason=verdict, next_step=None, is_in_flight=True)
+    for text in (headline_text(verdict), str(standing)):
+        assert text.startswith("Flight 1: ") and "before that" not in text
 
 
 def test_the_terminal_rings_once_for_each_alarm_and_never_elsewhere(monkeypatch):
