@@ -9,16 +9,16 @@ from types import MappingProxyType
 from typing import NamedTuple
 from urllib.parse import quote
 
-from mavdem.assessment.axis.tuning import STAGE_HEADINGS, present_parameter_files
+from mavdem.assessment.axis.tuning import ParameterSet, parameter_sets, present_parameter_files
 from mavdem.facts import Fact
 from mavdem.facts.loops import GainFact, LoopAction
 from mavdem.ingest.parameter_file import parameter_files
 from mavdem.ingest.telemetry import Parameters, Telemetry
-from mavdem.loops.advice import AdviceByAxis, Gain
-from mavdem.loops.gain_design import SURE_SHARE, Stage
-from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.loops import is_about_gains_to_set
-from mavdem.report.templates import sentences_by_axes
+from mavdem.loops.advice import Advice, AdviceByAxis, Gain
+from mavdem.loops.gain_design import SURE_SHARE
+from mavdem.report.blocks import Block, Blocks, Sentence, Table
+from mavdem.report.loops import TRIED_HEADER, is_about_gains_to_set
+from mavdem.report.templates import render_section, sentences_by_axes
 
 READERS = {".param": "Mission Planner, MAVProxy", ".params": "QGroundControl"}
 """Ground stations that read a parameter file, by the ending of its name."""
@@ -49,11 +49,14 @@ class ParameterDownload(NamedTuple):
 class GainChanges(NamedTuple):
     """Gains to set before the next flight."""
 
-    table: Table
-    """Each gain with its value now, the value to set, and the factor between them."""
+    tables: tuple[Table, ...]
+    """Each gain with its value now, the value to set, and the factor between them: one table for each flight."""
 
     downloads: tuple[ParameterDownload, ...]
     """The same as files."""
+
+    tried_gains: Table | None = None
+    """Such a table of the gains that another flight is to confirm before they are loaded, which are in no file."""
 
     cautions: Sequence[Block] = ()
     """Sentences on how far the gains can be trusted, which stand between the table and the files."""
@@ -61,21 +64,20 @@ class GainChanges(NamedTuple):
     is_result: bool = False
     """Whether the gains are the result of the page, which shows their table and folds the cautions."""
 
+    @property
+    def blocks(self) -> Blocks:
+        """The tables in the order of the flights, with a sentence that says when the gains of stage 2 are loaded."""
+        blocks: Blocks = [*self.tables[:1]]
+        for later_table in self.tables[1:]:
+            blocks += [*render_section("gain_stages"), later_table]
+        if self.tried_gains is not None:
+            blocks.append(self.tried_gains)
+        return blocks
 
-class _GainSet(NamedTuple):
-    """Gains that are loaded together."""
-
-    gains: Mapping[str, Gain]
-    """Gains that change, by the autopilot's name."""
-
-    heading: str
-    """First line of their parameter files."""
-
-    suffix: str = ""
-    """End of the name of their files, before the ending."""
-
-    label: str = ""
-    """What their files are for, in the text of the links; empty if there is one set alone."""
+    @property
+    def first_table(self) -> Table:
+        """The gains to load before the next flight or, without any, those that were tried."""
+        return next(block for block in self.blocks if isinstance(block, Table))
 
 
 def gain_changes(
@@ -87,7 +89,8 @@ def gain_changes(
 ) -> GainChanges | None:
     """Returns a table of the gains to set after a judged flight, and parameter files with them to download.
 
-    These are the gains to lower, if the next step of the judgement names some, and otherwise the advised gains.
+    These are the gains to lower, if the next step of the judgement names some, and otherwise the advised gains. Advised
+    gains that another flight is to confirm are in a table of their own, and in no file.
 
     Args:
         log_name: name of the log, after which the files are named.
@@ -98,38 +101,55 @@ def gain_changes(
             the first set of gains.
 
     Returns:
-        The table with its files; None if no gain changes.
+        The tables with their files; None if no gain changes.
     """
-    lowered_gains = dict(_gains_to_lower(next_step))
-    if lowered_gains:
-        gain_sets = [_GainSet(lowered_gains, LOWERED_GAINS_HEADING)]
+    advice_on_loops = [each for each in advice.values() if isinstance(each, Advice)]
+    gains = dict(_gains_to_lower(next_step))
+    lowers_gains = bool(gains)
+    tried_gains: dict[str, Gain] = {}
+    if lowers_gains:
+        values = {name: gain.set for name, gain in gains.items()}
+        sets = [ParameterSet({**values, **notch_parameters}, LOWERED_GAINS_HEADING)]
     else:
-        gain_sets = [*_advised_gain_sets(advice)]
-    rows = []
+        sets = parameter_sets(advice_on_loops, notch_parameters)
+        for axis_advice in advice_on_loops:
+            changed_gains = {name: axis_advice.gains[name] for name in axis_advice.parameters}
+            gains |= changed_gains
+            if not axis_advice.is_sound:
+                tried_gains |= changed_gains
+    if not sets and not tried_gains:
+        return None
+    log_stem = PurePath(log_name).stem
+    tables = []
     downloads: list[ParameterDownload] = []
     changed_names: list[str] = []
-    log_stem = PurePath(log_name).stem
-    for index, gain_set in enumerate(gain_sets):
-        values = {}
-        for name, gain in gain_set.gains.items():
-            values[name] = gain.set
-            rows.append(_gain_row(name, gain))
-        is_first_set = index == 0
-        if is_first_set:
-            # The filter stays set for the gains of later stages.
-            for name, value in notch_parameters.items():
-                values[name] = value
+    for parameter_set in sets:
+        changed_names += parameter_set.parameters
+        rows = []
+        for name, value in parameter_set.parameters.items():
+            if name in gains:
+                rows.append(_gain_row(name, gains[name]))
+            else:
                 rows.append(_notch_row(name, vehicle.parameters.get(name), value))
-        changed_names += values
-        files = parameter_files(values, vehicle, gain_set.heading)
-        downloads += parameter_downloads(files, log_stem + gain_set.suffix, gain_set.label)
-    if not rows:
-        return None
-    downloads += parameter_downloads(
-        present_parameter_files(changed_names, vehicle), log_stem, "To go back:"
-    )
-    cautions = () if lowered_gains else tuple(_cautions_on_gains(advice))
-    return GainChanges(Table(["gain", "now", "set", "times"], rows), tuple(downloads), cautions)
+        header, suffix, label = "gain", "", ""
+        if len(sets) > 1 and parameter_set.stage is not None:
+            # The sets are loaded one after the other, so that tables and files say which is which.
+            header = f"gain, stage {parameter_set.stage:d}"
+            suffix = parameter_set.suffix
+            label = f"Stage {parameter_set.stage:d}:"
+        tables.append(Table([header, "now", "set", "times"], rows))
+        files = parameter_files(parameter_set.parameters, vehicle, parameter_set.heading)
+        downloads += parameter_downloads(files, log_stem + suffix, label)
+    if changed_names:
+        downloads += parameter_downloads(
+            present_parameter_files(changed_names, vehicle), log_stem, "To go back:"
+        )
+    tried_table = None
+    if tried_gains:
+        rows = [_gain_row(name, gain) for name, gain in tried_gains.items()]
+        tried_table = Table(["gain", "now", TRIED_HEADER, "times"], rows)
+    cautions = () if lowers_gains else tuple(_cautions_on_gains(advice))
+    return GainChanges(tuple(tables), tuple(downloads), tried_table, cautions)
 
 
 def _gain_row(name: str, gain: Gain) -> list[str]:
@@ -193,33 +213,6 @@ def _cautions_on_gains(advice: AdviceByAxis) -> list[Sentence]:
     sentences = sentences_by_axes(model_fractions)
     sentences += sentences_by_axes(loop_cautions, attrgetter("sentence_and_remedy"))
     return sentences
-
-
-def _advised_gain_sets(advice: AdviceByAxis) -> Iterator[_GainSet]:
-    """Yields the advised gains of all axes as sets to load into the autopilot one after the other.
-
-    Rate loops are tuned before the attitude loops around them. So the gains of the first stage of tuning are flown
-    before the gains of the second stage are loaded.
-
-    Args:
-        advice: advice by axis, or the fact (coded finding) why there is none.
-
-    Yields:
-        A set for each stage. If there are several stages, each set has a suffix for the name of its file.
-    """
-    gains_by_stage: dict[Stage, dict[str, Gain]] = {}
-    for axis_advice in advice.values():
-        if isinstance(axis_advice, Fact) or axis_advice.stage is None:
-            continue
-        changed_gains = {name: axis_advice.gains[name] for name in axis_advice.parameters}
-        gains_by_stage.setdefault(axis_advice.stage, {}).update(changed_gains)
-    has_several_stages = len(gains_by_stage) > 1
-    for stage, gains in sorted(gains_by_stage.items()):
-        if has_several_stages:
-            suffix, label = f".stage{stage:d}", f"Stage {stage:d}"
-        else:
-            suffix, label = "", ""
-        yield _GainSet(gains, STAGE_HEADINGS[stage], suffix, label)
 
 
 def _gains_to_lower(fact: Fact) -> Iterator[tuple[str, Gain]]:

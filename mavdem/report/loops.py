@@ -64,6 +64,9 @@ beside −3 dB: with two thirds of the gains it may fall to a fifth, though the 
 """
 
 
+TRIED_HEADER = "tried, not to be loaded"
+"""What tables call gains that another flight is to confirm before they are loaded."""
+
 REASONS_FOR_GAINS = (GainFact.STEP_BOUND, GainFact.INTEGRAL_FALLS)
 """Notes on gains that say why they are no others; they stand beside the gains. The remaining ones are details."""
 
@@ -116,7 +119,8 @@ def tune_blocks(
         # Without gains to compare, one sentence on the margins is enough.
         are_margins_in_report = any(fact.code is LoopFact.MARGIN_RATING for fact in facts)
         if not has_tables_elsewhere and not (advice.refusals and are_margins_in_report):
-            blocks.append(_gain_and_margin_table(advice, is_doubtful=is_doubtful))
+            waits = tuning.waits(advice)
+            blocks.append(_gain_and_margin_table(advice, waits=waits, is_doubtful=is_doubtful))
         # A page shows the cautions about gains that change beside its table of gains.
         has_gains_elsewhere = has_tables_elsewhere and bool(advice.parameters)
         cautions_of_axis = [caution for caution in unshown_cautions if axis in caution.axes]
@@ -153,7 +157,7 @@ def _unstated_remedies(
         stated_remedies: remedies in the next step and in the text on other axes.
     """
     advice = tuning.axes[axis]
-    advice_on_gains = advice if isinstance(advice, Fact) else advice.conclusion
+    advice_on_gains = advice if isinstance(advice, Fact) else _conclusion(tuning, advice)
     candidates = [advice_on_gains.remedy, *_remedies_besides_tuning(tuning, axis)]
     remedies: list[str] = []
     for remedy in candidates:
@@ -217,7 +221,7 @@ def tune_details(tuning: Tuning) -> Blocks:
             continue
         is_doubtful = _has_doubtful_margins(tuning, axis)
         for variant, loop in compared_loops(advice).items():
-            header = f"{axis}, {variant}"
+            header = f"{axis}, {_variant_name(variant, advice, waits=tuning.waits(advice))}"
             loops[header] = loop
             if is_doubtful:
                 doubtful_headers.append(header)
@@ -309,7 +313,7 @@ def _facts_on_axis(tuning: Tuning, axis: str) -> list[Fact]:
         return [advice]
     decision = tuning.judgement.loop_decisions.get(axis)
     # States that gains are to be set or kept, or why no gains could be computed.
-    advice_on_gains = advice.conclusion
+    advice_on_gains = _conclusion(tuning, advice)
     action = None if decision is None else decision.action
     if action is not None and action.code is LoopAction.LOWER_BY_A_THIRD:
         # The gains of an oscillating axis are to be lowered by a third, even if no gains could be computed for it.
@@ -318,6 +322,12 @@ def _facts_on_axis(tuning: Tuning, axis: str) -> list[Fact]:
         return [advice_on_gains]
     reasons = [note for note in advice.notes if note.code in REASONS_FOR_GAINS]
     return [*_rating_unless_contradicted(advice, decision), advice_on_gains, *reasons]
+
+
+def _conclusion(tuning: Tuning, advice: Advice) -> Fact:
+    """Returns what to do with the gains of an axis, and whether they wait for the flight with those of stage 1."""
+    conclusion = advice.conclusion
+    return conclusion.replace(waits=True) if tuning.waits(advice) else conclusion
 
 
 def _faults_in_flight(
@@ -629,7 +639,22 @@ def compared_loops(advice: Advice) -> LoopsByAxis:
     return loops
 
 
-def _gain_and_margin_table(advice: Advice, *, is_doubtful: bool) -> Table:
+def _variant_name(variant: str, advice: Advice, *, waits: bool) -> str:
+    """Returns what a table calls one of the :func:`compared_loops`: whether its gains may be loaded, and when.
+
+    Args:
+        variant: "now" or "advised".
+        advice: advice on the axis.
+        waits: whether the advised gains wait for the flight with the gains of stage 1.
+    """
+    if variant == "now":
+        return variant
+    if not advice.is_sound:
+        return TRIED_HEADER
+    return f"advised, stage {advice.stage:d}" if waits else variant
+
+
+def _gain_and_margin_table(advice: Advice, *, waits: bool, is_doubtful: bool) -> Table:
     """Returns a table that compares one axis as it flew with what is expected of the advised gains.
 
     It has a row for each gain that changes, then the stability margins of the rate loop and of the attitude loop. If
@@ -638,6 +663,7 @@ def _gain_and_margin_table(advice: Advice, *, is_doubtful: bool) -> Table:
 
     Args:
         advice: advice on the axis, with its loops.
+        waits: whether the advised gains wait for the flight with the gains of stage 1.
         is_doubtful: whether the margins of the identified loop may be wrong; then the header calls them doubtful.
 
     Returns:
@@ -660,9 +686,7 @@ def _gain_and_margin_table(advice: Advice, *, is_doubtful: bool) -> Table:
     if advice.parameters:
         wind_errors = [rounded(loop.lean_in_wind) for loop in loops.values()]
         rows.append([f"{axis} error by wind torque, sd (°)", *wind_errors])
-    headers = list(loops)
-    if advice.parameters and not advice.is_sound:
-        headers[-1] = "tried, not to be loaded"
+    headers = [_variant_name(variant, advice, waits=waits) for variant in loops]
     remark = ", margins doubtful" if is_doubtful else ""
     return Table([f"{axis} (90 % interval{remark})", *headers], rows)
 
@@ -706,7 +730,8 @@ def margin_overview(tuning: Tuning) -> Table | None:
                 wind_error = ""
                 if loop_name == "attitude":
                     wind_error = rounded(loop.lean_in_wind)
-                rows.append([f"{axis} {loop_name}, {variant}{remark}", *cells, wind_error])
+                name = _variant_name(variant, advice, waits=tuning.waits(advice))
+                rows.append([f"{axis} {loop_name}, {name}{remark}", *cells, wind_error])
     if not rows:
         return None
     header = ["loop (90 % interval)"]

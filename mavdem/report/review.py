@@ -410,10 +410,11 @@ def gain_lines(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> list[st
     changes = gain_changes(
         assessment.log.source, vehicle, assessment.advised_gains, assessment.next_step
     )
-    if changes is None:
+    if changes is None or not changes.tables:
         return []
     texts = []
-    for name, present_value, advised_value, _ in changes.table.rows:
+    # The gains of a later stage wait for the flight with the first ones.
+    for name, present_value, advised_value, _ in changes.first_table.rows:
         # A gain and its values stay on one line.
         texts.append(f"{name} {present_value} → {advised_value}".replace(" ", HARD_SPACE))
     text = f"They are {', '.join(texts)}; with `--out FOLDER` the command writes them as files."

@@ -7,6 +7,7 @@ from hover import Hover
 from partial_records import partial_record
 from pytest import MonkeyPatch, approx
 
+from mavdem.assessment.axis.tuning import stage_to_load
 from mavdem.cli.tune import tune_command
 from mavdem.facts import Fact
 from mavdem.facts.assessment import NextStep
@@ -29,7 +30,7 @@ def test_gains_to_lower_are_a_table_and_files_within_the_page(tmp_path: Path):
     vehicle = Hover().telemetry(parameters={"ATC_RAT_RLL_P": 0.135})
     next_step = Fact(NextStep.DO_AS_ADVISED, reason=LOWER)
     changes = gain_changes("flight.bin", vehicle, {}, next_step)
-    assert changes.table.rows == [["ATC_RAT_RLL_P", "0.135", "0.09", "0.67"]]
+    assert changes.first_table.rows == [["ATC_RAT_RLL_P", "0.135", "0.09", "0.67"]]
     gains = {}
     for download in changes.downloads:
         path = tmp_path / download.name
@@ -45,7 +46,7 @@ def test_a_notch_filter_is_set_with_the_first_gains(tmp_path: Path):
     notch = {"INS_HNTCH_ENABLE": 1.0, "INS_HNTCH_FREQ": 80.0}
     next_step = Fact(NextStep.DO_AS_ADVISED, reason=LOWER)
     changes = gain_changes("flight.bin", vehicle, {}, next_step, notch)
-    assert changes.table.rows[1:] == [
+    assert changes.first_table.rows[1:] == [
         ["INS_HNTCH_ENABLE", "", "1", ""],
         ["INS_HNTCH_FREQ", "60", "80", ""],
     ]
@@ -72,11 +73,40 @@ def test_what_limits_advised_gains_stands_beside_them(monkeypatch: MonkeyPatch):
     next_step = Fact(NextStep.KEEP_MODEL)
     changes = gain_changes("a.bin", Hover().telemetry(), {"roll": advice}, next_step)
     share, caution = (f"{sentence.lead} {sentence.text}" for sentence in changes.cautions)
-    assert share.startswith("Roll: The gains to set have the margins in 56 %")
+    assert share.startswith(
+        "Roll: The gains tried, which are not to be loaded, have the margins in 56 %"
+    )
     assert share.endswith(
         "With the present ones 68 % lack margin: too few of either to load them before another flight."
     )
     assert "7 s of 424 s" in caution
+    # Such gains are in no file, as in the folder of the command, and their table says so.
+    assert not changes.tables and not changes.downloads
+    assert changes.tried_gains.header[2] == "tried, not to be loaded"
+    assert changes.tried_gains.rows == [["ATC_RAT_RLL_P", "0.0675", "0.0568", "0.84"]]
+
+
+def test_gains_of_the_second_stage_wait_for_the_flight_with_the_first(monkeypatch: MonkeyPatch):
+    monkeypatch.setattr(Loop, "share_meeting", lambda loop, target: 0.9)
+    gains_by_axis = {
+        "yaw": (Stage.ANGLE, {"MC_YAW_P": Gain(2.0, 3.0)}),
+        "roll": (Stage.RATE, {"MC_ROLLRATE_P": Gain(0.15, 0.2)}),
+    }
+    advice = {}
+    for axis, (stage, gains) in gains_by_axis.items():
+        loop = partial_record(Loop, axis=axis, cautions=())
+        advice[axis] = partial_record(
+            Advice, target=None, gains=gains, stage=stage, sure=0.95, before=loop
+        )
+    changes = gain_changes("a.ulg", Hover().telemetry(), advice, Fact(NextStep.KEEP_MODEL))
+    first, second = changes.tables
+    assert first.header[0] == "gain, stage 1" and first.rows[0][0] == "MC_ROLLRATE_P"
+    assert second.header[0] == "gain, stage 2" and second.rows[0][0] == "MC_YAW_P"
+    _, waiting, _ = changes.blocks
+    assert "only after the flight with the gains of stage 1" in waiting.text
+    names = [download.name for download in changes.downloads]
+    assert names == ["a.stage1.param", "a.stage1.params", "a.stage2.param", "a.stage2.params"]
+    assert stage_to_load(advice.values()) is Stage.RATE
 
 
 def test_a_flight_whose_gains_stay_has_no_table():

@@ -18,7 +18,7 @@ from mavdem.assessment.axis.margins import axes_with_doubtful_loop
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement, repairs_before_tuning
 from mavdem.assessment.record import Assessment
-from mavdem.containers import group_by
+from mavdem.containers import Names, group_by
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.assessment import NextStep, Override
 from mavdem.facts.lights import Light
@@ -63,6 +63,56 @@ def present_parameter_files(names: Iterable[str], vehicle: Telemetry) -> dict[st
     return {f"{PRESENT_SUFFIX}{ending}": text for ending, text in texts.items()}
 
 
+class ParameterSet(NamedTuple):
+    """Parameters that are loaded together, before one flight."""
+
+    parameters: Parameters
+    """Their values, by the autopilot's names."""
+    heading: str
+    """First line of their parameter files."""
+    stage: Stage | None = None
+    """The stage of tuning that they belong to; None for a notch filter alone."""
+
+    @property
+    def suffix(self) -> str:
+        """End of the name of their files, before the ending."""
+        return ".notch" if self.stage is None else f".stage{self.stage:d}"
+
+
+def parameter_sets(
+    advice_on_loops: Iterable[Advice], notch_parameters: Parameters
+) -> list[ParameterSet]:
+    """Returns the parameters that may be loaded, as one set for each flight, in the order of the flights.
+
+    Gains are flown stage by stage. A notch filter is set with the first gains, or alone if no gains are to be loaded.
+    Gains that another flight is to confirm first are in no set (``Advice.is_sound``).
+
+    Args:
+        advice_on_loops: the advice on each axis whose loops are known.
+        notch_parameters: parameters that set a notch filter; empty without one.
+    """
+    sets = []
+    notch_to_set = notch_parameters
+    for stage, heading in STAGE_HEADINGS.items():
+        parameters_of_stage = dict[str, float]()
+        for advice in advice_on_loops:
+            if advice.stage is stage and advice.is_sound:
+                parameters_of_stage |= advice.parameters
+        if parameters_of_stage:
+            parameters_of_stage |= notch_to_set
+            notch_to_set = {}
+            sets.append(ParameterSet(parameters_of_stage, heading, stage))
+    if notch_to_set:
+        sets.append(ParameterSet(notch_to_set, NOTCH_HEADING))
+    return sets
+
+
+def stage_to_load(advice_on_loops: Iterable[Advice]) -> Stage | None:
+    """Returns the stage whose gains are loaded before the next flight: the first of all axes; None if none are."""
+    sets = parameter_sets(advice_on_loops, notch_parameters={})
+    return sets[0].stage if sets else None
+
+
 class Tuning(NamedTuple):
     """The tuning of a vehicle: gains to set for each axis, or facts (coded findings) why there are none."""
 
@@ -97,10 +147,7 @@ class Tuning(NamedTuple):
     def files(self, vehicle: Telemetry) -> dict[str, str]:
         """Returns the contents of the parameter files that set the advised gains, to be loaded by a ground station.
 
-        There is a pair of files, in two formats, for each stage of tuning: the gains of a stage are loaded and flown
-        before the gains of the next stage. A notch filter is in the files of the first stage that changes gains, or in
-        a separate pair if the gains are kept. Gains that another flight is to confirm first are in none
-        (``Advice.is_sound``).
+        There is a pair of files, in two formats, for each of the :func:`parameter_sets`.
 
         Args:
             vehicle: the vehicle that will load the files.
@@ -109,24 +156,18 @@ class Tuning(NamedTuple):
             The text of each file by the ending of its name, such as ``.stage1.params``.
         """
         text_by_ending = {}
-        notch_to_write = self.notch_parameters
-        for stage, heading in STAGE_HEADINGS.items():
-            parameters_of_stage = dict[str, float]()
-            for advice in self.advice:
-                if advice.stage is stage and advice.is_sound:
-                    parameters_of_stage |= advice.parameters
-            if not parameters_of_stage:
-                continue
-            parameters_of_stage |= notch_to_write
-            notch_to_write = {}
-            texts = parameter_files(parameters_of_stage, vehicle, heading)
+        for parameter_set in parameter_sets(self.advice, self.notch_parameters):
+            texts = parameter_files(parameter_set.parameters, vehicle, parameter_set.heading)
             for ending, text in texts.items():
-                text_by_ending[f".stage{stage:d}{ending}"] = text
-        if notch_to_write:
-            texts = parameter_files(notch_to_write, vehicle, NOTCH_HEADING)
-            for ending, text in texts.items():
-                text_by_ending[f".notch{ending}"] = text
+                text_by_ending[f"{parameter_set.suffix}{ending}"] = text
         return text_by_ending
+
+    def waits(self, advice: Advice) -> bool:
+        """Returns whether the new gains of an axis wait for the flight with the gains of an earlier stage."""
+        first_stage = stage_to_load(self.advice)
+        if first_stage is None or advice.stage is None or not advice.is_sound:
+            return False
+        return advice.stage > first_stage
 
 
 def tune_loops(
@@ -371,9 +412,10 @@ def _next_step_with_new_gains(
     Returns:
         The fact ``FLY_BEFORE_GAINS`` if the flight is not a basis for the new gains of any axis (``Advice.is_sound``),
         and otherwise ``LOAD_GAINS`` with these figures: ``share``, the fraction of the models that fit the flight with
-        which the new gains have the required margins, the lowest of all loops; ``needed``, the fraction from which on
-        the gains count as certain; ``is_biased``, whether wind biased the control effectiveness of a loop; and
-        ``missing``, the status lights that should be known before.
+        which the gains to load have the required margins, the lowest of all loops; ``needed``, the fraction from which
+        on the gains count as certain; ``is_biased``, whether wind biased the control effectiveness of a loop;
+        ``missing``, the status lights that should be known before; ``names``, the axes whose gains are loaded, if not
+        those of all axes with new gains are; and ``waiting``, the axes whose gains are of a later stage.
     """
     changed_loops = _advice_on_changed_loops(advice_on_loops)
     if not any(advice.is_sound for advice in changed_loops):
@@ -385,19 +427,34 @@ def _next_step_with_new_gains(
         axes = tuple(advice.before.axis for advice in changed_loops)
         flight = most_certain.flight_before_gains.replace(names=axes)
         return Fact(NextStep.FLY_BEFORE_GAINS, judgement.headline.level, reason=flight)
+    first_stage = stage_to_load(advice_on_loops)
+    # Gains that another flight is to confirm, and those of a later stage, are not loaded now.
+    loops_to_load = [
+        advice for advice in changed_loops if advice.is_sound and advice.stage is first_stage
+    ]
+    waiting_axes = [
+        advice.before.axis
+        for advice in changed_loops
+        if advice.is_sound and advice.stage is not first_stage
+    ]
+    axes_to_load: Names = ()
+    if len(loops_to_load) < len(changed_loops):
+        axes_to_load = tuple(advice.before.axis for advice in loops_to_load)
     is_biased = any(
         caution.code is LoopFact.EFFECT_BIASED
-        for advice in changed_loops
+        for advice in loops_to_load
         for caution in advice.before.cautions
     )
     return Fact(
         NextStep.LOAD_GAINS,
         judgement.headline.level,
         is_written=is_written,
-        share=min(advice.sure for advice in changed_loops),
+        share=min(advice.sure for advice in loops_to_load),
         needed=SURE_SHARE,
         is_biased=is_biased,
-        missing=_unknown_lights_for_higher_gains(judgement, changed_loops),
+        missing=_unknown_lights_for_higher_gains(judgement, loops_to_load),
+        names=axes_to_load,
+        waiting=tuple(waiting_axes),
         others=tuple(other_axes),
         arguments=tuple(arguments),
     )

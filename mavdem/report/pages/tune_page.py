@@ -37,7 +37,7 @@ from mavdem.report.palette import MEASURED, PHYSICAL, PREDICTED
 from mavdem.report.screen import flight_sentences
 from mavdem.report.templates import headline, render_section, sentences_by_axes
 
-SUBTITLE = "Margins of the loops, and gains to set. Nothing was sent to the vehicle."
+SUBTITLE = "Margins of the loops, and the advice on their gains. Nothing was sent to the vehicle."
 """What stands below the title."""
 
 STEP_CAPTION = "Response to a step of the setpoint."
@@ -50,6 +50,9 @@ COLOUR_MEANINGS = {
     PHYSICAL: "Green: by the identified loop with the advised gains.",
 }
 """What the colours of step responses mean, in the order of the caption."""
+
+TRIED_GAINS_MEANING = "Where these were tried and are not to be loaded, the tables say so."
+"""What the caption adds if another flight is to confirm some of the advised gains."""
 
 GAIN_HEADERS = {"p": "rate P", "i": "rate I", "d": "rate D", "angle_gain": "angle P"}
 """Columns of the table of present gains, by the field of the controller."""
@@ -178,7 +181,10 @@ def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
             elif isinstance(advice, Advice):
                 # Without a measured response, the chart has what the identified loop predicts.
                 panels[axis][loop_name] = [predicted_step_chart(compared_loops(advice), loop_name)]
-    groups = _groups_of_columns(panels, assessment, _step_caption(panels))
+    caption = _step_caption(panels)
+    if any(advice.parameters and not advice.is_sound for advice in tuning.advice):
+        caption = f"{caption} {TRIED_GAINS_MEANING}"
+    groups = _groups_of_columns(panels, assessment, caption)
     responses_of_drawn_axes = {axis: responses[axis] for axis in responses if panels[axis]}
     reasons = _reasons_without_response(responses_of_drawn_axes)
     return Chapter("Step response", sentences_by_axes(reasons), groups)
