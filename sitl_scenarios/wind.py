@@ -238,6 +238,7 @@ class Weather:
         """
         last_cycle = len(self._air) - 1
         cycle = min(max(cycle, 0), last_cycle)
+        # Wind, rotation of the air about the body's axes x and y, and moments about its three axes.
         north, east, down, p, q, roll, pitch, yaw = self._air_rows.row(cycle)
         if self._has_profile:
             height = -position[2]

@@ -161,16 +161,28 @@ def vehicle_name(telemetry: Telemetry, *, is_simulated: bool) -> NameWithBasis:
         board_number = _board_number_in_messages(telemetry)
     if board_number:
         return NameWithBasis(name_with_frame(board_number, telemetry.vehicle), Basis.BOARD)
-    for sensor, name_formats in CALIBRATION_PARAMETERS.items():
-        for formats_of_sensor in name_formats:
-            calibration = _calibration_values(telemetry.parameters, formats_of_sensor)
+    return _name_by_calibration(telemetry) or system_name
+
+
+def _name_by_calibration(telemetry: Telemetry) -> NameWithBasis | None:
+    """Returns the name of a vehicle by the calibration of a sensor, such as "accelerometer-" and a hash of its values.
+
+    Args:
+        telemetry: parameters of the vehicle, and its frame, which may follow the hash.
+
+    Returns:
+        The name, with the sensor as its basis; None if no sensor has a calibration of its own.
+    """
+    for sensor, name_formats_by_autopilot in CALIBRATION_PARAMETERS.items():
+        for name_formats in name_formats_by_autopilot:
+            calibration = _calibration_values(telemetry.parameters, name_formats)
             if calibration:
                 # Only digits that every format of logs keeps, so that all logs of the vehicle give the same name.
                 digits = [f"{value:.{CALIBRATION_DIGITS}g}" for value in calibration]
                 digest = hashlib.sha256(" ".join(digits).encode()).hexdigest()
                 name = f"{sensor}-{digest[:NAME_DIGITS]}"
                 return NameWithBasis(name_with_frame(name, telemetry.vehicle), sensor)
-    return system_name
+    return None
 
 
 def _calibration_values(parameters: Parameters, name_formats: str) -> list[float]:

@@ -186,19 +186,23 @@ def _with_autopilot(telemetry: Telemetry, autopilot: str) -> Telemetry:
 
 
 def _end_of_parameters(signals: Signals, span: Segment) -> BootTime:
-    """Returns the time up to which parameters are reported that count in a boot.
+    """Returns the time of a boot up to which reports of the autopilot's parameters are taken for values in this boot.
 
-    A report has no time of its own, but that of the message before it. So what comes first after a restart seems to be
-    of the end of the boot before. It does not count there, nor does anything else after the last landing before a
-    restart. In the last boot of a recording all reports count.
+    A report has no time of its own, but that of the message before it. So what comes first after a restart has the time
+    of the last message of the boot before. It does not count there, nor does anything else after the last landing
+    before a restart. In the last boot of a recording all reports count.
 
     Args:
         signals: logged time series of the vehicle in all boots.
         span: recorded span of the boot.
+
+    Returns:
+        Number of the boot and time in it, s; infinite for the last boot.
     """
     is_last = span == recorded_spans(signals)[-1]
     if is_last:
         return BootTime(span.boot, inf)
+    # The largest number below the time of the last message, so that reports with just that time do not count.
     end = np.nextafter(span.end, -inf)
     flights = flights_in_boot(signals, span.boot)
     if flights:

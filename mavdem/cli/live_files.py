@@ -179,9 +179,12 @@ def _line_without_gains(finding: Fact) -> str:
         # This sentence itself says that there are no gains.
         return finding.sentence
     reason = decisive_reason(finding)
-    # A reason with a subject of its own, such as a motor, holds for all axes.
-    axis = "" if reason.subject else finding.subject or finding.figures.get("axis")
-    axis_text = f" for {axis}" if axis else ""
+    axis_text = ""
+    # A reason with a subject of its own, such as a motor, holds for all axes, which then are not named.
+    if not reason.subject:
+        # The axis is the subject of the fact or, if it has none, one of its figures.
+        axis = finding.subject or finding.figures.get("axis")
+        axis_text = f" for {axis}" if axis else ""
     # The first sentence is the reason; those that follow explain it, and the page has them.
     sentence = first_sentence(reason.sentence)
     return f"No gains{axis_text}: {as_clause(sentence.removeprefix('No margins: '))}."

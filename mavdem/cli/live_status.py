@@ -486,6 +486,16 @@ class StatusLines:
             return
         self._printed_state = state
         self._print_time = now
+        self._print_status_line(status)
+        if not is_new:
+            self._print_next_step(status)
+
+    def _print_status_line(self, status: SessionStatus) -> None:
+        """Prints the state in one line, and below it a fault that an earlier flight of the session has shown, if any.
+
+        Args:
+            status: State of the live session: vehicle, learning, alarms, lights and next step.
+        """
         line = stamped_line(
             escape_unprintable(status_line_text(status)), boot_clock=status.boot_clock
         )
@@ -493,12 +503,11 @@ class StatusLines:
         fault_of_earlier_flight = unrepaired_fault_text(status)
         headline = status.session_judgement.headline
         if headline.code is SessionFact.FLIGHT_VERDICT:
+            # The headline itself is the verdict on an earlier flight.
             fault_of_earlier_flight = headline_text(headline)
         if fault_of_earlier_flight:
             text = escape_unprintable(fault_of_earlier_flight)
             self._print(stamped_line(text, boot_clock=status.boot_clock))
-        if not is_new:
-            self._print_next_step(status)
 
     def _print_no_vehicle_event(self, status: SessionStatus) -> None:
         """Prints the event that no vehicle has been found once it is ``SEARCH_SECONDS`` old, if it still holds then.

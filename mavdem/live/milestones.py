@@ -154,23 +154,19 @@ class Milestones:
         Args:
             status: status of the session, with the judgement of the latest flight.
         """
-        verdict = self._latest_verdict
-        is_new_flight = verdict is None or verdict.number != status.flight_number
-        if status.is_flying and is_new_flight:
-            if verdict is not None:
-                self._keep_verdict(verdict)
-                self._log(verdict.fact_in_next_flight)
+        former_verdict = self._latest_verdict
+        if status.is_flying:
+            if former_verdict is not None and former_verdict.number != status.flight_number:
+                # Another flight has begun.
+                self._keep_verdict(former_verdict)
+                self._log(former_verdict.fact_in_next_flight)
                 self._forget_milestones()
-            verdict = status.verdict
-        elif verdict is None:
-            return
-        elif status.is_flying:
-            # A flight that seemed to be lost in the air goes on, after a restart in the air.
-            verdict = status.verdict
-        elif not verdict.is_lost_in_air:
+            # In flight the verdict is that of the moment. This holds too if the flight goes on after a restart of the
+            # autopilot in the air, by which it seemed to be lost.
+            self._latest_verdict = status.verdict
+        elif former_verdict is not None and not former_verdict.is_lost_in_air:
             # After the landing the duration stays, and the judgement may become that of the recording.
-            verdict = verdict._replace(judgement=status.verdict.judgement)
-        self._latest_verdict = verdict
+            self._latest_verdict = former_verdict._replace(judgement=status.verdict.judgement)
 
     def _keep_verdict(self, verdict: FlightVerdict) -> None:
         """Keeps the verdict on a flight that is over; of more than ``MAX_VERDICTS`` the least severe is forgotten.

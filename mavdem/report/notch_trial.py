@@ -257,6 +257,7 @@ def _remarks_on_trial(
         yield "The log has none of its parameters: see whether the firmware has them."
     has_moving_center = False
     for title, tried_filter in zip(_titles(filters), filters, strict=True):
+        # A single filter has no title.
         yield from _remark_on_moving_center(title or "It", tried_filter)
         # The centre of ArduPilot's filters may follow the motors. Names of their parameters have a common prefix.
         is_of_ardupilot = bool(tried_filter.prefix)

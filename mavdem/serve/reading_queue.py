@@ -106,9 +106,11 @@ def _estimates_by_size(sizes: Iterable[int], history: Sequence[ReadLogSize]) -> 
     """
     if len(history) < MIN_HISTORY:
         return {}
-    by_size = sorted(history)
+    # The smallest log comes first: the time for a size is estimated from the logs of about that size.
+    history_by_size = sorted(history)
+    # How much longer the latest logs took than others of their size, for example while the machine is busy.
     slowness = recent_slowness(history)
-    return {size: slowness * estimated_seconds(size, by_size) for size in sizes}
+    return {size: slowness * estimated_seconds(size, history_by_size) for size in sizes}
 
 
 def _remaining_seconds(estimate: float, seconds_so_far: float) -> float:

@@ -301,12 +301,14 @@ def main(seeds: int, jobs: int, unsteered: bool) -> None:
 
 
 def print_coverage(title: str, rows: Any, group_column: str) -> None:
-    """Prints a table with the coverage of each parameter, and a last row for all parameters.
+    """Prints a table of coverage, the fraction of the flights in which an interval of a parameter holds the true value.
+
+    It has a row for each parameter in each group of flights, and a last row for all together.
 
     Args:
         title: title of the table.
-        rows: rows of :func:`evaluate_case`.
-        group_column: column by whose values the table has separate rows, "gain" or "scenario".
+        rows: data frame with the rows of :func:`evaluate_case`, one for each parameter of each flight.
+        group_column: column by whose values the flights are grouped, "gain" or "scenario".
     """
     flights = rows[["scenario", "gain", "seed"]].drop_duplicates()
     table_rows = rows.groupby([group_column, "parameter"], sort=False).apply(table_row)

@@ -166,6 +166,7 @@ class OnlineForecaster:
         Returns:
             The prediction of the latest sample, NaN if there is none, and the predictions at each horizon.
         """
+        # A prediction needs the latest sample and the ``MAX_LAGS`` samples before it.
         inputs, outputs = memory.latest_samples(MAX_LAGS + 1)
         self.errors.compare(outputs[-1])
         predictions = self._predictions(inputs, outputs)

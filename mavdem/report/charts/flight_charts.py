@@ -386,8 +386,10 @@ def _filter_line(loop: Loop, max_frequency: float) -> Line:
     Returns:
         The line, dB.
     """
-    nyquist = MAX_NYQUIST_FRACTION * loop.controller.gyro_rate
-    frequency = np.linspace(0.1, min(max_frequency, nyquist), MAX_BINS)
+    # The line begins just above 0 Hz, and ends just below half of the gyro's rate.
+    highest_frequency = MAX_NYQUIST_FRACTION * loop.controller.gyro_rate
+    frequency = np.linspace(0.1, min(max_frequency, highest_frequency), MAX_BINS)
+    # A notch filter has a gain of 0 at its centre, which has no decibels.
     gain = np.maximum(abs(gyro_response(loop.controller, frequency)), MIN_FILTER_GAIN)
     decibels = 20 * np.log10(gain)
     return Line(

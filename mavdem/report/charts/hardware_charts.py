@@ -178,8 +178,10 @@ def _sensor_series(signals: Signals, sensor: str) -> TimeSeries | None:
         (N, 3) rad/s about roll, pitch and yaw, or m/s² along forward, right and down; None if no message has them.
     """
     longest_series = specific_force(signals) if sensor == "accelerometer" else None
+    # Messages with samples before the filters have the ending "_before".
+    sensor_names = (sensor, f"{sensor}_before")
     for recorded in SENSOR_MESSAGES:
-        if recorded.spectrum not in (sensor, f"{sensor}_before"):
+        if recorded.spectrum not in sensor_names:
             continue
         series = recorded_series(signals.telemetry, recorded.message, *recorded.fields)
         is_longer = series is not None and (
@@ -373,6 +375,7 @@ def _target_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
         timeline: timeline of the flight, for its span of time.
     """
     telemetry = evidence.signals.telemetry
+    # MAVLink's fields are x, y and z for the position, and vx, vy and vz for the velocity.
     for prefix, title, unit in (("", "Position", "m"), ("v", "Velocity", "m/s")):
         for name, axis in LOCAL_AXES.items():
             field = f"{prefix}{axis}"

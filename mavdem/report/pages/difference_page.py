@@ -115,8 +115,8 @@ def comparison_page(
         reviewed: comparison of both flights. In their reviews the motors are judged beside other flights
             (``review_beside_flights``).
         back: the page that leads here, if any.
-        flights: time series of the flight of each side (``flight_series``): empty of a fleet, None where they were not
-            stored with the flight.
+        flights: time series of the flight of each side (``flight_series``), which are drawn over each other. They are
+            empty for a fleet, which has none, and None for a flight with which they were not stored.
         addresses: addresses of the pages of both flights; empty where there are none.
     """
     descriptions = side_descriptions(names, reviewed)

@@ -282,13 +282,13 @@ def _summary_sentences(assessment: Assessment, evidence: Sequence[Sentence]) -> 
 
 
 def _margin_sentences(assessment: Assessment) -> list[Sentence]:
-    """Returns the sentence on why the stability margins of a flight's control loops are too small.
+    """Returns the sentence that explains a headline on too small stability margins of the control loops.
 
     Args:
         assessment: assessment of the log, with its headline and the identified loops.
 
     Returns:
-        A list with the sentence; empty if the margins are not the headline.
+        A list with the sentence; empty if the headline is about something else.
     """
     if assessment.evidence is None:
         return []

@@ -135,6 +135,9 @@ def controller_spectra_chapter(
 def _spectra(noise: MeasuredNoise, sensor: str, loop: Loop | None = None) -> list[Group]:
     """Returns the spectra of the three axes of a sensor before and after its filters, side by side.
 
+    A caption explains lines of unknown cause, if the charts mark any. It also warns of aliasing, if the filtered signal
+    was logged more slowly than the signal before the filters.
+
     Args:
         noise: spectra of all sensors.
         sensor: name of the sensor in ``noise``.
