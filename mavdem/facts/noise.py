@@ -22,3 +22,4 @@ class NotchAdvice(Code):
     NOTCH_NOT_NEEDED = "notch_not_needed"
     NOTCH_IN_PLACE = "notch_in_place"
     NO_LINE_TO_REMOVE = "no_line_to_remove"
+    SPECTRUM_BELOW_MOTORS = "spectrum_below_motors"

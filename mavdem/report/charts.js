@@ -315,6 +315,7 @@
         const start = isPositive ? Math.max(0, min - lack / 2) : min - lack / 2;
         [min, max] = [start, start + leastSpan];
       }
+      if (min === 0 && max === 0) return [low ?? 0, high ?? 1];
       // What stays the same has an axis of a twentieth around it, on which its next change is seen.
       if (min === max && min) [min, max] = [min - Math.abs(min) / 20, max + Math.abs(max) / 20];
       const [from, to] = uPlot.rangeNum(min, max, 0.06, false);

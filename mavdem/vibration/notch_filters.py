@@ -47,7 +47,7 @@ def notch_advice(
 
     A notch adds phase lag, which takes from the phase margin. So one is advised only for a line that makes at least
     ``MIN_NOISE_SHARE`` of the noise after the present filters. Noise is what lies above all frequencies at which rate
-    loops work (``MAX_LOOP_FREQUENCY``).
+    loops work (``MAX_LOOP_FREQUENCY``). A spectrum that ends below it shows no motors, and there is no advice.
 
     Args:
         controller: controller with the present filters of the gyro.
@@ -63,6 +63,8 @@ def notch_advice(
     """
     spectrum = unfiltered or filtered
     lines_to_filter = [line for line in lines if line.cause in (LineCause.MOTOR, LineCause.FRAME)]
+    if spectrum is not None and spectrum.nyquist_frequency <= MAX_LOOP_FREQUENCY:
+        return Fact(NotchAdvice.SPECTRUM_BELOW_MOTORS, highest=spectrum.nyquist_frequency)
     if spectrum is None or not lines_to_filter:
         return Fact(NotchAdvice.NO_LINE_TO_REMOVE)
     strongest_line = max(lines_to_filter, key=lambda line: line.density)

@@ -201,6 +201,14 @@ def test_a_notch_is_not_advised_where_there_is_nothing_to_take():
     assert slow.code is NotchAdvice.NOTCH_NOT_NEEDED
 
 
+def test_a_spectrum_that_ends_below_the_motors_is_no_reason_against_a_notch():
+    telemetry = shaken()
+    gyro = {name: values[::20] for name, values in telemetry.messages["GYRO_BEFORE"].items()}
+    fact, _ = advice(changed(telemetry, "GYRO_BEFORE", **gyro))
+    assert fact.code is NotchAdvice.SPECTRUM_BELOW_MOTORS
+    assert fact.figures["highest"] == approx(25.0, rel=0.02)
+
+
 @mark.parametrize("seed", range(5))
 def test_prominent_peaks_are_those_of_scipy(seed):
     curve = default_rng(seed).standard_normal(200).cumsum()

@@ -11,6 +11,8 @@ from mavdem.report.palette import DISTINCT
 def step_overview_charts(responses: Responses) -> dict[str, Chart]:
     """Returns a chart of the measured step responses of all axes for each loop, such as "rate".
 
+    A step that the messages were too slow to measure is that of the identified loop, and its line says so.
+
     Args:
         responses: responses by axis and loop.
 
@@ -22,7 +24,8 @@ def step_overview_charts(responses: Responses) -> dict[str, Chart]:
         for loop_name, response in loops.items():
             measured_response = response.measured
             if isinstance(measured_response, StepResponse):
-                line = Line(axis, colour, measured_response.time, measured_response.step)
+                name = f"{axis} (identified)" if measured_response.is_identified else axis
+                line = Line(name, colour, measured_response.time, measured_response.step)
                 lines_by_loop.setdefault(loop_name, []).append(line)
     charts = {}
     for loop_name, lines in lines_by_loop.items():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import asdict
 from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -868,22 +867,17 @@ def _model_chapter(axis: str, analysis: LogAnalysis) -> Chapter:
 
 
 def _learning_chapter(axis: str, learned: Learned) -> Chapter:
-    """Returns the folded chapter on how a model was learned: poles, free energy, settings and residuals.
+    """Returns the folded chapter on how a model was learned: poles, free energy and residuals.
 
     Args:
         axis: "roll", "pitch" or "yaw".
-        learned: the model of that axis, with the settings of the learner.
+        learned: the model of that axis.
     """
-    rows = []
-    for name, value in asdict(learned.settings).items():
-        rows.append([name, str(value)])
-    settings = Table(["setting", "value"], rows, words=True)
     caption = "Errors one step ahead; correlations between the lines may be chance (99 %)."
     groups = [Group.side_by_side(model_charts.residual_charts(learned), caption)]
     title = f"How the model of {axis} was learned"
-    blocks = [*detail_blocks(learned), settings]
-    # The settings of the learner are for its developers. Owners who print the page for their records do not need them.
-    return Chapter(title, blocks, groups, folded=True, is_printed=False)
+    # What it shows is for developers of the learner. Owners who print the page for their records do not need it.
+    return Chapter(title, detail_blocks(learned), groups, folded=True, is_printed=False)
 
 
 def live_page(

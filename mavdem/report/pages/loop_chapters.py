@@ -121,7 +121,11 @@ def responses_chapter(
                 figures = [_step_figure_text(measured_response, key) for key in STEP_FIGURES]
                 rows.append([row_name, *figures])
             if response.compared is not None and not response.compared.is_good:
-                doubts.append(caution(response.compared))
+                is_step_identified = (
+                    isinstance(measured_response, StepResponse) and measured_response.is_identified
+                )
+                doubt = response.compared.replace(is_step_identified=is_step_identified)
+                doubts.append(caution(doubt))
     blocks = Blocks()
     if rows:
         headers = [figure.header for figure in STEP_FIGURES.values()]
@@ -216,15 +220,23 @@ def loops_chapters(
     loops_by_axis: dict[str, Mapping[str, Loop]] = {
         axis: {"now": loop} for axis, loop in loops.items()
     }
-    figures: Blocks = [*margin_tables(loops, doubtful=evidence.axes_with_doubtful_loop)]
+    advised_blocks = Blocks()
     for axis, axis_advice in advice.items():
         # The decision on an axis says why it has no gains.
         if isinstance(axis_advice, Advice) and not axis_advice.refusals:
-            figures.append(
+            advised_blocks.append(
                 Sentence(axis_advice.conclusion.sentence_and_remedy, f"Gains of {axis}:")
             )
-            figures += gain_blocks(axis_advice)
+            advised_blocks += gain_blocks(axis_advice)
             loops_by_axis[axis] = compared_loops(axis_advice)
+    # In the tables, an axis whose gains change has a second column beside that of its present gains.
+    loops_by_header: dict[str, Loop] = {}
+    for axis, loop in loops.items():
+        loops_by_header[axis] = loop
+        if "advised" in loops_by_axis[axis]:
+            loops_by_header[f"{axis}, advised"] = loops_by_axis[axis]["advised"]
+    figures: Blocks = [*margin_tables(loops_by_header, doubtful=evidence.axes_with_doubtful_loop)]
+    figures += advised_blocks
     figures += loop_cautions(advice)
     # Each axis has a column of charts, in which the loop now and the loop with advised gains are drawn together.
     columns = {axis: loop_charts(axis_loops) for axis, axis_loops in loops_by_axis.items()}

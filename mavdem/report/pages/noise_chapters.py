@@ -4,6 +4,7 @@ from mavdem.assessment import Assessment
 from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
 from mavdem.containers import Names
 from mavdem.dataset.axes import AXES
+from mavdem.facts.fact import Level
 from mavdem.facts.lights import Light
 from mavdem.loops.axis_loops import Loop
 from mavdem.report.blocks import Blocks, Sentence
@@ -95,7 +96,11 @@ def gyro_chapter(
         has_spectrograms: whether there are spectrograms, which take much of a page.
     """
     noise = assessment.noise
-    blocks: Blocks = [Sentence(str(fact)) for fact in noise.facts]
+    blocks = Blocks()
+    for fact in noise.facts:
+        # What the log does not show needs the advice how to record it.
+        is_unknown = fact.level is Level.UNKNOWN
+        blocks.append(Sentence(fact.sentence_and_remedy if is_unknown else str(fact)))
     loop = fastest_loop(assessment)
     if loop is not None:
         blocks += filter_sentences(loop)

@@ -9,11 +9,12 @@ from mavdem.loops.step_response import StepResponse
 from mavdem.report.charts.step_overview import step_overview_charts
 
 
-def measured_response(height):
+def measured_response(height, *, is_identified=False):
     """Returns a response that is constant at ``height``, with the attributes that a chart reads."""
     response = object.__new__(StepResponse)
     object.__setattr__(response, "time", np.linspace(0.0, 0.5, 11))
     object.__setattr__(response, "step", np.full(11, height))
+    object.__setattr__(response, "is_identified", is_identified)
     return response
 
 
@@ -32,3 +33,9 @@ def test_each_loop_has_a_chart_with_a_line_for_each_axis_that_was_measured():
     assert lines == {"rate": {"roll": 0.9, "pitch": 1.1}, "attitude": {"pitch": 1.0}}
     colours = {line.name: line.colour for line in charts["rate"].lines}
     assert colours["roll"] != colours["pitch"] == charts["attitude"].lines[0].colour
+
+
+def test_a_step_that_was_not_measured_is_called_identified():
+    response = LoopResponse(measured_response(1.0, is_identified=True))
+    (line,) = step_overview_charts({"roll": {"rate": response}})["rate"].lines
+    assert line.name == "roll (identified)"
