@@ -109,9 +109,7 @@ def step_charts(
             title = f"{axis.capitalize()} {loop_name}"
             advised_step = advised_steps_by_loop.get(axis, {}).get(loop_name)
             step_lines = _step_lines(response, measured_response, advised_step)
-            # The title says it, since a single line has no legend.
-            remark = " of the identified loop" if measured_response.is_identified else ""
-            charts.append(step_chart(f"{title}: step{remark}", loop_name, step_lines))
+            charts.append(step_chart(f"{title}: step", loop_name, step_lines))
             if has_gain and loop_name == "rate":
                 charts.append(_gain_chart(title, response, measured_response))
         if charts:

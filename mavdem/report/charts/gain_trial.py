@@ -145,7 +145,7 @@ def _motion_chart(title: str, motion: TwinMotion, is_drawn: Flags) -> Chart:
         motion: motion of the twin, the simulated vehicle, with both sets of gains.
         is_drawn: (T,) whether a sample is drawn; the errors are of all samples.
     """
-    errors = f"{motion.present_error:.2g}° now, {motion.expected_error:.2g}° advised"
+    errors = f"{motion.present_error:.2g} → {motion.expected_error:.2g}°"
     time = motion.time[is_drawn]
     lines = []
     # The setpoint of a hover is 0 throughout and needs no line.

@@ -143,8 +143,8 @@ def _changed_default_rows(telemetry: Telemetry) -> list[list[str]]:
 def _all_parameters(telemetry: Telemetry) -> Table:
     """Returns all parameters with their values at the end of the log, and their meanings.
 
-    Their names are links to the makers' descriptions. Parameters that changed in flight are marked. So are parameters that differ from the default, if the log has
-    defaults.
+    Their names are links to the makers' descriptions. Parameters that changed in flight are marked. So are parameters
+    that differ from the default, if the log has defaults.
 
     Args:
         telemetry: messages of the vehicle, with its parameters.
