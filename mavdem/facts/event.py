@@ -4,6 +4,7 @@ from math import isfinite, nan
 from typing import NamedTuple
 
 from mavdem.facts.fact import Code, Fact
+from mavdem.facts.margins import MarginsLight
 from mavdem.facts.online import OnlineFact
 from mavdem.facts.session import RateFact, RowsFact, SessionFact, VehicleFact
 
@@ -86,8 +87,8 @@ class Event(NamedTuple):
 
     @property
     def is_alarm(self) -> bool:
-        """Whether it is bad."""
-        return self.fact.is_bad
+        """Whether it is bad, and arose in flight: a small margin is there from the take-off on, and needs no haste."""
+        return self.fact.is_bad and self.fact.code is not MarginsLight.LOOP_MARGINS
 
     @property
     def is_session_state(self) -> bool:

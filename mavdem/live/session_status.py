@@ -545,6 +545,7 @@ class SessionStatus(ImmutableResult):
         lights_without_model = self._lights_without_model
         worst_lights = self._combined_lights(by_model.lights, lights_without_model)
         worst_lights = self._lights_after_landing(worst_lights)
+        worst_lights = self._lights_during_oscillation(worst_lights)
         judgement = self._without_vain_request(replace(by_model, lights=worst_lights))
         lights = judgement.lights
         bad_lights = [fact for fact in lights.values() if fact.is_bad]
@@ -567,6 +568,25 @@ class SessionStatus(ImmutableResult):
         if is_without_fault and is_light_replaced:
             return _judgement_by_lights(judgement, keeps_next_step=True)
         return judgement
+
+    def _lights_during_oscillation(self, lights: NamedFacts) -> dict[str, Fact]:
+        """Returns the lights, of which motors and tracking are not judged sound while the vehicle oscillates.
+
+        The motors go from limit to limit then, and the attitude swings about its setpoint, whatever was judged before.
+
+        Args:
+            lights: the judgement of each part of the vehicle, by the name of the part.
+        """
+        present_lights = dict(lights)
+        oscillations = [
+            alarm for alarm in self.active_alarms if alarm.code is MarginsLight.OSCILLATES
+        ]
+        if not self.is_flying or not oscillations:
+            return present_lights
+        for name in (Light.MOTORS, Light.TRACKING):
+            if not present_lights[name].is_watch_or_bad:
+                present_lights[name] = Fact(Unjudged.NOT_JUDGED, reason=oscillations[0])
+        return present_lights
 
     def _lights_after_landing(self, lights: NamedFacts) -> dict[str, Fact]:
         """Returns the lights of a flight, none of which is unknown because the vehicle is on the ground by now.

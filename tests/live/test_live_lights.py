@@ -11,9 +11,11 @@ from mavdem.dataset.segment_learnability import slow_streams
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.ending import Ending
+from mavdem.facts.event import Event
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.log import LogLight
 from mavdem.facts.loops import LoopAction
+from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.facts.motors import MotorsLight, MotorWatchFact
 from mavdem.facts.power import PowerLight
 from mavdem.facts.session import (
@@ -431,6 +433,39 @@ def test_the_first_line_says_mode_arming_battery_and_the_age_of_the_last_message
     second = replace(slow, state=state._replace(battery="battery 2"))
     assert "in flight, battery 2 15.8 V (76 %)" in vehicle_text(second)
     assert vehicle_text(SessionStatus()) == "No vehicle, nothing received yet."
+
+
+def test_while_the_vehicle_oscillates_motors_and_tracking_are_not_called_sound():
+    oscillation = Fact(
+        MarginsLight.OSCILLATES,
+        Level.BAD,
+        subject="roll",
+        axes=(("roll", 16.0, 2.0),),
+        frequency=16.0,
+        turn_rate=2.0,
+    )
+    lights = {
+        Light.MARGINS: oscillation,
+        Light.MOTORS: Fact(MotorWatchFact.NO_LOSS_FOUND, clock=10.0),
+        Light.TRACKING: Fact(TrackingLight.FOLLOWS_SETPOINT, Level.GOOD),
+    }
+    status = SessionStatus(
+        "1:1", is_flying=True, worst_lights=lights, active_alarms=(oscillation,)
+    )
+    for name in (Light.MOTORS, Light.TRACKING):
+        light = status.overall_judgement.lights[name]
+        assert light.level is Level.UNKNOWN and light.figures["reason"] == oscillation
+        # Once that is over, what was judged before counts again.
+        calm = replace(status, active_alarms=())
+        assert calm.overall_judgement.lights[name].is_good
+    [motors] = [row for row in light_rows(status) if row.name == Light.MOTORS]
+    assert motors.figure == "it oscillates"
+
+
+def test_a_small_margin_that_the_recording_shows_is_no_alarm():
+    margin = Fact(MarginsLight.LOOP_MARGINS, Level.BAD)
+    oscillation = Fact(MarginsLight.OSCILLATES, Level.BAD)
+    assert not Event(60.0, margin).is_alarm and Event(60.0, oscillation).is_alarm
 
 
 def test_what_was_good_in_flight_stays_so_where_the_recording_leaves_it_unknown():
