@@ -4,6 +4,7 @@ from math import isfinite, nan
 from typing import NamedTuple
 
 from mavdem.facts.fact import Code, Fact
+from mavdem.facts.loops import GainFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.online import OnlineFact
 from mavdem.facts.session import RateFact, RowsFact, SessionFact, VehicleFact
@@ -19,6 +20,7 @@ LEARNING_STATES: frozenset[Code] = frozenset(
 """States of the learning of a live session that come and go with the flight."""
 
 SESSION_STATES: frozenset[Code] = LEARNING_STATES | {
+    GainFact.ADVICE_WAITS,
     SessionFact.COMPUTER_BEHIND,
     SessionFact.COMPUTER_KEEPS_UP,
     SessionFact.ESTIMATES_LATE,

@@ -34,7 +34,14 @@ from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.power import PowerLight
-from mavdem.facts.session import LinkFact, MissingMessages, RowsFact, SessionFact, VehicleFact
+from mavdem.facts.session import (
+    LinkFact,
+    MissingMessages,
+    RecordingState,
+    RowsFact,
+    SessionFact,
+    VehicleFact,
+)
 from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.immutable import ImmutableResult
@@ -713,7 +720,11 @@ class SessionStatus(ImmutableResult):
         if is_awaited and judgement.headline.is_watch_or_bad:
             return judgement
         next_step = Fact(NextStep.DO_AS_ADVISED, reason=verdict)
-        lights = self._lights_with_recording(judgement.lights)
+        lights = dict(self._lights_with_recording(judgement.lights))
+        if is_awaited and verdict.figures["kind"] is not RecordingState.FAILED:
+            # Margins in flight are of the axis and the time learned so far: their advice on gains may be the opposite
+            # of what the recording shows a moment later.
+            lights[Light.MARGINS] = Fact(Unjudged.NOT_JUDGED, reason=verdict)
         return replace(judgement, headline=verdict, next_step=next_step, lights=lights)
 
     def _lights_with_recording(self, lights: NamedFacts) -> NamedFacts:

@@ -162,6 +162,9 @@ def test_an_all_clear_after_a_landing_waits_for_the_recording(slow):
     judgement = landed.overall_judgement
     assert judgement.headline == awaited and judgement.headline.level is Level.UNKNOWN
     assert str(judgement.next_step) == "Wait for the result before the next flight."
+    # No advice on gains by the margins in flight, which the recording may contradict.
+    assert judgement.lights[Light.MARGINS].figures["reason"] == awaited
+    assert not judgement.lights[Light.MARGINS].remedy
     # What was found in flight stays the headline, until the recording is judged.
     weak = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 1", share=0.9)
     warned = replace(landed, worst_lights={Light.MOTORS: weak})
@@ -440,7 +443,7 @@ def test_while_the_vehicle_oscillates_motors_and_tracking_are_not_called_sound()
         MarginsLight.OSCILLATES,
         Level.BAD,
         subject="roll",
-        axes=(("roll", 16.0, 2.0),),
+        axes=(("roll", 16.0, 2.0), ("pitch", 16.0, 2.0)),
         frequency=16.0,
         turn_rate=2.0,
     )
@@ -460,6 +463,7 @@ def test_while_the_vehicle_oscillates_motors_and_tracking_are_not_called_sound()
         assert calm.overall_judgement.lights[name].is_good
     [motors] = [row for row in light_rows(status) if row.name == Light.MOTORS]
     assert motors.figure == "it oscillates"
+    assert live_alarm(status) == "⚠ Roll and pitch: land now"
 
 
 def test_a_small_margin_that_the_recording_shows_is_no_alarm():
