@@ -456,8 +456,12 @@ def _follow_vehicle(
             status_lines.print_conclusion(escape_unprintable(line), FILE_MARKER)
         advice = None if session.gain_adviser is None else session.gain_adviser.facts
         has_gain_files = any(fact.code is GainFact.GAINS_WRITTEN for fact in advice or ())
+        is_flight_forbidden = any(
+            verdict.judgement.headline.forbids_flight for verdict in status.verdicts
+        )
+        line_on_gains = gains_line(advice, account, is_flight_forbidden=is_flight_forbidden)
         status_lines.print_conclusion(
-            escape_unprintable(gains_line(advice, account)), FILE_MARKER if has_gain_files else ""
+            escape_unprintable(line_on_gains), FILE_MARKER if has_gain_files else ""
         )
         files = written_files(written_paths, recording)
         document = live_document(session, status, account, files) if options.as_json else None

@@ -146,21 +146,28 @@ def written_file_lines(paths: OutputPaths, frame_count: int) -> list[str]:
     return lines
 
 
-def gains_line(advice: Facts | None, seconds_by_use: Mapping[TimeUse, float]) -> str:
+def gains_line(
+    advice: Facts | None,
+    seconds_by_use: Mapping[TimeUse, float],
+    *,
+    is_flight_forbidden: bool = False,
+) -> str:
     """Returns a line on the controller gains that a session advises: their file, or why there are none.
 
     Args:
         advice: the facts (coded findings) of the latest advice; None where nothing was recorded to compute gains from.
         seconds_by_use: seconds of the session by what they were spent on, such as learning.
+        is_flight_forbidden: whether the verdict on some flight of the session forbids to fly before a repair.
 
     Returns:
-        One sentence, which the terminal prints at the end of a session.
+        The sentence, which the terminal prints at the end of a session.
     """
     if advice is None:
         return "No gains: they are computed from a recording, --record FILE.tlog."
     for fact in advice:
         if fact.code is GainFact.GAINS_WRITTEN:
-            return f"Gains: {fact.figures['path']}. Load one file in a ground station."
+            when = "once the vehicle may fly again, on trial" if is_flight_forbidden else "on trial"
+            return f"Gains: {fact.figures['path']}. Load one file in a ground station {when}."
     if advice:
         return _line_without_gains(_reason_without_gains(advice))
     has_flown = seconds_by_use[TimeUse.LEARNED] > 0 or seconds_by_use[TimeUse.UNSETTLED] > 0

@@ -39,6 +39,9 @@ def test_without_advised_gains_the_reason_is_printed():
     no_loop_left = Fact(GainFact.GAINS_LEFT, reason=Fact(LoopFact.NO_LOOP, reasons=(yaw, failed)))
     written = Fact(GainFact.GAINS_WRITTEN, path="f.gains.stage1.params and .param", reason=reason)
     assert "--record FILE.tlog" in gains_line(None, NOTHING)
+    assert gains_line((written,), flown).endswith("Load one file in a ground station on trial.")
+    grounded = gains_line((written,), flown, is_flight_forbidden=True)
+    assert grounded.endswith("once the vehicle may fly again, on trial.")
     assert gains_line((), NOTHING) == "No gains: nothing flew."
     assert gains_line((), flown).startswith("No gains: too little settled flight")
     assert gains_line((left,), flown).startswith("No gains: gains are advised when")
