@@ -75,7 +75,8 @@ def event_line(event: Event, *, has_remedy: bool = True, ends_alarm: bool = Fals
         fact = fact.replace(basis=())
     sentence = fact.sentence
     marker = ALARM_OVER_MARKER if ends_alarm else ""
-    if fact.code is WatchFact.ALARM_OVER:
+    # A fault that is only to be watched was no alarm, so that its end ends none.
+    if fact.code is WatchFact.ALARM_OVER and fact.figures["reason"].is_bad:
         marker = ALARM_OVER_MARKER
         if not fact.figures.get("is_at_landing"):
             # That it is over, the marker says.

@@ -452,9 +452,7 @@ def test_while_the_vehicle_oscillates_motors_and_tracking_are_not_called_sound()
         Light.MOTORS: Fact(MotorWatchFact.NO_LOSS_FOUND, clock=10.0),
         Light.TRACKING: Fact(TrackingLight.FOLLOWS_SETPOINT, Level.GOOD),
     }
-    status = SessionStatus(
-        "1:1", is_flying=True, worst_lights=lights, active_alarms=(oscillation,)
-    )
+    status = SessionStatus("1:1", is_flying=True, worst_lights=lights, active_alarms=(oscillation,))
     for name in (Light.MOTORS, Light.TRACKING):
         light = status.overall_judgement.lights[name]
         assert light.level is Level.UNKNOWN and light.figures["reason"] == oscillation

@@ -19,6 +19,7 @@ from rich.live import Live
 from mavdem.assessment.headline import headline_by_lights
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.next_step import choose_next_step
+from mavdem.cli.live_lines import event_line
 from mavdem.cli.live_status import MAX_SETTLING_SECONDS, ChangeDebouncer, StatusLines
 from mavdem.dataset.segment_learnability import slow_streams
 from mavdem.facts import Fact, Level
@@ -660,6 +661,9 @@ def test_alarms_and_their_ends_are_marked_in_lines_of_one_form(capsys):
     starts = [re.split(r"- s  ", line)[1] for line in printed]
     markers = [re.match(r"(ALARM OVER|ALARM|)", start).group() for start in starts]
     assert markers == ["", "ALARM", "ALARM OVER", "ALARM OVER", "ALARM", "ALARM OVER", ""]
+    # The end of what was only to be watched ends no alarm.
+    watched = Fact(WatchFact.ALARM_OVER, time=50.0, reason=limit.replace(Level.WATCH))
+    assert "ALARM" not in event_line(Event(9.0, watched, reception=0.0))
     # A landing ends an alarm without curing anything.
     assert "not its cause" not in starts[2] and "not its cause" in starts[3]
     assert "Alarm" not in "".join(printed)
