@@ -67,8 +67,11 @@ MAX_SETPOINT_DELAY = 1.0
 MIN_SETPOINT_TILT = np.radians(10.0)
 """RMS, rad, of a setpoint of roll or pitch that a vehicle in the air must follow; a choice."""
 
-MIN_FOLLOWED_RATIO = 1 / 3
-"""RMS of the tilt over the RMS of its setpoint, below which the ground holds the vehicle: in the air it is 0.8."""
+SETPOINT_DELAY_STEP = 0.1
+"""Step, s, of the delays up to ``MAX_SETPOINT_DELAY`` that are tried: shorter than any attitude takes to follow."""
+
+MIN_FOLLOWED_GAIN = 1 / 3
+"""Least-squares gain from setpoint to tilt, rad/rad, below which something holds the vehicle: in the air it is 0.8."""
 
 
 def without_grounded(flights: Intervals, signals: Signals, boot: int) -> Intervals:
@@ -206,7 +209,9 @@ def _was_held(signals: Signals, boot: int, flight_interval: TimeInterval) -> boo
 def _is_not_followed(setpoint: Setpoint, boot: int, time: Array, angle: Array) -> bool:
     """Returns whether the setpoint of a tilt angle is large, and the measured angle hardly follows it.
 
-    Both are compared by their root mean squares (RMS), at the times when the setpoint is valid.
+    The setpoint is large by its root mean square (RMS). How far the angle follows is the gain of its least-squares fit
+    by the setpoint, at the delay with the largest gain. Size alone would not show it: on uneven ground, or in
+    somebody's hand, a vehicle leans and rocks whatever its setpoint is.
 
     Args:
         setpoint: Setpoint of the angle, rad.
@@ -215,17 +220,41 @@ def _is_not_followed(setpoint: Setpoint, boot: int, time: Array, angle: Array) -
         angle: (N,) roll or pitch at these times, rad.
 
     Returns:
-        Whether the RMS of the setpoint exceeds ``MIN_SETPOINT_TILT``, and the RMS of the angle is below
-        ``MIN_FOLLOWED_RATIO`` of it. False where the setpoint is never valid.
+        Whether the RMS of the setpoint exceeds ``MIN_SETPOINT_TILT``, and the gain is below ``MIN_FOLLOWED_GAIN`` at
+        all delays up to ``MAX_SETPOINT_DELAY``. False where the setpoint is never valid.
     """
-    setpoint_squares = held_setpoint(setpoint, boot, time) ** 2
-    is_finite = np.isfinite(setpoint_squares)
+    setpoint_values = held_setpoint(setpoint, boot, time)
+    is_finite = np.isfinite(setpoint_values)
     if not is_finite.any():
         return False
-    mean_square_setpoint = setpoint_squares[is_finite].mean()
-    mean_square_angle = np.mean(angle[is_finite] ** 2)
-    is_large = mean_square_setpoint > MIN_SETPOINT_TILT**2
-    return bool(is_large and mean_square_angle < MIN_FOLLOWED_RATIO**2 * mean_square_setpoint)
+    mean_square_setpoint = np.mean(setpoint_values[is_finite] ** 2)
+    if mean_square_setpoint <= MIN_SETPOINT_TILT**2:
+        return False
+    gains = []
+    for delay in np.arange(0.0, MAX_SETPOINT_DELAY + SETPOINT_DELAY_STEP / 2, SETPOINT_DELAY_STEP):
+        gains.append(_gain_at_delay(setpoint, boot, time, angle, float(delay)))
+    return max(gains) < MIN_FOLLOWED_GAIN
+
+
+def _gain_at_delay(setpoint: Setpoint, boot: int, time: Array, angle: Array, delay: float) -> float:
+    """Returns the gain with which a delayed setpoint fits an angle best, in the least-squares sense.
+
+    Args:
+        setpoint: Setpoint of the angle, rad.
+        boot: Number of the boot; a boot lasts from one start of the autopilot to the next.
+        time: (N,) times of the angle, s since boot.
+        angle: (N,) roll or pitch at these times, rad.
+        delay: Time by which the setpoint is earlier than the angle, s.
+
+    Returns:
+        The gain, rad/rad; 0 where the delayed setpoint is never valid, or always 0.
+    """
+    delayed_setpoint = held_setpoint(setpoint, boot, time - delay)
+    is_finite = np.isfinite(delayed_setpoint)
+    sum_of_squares = np.sum(delayed_setpoint[is_finite] ** 2)
+    if sum_of_squares == 0:
+        return 0.0
+    return float(np.sum(delayed_setpoint[is_finite] * angle[is_finite]) / sum_of_squares)
 
 
 @cached_per_vehicle()

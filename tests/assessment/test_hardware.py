@@ -117,6 +117,24 @@ def test_gaps_in_flight_are_found_with_their_time():
     assert fact.figures["longest_gap"] == approx(1.6)
 
 
+def test_messages_of_the_barometer_that_are_missing_in_flight_are_reported():
+    time = TELEMETRY.messages["ATTITUDE"]["time"]
+    altitude = 100.0 + 0.1 * np.sin(time)
+
+    def recording(is_recorded):
+        samples = columns(time[is_recorded], altitude=altitude[is_recorded])
+        return recording_fact(
+            evidence_of(Signals(changed(TELEMETRY, "SCALED_PRESSURE", **samples)))
+        )
+
+    gap = recording((time < 15.0) | (time > 17.2))
+    assert (gap.level, gap.figures["barometer_gap"]) == ("watch", approx(2.2, abs=0.15))
+    assert "s without the barometer" in gap.sentence
+    # A barometer that is merely logged slowly lacks no message.
+    slow = recording(np.arange(len(time)) % round(1.5 / np.median(np.diff(time))) == 0)
+    assert (slow.level, slow.figures["barometer_gap"]) == ("good", None)
+
+
 def test_stamps_of_the_body_rates_are_called_theirs():
     assert str(recording_fact(evidence_of(Signals(TELEMETRY)))).startswith("Attitude every ")
     interpolated = Fact(Repair.ATTITUDE_INTERPOLATED, attitude_rate=20.0, rate=50.0)

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from hover import Hover, changed, columns, evidence_of
+from hover import Hover, changed, columns, evidence_of, with_demand
 from partial_records import partial_record
 from pytest import approx, mark
 from recorded_flights import recorded
@@ -617,6 +617,13 @@ def test_the_log_states_how_often_the_attitude_was_recorded():
     fact = log_light(evidence(replace(HOVER.telemetry(50.0, 50.0), repairs=(enough,))))
     assert fact.code is LogLight.RECORDED_FAST
     assert "Attitude at 45 Hz, commands at 50 Hz" in fact.sentence
+
+
+def test_motor_outputs_that_the_demand_replaces_are_stated_with_their_rate():
+    fact = log_light(evidence(with_demand(HOVER.telemetry(50.0, 10.0), 50.0)))
+    assert fact.code is LogLight.RECORDED_FAST
+    assert "the controller's demand" in fact.sentence and "commands" not in fact.sentence
+    assert "motor outputs at 10 Hz" in fact.sentence
 
 
 def test_the_light_of_a_log_that_ends_in_the_air_says_so_unless_it_was_lost():

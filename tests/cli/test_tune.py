@@ -106,7 +106,7 @@ def test_a_vehicle_that_must_not_fly_is_reported_before_its_loops(capsys):
     assert output.index("No gains are advised.") > 0
     assert "Next: Do not fly in a mode that holds the height" in output
     assert run("tune", shared("real/logs/yaw_twist_16_percent.BIN"), "--axis", "all") == 1
-    assert unwrapped(capsys.readouterr().out).count("--params FILE") == 1
+    assert unwrapped(capsys.readouterr().out).count("Hover for half a minute") == 1
 
 
 def test_without_a_plant_the_measured_margins_or_what_is_bad_are_shown(capsys, monkeypatch):

@@ -421,23 +421,24 @@ def test_the_inputs_that_are_asked_for_are_taken():
 
 
 @mark.parametrize(
-    "height, asked, leaned, stands",
+    "height, asked, leaned, rocked, stands",
     [
-        (0.9, 1.05, 0.95, True),
-        (1.1, 1.05, 0.95, False),  # It rose.
-        (0.9, 0.95, 0.85, False),  # The setpoint was small.
-        (0.9, 1.05, 1.1, False),  # It followed.
+        (0.9, 1.05, 0.95, 0.0, True),
+        (0.9, 1.05, 0.0, 2.0, True),  # It leans as much as it is asked, but at other times.
+        (1.1, 1.05, 0.95, 0.0, False),  # It rose.
+        (0.9, 0.95, 0.85, 0.0, False),  # The setpoint was small.
+        (0.9, 1.05, 1.1, 0.0, False),  # It followed.
     ],
 )
-def test_what_neither_rises_nor_leans_as_it_is_asked_is_held(height, asked, leaned, stands):
-    """In shares of what is asked at least, and of what hardly leans."""
+def test_what_neither_rises_nor_leans_as_it_is_asked_is_held(height, asked, leaned, rocked, stands):
+    """In shares of what is asked at least, and of what hardly leans; it rocks on its own too."""
     hover = Hover(sway=0.0)
     telemetry = hover.telemetry(20.0, 20.0)
     time = telemetry.messages["ATTITUDE"]["time"]
     wave = np.where(np.sin(3 * time) > 0, 1.0, -1.0) * asked * np.radians(10.0)
     asks = attitude_target(quaternion(wave, 0 * time, 0 * time))
     telemetry = changed(telemetry, "ATTITUDE_TARGET", **columns(time, **asks))
-    leans = wave / asked * leaned / 3
+    leans = wave / asked * leaned / 3 + rocked * np.radians(5.0) * np.sin(time)
     telemetry = changed(telemetry, "ATTITUDE", roll=leans, pitch=0.0)
     height_time = telemetry.messages["LOCAL_POSITION_NED"]["time"]
     up = np.where((height_time > 20.0) & (height_time < 40.0), -height, 0.0)

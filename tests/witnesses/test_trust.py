@@ -268,6 +268,15 @@ def test_the_checks_of_a_sound_flight_answer_yes_or_that_too_little_was_asked():
     assert [row[1] for row in trust_table([sound]).rows][:3] == ["yes", "yes", "yes"]
 
 
+@mark.parametrize(
+    "correlation, says",
+    [(None, "ask for too little"), (0.25, "only in part (correlation 0.25, median error 3.0°)")],
+)
+def test_setpoints_that_vary_are_not_said_to_ask_for_too_little(correlation, says):
+    figures = {"correlation": correlation, "angle": np.radians(3.0)}
+    assert says in Fact(TrustCheck.ATTITUDE_RESPONSE, Level.UNKNOWN, **figures).sentence
+
+
 def test_an_accelerometer_that_may_be_in_use_is_not_called_spare():
     figures = {"name": "IMU 1", "acceleration": 9.8, "names": ("IMU 2",)}
     check = Fact(TrustCheck.ACCELEROMETER, Level.GOOD, **figures)

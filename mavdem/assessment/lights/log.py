@@ -90,6 +90,7 @@ def log_light(evidence: Evidence) -> Fact:
         attitude_rate=_recorded_attitude_rate(evidence, attitude),
         rate=rate,
         motor_rate=motor_rate,
+        output_rate=_rate_of_replaced_outputs(evidence, model_inputs),
         longest_gap=longest_gap,
         dropouts=telemetry.dropouts,
         needed_rate=MIN_STREAM_RATE,
@@ -136,6 +137,20 @@ def _recorded_attitude_rate(evidence: Evidence, attitude: Attitude) -> float:
             rates.append(logged_rate)
     # Angles are computed only in addition to the logged ones, so that the lowest rate is the rate of the logged ones.
     return min(rates)
+
+
+def _rate_of_replaced_outputs(evidence: Evidence, model_inputs: MotorOutputs) -> float | None:
+    """Returns the rate of motor outputs that were too slow for a model, Hz; None if they are what it uses.
+
+    Args:
+        evidence: flights and motor outputs of the vehicle.
+        model_inputs: what the model uses: the motor outputs, or the controller's demand in their place. The rate is 0
+            if only the demand was recorded.
+    """
+    motors = evidence.signals.motors
+    if model_inputs is motors:
+        return None
+    return 0.0 if motors is None else _rate_in_flight(evidence, motors)
 
 
 def _damage_fact(log: Log, telemetry: Telemetry) -> Fact | None:
