@@ -15,6 +15,7 @@ class RefusalReason(Code):
     NO_RECORDING = "no_recording"
     NO_SUCH_FILE = "no_such_file"
     NO_SUCH_PAGE = "no_such_page"
+    NO_LINK = "no_link"
     UPLOAD_WITHOUT_LOG = "upload_without_log"
     UPLOAD_TOO_LARGE = "upload_too_large"
     UPLOAD_TOO_SLOW = "upload_too_slow"

@@ -41,6 +41,25 @@ class ParameterChange(NamedTuple):
     """Value in the second state."""
 
 
+class RenamedGain(NamedTuple):
+    """The proportional gain of the roll rate in two states of which each has another name for it.
+
+    Versions of ArduPilot, and ArduPilot and PX4, name and scale the gains of the rate controllers differently.
+    """
+
+    name_before: str
+    """Its name in the first state."""
+
+    before: float
+    """Value in the first state."""
+
+    name_after: str
+    """Its name in the second state."""
+
+    after: float
+    """Value in the second state."""
+
+
 def changed_parameters(before: Parameters, after: Parameters) -> list[ParameterChange]:
     """Returns the autopilot parameters that somebody set to other values between two states.
 
@@ -117,6 +136,24 @@ def axes_with_other_attitude_gains(parameters: Iterable[ParameterChange]) -> Nam
         if ATTITUDE_GAIN.match(parameter.name):
             axes.update(axes_of_parameter(parameter.name))
     return tuple(axis for axis in AXES if axis in axes)
+
+
+def renamed_gain(before: Parameters, after: Parameters) -> RenamedGain | None:
+    """Returns the proportional gain of the roll rate if each of two states has another name for it, otherwise None.
+
+    The gains of the rate controllers then cannot be compared, since their units differ, too: ArduCopter 3.4 renamed
+    ``RATE_RLL_P`` to ``ATC_RAT_RLL_P`` and changed its scale.
+
+    Args:
+        before: values by the autopilot's name, in the first state.
+        after: values in the second state.
+    """
+    names_before = [name for name in before if RATE_GAIN.match(name)]
+    names_after = [name for name in after if RATE_GAIN.match(name)]
+    if not names_before or not names_after or not set(names_before).isdisjoint(names_after):
+        return None
+    name_before, name_after = names_before[0], names_after[0]
+    return RenamedGain(name_before, before[name_before], name_after, after[name_after])
 
 
 def states_without_gains(before: Parameters, after: Parameters) -> Names:

@@ -32,6 +32,10 @@ DATE_LENGTH = 16
 """Letters of a date and time up to the minute, as in "2026-02-09 12:30"."""
 
 
+MOTOR_PATTERN = re.compile(r"\bmotor (\d+)", re.IGNORECASE)
+"""A motor by its number, as sentences name it."""
+
+
 class FlightLine(NamedTuple):
     """The line of one flight."""
 
@@ -171,6 +175,9 @@ def _warning_lights(flight: AxisRows) -> str:
 def _suspect_motors(flight: AxisRows) -> str:
     """Returns the cell with the numbers of motors that failed in a flight, or seem weak beside other flights.
 
+    If there are none and the light of the motors warns, they are those that the headline names, such as a motor that
+    was at its limit.
+
     Args:
         flight: rows of one flight in the fleet's table, one for each axis.
     """
@@ -179,6 +186,9 @@ def _suspect_motors(flight: AxisRows) -> str:
         for motor in (row.failed_motor, row.suspect_motor):
             if motor is not None:
                 motors.add(motor)
+    if not motors and light_level(flight, Light.MOTORS) in (Level.BAD, Level.WATCH):
+        headline = log_row(flight).headline or ""
+        motors.update(int(number) for number in MOTOR_PATTERN.findall(headline))
     return listed(sorted(motors))
 
 

@@ -197,7 +197,7 @@ class LivePages:
         """
         self._rights.require(request, Permission.READ)
         if self._session_pages is None:
-            raise Refusal(RefusalReason.NO_SUCH_PAGE)
+            raise Refusal(RefusalReason.NO_LINK)
         deadline = clock.monotonic() + longest_wait
         page = self._session_pages.page
         while page.tag in ("", shown_tag) and clock.monotonic() < deadline:

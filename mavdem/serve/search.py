@@ -9,6 +9,7 @@ from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorHealth
 from mavdem.facts.serve import Sharing, Stage
+from mavdem.fleet.row import SYSTEM_ID_BASIS, UNKNOWN
 from mavdem.fleet.workers import KEY_HASH_DIGITS
 from mavdem.report.numbers import listed
 from mavdem.serve.index import CONTENT_HASH_SQL
@@ -94,6 +95,15 @@ FLIGHT_NAME_SQL = (
 )
 """SQL expression of the name that was given to the flight of an entry; empty without one."""
 
+VEHICLE_KIND_SQL = (
+    f"iif((entries.vehicle in ('', '{UNKNOWN}') or vehicle_basis = '{SYSTEM_ID_BASIS}') and {VEHICLE_NAME_SQL} = '',"
+    " 'unnamed ', '') || autopilot || ' ' || replace(frame, '_', ' ')"
+)
+"""SQL expression of what an entry's vehicle is, such as "unnamed PX4 QUADROTOR"; only one without a name is unnamed."""
+
+SIMULATED_SQL = "iif(simulated, 'simulated', '')"
+"""SQL expression of the word with which the list of flights marks a simulated one; empty for another."""
+
 SEARCHED_TEXT_SQL = " || ' ' || ".join(
     (
         "name",
@@ -106,6 +116,8 @@ SEARCHED_TEXT_SQL = " || ' ' || ".join(
         "modes",
         VEHICLE_NAME_SQL,
         FLIGHT_NAME_SQL,
+        VEHICLE_KIND_SQL,
+        SIMULATED_SQL,
     )
 )
 """SQL expression of the text of an entry in which a plain word is searched for."""

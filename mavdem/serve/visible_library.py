@@ -14,6 +14,7 @@ from mavdem.documents.library import Flight, Recordings
 from mavdem.errors import Refusal
 from mavdem.facts.serve import ListingOrder, Permission, RefusalReason, Sharing, Stage
 from mavdem.fleet.flights import worst_row
+from mavdem.fleet.names import content_hash
 from mavdem.fleet.row import FlightRow
 from mavdem.report.fleet import ANOMALOUS_HEALTHS
 from mavdem.report.pages.library_page import interface_words, lights_beside_fleet
@@ -178,9 +179,10 @@ class VisibleLibrary:
         return [best_entry, *(other for other in others if other.id != best_entry.id)]
 
     def latest_healthy_flight(self, entry: LibraryEntry) -> LibraryEntry | None:
-        """Returns the latest flight of a vehicle before a given one in which its motors had no anomaly.
+        """Returns the healthy flight with which a flight with a motor anomaly is best compared.
 
-        A flight with a motor anomaly is best compared with this one. The last ``MAX_EARLIER_FLIGHTS`` are examined.
+        Of a vehicle with a baseline it is the latest other flight of this; otherwise the latest earlier flight in which
+        the motors had no anomaly, of the last ``MAX_EARLIER_FLIGHTS``.
 
         Args:
             entry: index entry of the given flight.
@@ -188,6 +190,14 @@ class VisibleLibrary:
         Returns:
             The entry of the healthy flight; None if none is known.
         """
+        baseline = {
+            content_hash(row.key)
+            for row in self.library.store.healthy
+            if row.vehicle == entry.vehicle
+        }
+        for other_entry in self.comparable_flights(entry, best_entry=None):
+            if other_entry.content_hash in baseline:
+                return other_entry
         earlier_entries = self._earlier_flights(entry, MAX_EARLIER_FLIGHTS)
         anomalous_rows = self.rows_with_motor_anomaly(earlier_entries)
         for earlier_entry in earlier_entries:

@@ -362,6 +362,9 @@ def test_a_flight_that_differs_from_the_others_is_compared_with_the_last_sound_o
     assert "<strong>B by itself:</strong> Motor 3 lost thrust." in compared
     comparison = served.get(f"/compare?a={ids['first']}&b={ids['sound']}").text
     assert "lost thrust" not in comparison
+    # A baseline is what flights are compared with, also where a later one is sound.
+    assert served.ask("PUT", "/api/baseline", {"flights": [ids["first"]]}).status == 200
+    assert "Compare with first.ulg" in served.get("/").text
 
 
 @mark.slow
@@ -581,6 +584,8 @@ def test_an_unknown_address_is_answered_in_a_sentence(served):
     assert unknown.status == 404 and "There is no such page" in unknown.text
     assert "default-src 'none'" in unknown.headers["Content-Security-Policy"]
     assert served.ask("POST", "/api/nothing").refusal == (404, "no_such_page")
+    without_link = served.get("/live")
+    assert without_link.status == 404 and "--link" in without_link.text
     posted = served.ask("POST", "/live")
     assert posted.status == 405 and "GET" in posted.headers["Allow"]
 

@@ -92,6 +92,26 @@ def test_motors_are_searched_for_as_pages_show_them():
     assert motors == [["own", "fault"], ["drift"], ["sound"]]
 
 
+def test_the_words_that_the_list_shows_of_a_simulated_or_unnamed_flight_are_found():
+    db = sqlite3.connect(":memory:")
+    db.row_factory = sqlite3.Row
+    create_or_update_table(db)
+    db.execute("create table vehicle_names (vehicle, name)")
+    db.execute("create table flight_names (content, name)")
+    px4 = {"vehicle_basis": "system id", "autopilot": "PX4", "frame": "QUADROTOR"}
+    insert_entry(db, LibraryEntry("sim", "a", "1", "a", vehicle="px4-1", simulated=1, **px4))
+    insert_entry(db, LibraryEntry("named", "b", "2", "b", vehicle="quad 7", frame="QUADROTOR"))
+
+    def found(search):
+        """Returns the ids of the entries that a search finds."""
+        condition = search_condition(search)
+        query = f"select id from entries where {condition.expression} order by id"
+        return [row["id"] for row in db.execute(query, condition.values)]
+
+    assert found("simulated") == found("unnamed px4") == ["sim"]
+    assert found("quadrotor") == ["named", "sim"]
+
+
 def test_a_search_by_an_unknown_property_names_the_known_ones():
     assert unknown_terms("quad wind>5 motors:bad tag:race MC_ROLL_P<6 date>2026") == []
     (sentence,) = unknown_terms("foo:bar quad")

@@ -27,7 +27,14 @@ PITCH_RATE = "Pitch rate (°/s)"
 HEIGHT = "Height (m)"
 MEAN_MOTOR_OUTPUT = "Mean motor output (%)"
 BATTERY_VOLTAGE = "Battery voltage (V)"
-VIBRATION = "Vibration of IMU 1, worst axis (m/s²)"
+
+MAX_IMUS = 3
+"""IMUs whose vibration is drawn: ArduPilot logs as many, PX4 four at most."""
+
+VIBRATIONS = tuple(
+    f"Vibration of IMU {number}, worst axis (m/s²)" for number in range(1, MAX_IMUS + 1)
+)
+"""Titles of the charts with the vibration of each IMU."""
 
 MAX_MOTORS = 12
 """Motors that charts have names for: those of the largest frames."""
@@ -50,7 +57,7 @@ FLIGHT_SERIES_TITLES = (
     MEAN_MOTOR_OUTPUT,
     BATTERY_VOLTAGE,
     *MOTOR_OUTPUTS,
-    VIBRATION,
+    *VIBRATIONS,
 )
 """Titles of the charts of two flights over each other, in the order of a page."""
 
@@ -106,7 +113,7 @@ def flight_series(signals: Signals) -> FlightSeries:
     Returns:
         Roll, pitch and how far each is from its setpoint, °; their rates, °/s; height, m; mean output of all motors,
         and the output of each motor averaged over time, % of the range; voltage of the first battery, V; and
-        vibration of the first IMU along its worst axis, m/s². Each is an array (2, N) of times since take-off, s, and
+        vibration of each IMU along its worst axis, m/s². Each is an array (2, N) of times since take-off, s, and
         values. Empty if the vehicle never flew.
     """
     flight = longest_flight(signals)
@@ -177,8 +184,9 @@ def _recorded_series(signals: Signals) -> dict[str, TimeSeries]:
     if vibration is not None:
         levels = vibration.levels
         # IMUs are mounted in different ways, so that two flights are compared by the same one.
-        first_imu = vibration.largest_of_axes(levels.values)[:, 0]
-        recorded_series[VIBRATION] = TimeSeries(levels.time, levels.boot, first_imu)
+        levels_by_imu = vibration.largest_of_axes(levels.values)
+        for title, levels_of_imu in zip(VIBRATIONS, levels_by_imu.T, strict=False):
+            recorded_series[title] = TimeSeries(levels.time, levels.boot, levels_of_imu)
     return recorded_series
 
 

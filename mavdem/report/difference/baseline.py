@@ -36,7 +36,7 @@ def baseline_blocks(
         changes, what stayed the same or is uncertain, and cautions.
     """
     motors = _motor_verdict(latest_row, difference)
-    reviewed = ReviewedDifference(difference, motors)
+    reviewed = ReviewedDifference(difference, motors, is_since_baseline=True)
     # The sentence on a weak motor names the changes that are evidence for it, so that they are not repeated below.
     other_changes = changes_by_relevance(difference, without=motors.evidence)
     blocks: Blocks = [_sentence_on_compared_flights(latest_row, difference)]

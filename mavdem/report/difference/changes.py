@@ -237,7 +237,7 @@ def subjects_not_compared(reviewed: ReviewedDifference) -> list[str]:
     """
     compared_families = {family_of(change.quantity.kind) for change in reviewed.difference.changes}
     subjects = [family for family in FAMILIES if family not in compared_families]
-    if reviewed.sides_without_parameters:
+    if reviewed.sides_without_parameters or reviewed.renamed_gain is not None:
         subjects.append("gains")
     if not reviewed.compared_parameter_count:
         subjects.append("other parameters" if "gains" in subjects else "parameters")
@@ -326,6 +326,7 @@ def sentences_without_change(reviewed: ReviewedDifference) -> list[Sentence]:
         "difference_uncertain",
         uncertain=list(texts_of_equal_changes(uncertain_changes, difference)),
         are_two_vehicles=reviewed.are_two_vehicles,
+        is_since_baseline=reviewed.is_since_baseline,
         has_trims=any(change.quantity.kind == SHARE for change in difference.changes),
     )
     unchanged_quantities = difference.changes_with(QuantityOutcome.SAME)

@@ -128,7 +128,8 @@ def _sentences_on_gains(
             quantities that they state are not repeated.
 
     Returns:
-        A list with one sentence; empty if no parameter changed.
+        The sentence, and one on gains that both sides name differently, which are not compared; empty if no parameter
+        changed and the names are the same.
     """
     difference = reviewed.difference
     changed_parameters = reviewed.parameters
@@ -153,6 +154,7 @@ def _sentences_on_gains(
         gains=shown_gains,
         further_count=len(changed_parameters) - len(shown_gains),
         effects=effects[:MAX_HEADLINE_EFFECTS],
+        renamed_gain=reviewed.renamed_gain,
         are_two_vehicles=reviewed.are_two_vehicles,
     )
 
@@ -163,7 +165,8 @@ def _sentences_on_bad_lights(
     """Returns one sentence for each status light that is bad: its levels in both logs, and the reason.
 
     One reason, such as a crash, may make several lights bad. It is written out for the first of them only, and the
-    others refer to it. The reason of bad margins is the margin in both logs, if it is known of both.
+    others refer to it, also where they have it beside the reason of the other side. The reason of bad
+    margins is the margin in both logs, if it is known of both.
 
     Args:
         lights: the bad lights, in the order of their sentences.
@@ -178,7 +181,10 @@ def _sentences_on_bad_lights(
         elif light.reason in stated_reasons:
             text = f"{light.levels}, for the cause stated above."
         else:
-            text = f"{light.levels}. {light.reason}"
+            reason = light.reason
+            for stated_reason in stated_reasons:
+                reason = reason.replace(stated_reason, "as stated above.")
+            text = f"{light.levels}. {reason}"
             stated_reasons.add(light.reason)
         sentences.append(Sentence(text, lead=f"{light.name.capitalize()}:"))
     return sentences

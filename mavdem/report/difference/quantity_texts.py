@@ -96,7 +96,7 @@ def motor_with_place(motor: int, difference: VehicleDifference) -> str:
 
 
 def change_with_interval(change: QuantityChange) -> str:
-    """Returns a change with its 90 % interval, such as "−18 % (−24 to −12 %)" or "+1.2 ± 0.8", without unit.
+    """Returns a change with its 90 % interval, such as "−18 % (−24 to −12 %)", "+1.2 ± 0.8 dB" or "−17° ± 5°".
 
     Args:
         change: change of one quantity, which is in percent if the quantity is compared as a ratio.
@@ -110,8 +110,17 @@ def change_with_interval(change: QuantityChange) -> str:
 
         low, high = change.interval
         return f"{percentage(change.difference)} % ({percentage(low)} to {percentage(high)} %)"
-    scale = SHOWN_QUANTITIES[change.quantity.kind].scale
-    return _signed(plus_minus(scale * change.difference, scale * change.half_width))
+    shown_form = SHOWN_QUANTITIES[change.quantity.kind]
+    difference = shown_form.scale * change.difference
+    half_width = shown_form.scale * change.half_width
+    if abs(difference) < half_width:
+        # The digits that a wide interval bears may be none of the difference, which would be shown as 0.
+        number = f"{rounded(difference)} ± {rounded(half_width)}"
+    else:
+        number = plus_minus(difference, half_width)
+    # A difference of percentages is no relative change.
+    unit = "percentage points" if shown_form.unit == "%" else shown_form.unit
+    return f"{_signed(number)}{_space_before(unit)}{unit}"
 
 
 def _signed(number: str) -> str:

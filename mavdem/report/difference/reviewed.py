@@ -8,8 +8,10 @@ from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import VehicleDifference, vehicle_difference
 from mavdem.fleet.parameter_changes import (
     ParameterChange,
+    RenamedGain,
     changed_parameters,
     compared_parameters,
+    renamed_gain,
     states_without_gains,
 )
 from mavdem.fleet.row import FlightRows
@@ -53,11 +55,17 @@ class ReviewedDifference(NamedTuple):
     compared_parameter_count: int = 0
     """Number of parameters that both sides have, and that the autopilot does not set by itself."""
 
+    renamed_gain: RenamedGain | None = None
+    """A gain of the rate controllers that both sides name differently, so that none of them is compared."""
+
     tracked_sides: Names = ()
     """Sides of a library whose parameters are not stored, since `mavdem track` read the log."""
 
     outdated_sides: Names = ()
     """Sides of a library of which only parameters of control are stored, since an earlier version read the log."""
+
+    is_since_baseline: bool = False
+    """Whether A is the baseline of a vehicle and B its latest flight, which a report then calls so."""
 
     @property
     def has_only_control_parameters(self) -> bool:
@@ -102,6 +110,7 @@ def compared_states(before: ComparedState, after: ComparedState) -> ReviewedDiff
         parameters,
         states_without_gains(before.parameters, after.parameters),
         len(compared_parameters(before.parameters, after.parameters)),
+        renamed_gain(before.parameters, after.parameters),
     )
 
 
@@ -111,6 +120,7 @@ def reviewed_difference(
     parameters: Sequence[ParameterChange] = (),
     sides_without_parameters: Names = (),
     compared_parameter_count: int = 0,
+    renamed_gain: RenamedGain | None = None,
 ) -> ReviewedDifference:
     """Returns the comparison of two states beside the reviews of their logs, with the verdict of these on the motors.
 
@@ -120,6 +130,7 @@ def reviewed_difference(
         parameters: parameters of the autopilot that changed.
         sides_without_parameters: sides, "A" or "B", whose parameters are not known.
         compared_parameter_count: number of parameters that both sides have.
+        renamed_gain: a gain of the rate controllers that both sides name differently; None if there is none.
     """
     motors = motor_verdict(reviews, difference)
     return ReviewedDifference(
@@ -129,4 +140,5 @@ def reviewed_difference(
         parameters,
         sides_without_parameters,
         compared_parameter_count,
+        renamed_gain,
     )

@@ -24,7 +24,7 @@ from mavdem.report.charts.comparison_charts import (
     MEAN_MOTOR_OUTPUT,
     MEAN_SECONDS,
     MOTOR_OUTPUTS,
-    VIBRATION,
+    VIBRATIONS,
     FlightSeries,
     flight_series_charts,
 )
@@ -58,7 +58,7 @@ from mavdem.report.numbers import (
 from mavdem.report.pages.page import Chapter, KeyEntry, render_document
 from mavdem.report.pages.page_link import PageLink
 from mavdem.report.palette import PREDICTED, TRUTH
-from mavdem.report.templates import render_section
+from mavdem.report.templates import first_sentence, render_section
 
 Reviews = Mapping[str, Review]
 """The reviews of both flights, by side: "A" and "B"."""
@@ -87,9 +87,6 @@ the autopilot's boot."""
 
 CHARTS_IN_ROW = 2
 """Charts over time side by side: four motors fill two rows, and roll stands beside pitch."""
-
-OVERVIEW_SERIES = (VIBRATION, MEAN_MOTOR_OUTPUT)
-"""Time series in the row of pictures at the top: what rotors and load change in flights that are flown alike."""
 
 MARGIN_FIGURES = {"rate": (*LOOP_FIGURES,), "attitude": TUNED_FIGURES}
 """Figures in the table of margins, by the loop."""
@@ -160,7 +157,8 @@ def _summary(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Bloc
 def _headline_in_two_sizes(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Blocks:
     """Returns the sentences that head the page: the important ones in large letters, the others as usual text.
 
-    A caution, such as that the flights are of two vehicles, is in usual text. So is what is only to be watched, and all
+    Of an important one only the first sentence of its text is in large letters: what explains it may be long. A
+    caution, such as that the flights are of two vehicles, is in usual text. So is what is only to be watched, and all
     that follows it. Two vehicles differ in much, so that of their differences only the first is in large letters.
 
     Args:
@@ -176,9 +174,14 @@ def _headline_in_two_sizes(reviewed: ReviewedDifference, headline: Sequence[Sent
         if sentence in watched_lights:
             may_be_large = False
         if sentence in cautions or not may_be_large:
-            blocks.append(sentence)
+            # A sentence that is a lead alone would be in large letters.
+            blocks.append(sentence if sentence.text else Sentence(sentence.lead))
             continue
-        blocks.append(headline_sentence(f"{sentence.lead} {sentence.text}".strip()))
+        result = first_sentence(sentence.text)
+        blocks.append(headline_sentence(f"{sentence.lead} {result}".strip()))
+        explanation = sentence.text.removeprefix(result).strip()
+        if explanation:
+            blocks.append(Sentence(explanation))
         if reviewed.are_two_vehicles:
             may_be_large = False
     return blocks
@@ -417,19 +420,37 @@ def _overview_groups(
     Args:
         reviews_by_side: review documents of both logs, by side.
         legend: name of each side in legends.
-        series_charts: charts of the time series of both flights, among them those of ``OVERVIEW_SERIES``.
+        series_charts: charts of the time series of both flights.
     """
     charts = []
     spectra = _spectrum_chart(reviews_by_side, legend)
     if spectra.lines:
         charts.append(_with_single_side(spectra))
     charts_by_title = {chart.title: chart for chart in series_charts}
-    for title in OVERVIEW_SERIES:
+    for title in _overview_titles(series_charts):
         if title in charts_by_title:
             charts.append(charts_by_title[title])
     if not charts:
         return []
     return [Group.side_by_side(charts)]
+
+
+def _overview_titles(series_charts: Sequence[Chart]) -> list[str]:
+    """Returns the titles of the time series in the row of pictures at the top of the page.
+
+    They are what rotors and load change in flights that are flown alike: the vibration, of the IMU that vibrates most
+    in one of both flights, and the mean motor output.
+
+    Args:
+        series_charts: charts of the time series of both flights.
+    """
+    largest_vibrations = {}
+    for chart in series_charts:
+        if chart.title in VIBRATIONS:
+            largest_vibrations[chart.title] = max(float(np.mean(line.y)) for line in chart.lines)
+    if not largest_vibrations:
+        return [MEAN_MOTOR_OUTPUT]
+    return [max(largest_vibrations, key=largest_vibrations.__getitem__), MEAN_MOTOR_OUTPUT]
 
 
 def _motor_groups(series_charts: Sequence[Chart]) -> list[Group]:
@@ -501,7 +522,7 @@ def _further_charts(series_charts: Sequence[Chart]) -> list[Chart]:
         series_charts: all charts of the time series of both flights.
     """
     # The title of a chart of one side also names that side.
-    titles_elsewhere = (*OVERVIEW_SERIES, *MOTOR_OUTPUTS)
+    titles_elsewhere = (*_overview_titles(series_charts), *MOTOR_OUTPUTS)
     return [chart for chart in series_charts if chart.title not in titles_elsewhere]
 
 

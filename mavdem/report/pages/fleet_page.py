@@ -26,7 +26,6 @@ from mavdem.report.fleet import (
     is_serial,
     short_name,
     vehicle_label,
-    vehicle_name_or_type,
 )
 from mavdem.report.fleet_summary import fleet_blocks, vehicles_with_section
 from mavdem.report.flight_lines import COLUMNS, FlightLine, flight_line
@@ -287,9 +286,10 @@ class VehicleSection:
     name: str
     """What its logs call the vehicle, such as its serial number."""
     label: str
-    """What it is called: a name that somebody or its logs gave; its frame where that is a serial number."""
+    """What it is called: a name that somebody or its logs gave; its frame and both ends of a serial number."""
     serial: str
-    """What is shown beside the label: the end of its serial number, or that its logs have only a system id."""
+    """What is shown beside the label: its serial number where it has a given name, or that its logs have only a system
+    id."""
     searched: str
     """The words that find its flights in the table."""
     last: LastFlight
@@ -360,7 +360,7 @@ def _vehicle_sections(
         vehicle = vehicles[name]
         latest_line = latest_lines[name]
         is_shared = name in shared_names
-        label = vehicle_name_or_type(name, vehicle.last.frame, names, is_shared=is_shared)
+        label = vehicle_label(name, vehicle.last.frame, names, is_shared=is_shared)
         sections.append(
             VehicleSection(
                 name=name,
@@ -390,18 +390,17 @@ def _identification(logged_name: str, given_names: GivenNames, *, is_shared: boo
 
     Args:
         logged_name: name of the vehicle in its logs, which may be a serial number, or made of a system id.
-        given_names: names that owners gave to vehicles. The label is the given name, if there is one; otherwise the
-            type of the frame for a serial number, or else the name in the logs.
+        given_names: names that owners gave to vehicles. The label is the given name, if there is one, and otherwise has
+            the name in the logs.
         is_shared: whether the name in the logs is made of a MAVLink system id, which several vehicles may have.
 
     Returns:
-        "by its system id only" for a shared name. Otherwise the name in the logs, a serial number shortened; empty if
-        the label is already this name.
+        "by its system id only" for a shared name, and the name in the logs, a serial number shortened, beside a given
+        one; otherwise empty.
     """
     if is_shared:
         return "by its system id only"
-    has_given_name = given_names.vehicle(logged_name) != logged_name
-    if has_given_name or is_serial(logged_name):
+    if given_names.vehicle(logged_name) != logged_name:
         return short_name(logged_name)
     return ""
 

@@ -26,7 +26,7 @@ from mavdem.fleet.flights import AxisRows, log_row
 from mavdem.fleet.names import NO_NAMES, content_hash
 from mavdem.fleet.row import FlightRow
 from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS
-from mavdem.report.blocks import Block
+from mavdem.report.blocks import Block, plain_text
 from mavdem.report.charts.chart import MAX_POINTS_OF_SMALL_PAGE, Group
 from mavdem.report.charts.timeline import history_timeline
 from mavdem.report.charts.vehicle_charts import vehicle_groups
@@ -339,6 +339,12 @@ def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values
     if flights:
         texts = vehicle_texts(flights)
         level = badge_level(flights)
+    changes = [*changes]
+    words = texts.all_flights
+    changes_text = plain_text(changes)
+    if texts.reason and texts.reason in changes_text:
+        # The comparison with the baseline says how the motors differ.
+        words = words.replace(f": {texts.reason}", ".")
     groups: list[Group] = []
     if len(flights) > 1:
         groups = vehicle_groups(flights, _addresses_of_flights(flights, values.get("entries", ())))
@@ -346,9 +352,9 @@ def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values
         "vehicle",
         latest_flight=texts.latest_flight,
         level=level,
-        words=texts.all_flights,
+        words=words,
         next_step=texts.next_step,
-        changes=[*changes],
+        changes=changes,
         groups=groups,
         **values,
     )

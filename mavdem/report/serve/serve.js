@@ -166,9 +166,12 @@
           setUpload(item, "failed", "bad", content?.error ? `${content.error.reason} ${content.error.remedy}` : "The server does not answer.");
           return;
         }
-        if (item.isOnlyUpload) { location = `/f/${content.flights[0].id}`; return; }
+        // A log that the library has already is done at once: its page would not say so.
+        const known = content.flights.filter(flight => flight.stage === "done");
+        if (item.isOnlyUpload && !known.length) { location = `/f/${content.flights[0].id}`; return; }
         // Copies of one log are one flight.
         for (const flight of content.flights) uploadItems.set(flight.id, [...uploadItems.get(flight.id) ?? [], item]), showProgress(flight);
+        for (const flight of known) setUpload(item, "done", flight.level, `Already in the library: ${flight.headline}`);
         searchAfter(300);
         watchProgress();
       };

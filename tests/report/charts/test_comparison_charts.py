@@ -16,7 +16,7 @@ from mavdem.report.charts.comparison_charts import (
     MOTOR_OUTPUTS,
     ROLL,
     ROLL_ERROR,
-    VIBRATION,
+    VIBRATIONS,
     flight_series,
     flight_series_charts,
 )
@@ -66,7 +66,7 @@ def test_stored_series_are_drawn_as_those_of_the_log(tmp_path):
     for chart in charts:
         line_a, line_b = chart.lines
         assert_allclose(line_a.y, line_b.y, rtol=1e-6)
-    assert charts[-1].title == VIBRATION and charts[-1].lines[0].y.max() > 9.0
+    assert charts[-1].title == VIBRATIONS[0] and charts[-1].lines[0].y.max() > 9.0
 
 
 def test_outputs_of_motors_are_means_over_half_a_second_on_one_scale():

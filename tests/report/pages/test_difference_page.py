@@ -11,11 +11,13 @@ from numpy.testing import assert_allclose
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.facts.margins import MarginsLight
 from mavdem.fleet.difference import vehicle_difference
-from mavdem.fleet.parameter_changes import ParameterChange
-from mavdem.fleet.quantities import SHARE
+from mavdem.fleet.parameter_changes import ParameterChange, renamed_gain
+from mavdem.fleet.quantities import SHARE, Quantity
+from mavdem.fleet.random_effects import QuantityChange
 from mavdem.report.blocks import plain_text
 from mavdem.report.charts.change_plan import change_plan
 from mavdem.report.charts.chart import Axis, Chart, Line
+from mavdem.report.charts.comparison_charts import MEAN_MOTOR_OUTPUT, VIBRATIONS
 from mavdem.report.difference.changes import difference_blocks, undetected_change_table
 from mavdem.report.difference.conditions import (
     condition_sentence,
@@ -29,9 +31,11 @@ from mavdem.report.difference.lights import light_blocks
 from mavdem.report.difference.motors import motor_table
 from mavdem.report.difference.next_step import next_blocks
 from mavdem.report.difference.parameters import parameter_sentences
-from mavdem.report.difference.reviewed import reviewed_difference
+from mavdem.report.difference.quantity_texts import change_with_interval
+from mavdem.report.difference.reviewed import ComparedState, compared_states, reviewed_difference
 from mavdem.report.pages.difference_page import (
     MAX_LISTED_PARAMETERS,
+    _overview_titles,
     _trim_chart,
     _with_single_side,
     comparison_page,
@@ -191,6 +195,10 @@ def test_a_crash_that_makes_several_lights_bad_is_stated_once(difference):
         "Tracking:",
         "bad in A, good in B, for the cause stated above.",
     )
+    tilted = {"level": "bad", "sentence": "It tilted."}
+    reviews["B"] = {"lights": {"motors": sound, "tracking": tilted}}
+    _, tracking, *_ = headline_of_comparison(reviewed_difference(difference, reviews))
+    assert tracking.text == "bad in A and B. A: as stated above. B: It tilted."
 
 
 def test_still_air_comes_from_nowhere():
@@ -436,6 +444,39 @@ def test_a_page_lists_no_more_parameters_than_an_autopilot_has(difference):
     assert f"{len(parameters)} of {2 * len(parameters)} parameters changed, the first" in page
     # The headline has no gains to name, but does not leave out that parameters changed.
     assert f"{len(parameters)} that both logs have differ, but no gain of the rate" in page
+
+
+def test_gains_that_both_sides_name_differently_are_not_compared_and_not_called_equal():
+    before = ComparedState([flight_row("quad", 0)], {}, {"RATE_RLL_P": 0.129, "X": 1.0})
+    after = ComparedState([flight_row("quad", 1)], {}, {"ATC_RAT_RLL_P": 0.0856, "X": 2.0})
+    text = plain_text(headline_of_comparison(compared_states(before, after)))
+    assert "no gain" not in text
+    assert "RATE_RLL_P 0.129 in A, ATC_RAT_RLL_P 0.0856 in B" in text
+    assert renamed_gain(before.parameters, {"RATE_RLL_P": 0.1}) is None
+    assert renamed_gain(before.parameters, {"X": 2.0}) is None
+
+
+def test_a_difference_below_its_uncertainty_has_its_sign_and_unit():
+    overshoot = Quantity("overshoot", axis="pitch")
+    change = QuantityChange(overshoot, 0.045, 0.0, -0.045, 0.8, 0.9, 0.0)
+    assert change_with_interval(change) == "−4.5 ± 80 percentage points"
+
+
+def test_only_the_first_sentence_of_a_headline_is_large(difference):
+    good = {"level": "good", "sentence": "Nothing wrong."}
+    bad = {"level": "bad", "sentence": "Motor 1 failed. It stopped at take-off."}
+    reviews = {"A": {"lights": {"motors": good}}, "B": {"lights": {"motors": bad}}}
+    page = comparison_page(("a.bin", "b.bin"), reviewed_difference(difference, reviews))
+    large = "".join(re.findall('<p class="headline">(.*?)</p>', page))
+    assert "Motors:" in large and "It stopped at take-off." in page and "It stopped" not in large
+
+
+def test_the_vibration_at_the_top_is_of_the_imu_that_vibrates_most():
+    charts = []
+    for title, level in zip(VIBRATIONS, (2.0, 40.0), strict=False):
+        line = Line("A", "blue", np.arange(2.0), np.full(2, level))
+        charts.append(Chart(title, Axis("time (s)"), Axis(""), (line, line)))
+    assert _overview_titles(charts) == [VIBRATIONS[1], MEAN_MOTOR_OUTPUT]
 
 
 def test_a_bad_margin_is_stated_for_both_flights():

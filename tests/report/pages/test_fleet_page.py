@@ -19,6 +19,7 @@ from mavdem.fleet.row import FlightRow
 from mavdem.report.blocks import Sentence
 from mavdem.report.charts.chart import LineStyle
 from mavdem.report.charts.vehicle_charts import vehicle_groups
+from mavdem.report.flight_lines import COLUMNS
 from mavdem.report.pages import fleet_page as page_of_fleet
 from mavdem.report.palette import BAD
 from mavdem.report.vehicle_summary import vehicle_summaries
@@ -278,14 +279,13 @@ def test_what_comes_from_a_log_is_text_and_no_script_scheme_is_linked():
     assert "@import" not in text and "src=" not in text and "\\nothing" in text
 
 
-def test_a_serial_number_stands_small_behind_the_frame_and_a_repeated_sentence_once_with_its_count():
+def test_a_serial_number_stands_behind_the_frame_and_a_repeated_sentence_once_with_its_count():
     serial = "001a002f3039511333333539"
     unjudged = {"health": "unknown", "health_reason": "Too few flights."}
     rows = [flight_row(name, 0, **unjudged) for name in (serial, "quad", "hexa")]
     text = fleet_page(rows)
-    assert f'<b title="{serial}">Quadrotor</b>' in text
-    # The name of the latest log tells one frame with a serial number from another.
-    assert '<small class="soft serial">001a…333539 · 0000.ulg</small>' in text
+    assert f'<b title="{serial}">Quadrotor 001a…333539</b>' in text
+    assert '<small class="soft serial">0000.ulg</small>' in text
     assert text.count('<td class="words">Not judged: Too few flights.</td>') == 1
     assert "Not judged" not in "".join(re.findall(r'<details class="vehicle".*?</details>', text))
     (repeated,) = re.findall(r"Not judged: Too few flights.</td><td[^>]*>(\d)</td>", text)
@@ -464,6 +464,12 @@ def test_a_phone_shows_what_needs_a_look_first_and_all_flights_when_they_are_ask
     assert shown_by_browser["files"] == [flights[number].file for number in (5, 10, 20)]
     assert shown_by_browser["cut"] == 0
     assert shown_by_browser["all"][0] > 12 and shown_by_browser["all"][1] == "40 flights"
+
+
+def test_a_motor_that_only_the_headline_names_is_in_its_column():
+    bad = {"headline": "Motor 1 stopped at 3 s.", "headline_level": "bad", "light_motors": "bad"}
+    (row,) = table_of(fleet_page([flight_row("quad", 0, **bad)]))["rows"]
+    assert row[2 + [*COLUMNS].index("motor")] == "1"
 
 
 def test_a_note_on_a_flight_is_whole_or_left_out():
