@@ -23,7 +23,7 @@ from mavdem.cli.live_files import (
     written_file_lines,
     written_files,
 )
-from mavdem.cli.live_lines import FILE_MARKER, VERDICT_MARKER
+from mavdem.cli.live_lines import FILE_MARKER
 from mavdem.cli.live_status import StatusLines
 from mavdem.cli.options import (
     NumberRange,
@@ -57,7 +57,7 @@ from mavdem.live.session_loop import run_session
 from mavdem.live.session_status import STATUS_PERIOD, SessionStatus
 from mavdem.live.vehicle_selection import Component
 from mavdem.machine import LOOPBACK
-from mavdem.report.live import NEXT_STEP_LEAD, closing_lines
+from mavdem.report.live import closing_lines
 from mavdem.report.pages.flight_page import live_page
 from mavdem.report.templates import as_clause
 
@@ -430,8 +430,7 @@ def _follow_vehicle(
             session.report_gain_advice(is_at_end=True)
         status = _with_final_judgement(status, session)
         for line in closing_lines(status):
-            marker = "" if line.startswith(NEXT_STEP_LEAD) else VERDICT_MARKER
-            status_lines.print_conclusion(escape_unprintable(line), marker)
+            status_lines.print_closing_line(escape_unprintable(line))
         dashboard.report(session, status)
         resources.close()
         if dashboard.is_recording_empty:

@@ -2,7 +2,7 @@
 
 A line is ``14:03:07   182.4 s  TEXT``: the time of day, the time on the vehicle's boot clock ("-" before it is known),
 and a text. Lines of alarms have ``ALARM`` before the text, those of their ends ``ALARM OVER``, and no other line has.
-At the end verdicts have ``VERDICT`` and written files ``FILE``.
+What to do next has ``NEXT``. At the end verdicts have ``VERDICT`` and written files ``FILE``.
 """
 
 from math import isfinite, nan
@@ -28,6 +28,9 @@ ALARM_OVER_MARKER = "ALARM OVER"
 
 VERDICT_MARKER = "VERDICT"
 """Word before the verdict on a flight: at the end of a session, or once a server has judged its log."""
+
+NEXT_MARKER = "NEXT"
+"""Word before what to do next."""
 
 FILE_MARKER = "FILE"
 """Word before the name of a file that the session has written."""

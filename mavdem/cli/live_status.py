@@ -16,7 +16,9 @@ from mavdem.assessment.judgement import Judgement
 from mavdem.cli.console import STDERR, STDOUT
 from mavdem.cli.live_lines import (
     LEVEL_STYLES,
+    NEXT_MARKER,
     STAMP_WIDTH,
+    VERDICT_MARKER,
     event_line,
     print_line,
     stamped_line,
@@ -34,6 +36,7 @@ from mavdem.live.session import LiveSession
 from mavdem.live.session_status import SessionStatus
 from mavdem.report.blocks import shortened
 from mavdem.report.live import (
+    NEXT_STEP_LEAD,
     LightRow,
     headline_and_next_step,
     light_rows,
@@ -44,8 +47,8 @@ from mavdem.report.live import (
     vehicle_text,
     watched_quantities_text,
 )
+from mavdem.report.templates import first_sentence, render_section
 from mavdem.report.templates import headline as headline_text
-from mavdem.report.templates import render_section
 
 UNCHANGED_STATE_PERIOD = 30.0
 """Time between two lines of a state that is the same except for its figures, s; a choice."""
@@ -101,9 +104,6 @@ UNPRINTED_STATES = LEARNING_STATES | {
 
 MAX_LATEST_LINES = 50
 """Lines above the status that are kept, to draw them anew where the terminal is resized: more than it shows."""
-
-STATUS_LINE_WIDTH = 240
-"""Longest line of the status in a file, characters: two lines of a wide terminal, room for all lights; a choice."""
 
 MAX_SETTLING_SECONDS = 15.0
 """Longest time that a change waits to be printed while further quantities change, s; a choice."""
@@ -214,6 +214,8 @@ class StatusLines:
         # The next step that was printed last, without its numbers; and what the latest event advised.
         self._printed_next_step: Hashable = None
         self._advised_text = ""
+        # The line on the fault of an earlier flight that was printed last; empty before any.
+        self._printed_fault_of_earlier_flight = ""
         # The event that no vehicle has been found, which is printed if it still holds after a while, and when it came,
         # s of the monotonic clock.
         self._no_vehicle_event: Event | None = None
@@ -459,7 +461,8 @@ class StatusLines:
         """Prints a line if the state has changed since the last line, or if that line was printed long ago.
 
         The session itself reports alarms and reasons for learning no model when they begin. A state that has not
-        changed for ``UNCHANGED_STATE_PERIOD`` is repeated as a reminder, with the next step if that is new.
+        changed for ``UNCHANGED_STATE_PERIOD`` is repeated as a reminder, with the next step if that is new. While
+        something is bad, the next step follows each time. The fault of an earlier flight is printed where it is new.
 
         Args:
             status: State of the live session: vehicle, learning, alarms, lights and next step.
@@ -487,8 +490,9 @@ class StatusLines:
         self._printed_state = state
         self._print_time = now
         self._print_status_line(status)
-        if not is_new:
-            self._print_next_step(status)
+        is_bad = status.session_judgement.headline.is_bad
+        if is_bad or not is_new:
+            self._print_next_step(status, is_reminder=is_bad)
 
     def _print_status_line(self, status: SessionStatus) -> None:
         """Prints the state in one line, and below it a fault that an earlier flight of the session has shown, if any.
@@ -499,13 +503,15 @@ class StatusLines:
         line = stamped_line(
             escape_unprintable(status_line_text(status)), boot_clock=status.boot_clock
         )
-        self._print(shortened(line, STATUS_LINE_WIDTH))
+        self._print(line)
         fault_of_earlier_flight = unrepaired_fault_text(status)
         headline = status.session_judgement.headline
         if headline.code is SessionFact.FLIGHT_VERDICT:
             # The headline itself is the verdict on an earlier flight.
             fault_of_earlier_flight = headline_text(headline)
-        if fault_of_earlier_flight:
+        is_other_fault = fault_of_earlier_flight != self._printed_fault_of_earlier_flight
+        if fault_of_earlier_flight and is_other_fault:
+            self._printed_fault_of_earlier_flight = fault_of_earlier_flight
             text = escape_unprintable(fault_of_earlier_flight)
             self._print(stamped_line(text, boot_clock=status.boot_clock))
 
@@ -530,6 +536,18 @@ class StatusLines:
             # It is printed some seconds late, and the times of the lines must not run backwards.
             self._print(event_line(event._replace(reception=clock.unix_time())))
 
+    def print_closing_line(self, line: str) -> None:
+        """Prints a line of the judgement at the end of a session: a verdict, or what to do next.
+
+        Args:
+            line: The line, as ``closing_lines`` returns it.
+        """
+        is_next_step = line.startswith(NEXT_STEP_LEAD)
+        if is_next_step and self._has_stamps:
+            self.print_conclusion(line.removeprefix(NEXT_STEP_LEAD), NEXT_MARKER)
+        else:
+            self.print_conclusion(line, "" if is_next_step else VERDICT_MARKER)
+
     def print_conclusion(self, text: str, marker: str = "") -> None:
         """Prints a line at the end of a session: its judgement, and the files that it has written.
 
@@ -543,23 +561,27 @@ class StatusLines:
         else:
             self._print_below(text, indent=0)
 
-    def _print_next_step(self, status: SessionStatus) -> None:
+    def _print_next_step(self, status: SessionStatus, *, is_reminder: bool = False) -> None:
         """Prints what to do next, unless that is to fly on or hover, was printed before, or the latest event said it.
 
         Args:
             status: State of the live session.
+            is_reminder: Whether the first sentence of a step that was printed or said before is printed again.
         """
         next_step = status.session_judgement.next_step
         content = next_step.without_measurements
         has_reason = bool(next_step.figures.get("reason"))
         is_to_stay = next_step.code in (NextStep.FLY_ON, NextStep.HOVER_FIRST) and not has_reason
-        if content == self._printed_next_step or is_to_stay:
+        if is_to_stay:
             return
-        self._printed_next_step = content
         text = escape_unprintable(next_step)
-        if text and text not in escape_unprintable(self._advised_text):
-            line = stamped_line(f"Next: {text}", boot_clock=status.boot_clock)
-            self._print(line)
+        is_advised = text in escape_unprintable(self._advised_text)
+        is_known = is_advised or content == self._printed_next_step
+        self._printed_next_step = content
+        if is_known:
+            text = first_sentence(text) if is_reminder else ""
+        if text:
+            self._print(stamped_line(f"{NEXT_MARKER} {text}", boot_clock=status.boot_clock))
 
 
 def _facts_to_report(watch_facts: Facts) -> dict[Hashable, Fact]:

@@ -22,7 +22,6 @@ from mavdem.report.templates import (
     as_clause,
     capitalize_first,
     first_clause,
-    first_sentence,
     headline,
     render_section,
     time_of_day,
@@ -74,12 +73,21 @@ def vehicle_text(status: SessionStatus, *, has_table: bool = False) -> str:
     return sentence.text
 
 
+def vehicle_state_text(status: SessionStatus) -> str:
+    """Returns mode, phase of flight, height, battery and link in a few words, which a telephone always shows.
+
+    Args:
+        status: state of the session.
+    """
+    [sentence] = render_section("live_line", status=status, is_brief=True)
+    return sentence.text
+
+
 def status_line_text(status: SessionStatus) -> str:
     """Returns the status of a live session as one line of text, for an output that is not a terminal, such as a file.
 
-    It has the vehicle and its phase of flight, the battery, the wind, the link, whether a model is learned and why not.
-    If the headline is bad, it has what to do first. From the first take-off on it has the names of the status lights
-    by level, the worst first.
+    It has the vehicle and its phase of flight, the battery, the lights, the wind, the link, and whether a model is
+    learned. From the first take-off on it has the names of the status lights by level, the worst first.
 
     Args:
         status: state of the session, with the status lights: the judgement of each part of the vehicle by a level.
@@ -90,15 +98,8 @@ def status_line_text(status: SessionStatus) -> str:
         names = [name for name, light in judged_lights.items() if light.level is level]
         if names:
             lights_of_levels.append(f"{level}: {', '.join(names)}")
-    judgement = status.session_judgement
-    first_step = ""
-    if judgement.headline.is_bad:
-        # Of several sentences on the next step only the first one has room in the line.
-        first_step = first_sentence(str(judgement.next_step))
     # The section of templates "live_line" makes one sentence of all these.
-    [sentence] = render_section(
-        "live_line", status=status, lights=lights_of_levels, first_step=first_step
-    )
+    [sentence] = render_section("live_line", status=status, lights=lights_of_levels, is_brief=False)
     return sentence.text
 
 

@@ -1123,12 +1123,39 @@ def test_lines_below_each_other_say_that_attitude_is_back_during_an_alarm(capsys
     unsettled = Fact(SessionFact.NOT_SETTLED)
     for status in (alarmed, replace(alarmed, no_model_reason=unsettled, rates=rates)):
         lines.show(Mock(shown_status=status))
-    without, back = capsys.readouterr().out.splitlines()
-    assert "; no attitude; unknown: motors" in without
-    assert "; 50 Hz; good: log; unknown: motors" in back
-    assert back.endswith(
-        "not learning: this part of the flight is not learned from: climb, landing or strong tilt"
+    without, step, back, other_step = capsys.readouterr().out.splitlines()
+    assert "; unknown: motors" in without and without.endswith("; no attitude; not learning")
+    assert "; good: log; unknown: motors" in back and back.endswith("; 50 Hz; not learning")
+    assert "s  NEXT Land" in step and "s  NEXT Land" in other_step
+
+
+def test_a_status_below_earlier_lines_keeps_all_lights_and_has_the_next_step_below(
+    capsys, monkeypatch
+):
+    """The fault of an earlier flight is printed once, although the status is repeated."""
+    loss = Fact(Ending.CONTROL_LOST, time=22.1, height=10.0, cause=None, word=None)
+    crashed = SessionStatus("1:1", is_flying=True, flight_number=1, flight_seconds=34.0, loss=loss)
+    alarm = Fact(ReportedEvent.BATTERY_ALARMED, Level.BAD)
+    status = SessionStatus(
+        "1:1",
+        is_flying=True,
+        flight_number=2,
+        verdicts=(crashed.verdict,),
+        active_alarms=(alarm,),
+        state=VehicleState("Hold", is_armed=True, voltage=9.9, charge=4.0),
+        message_age=0.5,
     )
+    monkeypatch.setattr("mavdem.cli.live_status.UNCHANGED_STATE_PERIOD", 0.0)
+    lines = StatusLines(None)
+    for _ in range(2):
+        lines.show_status(status)
+    first, fault, *steps_and_repetition = capsys.readouterr().out.splitlines()
+    step, repetition, reminder = steps_and_repetition
+    texts = [line.split("s  ", 1)[1] for line in (first, fault, step, repetition, reminder)]
+    assert texts[0] == texts[3] and "9.9 V (4 %)" in texts[0]
+    assert all(name in texts[0] for name in status.overall_judgement.lights)
+    assert texts[1].startswith("Flight 1 (0:34 min): lost control")
+    assert texts[2].startswith("NEXT Land") and texts[2].startswith(texts[4])
 
 
 def test_an_alarm_that_stays_after_the_landing_is_shown_as_a_fault(monkeypatch):

@@ -916,6 +916,7 @@ def live_page(
         live_title,
         statement_of_headline,
         unrepaired_fault_text,
+        vehicle_state_text,
     )
 
     judgement = status.session_judgement
@@ -951,6 +952,9 @@ def live_page(
         links=links,
         saved_flight=saved_flight,
         is_lost_in_air=status.is_flying and status.loss is None,
+        reasons=headline_reason(judgement),
+        unrepaired_fault=unrepaired_fault_text(status),
+        vehicle_state="" if status.is_over else vehicle_state_text(status),
         last_position=_position_of_lost_vehicle(status),
         alarm=live_alarm(status),
         alarm_count=history.alarm_count,
@@ -960,10 +964,11 @@ def live_page(
     heading = sentences.headline
     if not status.is_over:
         heading = headline_sentence(statement_of_headline(heading.lead, judgement.headline))
-    summary = [heading, *headline_reason(judgement), sentences.next_step]
-    unrepaired_fault = unrepaired_fault_text(status)
-    if unrepaired_fault:
-        summary.append(Sentence(unrepaired_fault, lead="Earlier flight:"))
+    # What to do stands right below the headline, so that a pilot need not read the reason first.
+    summary = [heading, sentences.next_step]
+    is_delay_in_headline = judgement.headline.code is SessionFact.ESTIMATES_LATE
+    if status.delay_fact is not None and not is_delay_in_headline:
+        summary.append(Sentence(str(status.delay_fact), level=Level.WATCH))
     return render_document(
         live_title(status, link, names),
         _live_subtitle(status, link),
@@ -1027,11 +1032,7 @@ def _live_subtitle(status: SessionStatus, link: str) -> str:
     # The title has the name of the vehicle already.
     vehicle_state = vehicle_text(status).removeprefix(f"{status.vehicle}, ")
     present_time = time_of_day(clock.unix_time())
-    subtitle = f"{capitalize_first(vehicle_state)} Link {link}, as of {present_time}."
-    is_stated = status.overall_judgement.headline.code is SessionFact.ESTIMATES_LATE
-    if status.delay_fact is not None and not is_stated:
-        subtitle = f"{subtitle} {status.delay_fact}"
-    return subtitle
+    return f"{capitalize_first(vehicle_state)} Link {link}, as of {present_time}."
 
 
 def _live_chapters(

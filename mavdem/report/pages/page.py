@@ -22,7 +22,7 @@ from mavdem.facts.ending import Ending
 from mavdem.facts.event import Event
 from mavdem.facts.session import SessionFact
 from mavdem.flight import Flight
-from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.blocks import Block, Sentence, Table, shortened
 from mavdem.report.brief_events import count_text, worst_events
 from mavdem.report.charts.chart import MAX_POINTS, Group, Plan
 from mavdem.report.charts.timeline import Timeline
@@ -33,11 +33,20 @@ from mavdem.report.numbers import display_unit, name_with_unit, rounded
 from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.pages.page_link import PageLink
 from mavdem.report.screen import flight_title, model_screen
-from mavdem.report.templates import first_clause, headline, period, without_full_stop
+from mavdem.report.templates import (
+    first_clause,
+    first_sentence,
+    headline,
+    period,
+    without_full_stop,
+)
 from mavdem.report.why import evidence_text, new_evidence_text
 
 MAX_BRIEF_EVENTS = 4
 """Events that a page shows at first: a choice, so that the list takes less room than the charts."""
+
+MAX_FAULT_LENGTH = 80
+"""Longest summary of an earlier flight's fault, characters: two lines of a telephone."""
 
 MAX_NEWEST_EVENTS = 4
 """Events that the page of a session that goes on shows at first: a choice, so that a telephone shows the plots soon."""
@@ -311,11 +320,26 @@ class Head(NamedTuple):
     is_lost_in_air: bool = False
     """Whether the link of that vehicle was lost in the air, so that its flight may go on."""
 
+    reasons: Sequence[Block] = ()
+    """What shows the headline of a live session, below its lights: what to do and the lights are read before it."""
+
+    unrepaired_fault: str = ""
+    """The fault of an earlier flight of that session that may not have been repaired, and what to do about it; empty
+    without one."""
+
+    vehicle_state: str = ""
+    """Mode, time in flight, height, battery and link of that vehicle in a few words, which a telephone always shows."""
+
     last_position: str = ""
     """Latitude and longitude of that vehicle, degrees, for a link that opens a map; empty where they are not known."""
 
     day_in_name: date | None = None
     """Day in the name of the log's file, which is shown where the log has no date; None without one."""
+
+    @property
+    def unrepaired_fault_in_short(self) -> str:
+        """That fault of an earlier flight in one or two lines of a telephone, without what to do about it."""
+        return shortened(first_sentence(self.unrepaired_fault), MAX_FAULT_LENGTH)
 
     @property
     def opening_span(self) -> TimeInterval | None:
