@@ -57,6 +57,9 @@ class FlightLine(NamedTuple):
     simulated: bool
     """Whether the flight was simulated."""
 
+    is_counted: bool
+    """Whether it counts where flights are counted: a simulated one only if its name identifies the vehicle."""
+
     urgency: Urgency
     """How urgently the vehicle needs a look after this flight; a simulated one needs none."""
 
@@ -64,11 +67,12 @@ class FlightLine(NamedTuple):
     """The cells, one for each of the ``COLUMNS``."""
 
 
-def flight_line(flight: AxisRows) -> FlightLine:
+def flight_line(flight: AxisRows, *, is_counted: bool = True) -> FlightLine:
     """Returns the line of a flight, with the names that its log has for the flight and its vehicle.
 
     Args:
         flight: rows of one flight in the fleet's table, one for each axis.
+        is_counted: whether it counts where flights are counted.
     """
     # Date, page and file are the same in the rows of all axes.
     first_row = log_row(flight)
@@ -84,6 +88,7 @@ def flight_line(flight: AxisRows) -> FlightLine:
         file=first_row.file,
         vehicle=first_row.vehicle,
         simulated=bool(first_row.simulated),
+        is_counted=is_counted,
         urgency=Urgency.UNKNOWN if first_row.simulated else urgency_and_age([flight]).urgency,
         cells=cells,
     )

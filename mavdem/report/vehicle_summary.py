@@ -43,7 +43,7 @@ from mavdem.report.fleet import (
 )
 from mavdem.report.flight_lines import FlightLine, flight_line
 
-SUMMARY_VERSION = "10"
+SUMMARY_VERSION = "11"
 """Version of :class:`VehicleSummary` and of what makes it: kept summaries of another version are made again."""
 
 WARNING_LEVELS = Level.BAD, Level.WATCH
@@ -185,10 +185,10 @@ class VehicleSummary:
     """Number of flights that went badly, the latest of them too; simulated ones do not count."""
 
     light_counts: dict[Light, dict[Level, int]]
-    """Number of flights with each level, by light."""
+    """Number of flights with each level, by light, of the flights that count."""
 
     winds: list[Wind]
-    """The winds of flights whose wind is known."""
+    """The winds of the flights that count and whose wind is known."""
 
     lines: list[FlightLine]
     """The lines of its flights and logs in the table, by date, those without one last."""
@@ -235,6 +235,9 @@ def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
     vehicle_state = None
     if flights_of_vehicle:
         vehicle_state = _vehicle_flights(name, flights_of_vehicle)
+    # Simulated flights count where the headline of a fleet has them: if nothing else is known of an identified vehicle.
+    counts_simulated = not real_flights and vehicle_state is not None and vehicle_state.has_section
+    counted_logs = [log for log in logs if counts_simulated or not log_row(log).simulated]
     bad_flights = [flight for flight in real_flights if badge_level([flight]) is Level.BAD]
     return VehicleSummary(
         name=name,
@@ -242,9 +245,9 @@ def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
         flown=_flown_flights(name, flights),
         vehicle=vehicle_state,
         bad_flights=len(bad_flights),
-        light_counts=_light_counts(logs),
-        winds=_mean_winds(logs),
-        lines=[flight_line(log) for log in logs],
+        light_counts=_light_counts(counted_logs),
+        winds=_mean_winds(counted_logs),
+        lines=[flight_line(log, is_counted=log in counted_logs) for log in logs],
         unused=_unused_rows(rows),
     )
 

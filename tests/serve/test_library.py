@@ -570,8 +570,9 @@ def test_flights_are_sorted_and_found_by_flight_time_distance_and_height(library
 
 
 def test_a_log_of_several_flights_has_a_line_of_each_which_leads_to_its_time(library):
-    """The log has two flights, the second after a restart."""
+    """The log has three flights, the last two after a restart."""
     flights = [FlownFlight(0, 32.0, 45.0, None, 3.1), FlownFlight(1, 12.5, 72.5, 1250.0, None)]
+    flights.append(FlownFlight(1, 80.0, 90.0, 5.0, None))
     entry = LibraryEntry(
         *("id", "a.bin"),
         stage=Stage.DONE,
@@ -583,7 +584,7 @@ def test_a_log_of_several_flights_has_a_line_of_each_which_leads_to_its_time(lib
     )
     page = library_page([entry])
     assert ">1:13<" in page and page.count(">1.2 km<") == 2 and page.count(">3 m<") == 2
-    assert 'href="/f/id#t=12.5">Flight 2</a>' in page and "restart 1" in page
+    assert 'href="/f/id#t=12.5">Flight 2</a>' in page and page.count("after restart 1") == 1
     assert page.count('title="Not known: the log has no position of most of the flight."') == 1
     alone = replace(entry, flights=json.dumps([asdict(flights[0])]))
     assert "Flight 1" not in library_page([alone])

@@ -130,6 +130,9 @@ def fleet_page(
         marks=LEVEL_MARKS,
         whole=WHOLE_FLIGHTS,
         calendar=_flight_calendar(lines),
+        without_simulated="; simulated ones only where a name says which vehicle was simulated"
+        if any(not line.is_counted for line in lines)
+        else "",
         has_given_names=bool(names.vehicles),
         rose=_wind_drawing(summaries),
         bars=_bar_count(vehicles_with_section(summaries)),
@@ -538,10 +541,10 @@ def _flight_calendar(lines: Sequence[FlightLine]) -> Calendar | None:
     """Counts the flights of a fleet over time, for a bar chart with at most ``MAX_COLUMNS`` columns.
 
     A column is one of ``CALENDAR_STEPS``: the shortest of these with which the chart has not too many columns. It has
-    the number of flights with each level, which is the judgement of the motors.
+    the number of flights with each level, as the table has it.
 
     Args:
-        lines: the lines of all flights; those without a date are left out.
+        lines: the lines of all flights; those that do not count or have no date are left out.
 
     Returns:
         The columns; None if all flights are of one day, or none has a date.
@@ -572,19 +575,20 @@ def _flight_calendar(lines: Sequence[FlightLine]) -> Calendar | None:
 
 
 def _level_counts_by_day(lines: Sequence[FlightLine]) -> dict[date, Counter[Level]]:
-    """Counts the flights of each day (UTC) by level: good, watch or bad, by the health of the motors.
+    """Counts the flights of each day (UTC) by level: that of the headline, or of a drift or fault of the motors.
 
     Args:
         lines: lines of the table of all flights.
 
     Returns:
-        Numbers of flights by day and level. Flights without a date, and logs that were not used, are not counted.
+        Numbers of flights by day and level. Flights without a date, those that do not count, and logs that were
+        not used are left out.
     """
     health_column = list(COLUMNS).index("health")
     counts = defaultdict[date, Counter[Level]](Counter)
     for line in lines:
         health = line.cells[health_column]
-        if line.seconds is not None and health != NOT_USED:
+        if line.seconds is not None and health != NOT_USED and line.is_counted:
             day = datetime.fromtimestamp(line.seconds, UTC).date()
             level = BADGE_LEVELS[health]
             counts[day][level] += 1
@@ -621,9 +625,12 @@ def _light_counts(summaries: Sequence[VehicleSummary]) -> list[LightCounts]:
         summaries: summary of the flights under each vehicle's name.
 
     Returns:
-        The counts, sorted so that the light that is bad in most flights comes first; empty without a flight.
+        The counts, sorted so that the light that is bad in most flights comes first; empty if no flight
+        counts, as of a fleet of simulated flights of unknown vehicles.
     """
-    if not any(summary.vehicle for summary in summaries):
+    if not any(
+        any(summary.light_counts[light].values()) for summary in summaries for light in Light
+    ):
         return []
     counts = []
     for light in Light:
@@ -666,7 +673,7 @@ def _move_repeated_summaries(sections: Sequence[VehicleSection]) -> Table:
 
 
 def _wind_drawing(summaries: Sequence[VehicleSummary]) -> Plan | None:
-    """Returns a drawing of the mean winds of all flights of a fleet: of few flights as dots, of many as a wind rose.
+    """Returns a drawing of the mean winds of the flights of a fleet that count: of few as dots, of many as a wind rose.
 
     Args:
         summaries: summary of the flights under each name, with the mean wind of each flight.

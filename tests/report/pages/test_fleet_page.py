@@ -466,10 +466,26 @@ def test_a_phone_shows_what_needs_a_look_first_and_all_flights_when_they_are_ask
     assert shown_by_browser["all"][0] > 12 and shown_by_browser["all"][1] == "40 flights"
 
 
-def test_a_motor_that_only_the_headline_names_is_in_its_column():
+def test_simulated_flights_count_as_in_the_headline_and_a_motor_of_the_headline_is_in_its_column():
     bad = {"headline": "Motor 1 stopped at 3 s.", "headline_level": "bad", "light_motors": "bad"}
-    (row,) = table_of(fleet_page([flight_row("quad", 0, **bad)]))["rows"]
-    assert row[2 + [*COLUMNS].index("motor")] == "1"
+    wind = {"wind_speed": 3.0, "wind_direction": 1.0}
+    real = [flight_row("quad", number, **bad) for number in range(2)]
+    simulated = [
+        flight_row(
+            "sim-1", number, simulated=1, vehicle_basis="system id", health="unknown", **bad, **wind
+        )
+        for number in range(2)
+    ]
+    text = fleet_page(real + simulated)
+    assert "<title>from 2026-01-05: 1 bad</title>" in text
+    assert 'title="bad: 2 flights"' in text and "simulated ones only where" in text
+    assert "<h2>Wind</h2>" not in text
+    table = table_of(text)
+    assert {row[2 + [*COLUMNS].index("motor")] for row in table["rows"]} == {"1"}
+    assert "simulated ones" not in fleet_page(real)
+    # The name of a simulated vehicle was given to it: its flights count.
+    named = [replace(row, vehicle="Red", vehicle_basis="given") for row in simulated]
+    assert "<title>from 2026-01-05: 2 bad</title>" in fleet_page(real + named)
 
 
 def test_a_note_on_a_flight_is_whole_or_left_out():
