@@ -124,7 +124,7 @@ def responses_chapter(
                 is_step_identified = (
                     isinstance(measured_response, StepResponse) and measured_response.is_identified
                 )
-                doubt = response.compared.replace(is_step_identified=is_step_identified)
+                doubt = response.compared.replace(is_identified=is_step_identified)
                 doubts.append(caution(doubt))
     blocks = Blocks()
     if rows:

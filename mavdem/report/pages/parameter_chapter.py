@@ -143,8 +143,8 @@ def _changed_default_rows(telemetry: Telemetry) -> list[list[str]]:
 def _all_parameters(telemetry: Telemetry) -> Table:
     """Returns all parameters with their values at the end of the log, and their meanings.
 
-    Their names are links to the makers' descriptions. Parameters that changed in flight are marked. So are parameters
-    that differ from the default, if the log has defaults.
+    Parameters that changed in flight are marked. So are parameters that differ from the default, if the log has
+    defaults.
 
     Args:
         telemetry: messages of the vehicle, with its parameters.
@@ -165,8 +165,7 @@ def _all_parameters(telemetry: Telemetry) -> Table:
         remark = "; ".join(remarks)
         if has_changed_in_flight:
             remark = Rated(remark, Level.WATCH)
-        linked_name = _linked_name(telemetry, name)
-        rows.append([linked_name, parameter_value_text(value), remark, meaning_of(name)])
+        rows.append([name, parameter_value_text(value), remark, meaning_of(name)])
     header = ["parameter", "value", "remark", "about"]
     return Table(header, rows, words=True, is_printed=False)
 

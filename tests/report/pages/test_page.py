@@ -415,12 +415,14 @@ const misfits = figures.filter(figure => {
 const paperWidth = 190 / 25.4 * 96;
 const beyondPaper = figures.filter(figure => box(figure).right > paperWidth + 1).length;
 const folded = [...document.querySelectorAll(".chapter > details")].filter(part => !part.open);
-const part = document.querySelector(".chapter:not(.on-screen) .part:not([open], .script)");
+const closedParts = [...document.querySelectorAll(".chapter:not(.on-screen) .part:not([open], .script)")];
+const bareParts = closedParts.filter(part => !part.querySelector(":scope > summary > span"));
 const result = {
   charts: figures.length, misfits: misfits.length, beyondPaper,
   paper: getComputedStyle(document.documentElement).getPropertyValue("--card").trim(),
   folded: folded.length,
-  firstLineOfPart: part.querySelector("summary").checkVisibility(),
+  hasBareParts: bareParts.length > 0,
+  bareHeadings: bareParts.filter(part => part.checkVisibility()).length,
   menu: getComputedStyle(document.querySelector(".contents")).display,
   times: document.documentElement.charts.groups.flight.charts.filter(
     chart => chart.data_.lines.length && chart.root.closest("#flight > .plots")
@@ -468,7 +470,9 @@ def test_a_page_is_laid_out_anew_for_light_paper_and_prints_all_of_its_chapters(
         "beyondPaper": 0,
         "paper": "#ffffff",
         "folded": 0,
-        "firstLineOfPart": True,
+        # A closed part whose first line is but its name is left out.
+        "hasBareParts": True,
+        "bareHeadings": 0,
         "menu": "none",
         "withFewTicks": 0,
         # A sheet may end between the first plots over the flight, each of which has times below it.
