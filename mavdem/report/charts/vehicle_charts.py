@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.assessment.lights.vibration import ARDUPILOT_LEVELS, PX4_LEVELS
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.fleet.flights import AxisRows, log_row, worst_health
 from mavdem.fleet.health_figures import health_figures
@@ -78,9 +77,6 @@ TITLES_OF_DEVIATIONS = TRIM_TITLE, TRIM_WITHOUT_LEAN_TITLE
 
 VIBRATION_TITLE = "Vibration, first IMU (m/s²)"
 VIBRATION_LEVEL_TITLE = "Vibration level, first IMU (m/s²)"
-VIBRATION_LIMITS = {VIBRATION_TITLE: ARDUPILOT_LEVELS, VIBRATION_LEVEL_TITLE: PX4_LEVELS}
-"""Limits of the vibration by the title of its chart: ArduPilot measures three axes, PX4 one level."""
-
 Estimates = dict[str, Array]
 """Estimates and half widths of their intervals (flights, 2) by name of the line; NaN where not known."""
 
@@ -140,8 +136,8 @@ def _charts_over_flights(flights: Sequence[AxisRows], addresses: Sequence[str]) 
         if _known_flight_count(estimates) < 2:
             continue
         lines = [*_lines_of_estimates(estimates, suspect_motor)]
-        if title in VIBRATION_LIMITS:
-            lines.append(_limit_line(VIBRATION_LIMITS[title].watch, len(flights)))
+        if title in (VIBRATION_TITLE, VIBRATION_LEVEL_TITLE):
+            lines.append(_vibration_limit(title, len(flights)))
         # A horizontal line at 0, where the deviations of even motors are.
         levels = (0.0,) if title in TITLES_OF_DEVIATIONS else ()
         chart = Chart(
@@ -156,8 +152,17 @@ def _charts_over_flights(flights: Sequence[AxisRows], addresses: Sequence[str]) 
     return charts
 
 
-def _limit_line(limit: float, flight_count: int) -> Line:
-    """Returns a line over all flights at the vibration, m/s², from which on the light of the vibration warns."""
+def _vibration_limit(title: str, flight_count: int) -> Line:
+    """Returns a line over all flights at the vibration, m/s², from which on the light of the vibration warns.
+
+    Args:
+        title: title of the chart: of the three axes that ArduPilot measures, or of the one level that PX4 measures.
+        flight_count: number of flights in the chart.
+    """
+    # Imported here, since judgements take a second to import, for which the process that tracks flights does not wait.
+    from mavdem.assessment.lights.vibration import ARDUPILOT_LEVELS, PX4_LEVELS
+
+    limit = PX4_LEVELS.watch if title == VIBRATION_LEVEL_TITLE else ARDUPILOT_LEVELS.watch
     flight_numbers = np.arange(flight_count, dtype=np.float64)
     return Line(f"watch above {limit:g}", LIMITED, flight_numbers, np.full(flight_count, limit))
 
