@@ -116,7 +116,8 @@ def test_a_comparison_shows_the_motors_as_they_are_beside_other_flights(health, 
     assert table.rows[0][:2] == ["motor 1 (front right)", "no warning"]
     assert "lost about 22 %" in table.rows[0][2]
     page = comparison_page(("a", "b"), reviewed_difference(difference, reviews))
-    assert f"Motors: good in A, {level} in B. Motor 1 (front right) lost about" in page
+    assert f"<strong>Motors: good in A, {level} in B.</strong>" in page
+    assert "<p>Motor 1 (front right) lost about" in page
     assert "<strong>B by itself:</strong>" not in page
     if health == "fault":
         (step,) = next_blocks(reviewed_difference(difference, reviews))
