@@ -552,26 +552,23 @@ class LiveStream:
             pressure = message.values[0]
             self._takeoff_place.add_pressure(pressure)
         else:
-            self._takeoff_place.add_fix(message.values)
-            self._note_fix(message.values)
+            fix = fix_position(message.values, self._stamp)
+            if fix is not None:
+                self._takeoff_place.add_fix(fix)
+                self._note_fix(fix)
         self._takeoff_place.note_phase(
             is_flying=self.is_flying, is_takeoff_seen=isfinite(self.takeoff_time)
         )
 
-    def _note_fix(self, values: Numbers) -> None:
-        """Takes a position by satellites as the last one, unless the autopilot sends a better one of its own.
-
-        Args:
-            values: fields of the message GPS_RAW_INT.
-        """
+    def _note_fix(self, fix: GlobalPosition) -> None:
+        """Takes a position by satellites as the last one, unless the autopilot sends a better one of its own."""
         own_position = self.last_position
         is_own_position_recent = (
             own_position is not None
             and own_position.height is not None
             and self._stamp - own_position.reception <= SILENCE_SECONDS
         )
-        fix = fix_position(values, self._stamp)
-        if fix is not None and not is_own_position_recent:
+        if not is_own_position_recent:
             self._note_position(fix)
 
     def _note_position(self, position: GlobalPosition) -> None:

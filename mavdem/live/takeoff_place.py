@@ -4,9 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.containers import Numbers
-from mavdem.dataset.position_fix import FIX_3D
-from mavdem.ingest.vocabulary import DEGREES_PER_UNIT
+from mavdem.live.global_position import GlobalPosition
 from mavdem.witnesses.ground_heights import horizontal_distance
 from mavdem.witnesses.sensors import POSSIBLE_PRESSURE, standard_altitude
 
@@ -73,16 +71,9 @@ class TakeoffPlace:
         """How far the vehicle is from where it took off; None where one of the two places is not known."""
         return None if self._takeoff is None else self._latest.displacement_from(self._takeoff)
 
-    def add_fix(self, values: Numbers) -> None:
-        """Takes a position by satellites; one without a fix is ignored.
-
-        Args:
-            values: fields of the message GPS_RAW_INT, with the position in units of 1e−7 degrees.
-        """
-        fix_type, _, _, latitude, longitude, _ = values
-        if fix_type >= FIX_3D:
-            position = (DEGREES_PER_UNIT * latitude, DEGREES_PER_UNIT * longitude)
-            self._latest = self._latest._replace(position=position)
+    def add_fix(self, fix: GlobalPosition) -> None:
+        """Takes a position by satellites."""
+        self._latest = self._latest._replace(position=(fix.latitude, fix.longitude))
 
     def add_pressure(self, pressure: float) -> None:
         """Takes a pressure of the barometer, hPa; an impossible one is ignored."""

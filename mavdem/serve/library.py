@@ -654,6 +654,17 @@ class Library:
         widest_sharing = max(entry.sharing, sharing, key=narrow_to_wide.index)
         return self.change(entry.id, sharing=widest_sharing, note=entry.note or note)
 
+    def baseline_rows(self, vehicle: str) -> FlightRows:
+        """Returns the rows of a vehicle's baseline, one for each axis of its flights that were marked as healthy.
+
+        Args:
+            vehicle: name of the vehicle in its logs.
+
+        Returns:
+            The rows; empty without a baseline.
+        """
+        return [row for row in self.store.healthy if row.vehicle == vehicle]
+
     def set_baseline(self, ids: Iterable[str]) -> None:
         """Marks some flights as healthy: the baseline with which other flights of the same vehicle are compared.
 

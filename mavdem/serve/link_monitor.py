@@ -368,9 +368,7 @@ class LinkMonitor:
         Raises:
             Refusal: the library has no room.
         """
-        # The name has the time of the first message, since the session may have waited for its vehicle for hours.
-        first_time = datetime.fromtimestamp(incoming.recording.first_stamp, UTC)
-        entry = self._library.add(incoming.path, _recording_name(first_time))
+        entry = self._add_to_library(incoming.path, incoming.recording)
         if self._stored_part is not None and self._stored_part.entry_id != entry.id:
             # The flight went on after a part of it was stored. Somebody may have deleted that part meanwhile.
             with suppress(Refusal):
@@ -403,15 +401,32 @@ class LinkMonitor:
         assert self._incoming is not None
         assert vehicle is not None
         recording = self._incoming.recording
-        name = _recording_name(datetime.fromtimestamp(recording.first_stamp, UTC))
         # The file of the recording itself may have this name: if its first message came in the second of its creation.
         path = self._library.new_incoming_path()
         recording.copy_to(path)
-        entry = self._library.add(path, name)
+        entry = self._add_to_library(path, recording)
         address = f"/f/{entry.id}"
-        self._stored_part = _StoredFlight(vehicle.name, entry.id, PageLink(name, address))
+        self._stored_part = _StoredFlight(vehicle.name, entry.id, PageLink(entry.name, address))
         self._log_added()
         self._report_saved_flight(address, is_part=True)
+
+    def _add_to_library(self, path: Path, recording: RawRecording) -> LibraryEntry:
+        """Adds a file of a session to the library, named by the time of the first message.
+
+        The session itself may have waited for its vehicle for hours.
+
+        Args:
+            path: path of the file.
+            recording: the recording of the session that the file has, or the beginning of which.
+
+        Returns:
+            The index entry.
+
+        Raises:
+            Refusal: the library has no room.
+        """
+        first_time = datetime.fromtimestamp(recording.first_stamp, UTC)
+        return self._library.add(path, _recording_name(first_time))
 
     def _with_verdict(self, flight: _StoredFlight) -> _StoredFlight:
         """Returns a stored flight with the library's present verdict on it, which is reported once.

@@ -503,7 +503,7 @@ class Pages:
         """
         # A log may have several vehicles, so its rows in the fleet's table are filtered by the name, too.
         rows = [row for row in self._library.flight_rows(entries) if row.vehicle == name]
-        healthy_rows = [row for row in self._library.store.healthy if row.vehicle == name]
+        healthy_rows = self._library.baseline_rows(name)
         # A flight has a row for each axis, all with the same key. A flight of the baseline may have been deleted since.
         healthy_flights = {content_hash(row.key) for row in healthy_rows}
         baseline_entries = [entry for entry in entries if entry.content_hash in healthy_flights]

@@ -190,14 +190,11 @@ class VisibleLibrary:
         Returns:
             The entry of the healthy flight; None if none is known.
         """
-        baseline = {
-            content_hash(row.key)
-            for row in self.library.store.healthy
-            if row.vehicle == entry.vehicle
-        }
-        for other_entry in self.comparable_flights(entry, best_entry=None):
-            if other_entry.content_hash in baseline:
-                return other_entry
+        baseline = {content_hash(row.key) for row in self.library.baseline_rows(entry.vehicle)}
+        if baseline:
+            for other_entry in self.comparable_flights(entry, best_entry=None):
+                if other_entry.content_hash in baseline:
+                    return other_entry
         earlier_entries = self._earlier_flights(entry, MAX_EARLIER_FLIGHTS)
         anomalous_rows = self.rows_with_motor_anomaly(earlier_entries)
         for earlier_entry in earlier_entries:

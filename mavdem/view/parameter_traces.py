@@ -17,9 +17,6 @@ from mavdem.report.palette import distinct
 LARGEST_SHOWN_NUMBER = 4.0
 """A parameter is drawn as a number of a tenth of this up to this: a choice, for an axis that ends at about 5."""
 
-PLOT_TITLE = "Control effectiveness, damping and motor time constant"
-"""Title of the plot, without the model."""
-
 
 class ParameterTrace(NamedTuple):
     """How one physical parameter is drawn."""

@@ -12,6 +12,7 @@ from mavdem.facts.power import PowerLight
 from mavdem.ingest.formats import read_stream
 from mavdem.live import LiveStream
 from mavdem.live.flight_lights import FlightLights
+from mavdem.live.global_position import GlobalPosition
 from mavdem.live.takeoff_place import Place, TakeoffPlace
 from mavdem.report.live import vehicle_text
 from sitl_scenarios.mishaps.specs import Restart
@@ -61,22 +62,20 @@ def test_the_place_of_the_take_off_is_kept_only_in_the_flight_that_began_there()
     After a restart on the ground it is unknown.
     """
     place = TakeoffPlace()
-    place.add_fix((3, 1.0, 12, 470000000, 80000000, 0))
+    place.add_fix(GlobalPosition(47.0, 8.0, None, reception=0.0))
     place.add_pressure(1000.0)
     place.note_phase(is_flying=False, is_takeoff_seen=False)
     place.note_phase(is_flying=True, is_takeoff_seen=True)
     place.restart(was_flying=True)
     assert place.displacement is None
-    place.add_fix((3, 1.0, 12, 470000900, 80000000, 0))
+    place.add_fix(GlobalPosition(47.00009, 8.0, None, reception=0.0))
     place.add_pressure(998.8)
     # It takes some seconds to find out that the vehicle of a new boot is in the air.
     place.note_phase(is_flying=False, is_takeoff_seen=False)
     place.note_phase(is_flying=True, is_takeoff_seen=False)
     assert place.displacement == approx((10.0, 10.0), abs=0.2)
-    place.add_fix((1, 1.0, 3, 0, 0, 0))
-    assert place.displacement == approx((10.0, 10.0), abs=0.2)
     place.restart(was_flying=False)
-    place.add_fix((3, 1.0, 12, 470000900, 80000000, 0))
+    place.add_fix(GlobalPosition(47.00009, 8.0, None, reception=0.0))
     place.add_pressure(998.8)
     assert place.displacement is None
 
