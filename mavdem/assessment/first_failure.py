@@ -18,6 +18,7 @@ from mavdem.assessment.failure_by_commands import (
 from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.lowered_throttle import lowered_throttle
 from mavdem.assessment.motor_events import LASTING_SECONDS
+from mavdem.assessment.motor_failure import CAUSES_BY_OUTPUT, CAUSES_BY_WEAK_MOTOR
 from mavdem.assessment.stop_reason import STOP_REASON_SECONDS, reason_of_stop
 from mavdem.dataset.attitude_error import AttitudeError, attitude_error
 from mavdem.dataset.flight_states import MANUAL_THROTTLE_MODES, mode_intervals
@@ -62,13 +63,7 @@ DIVERGENCE_SECONDS = 10.0
 """Seconds after a height estimate diverged within which a loss follows from it: a fall from 100 m takes as long."""
 
 
-FAILURES_OF_ONE_MOTOR = (
-    FailedFirst.LIMIT_FIRST,
-    FailedFirst.THRUST_MISSING_FIRST,
-    FailedFirst.OUTPUT_FROZE_FIRST,
-    FailedFirst.MOTOR_OFF_FIRST,
-    FailedFirst.MOTOR_STOOD_STILL_FIRST,
-)
+FAILURES_OF_ONE_MOTOR = (*CAUSES_BY_WEAK_MOTOR, *CAUSES_BY_OUTPUT)
 """Failures that name a motor, and so depend on the numbering of the motors."""
 
 

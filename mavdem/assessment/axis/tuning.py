@@ -80,7 +80,7 @@ class ParameterSet(NamedTuple):
 
 
 def parameter_sets(
-    advice_on_loops: Iterable[Advice], notch_parameters: Parameters
+    advice_on_loops: Sequence[Advice], notch_parameters: Parameters
 ) -> list[ParameterSet]:
     """Returns the parameters that may be loaded, as one set for each flight, in the order of the flights.
 
@@ -107,10 +107,22 @@ def parameter_sets(
     return sets
 
 
-def stage_to_load(advice_on_loops: Iterable[Advice]) -> Stage | None:
+def stage_to_load(advice_on_loops: Sequence[Advice]) -> Stage | None:
     """Returns the stage whose gains are loaded before the next flight: the first of all axes; None if none are."""
     sets = parameter_sets(advice_on_loops, notch_parameters={})
     return sets[0].stage if sets else None
+
+
+def waits_for_stage(advice: Advice, first_stage: Stage | None) -> bool:
+    """Returns whether the new gains of an axis wait for the flight with the gains of an earlier stage.
+
+    Args:
+        advice: the advice on the loops of the axis.
+        first_stage: the stage whose gains are loaded before the next flight (:func:`stage_to_load`).
+    """
+    if first_stage is None or advice.stage is None or not advice.is_sound:
+        return False
+    return advice.stage > first_stage
 
 
 class Tuning(NamedTuple):
@@ -164,10 +176,7 @@ class Tuning(NamedTuple):
 
     def waits(self, advice: Advice) -> bool:
         """Returns whether the new gains of an axis wait for the flight with the gains of an earlier stage."""
-        first_stage = stage_to_load(self.advice)
-        if first_stage is None or advice.stage is None or not advice.is_sound:
-            return False
-        return advice.stage > first_stage
+        return waits_for_stage(advice, stage_to_load(self.advice))
 
 
 def tune_loops(
@@ -429,14 +438,13 @@ def _next_step_with_new_gains(
         return Fact(NextStep.FLY_BEFORE_GAINS, judgement.headline.level, reason=flight)
     first_stage = stage_to_load(advice_on_loops)
     # Gains that another flight is to confirm, and those of a later stage, are not loaded now.
-    loops_to_load = [
-        advice for advice in changed_loops if advice.is_sound and advice.stage is first_stage
-    ]
-    waiting_axes = [
-        advice.before.axis
-        for advice in changed_loops
-        if advice.is_sound and advice.stage is not first_stage
-    ]
+    loops_to_load = []
+    waiting_axes = []
+    for advice in changed_loops:
+        if waits_for_stage(advice, first_stage):
+            waiting_axes.append(advice.before.axis)
+        elif advice.is_sound:
+            loops_to_load.append(advice)
     axes_to_load: Names = ()
     if len(loops_to_load) < len(changed_loops):
         axes_to_load = tuple(advice.before.axis for advice in loops_to_load)

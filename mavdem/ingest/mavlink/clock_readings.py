@@ -52,6 +52,10 @@ class MessageStamps(NamedTuple):
     period: float = np.inf
     """Time after which the counter of the stamps wraps, s; infinite for 64-bit counters."""
 
+    def decoded_stamps(self) -> Times | None:
+        """Returns the stamp inside each message (n,), s, 0 where it has none; None for a type without stamps."""
+        return self.stamps() if callable(self.stamps) else self.stamps
+
 
 class BootTimes(NamedTuple):
     """When the n messages of one type were sent, on the boot clock."""
@@ -131,11 +135,9 @@ def stamped_messages(message_type: MessageStamps) -> tuple[StreamPositions, Time
     Returns:
         Positions (m,) of these messages in the stream, and their stamps (m,), s.
     """
-    stamps = message_type.stamps
+    stamps = message_type.decoded_stamps()
     if stamps is None:
         return message_type.positions[:0], np.empty(0)
-    if callable(stamps):
-        stamps = stamps()
     has_stamp = stamps > 0
     if has_stamp.all():
         # Without a selection the arrays are not copied.

@@ -130,11 +130,12 @@ def with_steps_undone(message_type: MessageStamps, steps: Sequence[ClockStep]) -
     Returns:
         The messages with the changed stamps.
     """
-    stamps = message_type.stamps
-    if not steps or stamps is None:
+    if not steps:
+        # Without a step the stamps need not be decoded yet.
         return message_type
-    if callable(stamps):
-        stamps = stamps()
+    stamps = message_type.decoded_stamps()
+    if stamps is None:
+        return message_type
     continued = np.array(stamps, dtype=np.float64)
     for step in steps:
         first_row_after = int(np.searchsorted(message_type.positions, step.position))

@@ -528,9 +528,7 @@ def _without_other_recordings(
 
 def _selected_stamps(message_type: MessageStamps, is_selected: NDArray[np.bool_]) -> MessageStamps:
     """Returns some of the messages of a type, with their stamps; flags (n,) select them."""
-    stamps = message_type.stamps
-    if callable(stamps):
-        stamps = stamps()
+    stamps = message_type.decoded_stamps()
     selected_stamps = None if stamps is None else stamps[is_selected]
     positions = message_type.positions[is_selected]
     return message_type._replace(positions=positions, stamps=selected_stamps)
