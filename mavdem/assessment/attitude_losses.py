@@ -288,11 +288,9 @@ class _AttitudeLoss(NamedTuple):
         return MotionEvent.ATTITUDE_LOST
 
     def _is_harmless(self, onset: float) -> bool:
-        """Returns whether the loss was slight: its angle, its speed of fall and its duration all stay below a limit.
+        """Returns whether the loss was slight: short, without a fall, and with a moderate error of the attitude.
 
-        The limits are ``FALL_SPEED``, ``RECOVERY_SECONDS`` and, for the angle, twice ``LOST_ANGLE``. If the setpoint is
-        not known throughout, half of the lean is taken as the error, which is a guess, and the limit is ``FAR_ANGLE``
-        instead. A loss that lasts until the record ends is not harmless.
+        A loss that lasts until the record ends is not harmless.
 
         Args:
             onset: time when the attitude began to leave its setpoint, s since boot.
@@ -300,16 +298,17 @@ class _AttitudeLoss(NamedTuple):
         lasts_until_end_of_record = self.end == inf
         if lasts_until_end_of_record:
             return False
+        duration = min(self.end, self.error.time[-1]) - self.start
+        is_short = duration < RECOVERY_SECONDS
         sink_rates = self.sensors.sink_rates((onset, self.end + RECOVERY_SECONDS))
         # The fastest descent of any sensor, m/s, is used, so that no fall seems harmless.
         fall_speed = max([0.0, *sink_rates.values()])
-        error_angle = self._largest_error().counted_angle
-        serious_angle = 2 * LOST_ANGLE if self._has_setpoint else FAR_ANGLE
-        duration = min(self.end, self.error.time[-1]) - self.start
         is_slow = fall_speed < FALL_SPEED
-        is_small = error_angle < serious_angle
-        is_short = duration < RECOVERY_SECONDS
-        return bool(is_slow and is_small and is_short)
+        # A loss begins at an error of ``LOST_ANGLE``; twice as much is serious. Without a setpoint the error is a
+        # guess, half of the lean, which has a limit of its own.
+        serious_angle = 2 * LOST_ANGLE if self._has_setpoint else FAR_ANGLE
+        is_moderate = self._largest_error().counted_angle < serious_angle
+        return bool(is_short and is_slow and is_moderate)
 
     def _is_recovered(self) -> bool:
         """Returns whether the vehicle flew on for ``RECOVERY_SECONDS`` afterwards.

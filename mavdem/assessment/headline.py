@@ -211,16 +211,19 @@ def _headline_without_flight(evidence: Evidence) -> Fact:
 
 
 def _largest_of_first_kind(bad_facts: Sequence[Fact]) -> Fact:
-    """Returns the fact that the headline names: the largest of the facts with the same code as the first.
+    """Returns the fact that becomes the headline: the most important one, or the largest of several like it.
 
-    Only losses of thrust have a size: their figure ``rise``, by which the command of a motor rose to compensate its
-    loss. The largest loss is named, not the earliest. Of facts without that figure the first is returned.
+    Facts with the same code are findings of the same kind, such as losses of thrust of two motors. The size of a loss
+    of thrust is its figure ``rise``: by how much the motor's command rose to compensate it. Facts of other kinds have
+    no size, so that the first one of them stays.
 
     Args:
         bad_facts: at least one, the most important first.
     """
-    with_first_code = [fact for fact in bad_facts if fact.code is bad_facts[0].code]
-    return max(with_first_code, key=lambda fact: fact.figures.get("rise", 0.0))
+    first_code = bad_facts[0].code
+    facts_of_first_kind = [fact for fact in bad_facts if fact.code is first_code]
+    # Of facts of equal size, ``max`` returns the first.
+    return max(facts_of_first_kind, key=lambda fact: fact.figures.get("rise", 0.0))
 
 
 def _urgent_warnings(evidence: Evidence) -> list[Fact]:

@@ -268,8 +268,8 @@ class Assessment:
     def advised_gains(self) -> AdviceByAxis:
         """The advice on gains by axis, as ``mavdem tune`` gives it, or the fact that says why an axis has none.
 
-        If no loop is identified, the mapping is empty; for a vehicle that must not fly, it has the reason under the key
-        "all axes".
+        If the control loop of no axis is identified, there is no advice. The mapping is then empty, unless the vehicle
+        must not fly: a user who looks for gains must see that, so that the fact stands under the key "all axes".
         """
         # Imported here, since that module imports this one.
         from mavdem.assessment.axis.tuning import tune_loops
@@ -279,7 +279,10 @@ class Assessment:
         tuning = tune_loops(self, AXES, is_written=False)
         if tuning.no_loop is None:
             return tuning.axes
-        return {"all axes": tuning.no_loop} if self.evidence.reasons_not_to_fly else {}
+        must_not_fly = bool(self.evidence.reasons_not_to_fly)
+        if must_not_fly:
+            return {"all axes": tuning.no_loop}
+        return {}
 
     @cached_property
     def gain_trial(self) -> GainTrial | Fact | None:

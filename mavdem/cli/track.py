@@ -259,23 +259,20 @@ def _show_log(
     """Shows on standard error how many of the new logs are read: by a bar on a terminal, else by a line for each log.
 
     Args:
-        show_bar: Function that shows the fraction that is done, 0 to 1, and a title; without a terminal it does
-            nothing.
+        show_bar: Function that shows a bar, filled by a fraction from 0 to 1, with a title beside it.
         done: Number of logs that are read.
         count: Number of logs to read; 0 if all are known already.
         outcome: Outcome of the log that was read last; None before the first.
     """
-    title = "Comparing flights"
-    if done < count:
-        title = f"{done} of {counted(count, 'new log')} read"
-    # The count is 0 without new logs.
-    done_fraction = done / max(count, 1)
-    show_bar(done_fraction, title)
     if stderr_is_terminal():
-        return
-    if outcome is not None:
+        if done < count:
+            show_bar(done / count, f"{done} of {counted(count, 'new log')} read")
+        else:
+            # All logs are read; what follows takes some seconds, during which the bar stays.
+            show_bar(1.0, "Comparing flights")
+    elif outcome is not None:
         print_to_stderr(f"{done} of {count}: {_outcome_line(outcome)}")
-    elif count:
+    elif count > 0:
         print_to_stderr(f"Reading {counted(count, 'new log')} …")
 
 

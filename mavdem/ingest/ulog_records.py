@@ -50,6 +50,9 @@ FLAGS = struct.Struct("<QQ3Q")
 APPENDED_DATA_FLAG = 1
 """Bit of the incompatible flags: data was appended, at the offsets after the flags."""
 
+MAX_RECORD_LENGTH = 0xFFFF
+"""Largest length of a record without its header, bytes: the header states it in 16 bits."""
+
 MIN_SEQUENCE_RECORDS = 5
 """Number of records in a row that must fit the definitions for the search after damage to end: a choice.
 
@@ -456,8 +459,9 @@ class _RecordScan:
     def _has_wrong_header_only(self, offset: int, next_record: int) -> bool:
         """Returns whether a damaged record ends where the next sound one begins, so that only its header is wrong.
 
-        Either the length in its header leads there, and the type letter is wrong. Or the type or the length is wrong,
-        and the record is as long as the other records of the subscription whose number it has.
+        A header is the length of the rest of the record and a letter for its type. If the length leads to the next
+        record, only the letter is wrong. Otherwise the length is wrong, but it can be checked for a data record: all
+        records of one subscription, whose number follows the header, have the same length.
 
         Args:
             offset: Offset of the damaged record.
@@ -465,12 +469,14 @@ class _RecordScan:
         """
         if self.definitions.record_end(offset) == next_record:
             return True
-        record_bytes = next_record - offset
+        length_after_header = next_record - offset - HEADER.size
+        # The next record may also begin within this one, if bytes are missing.
+        if not 0 < length_after_header <= MAX_RECORD_LENGTH:
+            return False
         subscription_number = self.content[offset + HEADER.size : offset + DATA_HEADER.size]
-        # The header of a data record of this size. The field of its length has 16 bits.
-        right_length = (record_bytes - HEADER.size) % (1 << 16)
-        right_header = HEADER.pack(right_length, DATA) + subscription_number
-        return self.definitions.data_length(right_header) == record_bytes
+        repaired_header = HEADER.pack(length_after_header, DATA) + subscription_number
+        # The length is None unless the subscription has records of the length in this header.
+        return self.definitions.data_length(repaired_header) is not None
 
     def _next_data_offsets(self, offset: int, section_end: int) -> list[int]:
         """Returns the offsets of the next data records from an offset on.

@@ -196,22 +196,25 @@ class BootClock:
         """Returns whether a clock that restarted near zero has now reached the latest time of the former clock.
 
         If the vehicle reboots shortly after its first start, the stamps of the new clock soon continue the former clock
-        by chance, as if nothing had happened. They are recognised by rising steadily since the restart, unlike stamps
-        that come late over a second link (``rises_steadily``).
+        by chance, as if nothing had happened. But they rise steadily since the restart (:func:`rises_steadily`). Stamps
+        that come late over a second link do not.
 
         Args:
-            stamp: the next attitude stamp, s.
+            stamp: the next attitude stamp, s. The stamps before it that did not continue the former clock, and may
+                belong to a new one, are ``_stamps_of_new_clock``.
         """
-        stamps = self._stamps_of_new_clock
-        if len(stamps) < MIN_RESET_STAMPS:
+        earlier_stamps = self._stamps_of_new_clock
+        if len(earlier_stamps) < MIN_RESET_STAMPS:
             return False
-        starts_near_zero = stamps[0] <= MAX_RESTART_TIME
-        former_clock_time = self.now - MIN_RESET_STEP
-        has_reached_former_clock = stamps[0] < former_clock_time < stamp
-        is_ascending = stamp >= stamps[-1]
+        first_stamp = earlier_stamps[0]
+        starts_near_zero = first_stamp <= MAX_RESTART_TIME
+        # A stamp may lie this much before the latest one and still continue the clock.
+        lowest_continuing_stamp = self.now - MIN_RESET_STEP
+        has_reached_former_clock = first_stamp < lowest_continuing_stamp < stamp
+        is_ascending = stamp >= earlier_stamps[-1]
         if not (starts_near_zero and has_reached_former_clock and is_ascending):
             return False
-        return rises_steadily(np.array([*stamps, stamp]), self.now, self._mean_step)
+        return rises_steadily(np.array([*earlier_stamps, stamp]), self.now, self._mean_step)
 
     def _is_new_clock(self, stamps: list[float]) -> bool:
         """Returns whether successive stamps prove that the vehicle's clock has changed.

@@ -8,6 +8,7 @@ from mavdem.containers import Numbers
 from mavdem.dataset.position_fix import FIX_3D
 from mavdem.dataset.signals import global_positions
 from mavdem.ingest.vocabulary import MILLIMETRES_PER_METRE
+from mavdem.live.messages import MESSAGE_FIELDS
 
 
 class GlobalPosition(NamedTuple):
@@ -30,25 +31,25 @@ def received_position(values: Numbers, reception: float) -> GlobalPosition | Non
     """Returns the position in a message; None before the autopilot knows one, when it sends zeros.
 
     Args:
-        values: fields of GLOBAL_POSITION_INT: altitude above the home position, mm, latitude and longitude, units of
-            1e-7 degrees.
+        values: three fields of GLOBAL_POSITION_INT: height above the home position, mm, then latitude and longitude in
+            units of 1e-7 degrees.
         reception: when the message was received, UNIX s.
     """
-    altitude, latitude, longitude = values
-    return _possible_position(latitude, longitude, altitude / MILLIMETRES_PER_METRE, reception)
+    height, latitude, longitude = values
+    return _possible_position(latitude, longitude, height / MILLIMETRES_PER_METRE, reception)
 
 
 def fix_position(values: Numbers, reception: float) -> GlobalPosition | None:
-    """Returns the position by satellites in a message; None without a fix in three dimensions.
+    """Returns the position that a receiver of satellites has measured; None if it had no fix in three dimensions.
 
     Args:
-        values: fields of GPS_RAW_INT, with latitude and longitude in units of 1e-7 degrees.
+        values: values of a message GPS_RAW_INT, in the order of its ``MESSAGE_FIELDS``.
         reception: when the message was received, UNIX s.
     """
-    fix_type, _, _, latitude, longitude, _ = values
-    if fix_type < FIX_3D:
+    fields = dict(zip(MESSAGE_FIELDS["GPS_RAW_INT"], values, strict=True))
+    if fields["fix_type"] < FIX_3D:
         return None
-    return _possible_position(latitude, longitude, None, reception)
+    return _possible_position(fields["lat"], fields["lon"], height=None, reception=reception)
 
 
 def _possible_position(

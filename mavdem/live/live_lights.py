@@ -149,19 +149,18 @@ def _margins_light(watch_facts: Mapping[str, Fact], reason: Fact) -> Fact:
 
 
 def _fast_enough_fact(rates: Mapping[str, float]) -> Fact:
-    """Returns a good "log" light: attitude and motor outputs are received fast enough to learn a model.
+    """Returns the good light "log": attitude and motor outputs are received often enough to learn a model.
+
+    It is the same fact (a coded finding with figures) as for a recorded log, so that its sentence is the same, too.
 
     Args:
-        rates: messages per second of attitude and motor outputs, Hz, by name of the message.
-
-    Returns:
-        The same coded finding as for a recorded log, so that its sentence is the same too.
+        rates: rates of the messages of attitude and motor outputs, Hz, by name of the message.
     """
     attitude_rate, motor_rate = fastest_rates(rates)
     return Fact(
         LogLight.RECORDED_FAST,
         attitude_rate=attitude_rate,
-        # The body rates are in the same message as the attitude.
+        # This figure is of the body rates, which come in the same message as the attitude.
         rate=attitude_rate,
         motor_rate=motor_rate,
         needed_rate=MIN_STREAM_RATE,

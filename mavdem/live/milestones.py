@@ -115,8 +115,8 @@ class Milestones:
         """
         if boot != self._boot:
             self._note_restart(boot)
-        # This comes before the other reports: if a new flight has begun, it forgets what was reported of the last one,
-        # so that the same is reported of the new one.
+        # This comes first: if a new flight has begun, it forgets what was reported of the last one, so that the same is
+        # reported of the new one below.
         self._update_verdict(status)
         physical = _latest_physical(learning)
         are_parameters_known = physical is not None and physical.identifiable
@@ -209,14 +209,15 @@ class Milestones:
         """Reports the results of the flight at the end of the session, unless they were reported at its landing.
 
         Args:
-            learning: the learning, with the latest estimates.
+            learning: the learning, whose physical parameters, fitted in flight, are reported.
             status: status of the session, with the judgement of the final model and the wind.
             now: present time on the boot clock, s.
-            model: final model, whose physical parameters are reported if there was no time to fit any in flight; None
-                without one.
+            model: the model that was learned when the session ended; None without one. Its physical parameters are
+                reported if a short flight left no time to fit any.
         """
         physical = _latest_physical(learning)
-        if physical is None and model is not None:
+        is_fitted_in_flight = physical is not None
+        if not is_fitted_in_flight and model is not None:
             physical = model.physical
         self._report_flight(learning, status, now, physical)
 

@@ -314,27 +314,22 @@ class SessionStatus(ImmutableResult):
         2. if nothing was checked so far, that there is no alarm of what is watched or, when the flight is over, that it
            could not be judged;
         3. how the flight was lost;
-        4. in flight, what cannot wait until the landing; after it the verdict of the recording, or that it is awaited.
+        4. in flight, what cannot wait until the landing; at the end of the session, that the link was lost in flight;
+           otherwise the verdict of the recording, or that it is awaited.
         """
         judgement = self._judgement_with_all_lights
         is_nothing_checked = judgement.headline.code in (
             HeadlineCode.NOTHING_CHECKED,
             *STATES_OF_LEARNING,
         )
-        is_in_flight = self.is_flying and not self.is_over
-        if is_nothing_checked and is_in_flight and self._watched_names:
-            no_alarm = Fact(WatchFact.NO_ALARM, names=self._watched_names)
-            judgement = replace(judgement, headline=no_alarm)
-        elif is_nothing_checked and not is_in_flight and self.flight_number > 0:
-            judgement = self._judgement_of_unjudged_flight(judgement)
+        if is_nothing_checked:
+            judgement = self._judgement_without_check(judgement)
         # The judgement of the recording, where there is one, has a headline on the loss that says more than this one.
         states_loss = judgement.headline.code in Ending
         if self.loss is not None and not states_loss:
             lights = lights_with_event(judgement.lights, self.loss)
             judgement = _judgement_with_headline(self.loss, lights)
-        if not self.is_flying:
-            return self._judgement_with_recording(judgement)
-        if not self.is_over:
+        if self._is_in_flight:
             return self._judgement_in_flight(judgement)
         link_loss = self.link_loss
         if link_loss is not None:
@@ -342,6 +337,29 @@ class SessionStatus(ImmutableResult):
             lights_to_show = self._lights_with_recording(judgement.lights)
             return _judgement_with_headline(link_loss, lights_to_show)
         return self._judgement_with_recording(judgement)
+
+    @property
+    def _is_in_flight(self) -> bool:
+        """Whether the vehicle flies now; false at the end of the session, though it may have ended in the air."""
+        return self.is_flying and not self.is_over
+
+    def _judgement_without_check(self, judgement: Judgement) -> Judgement:
+        """Returns a judgement that is based on no check of the vehicle so far, with a headline for pilots.
+
+        In flight the headline is that there is no alarm of what is watched. After a flight it is that nothing was
+        checked in it. Before the first flight, and if nothing is watched yet, the judgement stays as it is.
+
+        Args:
+            judgement: the judgement so far. Its headline says that nothing was checked, or what the session does.
+        """
+        if self._is_in_flight:
+            if not self._watched_names:
+                return judgement
+            no_alarm = Fact(WatchFact.NO_ALARM, names=self._watched_names)
+            return replace(judgement, headline=no_alarm)
+        if self.flight_number > 0:
+            return self._judgement_of_unjudged_flight(judgement)
+        return judgement
 
     def _judgement_of_unjudged_flight(self, judgement: Judgement) -> Judgement:
         """Returns the judgement of a flight that is over, if no check of the vehicle was possible in it.
@@ -409,7 +427,7 @@ class SessionStatus(ImmutableResult):
         """
         judgement = self.overall_judgement
         worst_verdict = self.worst_earlier_verdict
-        if worst_verdict is None or (self.is_flying and not self.is_over):
+        if worst_verdict is None or self._is_in_flight:
             return judgement
         if self.verdicts_worst_first[0] != worst_verdict:
             return judgement
@@ -443,7 +461,7 @@ class SessionStatus(ImmutableResult):
             SessionFact.UNREPAIRED_FAULT,
             reason=verdict,
             next_step=next_step,
-            is_in_flight=self.is_flying and not self.is_over,
+            is_in_flight=self._is_in_flight,
         )
 
     @property
@@ -539,21 +557,34 @@ class SessionStatus(ImmutableResult):
     def _judgement_with_all_lights(self) -> Judgement:
         """The judgement by the model, in which worse lights that need no model replace the model's.
 
-        The lights are the judgements of the parts of the vehicle. The headline is decided by the first rule that
-        applies:
-
-        1. If a light is bad, it becomes the headline, an event first, unless the headline of the model is bad already.
-        2. Before a model is judged, the headline sums up the lights that need none, while the vehicle is received or
-           when the session is over.
-        3. If the headline of the model is no fault, and a light was replaced, the headline sums up all lights.
-        4. Otherwise the headline of the model stays.
+        The lights are the judgements of the parts of the vehicle. The headline then follows from all of them.
         """
         by_model = self._judgement_by_model
-        lights_without_model = self._lights_without_model
-        worst_lights = self._combined_lights(by_model.lights, lights_without_model)
-        worst_lights = self._lights_after_landing(worst_lights)
-        worst_lights = self._lights_during_oscillation(worst_lights)
-        judgement = self._without_vain_request(replace(by_model, lights=worst_lights))
+        lights = self._combined_lights(by_model.lights, self._lights_without_model)
+        lights = self._lights_after_landing(lights)
+        lights = self._lights_during_oscillation(lights)
+        judgement = self._without_vain_request(replace(by_model, lights=lights))
+        is_light_replaced = judgement.lights != by_model.lights
+        return self._judgement_with_headline_by_lights(
+            judgement, is_light_replaced=is_light_replaced
+        )
+
+    def _judgement_with_headline_by_lights(
+        self, judgement: Judgement, *, is_light_replaced: bool
+    ) -> Judgement:
+        """Returns a judgement with the headline that follows from its lights, where that of the model does not suffice.
+
+        The first rule that applies decides:
+
+        1. If a light is bad, it becomes the headline, an event first, unless the headline of the model is bad already.
+        2. Before a model is judged, the headline sums up the lights, if any of them needs none.
+        3. If the headline of the model is no fault, and a light was replaced, the headline sums up all lights.
+        4. Otherwise the headline of the model stays.
+
+        Args:
+            judgement: headline and next step by the model, or why there is none, and the lights by all checks.
+            is_light_replaced: whether a light is not that of the model.
+        """
         lights = judgement.lights
         bad_lights = [fact for fact in lights.values() if fact.is_bad]
         if bad_lights and judgement.headline.is_bad:
@@ -563,18 +594,27 @@ class SessionStatus(ImmutableResult):
             bad_events = [fact for fact in bad_lights if _is_event(fact)]
             most_important = bad_events[0] if bad_events else bad_lights[0]
             return _judgement_with_headline(most_important, lights)
-        has_judged_light = any(name in lights_without_model for name in VEHICLE_LIGHTS)
-        # Once the flight or the session is over, no message need come any more; the lights still judge what was seen.
-        is_shown = self._is_received or self.is_over or self._is_silent_after_flight
-        if self.model_judgement is None and has_judged_light and is_shown:
+        if self._shows_lights_before_model:
             # While messages come, the next step says what has to happen before a model can be learned.
             return _judgement_by_lights(judgement, keeps_next_step=self._is_received)
         # Headlines with codes of this enumeration are not about a fault.
         is_without_fault = isinstance(judgement.headline.code, HeadlineCode)
-        is_light_replaced = lights != by_model.lights
         if is_without_fault and is_light_replaced:
             return _judgement_by_lights(judgement, keeps_next_step=True)
         return judgement
+
+    @property
+    def _shows_lights_before_model(self) -> bool:
+        """Whether there is no model yet, but a part of the vehicle is judged without one, which the headline sums up.
+
+        If the messages stop in flight, the headline is that instead. Once the flight or the session is over, no message
+        need come any more, and the lights still judge what was received.
+        """
+        is_part_judged = any(part in self._lights_without_model for part in VEHICLE_LIGHTS)
+        is_silent_in_flight = not (
+            self._is_received or self.is_over or self._is_silent_after_flight
+        )
+        return self.model_judgement is None and is_part_judged and not is_silent_in_flight
 
     def _lights_during_oscillation(self, lights: NamedFacts) -> dict[str, Fact]:
         """Returns the lights, of which motors and tracking are not judged sound while the vehicle oscillates.
@@ -645,30 +685,26 @@ class SessionStatus(ImmutableResult):
     def _combined_lights(
         self, lights_by_model: NamedFacts, lights_without_model: NamedFacts
     ) -> dict[str, Fact]:
-        """Returns the worse of two lights for each part of the vehicle, or the better founded one after the flight.
+        """Returns one light for each part of the vehicle, where the model and the checks without a model judge it both.
 
-        Once the recording of the flight is judged, its lights are better founded. A light of the flight then counts
-        only if it warns, or if the recording leaves the part unknown. If such a light is good, it also says that the
-        recording does not show that, and why.
+        In flight it is the worse of the two. Once the recording of the flight is judged, the light "by the model" is
+        that of the recording, which the other one seldom replaces (:func:`_light_after_recording`).
 
         Args:
-            lights_by_model: all lights, as the model or the recording shows them, by the name of the part.
-            lights_without_model: the lights of some parts that need no model.
+            lights_by_model: the lights of all parts, as the model or the recording shows them, by the name of the part.
+            lights_without_model: the lights of some parts, by the checks in flight that need no model.
         """
-        worst_lights = dict(lights_by_model)
-        for name, light_by_model in lights_by_model.items():
-            light = lights_without_model.get(name)
-            if light is None:
+        combined_lights = dict(lights_by_model)
+        for part, light_by_model in lights_by_model.items():
+            light_in_flight = lights_without_model.get(part)
+            if light_in_flight is None:
                 continue
-            if light.is_watch_or_bad or not self.is_recording_judged:
-                worst_lights[name] = worst_fact([light, light_by_model])
-            elif light_by_model.level is Level.UNKNOWN and light.is_good:
-                worst_lights[name] = Fact(
-                    WatchFact.GOOD_IN_FLIGHT, light=light, reason=light_by_model
-                )
-            elif light_by_model.level is Level.UNKNOWN:
-                worst_lights[name] = light
-        return worst_lights
+            if self.is_recording_judged:
+                combined_light = _light_after_recording(light_by_model, light_in_flight)
+            else:
+                combined_light = worst_fact([light_in_flight, light_by_model])
+            combined_lights[part] = combined_light
+        return combined_lights
 
     def _judgement_in_flight(self, judgement: Judgement) -> Judgement:
         """Returns a judgement whose headline and next step are for a vehicle in flight, where alarms come first.
@@ -816,24 +852,16 @@ class SessionStatus(ImmutableResult):
         Args:
             judgement: judgement of the flight so far.
         """
-        headline = judgement.headline
-        is_landing = self.state is not None and self.state.lands_by_itself
         is_battery_emptying = judgement.lights[Light.POWER].code in EMPTYING_BATTERY
         if is_battery_emptying:
             return Fact(NextStep.LAND_SOON)
         if self.is_late:
             return Fact(NextStep.FLY_BY_SIGHT, delay=self.analysis_delay)
+        headline = judgement.headline
         if headline.is_watch_or_bad:
             advice_after_landing = choose_next_step(headline, judgement.lights, None)
-            step_until_landing = NextStep.FLY_ON
-            if self.is_oscillation_awaited:
-                step_until_landing = NextStep.HOVER_FIRST
-            if is_landing:
-                step_until_landing = NextStep.LET_LAND
-            elif headline.is_bad:
-                step_until_landing = NextStep.LAND_SOON
-            return Fact(step_until_landing, reason=advice_after_landing)
-        if is_landing:
+            return Fact(self._step_until_landing(headline), reason=advice_after_landing)
+        if self._lands_by_itself:
             return Fact(NextStep.LET_LAND, reason=None)
         if self.is_oscillation_awaited:
             return Fact(NextStep.HOVER_FIRST, reason=None)
@@ -843,6 +871,25 @@ class SessionStatus(ImmutableResult):
         if reason.code in TOO_FEW_MESSAGES:
             return Fact(NextStep.FLY_ON, reason=judgement.next_step)
         return judgement.next_step
+
+    def _step_until_landing(self, warning: Fact) -> NextStep:
+        """Returns what the pilot should do in flight about a fault whose advice can wait until after the landing.
+
+        Args:
+            warning: the fact on the fault, whose level is watch or bad.
+        """
+        if self._lands_by_itself:
+            return NextStep.LET_LAND
+        if warning.is_bad:
+            return NextStep.LAND_SOON
+        if self.is_oscillation_awaited:
+            return NextStep.HOVER_FIRST
+        return NextStep.FLY_ON
+
+    @property
+    def _lands_by_itself(self) -> bool:
+        """Whether the autopilot lands the vehicle now, as its mode shows."""
+        return self.state is not None and self.state.lands_by_itself
 
     @property
     def is_oscillation_awaited(self) -> bool:
@@ -1040,6 +1087,26 @@ def _is_event(fact: Fact) -> bool:
     if code is WatchFact.ALARM_OVER:
         code = fact.figures["reason"].code
     return code in FALLS or isinstance(code, (Ending, MotionEvent, ReportedEvent))
+
+
+def _light_after_recording(recorded_light: Fact, light_in_flight: Fact) -> Fact:
+    """Returns the light of one part of the vehicle after the flight, once the recording of the flight is judged.
+
+    It is the light by the recording, which has all that was received. But a fault that was found in flight stays, and
+    so does what was found in flight of a part that the recording leaves unknown.
+
+    Args:
+        recorded_light: the fact with the judgement of this part by the recording.
+        light_in_flight: the fact with the judgement of this part by the checks in flight.
+    """
+    if light_in_flight.is_watch_or_bad:
+        return worst_fact([light_in_flight, recorded_light])
+    if recorded_light.level is not Level.UNKNOWN:
+        return recorded_light
+    if light_in_flight.is_good:
+        # This fact also says that the recording does not show it, and why.
+        return Fact(WatchFact.GOOD_IN_FLIGHT, light=light_in_flight, reason=recorded_light)
+    return light_in_flight
 
 
 def _lights_of_recording(

@@ -155,23 +155,24 @@ class WindEstimate:
 
     @property
     def facts(self) -> Facts:
-        """What the user gets: one fact on the wind's speed and, if it is known, one on where it comes from.
+        """What the user gets: one fact on the wind's speed, m/s, and, if it is known, one on where it comes from.
 
-        An estimate whose 90 % interval of the speed reaches down to calm does not show that there is any wind. Then
-        only the interval is given, with None for the speed and no direction, which would be chance. Likewise no
-        direction is given where half of its interval is wider than ``MAX_DIRECTION_INTERVAL``, degrees. Speeds are in
-        m/s, the direction in degrees clockwise from north and as a point of the compass.
+        If the 90 % interval of the speed reaches down to calm, there may be no wind at all: the speed is None beside
+        its interval, and a direction would be chance. The direction is in degrees clockwise from north, and a point of
+        the compass. It is left out, too, if its interval is too wide.
         """
         wind = self.compass
         # The lower end of the speed's interval, m/s; 0 where still air is likely as well.
         lowest_speed = lower_speed_bound(wind.speed_low, wind.speed_high)
+        may_be_calm = lowest_speed == 0.0
         speed_fact = Fact(
             SessionFact.WIND_SPEED,
-            speed=wind.speed if lowest_speed else None,
+            speed=None if may_be_calm else wind.speed,
             speed_interval=(lowest_speed, wind.speed_high),
             status=speed_status(wind.speed, wind.speed_low, wind.speed_high),
         )
-        if not lowest_speed or wind.direction_half_width > MAX_DIRECTION_INTERVAL:
+        is_direction_unknown = wind.direction_half_width > MAX_DIRECTION_INTERVAL
+        if may_be_calm or is_direction_unknown:
             return (speed_fact,)
         direction_fact = Fact(
             SessionFact.WIND_FROM,

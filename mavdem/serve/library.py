@@ -772,15 +772,17 @@ class Library:
     # Reading logs
 
     def claim(self) -> LibraryEntry | None:
-        """Takes the log that has waited longest for this server to read, and marks it as being read.
+        """Takes the log that has waited longest, and marks it as being read by this server.
 
-        Logs that could not be read for lack of disk space, which have a problem, come after all others, since these may
-        need less. The log is found and marked in one SQL statement, so that no two threads or servers get the same.
+        A log that could not be read for lack of disk space waits again, with a text in its column ``problem``. Such
+        logs come after all others, which may need less space.
 
         Returns:
             The entry of the log; None if no log waits.
         """
         with self.transaction() as db:
+            # One statement finds the log and marks it, so that no two threads or servers get the same. Only logs in the
+            # library's folder, which have a digest (a SHA-256), are read by servers.
             row = db.execute(
                 """update entries set stage = ?, claimed = ? where id =
                 (select id from entries where stage = ? and digest glob ?
@@ -817,8 +819,8 @@ class Library:
     def finish_reading(self, entry: LibraryEntry, outcome: JobOutcome, limits: JobLimits) -> None:
         """Stores the results of a worker process on a log: rows in the fleet's store, and columns in the index.
 
-        A log that cannot be read is removed, unless its uploader wants to keep it, or it was read before. If the entry
-        was deleted while the log was read, the results are removed.
+        If the log was read before, to make its page anew, and now no page could be made, everything stays as it was. If
+        the entry was deleted while the log was read, the results are removed.
 
         Args:
             entry: the log, as a server claimed it for reading.
@@ -827,31 +829,13 @@ class Library:
         """
         has_page = (self.results_folder(entry) / PAGE_FILE).is_file()
         has_new_page = any(row.page for row in outcome.rows)
-        # If a page was to be made anew, and cannot be now, the earlier page stays with its log and rows.
-        keeps_earlier_results = has_page and not has_new_page
-        columns: JsonValues = {"stage": Stage.DONE, "claimed": "", "problem": ""}
-        if not keeps_earlier_results:
-            columns = self._columns_of_outcome(entry, outcome)
-            if has_page:
-                (self.results_folder(entry) / PROGRESS).unlink(missing_ok=True)
-        # The ending "source" means that the log itself is not the cause: its file could not be opened, or a package
-        # that its format needs is missing.
-        keeps_log = entry.keep or outcome.ended == "source"
-        removes_log = columns["stage"] == Stage.FAILED and not keeps_log
-        if removes_log:
-            # The log has no path any more, but paths in the index must be unique, so the id is stored as one.
-            columns |= {"size": 0, "path": entry.id}
-        source = local_source(str(self.log_path(entry)))
         try:
             # The index, the rows and the log on the disk change together, or not at all.
             with self.transaction():
-                self.change(entry.id, **columns)
-                if not keeps_earlier_results:
-                    self.store.add(source, outcome, limits)
-                    self.store.track([source])
-                if removes_log:
-                    self.store.remove(source)
-                    self._remove_log(entry)
+                if has_page and not has_new_page:
+                    self.change(entry.id, stage=Stage.DONE, claimed="", problem="")
+                else:
+                    self._store_outcome(entry, outcome, limits)
         except Refusal as error:
             was_deleted = error.fact.code is RefusalReason.NO_SUCH_FLIGHT
             if not was_deleted:
@@ -859,6 +843,35 @@ class Library:
             self.remove_files_of_deleted_log(entry)
             return
         self.table_is_outdated.set()
+
+    def _store_outcome(self, entry: LibraryEntry, outcome: JobOutcome, limits: JobLimits) -> None:
+        """Stores the results on a log, and removes a log that cannot be read; called within a transaction.
+
+        Args:
+            entry: the log, as a server claimed it for reading.
+            outcome: result of reading it, with the fleet's rows.
+            limits: the limits of time and memory within which it was read.
+        """
+        columns = self._columns_of_outcome(entry, outcome)
+        results = self.results_folder(entry)
+        if (results / PAGE_FILE).is_file():
+            # What the reading process has reported in this file is among the columns now.
+            (results / PROGRESS).unlink(missing_ok=True)
+        # Two such logs stay: one that its uploader wants to keep, and one that is not itself the cause, since its file
+        # could not be opened, or a package that its format needs is missing (the ending "source").
+        keeps_log = entry.keep or outcome.ended == "source"
+        removes_log = columns["stage"] == Stage.FAILED and not keeps_log
+        if removes_log:
+            # The log has no path any more, but paths in the index must be unique, so the id is stored as one.
+            columns |= {"size": 0, "path": entry.id}
+        self.change(entry.id, **columns)
+        source = local_source(str(self.log_path(entry)))
+        self.store.add(source, outcome, limits)
+        # The table of the fleet's flights shows tracked logs only.
+        self.store.track([source])
+        if removes_log:
+            self.store.remove(source)
+            self._remove_log(entry)
 
     def _columns_of_outcome(self, entry: LibraryEntry, outcome: JobOutcome) -> JsonValues:
         """Returns the new values of a log's row in the index after it was read.

@@ -739,8 +739,8 @@ def _finished_page(
 ) -> str:
     """Returns the HTML page of a live session that has ended, which links to the stored flight in the library.
 
-    Most sessions end after the vehicle was switched off. The status of the session says by then only that no messages
-    come. The page therefore shows the rates, checks and learning of the status at the last message.
+    Most sessions end after the vehicle was switched off, so that the rates of its messages are 0 at the end, and
+    nothing is watched any more. The page shows both as they were at the last message.
 
     Args:
         session: the ended session.
@@ -748,22 +748,41 @@ def _finished_page(
         saved_flight: link to the page of its flight in the library.
         verdict: what the recording of the flight shows, or that it is not judged yet.
     """
+    status_at_end = session.status
     status_at_last_message = session.stream.status()
-    status = session.status
-    # Why no model was being learned at the last message; if one was, that the flight is over.
-    reason = status_at_last_message.no_model_reason or Fact(SessionFact.FLIGHT_OVER, reason=None)
-    if status.link_loss is not None and status.no_model_reason is not None:
-        # The link was lost in flight and nobody saw the vehicle land. That, and its last position, matters most.
-        reason = status.no_model_reason
-    status = replace(
-        status,
+    final_status = replace(
+        status_at_end,
         is_over=True,
-        no_model_reason=reason,
+        no_model_reason=_final_reason_without_model(status_at_end, status_at_last_message),
         rates=status_at_last_message.rates,
         watch_facts=status_at_last_message.watch_facts,
         recording_verdict=verdict,
     )
-    return session_page(session, status, names, back=LIBRARY_LINK, saved_flight=saved_flight)
+    return session_page(session, final_status, names, back=LIBRARY_LINK, saved_flight=saved_flight)
+
+
+def _final_reason_without_model(
+    status_at_end: SessionStatus, status_at_last_message: SessionStatus
+) -> Fact:
+    """Returns why an ended session learns no model any more, as its page states it.
+
+    Args:
+        status_at_end: status at the end of the session, when its vehicle has mostly been silent for a while.
+        status_at_last_message: status of the same session when the last message of the vehicle came.
+
+    Returns:
+        That no messages come, if the link was lost in flight: the page then shows where the vehicle was last. Otherwise
+        the silence tells nothing about the vehicle, and the reason is that at the last message. If there was none then,
+        since a model was being learned, it is that the flight is over.
+    """
+    silence = status_at_end.no_model_reason
+    was_lost_in_flight = status_at_end.link_loss is not None
+    if was_lost_in_flight and silence is not None:
+        return silence
+    if status_at_last_message.no_model_reason is not None:
+        return status_at_last_message.no_model_reason
+    # The figure "reason" of this fact is how the vehicle was lost; here nothing is known of a loss.
+    return Fact(SessionFact.FLIGHT_OVER, reason=None)
 
 
 def _ignore(_: object) -> None:

@@ -154,23 +154,23 @@ def flight_figures(window: Window) -> FlightFigures:
 
 
 def _relative_errors(model: Forecaster, kind: ForecastKind, window: Window) -> dict[int, float]:
-    """Returns the relative errors of a trained model's forecasts of the held-out samples, by how far they look ahead.
+    """Returns the relative errors of a trained model's forecasts of the held-out samples, by the forecasts' horizon.
 
     Args:
         model: a model that was trained on the window's training samples.
-        kind: whether the forecasts know the motors ("inputs") of the time that they look ahead to.
+        kind: whether the forecasts know the motors (the inputs) up to the horizon.
         window: training samples of a flight, and the held-out samples after them.
 
     Returns:
-        Mean squared error relative to the error of a constant forecast, the training mean, by the number of samples
-        from one forecast to the next.
+        Mean squared error relative to that of a constant forecast, the training mean, by the horizon: each forecast
+        covers this number of samples, and the next one begins after them.
     """
-    # The name and the training function of a method are not used, since the model is trained already.
-    method = Method("", learn, predicts=True)
-    scores, _ = evaluate_model(method, window, model)
-    # Scores are in the order of all numbers of steps, of forecasts of both kinds.
-    step_counts = sorted({*STEPS[KNOWN_INPUTS], *STEPS[UNKNOWN_INPUTS]})
-    return dict(zip(step_counts, scores[kind].ratio.tolist(), strict=True))
+    # The evaluation needs to know of the method only that its models can forecast without the inputs, too. The model is
+    # trained already, so that name and training function are not used.
+    method = Method(name="trained", learn=learn, predicts=True)
+    scores_by_kind, _ = evaluate_model(method, window, model)
+    scores = scores_by_kind[kind]
+    return dict(zip(scores.steps, scores.ratio.tolist(), strict=True))
 
 
 def free_energy_table(figures: list[FlightFigures]) -> Table:

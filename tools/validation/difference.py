@@ -204,17 +204,18 @@ def main(half: str, rate: float, flights: int, jobs: int, models: bool) -> None:
     """Simulates flights of several vehicles, and prints a row of counts for each comparison of two flights.
 
     Args:
-        half: name of the set of vehicles, a key of ``HALVES``: "choose" to choose methods on, "report" for results.
+        half: name of the half of the vehicles: "choose" to choose methods on, "report" for results.
         rate: rate of the messages, Hz.
-        flights: number of vehicles, each with five flights.
+        flights: number of vehicles, which is the option --flights; each makes five flights.
         jobs: number of processes.
         models: whether models are learned, whose physical parameters are then compared, too.
     """
+    # Each vehicle is drawn at random from a seed of its half.
+    vehicle_seeds = HALVES[half][:flights]
     evaluate = partial(evaluate_vehicle, rate=rate, with_models=models)
-    seeds = HALVES[half][:flights]
-    rows = evaluate_flights(evaluate, seeds, jobs)
-    # A kind of quantity that changed in no pair of a vehicle has no count there.
-    counts = rows.fillna(0).groupby("compared", sort=False).sum()
+    counts_by_vehicle = evaluate_flights(evaluate, vehicle_seeds, jobs)
+    # A kind of quantity that changed in no pair of a vehicle has no count there, so that NaN stands for 0.
+    counts = counts_by_vehicle.fillna(0).groupby("compared", sort=False).sum()
     table = counts.astype(int).reset_index()
     print_table(f"Half {half}, {rate:g} Hz", table)
 

@@ -208,7 +208,11 @@ def _previous_table(_command: str, previous: str) -> str:
 
 
 def run_cog(table_text: Callable[[str, str], str], options: list[str]) -> int:
-    """Runs cog over the pages: it replaces the text below each of its comments by what the Python code in it prints.
+    """Runs cog, a tool that replaces the text below each of its comments in a page by the output of the code in it.
+
+    The code in the comments of our pages is one call: ``printed("a command")``, ``claims()`` or ``pages()``. These
+    three functions are defined here. They print by the tool's own module ``cog``, which also knows the page and the
+    text that stands below the comment so far.
 
     Args:
         table_text: function that returns the text of a table, given its command and its text in the page.
@@ -218,24 +222,25 @@ def run_cog(table_text: Callable[[str, str], str], options: list[str]) -> int:
         The exit code of cog.
     """
     cog = Cog()
-    # The module ``cog`` of the code in the pages: it takes what that code prints, and has the file and the former text.
-    generator: Any = cog.cogmodule
+    cog_module: Any = cog.cogmodule
 
     def printed(command: str) -> None:
         """Prints the text of a table; pages call it with the command of the table."""
-        generator.out(table_text(command, generator.previous))
+        cog_module.out(table_text(command, cog_module.previous))
 
     def claims() -> None:
         """Prints how many claims of the page are reproduced; the page of a paper calls it."""
-        page = Path(generator.inFile)
-        generator.outl(claim_counts(page.read_text(encoding="utf-8")))
+        page = Path(cog_module.inFile)
+        cog_module.outl(claim_counts(page.read_text(encoding="utf-8")))
 
     def pages() -> None:
         """Prints the list of the pages; the index calls it."""
-        generator.outl(page_list())
+        cog_module.outl(page_list())
 
     cog.options.defines.update(printed=printed, claims=claims, pages=pages)
-    return cog.main(["cog", *options, "-c", "--verbosity=1", *map(str, PAGES)])
+    # With -c each block gets a checksum of its output, by which a later change by hand is noticed.
+    page_paths = [str(page) for page in PAGES]
+    return cog.main(["cog", *options, "-c", "--verbosity=1", *page_paths])
 
 
 @click.command(help=__doc__)

@@ -74,23 +74,31 @@ class AxisMargins:
     def facts(self) -> Facts:
         """What is known of the stability margins: at most two facts, each good, to be watched or bad.
 
-        1. A fact about the margins themselves, from the best source that the log has: the loop measured by an injected
-           signal, otherwise the identified loop, otherwise a peak in the spectrum of the rate, which may be an
-           oscillation of the loop.
-        2. Independently, whether the measured response of the rate to its setpoint has a resonance.
-
-        A fact of the level "unknown", whose interval contains the limit, is left out.
+        One is about the margins themselves. The other, which is independent of it, is whether the measured response of
+        the rate to its setpoint has a resonance. A fact of the level "unknown", whose interval contains the limit
+        between good and bad, is left out.
         """
         facts = []
-        if self.injected is not None:
-            facts.append(_injected_fact(self.axis, self.injected))
-        elif isinstance(self.loop, Loop):
-            facts.append(_loop_fact(self.loop, self.contradiction))
-        elif self.peak is not None:
-            facts.append(self._spectral_peak_fact(self.peak))
+        margin_fact = self._margin_fact()
+        if margin_fact is not None:
+            facts.append(margin_fact)
         if self.response is not None:
             facts.append(resonance_fact(self.response))
         return tuple(fact for fact in facts if fact.level is not Level.UNKNOWN)
+
+    def _margin_fact(self) -> Fact | None:
+        """Returns the fact on the margins from the best source that the log has; None if it has none.
+
+        The best is the loop as measured by an injected signal, which needs no model. Then comes the identified loop,
+        and last a peak in the spectrum of the rate, which may be an oscillation of the loop.
+        """
+        if self.injected is not None:
+            return _injected_fact(self.axis, self.injected)
+        if isinstance(self.loop, Loop):
+            return _loop_fact(self.loop, self.contradiction)
+        if self.peak is not None:
+            return self._spectral_peak_fact(self.peak)
+        return None
 
     def _spectral_peak_fact(self, peak: Resonance) -> Fact:
         """Returns the fact that the spectrum of the rate has a peak, for an axis whose loop was not identified.

@@ -73,29 +73,14 @@ def battery_status(tables: Tables) -> NamedMessage:
     Returns:
         The message, in the order of boot and time; without columns if it is not made.
     """
-    batteries: list[_LoggedBattery] = []
-    # New versions of ArduPilot log BAT, old ones CURR. A log has one of them.
-    for battery_message in BATTERY_MESSAGES:
-        batteries = _logged_batteries(tables, battery_message)
-        if batteries:
-            break
+    batteries = _logged_batteries(tables)
     has_further_battery = any(battery.number > 0 for battery in batteries)
     if not has_further_battery:
         return NamedMessage(BATTERY_MESSAGES[0], {})
-    tables_of_batteries = []
-    for battery in batteries:
-        voltage, other_measurements = _battery_measurements(battery.logged_columns)
-        fields = {
-            **other_measurements,
-            "id": np.full(len(voltage), battery.number, np.uint8),
-            # MAVLink's field has an element for each cell. Where these are not known, the first element may have the
-            # voltage of the whole battery.
-            "voltages": voltage[:, None],
-        }
-        tables_of_batteries.append(with_stamps(battery.logged_columns, fields))
-    columns: Columns = concatenated_columns(tables_of_batteries)
+    columns: Columns = concatenated_columns([battery.status_columns() for battery in batteries])
+    # Sorted by boot, and within each boot by time.
     time_order = np.lexsort((columns["time"], columns["boot"]))
-    # A dictionary keeps each name once, in order.
+    # Several batteries may share a message. A dictionary keeps each name once, in order.
     logged_names = dict.fromkeys(battery.name for battery in batteries)
     return NamedMessage("/".join(logged_names), selected_rows(columns, time_order))
 
@@ -110,8 +95,35 @@ class _LoggedBattery(NamedTuple):
     logged_columns: Columns
     """Columns of the messages, with ``Volt``."""
 
+    def status_columns(self) -> Columns:
+        """Returns the columns of MAVLink's BATTERY_STATUS for this battery, with time and boot of each message."""
+        voltage, other_measurements = _battery_measurements(self.logged_columns)
+        fields = {
+            **other_measurements,
+            "id": np.full(len(voltage), self.number, np.uint8),
+            # MAVLink's field has an element for each cell. Where these are not known, the first element may have the
+            # voltage of the whole battery.
+            "voltages": voltage[:, None],
+        }
+        return with_stamps(self.logged_columns, fields)
 
-def _logged_batteries(tables: Tables, battery_message: str) -> list[_LoggedBattery]:
+
+def _logged_batteries(tables: Tables) -> list[_LoggedBattery]:
+    """Returns all batteries of a log; empty if it has no messages of any.
+
+    New versions of ArduPilot log them in BAT, old ones in CURR. A log has one of the two.
+
+    Args:
+        tables: Columns of DataFlash's messages, by the name of the message ("ATT").
+    """
+    for battery_message in BATTERY_MESSAGES:
+        batteries = _batteries_of_message(tables, battery_message)
+        if batteries:
+            return batteries
+    return []
+
+
+def _batteries_of_message(tables: Tables, battery_message: str) -> list[_LoggedBattery]:
     """Returns the batteries whose messages are named like those of the first one, or so with a number.
 
     Args:
