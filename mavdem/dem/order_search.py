@@ -180,46 +180,45 @@ class BlackBoxData:
         )
 
     def generative_model(self, order: int) -> GenerativeModel:
-        """Returns the generative model with ``order`` states, in the units of the data.
+        """Returns the generative model with ``order`` states, dx/dt = A x + B u + w, y = C x + z, and its priors.
 
-        All parameters have prior mean 0 and variance 1, and so have the states x. The outputs share one noise
-        precision, and each state has its own. So the logarithms λ of the noise precisions are 1 + ``order``: one of the
-        measurement noise, and one for the process noise of each state.
+        The model is in generalized coordinates: each signal stands with its time derivatives, outputs y and states x up
+        to order p, inputs u and process noise w up to order p − 1. The rate of the highest derivative of x is not
+        modelled, so that w has one derivative less.
 
-        Outputs and states have derivatives up to order p, inputs and process noise up to order p − 1 (generalized
-        coordinates).
+        The elements of A, B and C have prior mean 0 and variance 1, and so have the states. The logarithms λ of the
+        noise precisions are one for the measurement noise z of all outputs, and then one for the process noise of each
+        state.
 
         Args:
             order: number of states n, beside m outputs and r inputs.
-
-        Returns:
-            The model, with the priors of its parameters and noise precisions.
         """
         n = order
         m = self.m
-        theta_mean = pack(np.zeros((n, n)), np.zeros((n, self.r)), np.zeros((m, n)))
-        # The data are in the flight's own unit of time. The highest derivative of the process noise is of order p − 1,
-        # since the rate of the highest derivative of x is not modelled.
+        theta_mean = pack(A=np.zeros((n, n)), B=np.zeros((n, self.r)), C=np.zeros((m, n)))
+        prior = Prior(
+            theta_mean,
+            theta_precision=np.eye(len(theta_mean)),
+            lambda_mean=np.array([LAMBDA_Z] + [LAMBDA_W] * n),
+            lambda_precision=LAMBDA_PRECISION * np.eye(1 + n),
+        )
+        order_of_inputs_and_noise = self.p - 1
+        # Width of the noise's autocorrelation, in the flight's own unit of time, which the data have.
         smoothness = self.smoothness / self.time_unit
         return GenerativeModel(
             n=n,
             r=self.r,
             m=m,
             p=self.p,
-            d=self.p - 1,
-            q=self.p - 1,
+            d=order_of_inputs_and_noise,
+            q=order_of_inputs_and_noise,
             output_temporal_precision=temporal_precision(self.p, smoothness),
-            state_temporal_precision=temporal_precision(self.p - 1, smoothness),
+            state_temporal_precision=temporal_precision(order_of_inputs_and_noise, smoothness),
             # Index in λ of the noise of each output and of each state.
             output_groups=np.zeros(m, int),
             state_groups=1 + np.arange(n),
             input_precision=self.input_precision,
-            prior=Prior(
-                theta_mean,
-                theta_precision=np.eye(len(theta_mean)),
-                lambda_mean=np.array([LAMBDA_Z] + [LAMBDA_W] * n),
-                lambda_precision=LAMBDA_PRECISION * np.eye(1 + n),
-            ),
+            prior=prior,
             state_precision=np.eye(n),
         )
 

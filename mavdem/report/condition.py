@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.arrays import Array
 from mavdem.assessment import Assessment
 from mavdem.assessment.judgement import Judgement
 from mavdem.confidence import coverage_factor
@@ -255,29 +256,45 @@ def _wind_estimate_sentences(
         evidence: all that is known of the wind of a log, with the autopilot's estimate.
         wind: the estimate of mavdem.
         is_speed_uncertain_by_drag: whether the interval of the speed is wide because the drag is not well known.
+
+    Returns:
+        The sentences, which the template "wind" makes of the figures.
     """
-    typical_drag = None
-    if wind.drag.source is DragSource.POPULATION:
-        # The flight did not show the vehicle's own drag, so that the drag of typical multirotors was used. It is stated
-        # as both ends of its interval, 1/s, each the mean over the body axes x and y.
-        typical_drag = wind.drag.interval("linear").mean(axis=1)
-    # A vehicle also leans without wind, by a misaligned attitude or an offset load, and the intervals of the wind allow
-    # for that. ``LEAN_SD`` is the standard deviation of this lean as an acceleration, m/s², and divided by gravity it
-    # is an angle, rad. The coverage factor makes it the half width of a 90 % interval.
-    lean_allowance = coverage_factor() * LEAN_SD / GRAVITY
-    # The template has the sentences. It states the margin, s, around each time in which the attitude was far from its
-    # setpoint: the wind is not estimated there.
     return render_section(
         "wind",
         wind=wind,
+        # Time before and after a large attitude error for which no wind is estimated, s.
         margin=INDEPENDENT_SECONDS,
-        typical_drag=typical_drag,
-        lean_allowance=lean_allowance,
+        typical_drag=_typical_drag_interval(wind.drag),
+        lean_allowance=_lean_allowance(),
         autopilot_wind=_autopilot_wind(evidence, wind),
         is_blurred_by_drag=is_speed_uncertain_by_drag,
         drag_model_setting=evidence.drag_model_setting,
         turned_wind=wind.turn,
     )
+
+
+def _typical_drag_interval(drag: Drag) -> Array | None:
+    """Returns the interval of the linear drag of typical multirotors, 1/s, if a wind was estimated with that.
+
+    Args:
+        drag: drag of the vehicle along its body axes x and y.
+
+    Returns:
+        (2,) lower and upper end of the 90 % interval, the mean of both axes; None if the flight itself showed the drag.
+    """
+    if drag.source is not DragSource.POPULATION:
+        return None
+    return drag.interval("linear").mean(axis=1)
+
+
+def _lean_allowance() -> float:
+    """Returns the lean of a vehicle without wind that the intervals of the wind allow for, rad, as a 90 % half width.
+
+    A vehicle also leans by a misaligned attitude or an offset load. ``LEAN_SD`` is the standard deviation of this lean
+    as an acceleration, m/s². Divided by gravity it is an angle.
+    """
+    return coverage_factor() * LEAN_SD / GRAVITY
 
 
 def _autopilot_wind(evidence: WindEvidence, wind: WindVelocity) -> dict[str, float] | None:

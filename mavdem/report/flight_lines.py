@@ -178,22 +178,26 @@ def _warning_lights(flight: AxisRows) -> str:
 
 
 def _suspect_motors(flight: AxisRows) -> str:
-    """Returns the cell with the numbers of motors that failed in a flight, or seem weak beside other flights.
+    """Returns the numbers of the motors to inspect after a flight, as the text of a table cell such as "2 and 4".
 
-    If there are none and the light of the motors warns, they are those that the headline names, such as a motor that
-    was at its limit.
+    These are motors that failed in the flight, or that seem weak in comparison with other flights. If there are none,
+    but the motors were judged as bad or to be watched, they are those that the headline of the flight names, such as a
+    motor that was at its limit.
 
     Args:
         flight: rows of one flight in the fleet's table, one for each axis.
     """
     motors = set()
     for row in flight:
-        for motor in (row.failed_motor, row.suspect_motor):
-            if motor is not None:
-                motors.add(motor)
-    if not motors and light_level(flight, Light.MOTORS) in (Level.BAD, Level.WATCH):
+        if row.failed_motor is not None:
+            motors.add(row.failed_motor)
+        if row.suspect_motor is not None:
+            motors.add(row.suspect_motor)
+    are_motors_warned_of = light_level(flight, Light.MOTORS) in (Level.BAD, Level.WATCH)
+    if not motors and are_motors_warned_of:
         headline = log_row(flight).headline or ""
-        motors.update(int(number) for number in MOTOR_PATTERN.findall(headline))
+        numbers_in_headline = MOTOR_PATTERN.findall(headline)
+        motors.update(int(number) for number in numbers_in_headline)
     return listed(sorted(motors))
 
 

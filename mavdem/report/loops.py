@@ -175,14 +175,19 @@ def measured_margins(tuning: Tuning, margins: Iterable[AxisMargins]) -> list[Sen
     Margins that were measured by an injected signal are left out: the reason why the loop is not known has them.
 
     Args:
-        tuning: the advice for each axis, or the fact (coded finding) that says why there is none.
-        margins: what is known of the stability margins of each axis.
+        tuning: the advice for each axis; for an axis whose loop is not known, the fact (coded finding) that says why.
+        margins: what was measured of the stability margins of each axis, as facts.
+
+    Returns:
+        The facts as sentences; axes with the same text share one.
     """
     axes_and_facts = []
     for axis_margins in margins:
-        has_no_loop = isinstance(tuning.axes.get(axis_margins.axis), Fact)
-        if has_no_loop and axis_margins.injected is None:
-            axes_and_facts += [(axis_margins.axis, fact) for fact in axis_margins.facts]
+        axis = axis_margins.axis
+        is_loop_unknown = isinstance(tuning.axes.get(axis), Fact)
+        has_injected_signal = axis_margins.injected is not None
+        if is_loop_unknown and not has_injected_signal:
+            axes_and_facts += [(axis, fact) for fact in axis_margins.facts]
     return sentences_by_axes(axes_and_facts)
 
 
@@ -325,9 +330,18 @@ def _facts_on_axis(tuning: Tuning, axis: str) -> list[Fact]:
 
 
 def _conclusion(tuning: Tuning, advice: Advice) -> Fact:
-    """Returns what to do with the gains of an axis, and whether they wait for the flight with those of stage 1."""
-    conclusion = advice.conclusion
-    return conclusion.replace(waits=True) if tuning.waits(advice) else conclusion
+    """Returns the fact (coded finding) that says what to do with the gains of an axis, such as to load them.
+
+    Gains are set in stages, with a flight after each. If these gains are of stage 2 while another axis has gains of
+    stage 1 to be flown first, the fact says that they wait for that flight.
+
+    Args:
+        tuning: advice for all axes, which shows whether one of them has gains of stage 1.
+        advice: advice on the axis.
+    """
+    if tuning.waits(advice):
+        return advice.conclusion.replace(waits=True)
+    return advice.conclusion
 
 
 def _faults_in_flight(
@@ -494,19 +508,24 @@ def is_about_loops(fact: Fact, judgement: Judgement) -> bool:
     """Returns whether a headline or a next step is about the control loops, and not about something else in the flight.
 
     Args:
-        fact: headline or next step, a coded finding; the figure "reason" of a next step is the fact that it follows
-            from.
-        judgement: the judgement of the vehicle. Two of its status lights are about loops: tracking and margins.
+        fact: headline or next step, a coded finding with figures.
+        judgement: the judgement of the vehicle, with a status light (a judgement with a level) for each of its subjects
+            such as tracking.
     """
+    # A next step has a figure "reason", the finding that it follows from. A headline is its own reason.
     reason = fact.figures.get("reason") or fact
-    # A loss of the vehicle or an impact is not about the loops, though the light of tracking may state it.
-    if reason.code in LIGHT_OF_EVENT:
+    # A loss of the vehicle or an impact is not about the loops, though it may also be the judgement of the tracking.
+    is_loss_or_impact = reason.code in LIGHT_OF_EVENT
+    if is_loss_or_impact:
         return False
-    if fact.code in (NextStep.LOAD_GAINS, NextStep.FLY_BEFORE_GAINS, NextStep.TUNE_OTHER_AXES):
-        return True
-    if isinstance(reason.code, GainFact | LoopFact):
-        return True
-    return reason in (judgement.lights[Light.TRACKING], judgement.lights[Light.MARGINS])
+    is_step_on_gains = fact.code in (
+        NextStep.LOAD_GAINS,
+        NextStep.FLY_BEFORE_GAINS,
+        NextStep.TUNE_OTHER_AXES,
+    )
+    is_finding_on_loops = isinstance(reason.code, GainFact | LoopFact)
+    lights_on_loops = (judgement.lights[Light.TRACKING], judgement.lights[Light.MARGINS])
+    return is_step_on_gains or is_finding_on_loops or reason in lights_on_loops
 
 
 def tuning_result(tuning: Tuning) -> Fact:
@@ -692,18 +711,20 @@ def _gain_and_margin_table(advice: Advice, *, waits: bool, is_doubtful: bool) ->
 
 
 def _has_doubtful_margins(tuning: Tuning, axis: str) -> bool:
-    """Returns whether the margins of an identified loop may be wrong.
+    """Returns whether the stability margins of an identified loop may be wrong.
 
-    They may be if a measured response contradicts the loop. Where gains are withheld, the margins may be wrong for the
-    same reason.
+    They may be if a measured response contradicts the loop, or if no gains are advised for the axis, since that has
+    reasons that make the margins uncertain, too.
 
     Args:
         tuning: advice for each axis, and the axes whose loops a measured response contradicts.
         axis: "roll", "pitch" or "yaw"; its loop is identified.
     """
     advice = tuning.axes[axis]
+    # An axis has a fact instead of advice only if its loop is not identified.
     assert isinstance(advice, Advice)
-    return axis in tuning.doubtful_axes or bool(advice.refusals)
+    has_reasons_against_gains = bool(advice.refusals)
+    return axis in tuning.doubtful_axes or has_reasons_against_gains
 
 
 def margin_overview(tuning: Tuning) -> Table | None:
@@ -806,14 +827,14 @@ def _basis_sentences(loop: Loop, *, is_doubtful: bool) -> list[Sentence]:
     """Returns sentences on the gyro's filters of a loop, and on how well its prediction fits the measured response.
 
     Args:
-        loop: the loop of an axis as it flew.
-        is_doubtful: whether a measured response contradicts it.
+        loop: the loop of an axis as it flew. It may have been compared with a measured step response.
+        is_doubtful: whether any measured response contradicts it.
     """
     sentences = filter_sentences(loop)
-    # If the two responses were not compared, the sentence says that none was measured. That would be wrong of a loop
-    # which another measured response contradicts.
-    is_compared = loop.agrees is not None
-    if is_compared or not is_doubtful:
+    # Without a comparison the template says that no response was measured. That would be wrong if the loop is doubtful,
+    # since a response of another kind was measured then.
+    was_compared = loop.agrees is not None
+    if was_compared or not is_doubtful:
         sentences += render_section("loop_measured", loop=loop)
     return sentences
 

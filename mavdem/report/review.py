@@ -285,10 +285,8 @@ def _wrapped_lines(text: str, columns: int) -> Iterator[str]:
 def _event_lines(assessment: Assessment, columns: int) -> Iterator[str]:
     """Yields the lines of the events that a screen shows, in the order of time.
 
-    An event has one line, without subordinate clauses that do not fit; several if its main clause does not fit.
-
-    If the autopilot restarted between two of them, its clock began again; a line says so, since the times are not in
-    order then.
+    If the autopilot restarted between two of them, its clock began again. A line says so, since the times of the events
+    do not ascend there.
 
     Args:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
@@ -299,20 +297,35 @@ def _event_lines(assessment: Assessment, columns: int) -> Iterator[str]:
     events = tuple(with_saturations_counted(assessment.events))
     for event_index, event_count in _screen_events(assessment, events):
         event = events[event_index]
-        # The number of the boot, by which the autopilot's restarts are counted; only some events have it.
+        # A boot lasts from one start of the autopilot to the next. Events without its number belong to the boot of the
+        # event before them.
         boot = event.figures.get("boot", previous_boot)
         if previous_boot is not None and boot > previous_boot:
             yield CLOCK_BEGINS_ANEW
         previous_boot = boot
-        has_time = event.time is not None and isfinite(event.time)
-        label = f"{event.time:.1f} s" if has_time else "event"
-        label_and_level = _label_and_level(label, event)
-        place = count_text(event, event_count)
-        line = _shortened_line(label_and_level, event, columns, place)
-        if "…" in line:
-            yield from _wrapped_fact(label, event, columns, place)
-        else:
-            yield line
+        yield from _lines_of_event(event, event_count, columns)
+
+
+def _lines_of_event(event: Fact, event_count: int, columns: int) -> list[str]:
+    """Returns the lines of one event: its time, its level and its sentence.
+
+    Subordinate clauses that do not fit into one line are left out. If even the main clause does not fit, the whole
+    sentence is wrapped onto several lines.
+
+    Args:
+        event: the event, a coded finding with a level and a sentence.
+        event_count: number of events of its kind, for which it stands.
+        columns: number of characters in a line of the terminal.
+    """
+    has_time = event.time is not None and isfinite(event.time)
+    time_text = f"{event.time:.1f} s" if has_time else "event"
+    remark_on_count = count_text(event, event_count)
+    line = _shortened_line(_label_and_level(time_text, event), event, columns, remark_on_count)
+    # A main clause that is too long was cut off, and ends with an ellipsis.
+    is_cut_off = "…" in line
+    if is_cut_off:
+        return _wrapped_fact(time_text, event, columns, remark_on_count)
+    return [line]
 
 
 def _screen_events(assessment: Assessment, events: Facts) -> list[CountedEvent]:
@@ -350,8 +363,8 @@ def _modes_of_headline(headline_fact: Fact, events: Facts) -> list[CountedEvent]
     """Returns the change to the flight mode in which the headline's event began, and the changes while it lasted.
 
     Args:
-        headline_fact: the fact in the headline.
-        events: events in the order of time.
+        headline_fact: the fact (coded finding) in the headline, the most important one of a review.
+        events: events of the flight in the order of time, among them changes of the flight mode.
 
     Returns:
         The changes in the order of time; empty if the headline is no event, or no mode was recorded.
@@ -458,17 +471,16 @@ def _lines_of_light(name: str, fact: Fact, columns: int) -> list[str]:
         columns: number of characters in a line.
     """
     may_be_shortened = fact.level == Level.GOOD or fact.code == Unjudged.NOT_JUDGED
-    if may_be_shortened:
-        label_and_level = _label_and_level(name, fact)
-        line = _shortened_line(label_and_level, fact, columns)
-        # A light that needs several lines on a terminal of the usual width gets its whole sentence on a wider one, too.
-        # Otherwise a wider terminal could show less of it than a narrow one.
-        line_of_usual_width = _shortened_line(label_and_level, fact, min(columns, SCREEN_COLUMNS))
-        # An ellipsis at the end means that even the main clause was too long and is cut off.
-        is_cut_off = line.endswith("…") or line_of_usual_width.endswith("…")
-        if not is_cut_off:
-            return [line]
-    return _wrapped_fact(name, fact, columns)
+    if not may_be_shortened:
+        return _wrapped_fact(name, fact, columns)
+    label_and_level = _label_and_level(name, fact)
+    line = _shortened_line(label_and_level, fact, columns)
+    # A light that needs several lines on a terminal of the usual width gets its whole sentence on a wider one, too.
+    # Otherwise a wider terminal could show less of it than a narrow one.
+    line_of_usual_width = _shortened_line(label_and_level, fact, min(columns, SCREEN_COLUMNS))
+    # An ellipsis at the end means that even the main clause was too long and is cut off.
+    is_cut_off = line.endswith("…") or line_of_usual_width.endswith("…")
+    return _wrapped_fact(name, fact, columns) if is_cut_off else [line]
 
 
 def _wrapped_fact(label: str, fact: Fact, columns: int, remark: str = "") -> list[str]:

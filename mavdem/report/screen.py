@@ -581,11 +581,12 @@ def _axis_header(axes: Mapping[str, AxisEstimates]) -> list[str]:
     input_unit = ""
     for estimates in axes.values():
         if estimates.flights:
-            first_flight = estimates.flights[0]
-            input_unit = first_flight.input_units[0]
+            # All inputs of a model have the same unit, and so have those of all axes.
+            input_unit = estimates.flights[0].input_units[0]
             break
     effectiveness_unit = unit_per_input(TORQUE_UNIT, input_unit)
     return [
+        # Above the names of the axes stands which part of the flight the table is about.
         "all settled flight",
         f"mean effectiveness ({effectiveness_unit})",
         "rate damping (1/s)",

@@ -253,18 +253,19 @@ def _filled_template(fact: Fact, template_name: str) -> str:
 def _advises_flight(code: Code, template_name: str) -> bool:
     """Returns whether a text on a fact (a coded finding) advises to fly, for example to record more data.
 
-    The TOML file has a table for each code, with a template for each text: its "sentence", its "remedy" (what to do).
-    The table has the further key ``advises_flight`` if one of them advises to fly. That is the remedy or, of a code
-    without a remedy, such as a next step, the sentence.
+    Such a text is not shown for a vehicle that must not fly.
 
     Args:
-        code: code of the fact, by which its table is found.
-        template_name: which of the texts: "sentence" or "remedy", for example.
+        code: code of the fact.
+        template_name: which of its texts: "sentence" (what was found), "remedy" (what to do about it), or another.
     """
-    table = sentence_templates()[code]
-    if "advises_flight" not in table:
+    # The TOML file of the texts has a table for each code: a template for each text, and the further key
+    # ``advises_flight`` if one of them advises to fly.
+    templates_of_code = sentence_templates()[code]
+    if "advises_flight" not in templates_of_code:
         return False
-    advising_template = "remedy" if "remedy" in table else "sentence"
+    # Advice is in the remedy. A fact without one, such as a next step, is advice itself.
+    advising_template = "remedy" if "remedy" in templates_of_code else "sentence"
     return template_name == advising_template
 
 

@@ -123,21 +123,19 @@ class MapWind(NamedTuple):
         """
         if wind is None or not wind.direction_identifiable:
             return None
-        # Direction and speed over time.
-        polar = wind.polar
-        speed_interval = None
-        speeds = None
-        if wind.speed_identifiable:
-            speed_interval = wind.mean_speed_interval
-            speeds = polar.speed
+        wind_over_time = wind.polar
         is_direction_stated = compass_text(wind.direction) in stated_wind
-        return cls(
+        map_wind = cls(
             wind.direction,
-            speed_interval=speed_interval,
+            speed_interval=None,
             time=wind.time,
-            directions=polar.direction,
-            speeds=speeds,
+            directions=wind_over_time.direction,
             is_labelled=not is_direction_stated,
+        )
+        if not wind.speed_identifiable:
+            return map_wind
+        return map_wind._replace(
+            speed_interval=wind.mean_speed_interval, speeds=wind_over_time.speed
         )
 
     @property

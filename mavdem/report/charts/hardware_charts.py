@@ -115,24 +115,23 @@ def vibration_charts(evidence: Evidence, timeline: Timeline, light: Fact) -> lis
     vibration = reported_vibration(evidence.signals)
     if vibration is None:
         return []
-    # Horizontal lines at the limits.
-    level_limits: tuple[Line, ...] = ()
-    clip_limits: tuple[Line, ...] = ()
+    limit_lines: tuple[Line, ...] = ()
+    clip_limit_lines: tuple[Line, ...] = ()
     if light.code is VibrationLight.VIBRATION_MEASURED:
         limits = vibration_limits(evidence.signals.telemetry)
-        level_limits = (
+        limit_lines = (
             _limit_line("watch", limits.watch, LIMITED, timeline),
             _limit_line("bad", limits.bad, BAD, timeline),
         )
-        clip_limits = (_limit_line("bad", CLIP_LIMITS.bad, BAD, timeline),)
+        clip_limit_lines = (_limit_line("bad", CLIP_LIMITS.bad, BAD, timeline),)
     charts = []
     for title, series_by_name in _vibration_by_imu(vibration).items():
         lines = _lines_of_series(series_by_name, timeline)
         if lines:
-            charts.append(over_time(title, "m/s²", (*lines, *level_limits)))
+            charts.append(over_time(title, "m/s²", (*lines, *limit_lines)))
     clip_lines = _lines_of_series(_clip_counts(vibration, timeline), timeline)
     if clip_lines:
-        charts.append(over_time("Clips so far", "", (*clip_lines, *clip_limits)))
+        charts.append(over_time("Clips so far", "", (*clip_lines, *clip_limit_lines)))
     return [timeline.marked(chart) for chart in charts]
 
 

@@ -187,19 +187,21 @@ def _flight_axis(flights: Sequence[AxisRows]) -> Axis:
     have theirs; a page shows the others under the cursor.
 
     Args:
-        flights: rows of each flight, one for each axis, in order of time.
+        flights: rows of the fleet's table, a tuple for each flight with a row for each axis, in order of time.
     """
-    names = []
-    for number, flight in enumerate(flights, start=1):
+    first_and_last = (0, len(flights) - 1)
+    has_room_for_all = len(flights) <= MAX_DATED_FLIGHTS
+    labels = []
+    for index, flight in enumerate(flights):
+        # None for a log without a date, and for a date in the future, which is a wrong clock.
         date = log_row(flight).past_date
-        is_end = number in (1, len(flights))
         if date is None:
-            names.append(truncated(file_name(flight), MAX_FILE_LENGTH))
-        elif is_end or len(flights) <= MAX_DATED_FLIGHTS:
-            names.append(f"{date:%Y-%m-%d %H:%M}")
+            labels.append(truncated(file_name(flight), MAX_FILE_LENGTH))
+        elif has_room_for_all or index in first_and_last:
+            labels.append(f"{date:%Y-%m-%d %H:%M}")
         else:
-            names.append("")
-    return Axis("flight (UTC)", names=tuple(names))
+            labels.append("")
+    return Axis("flight (UTC)", names=tuple(labels))
 
 
 def _suspect_motor(flights: Sequence[AxisRows]) -> str:
@@ -333,14 +335,13 @@ def _measured_trims(flights: Sequence[AxisRows]) -> Estimates:
         Deviation and half width of its 90 % interval (flights, 2) by the name of the motor, NaN where not known.
     """
     motors = _motor_names(flights)
-    # The column has the output of each motor in hover, divided by the mean of all motors: 1 is no deviation. Its shape
-    # is (motors, flights, 2), the value and its half width.
+    # (motors, flights, 2): output of each motor in hover, divided by the mean of all motors, and its half width.
     relative_outputs = _estimates_of_column(flights, "trim_share", len(motors))
     trims: Estimates = {}
     for motor, estimates in zip(motors, relative_outputs, strict=True):
-        outputs = estimates[:, 0]
-        half_widths = estimates[:, 1]
-        trims[motor] = PERCENT * np.column_stack([outputs - 1.0, half_widths])
+        relative_output, half_width = estimates.T
+        deviation = relative_output - 1.0
+        trims[motor] = PERCENT * np.column_stack([deviation, half_width])
     return trims
 
 

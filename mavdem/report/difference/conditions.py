@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from math import degrees, isfinite
 from typing import NamedTuple
 
+from mavdem.containers import JsonValues
 from mavdem.dataset.axes import AXES
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.flight_conditions import Conditions
@@ -189,7 +190,7 @@ def _lean_cell(conditions: Conditions) -> str:
     return " and ".join(angles).replace("-", "−").replace("+0", "0")
 
 
-def _wind_speed_cell(wind: Review) -> str:
+def _wind_speed_cell(wind: JsonValues) -> str:
     """Returns the table cell of a flight's mean wind speed, m/s, with its 90 % interval, such as "5.2 (4.6 to 5.9)".
 
     It is the mean of the speeds, as the light on the wind has it. Documents of earlier versions have only the speed of
@@ -212,7 +213,7 @@ def _wind_speed_cell(wind: Review) -> str:
     return estimate_with_interval(wind.get(key), wind.get(f"{key}_interval")) or UNKNOWN_FIGURE
 
 
-def _wind_direction_cell(wind: Review) -> str:
+def _wind_direction_cell(wind: JsonValues) -> str:
     """Returns the table cell of the direction that a flight's wind came from, degrees, such as "270 ± 8".
 
     Args:

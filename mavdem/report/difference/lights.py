@@ -170,16 +170,18 @@ def _vibration_by_imu(light: JsonValues) -> dict[str, float]:
     """Returns the mean vibration of each IMU of a log, m/s², by its name, such as "IMU 1".
 
     Args:
-        light: the light on vibration in the review document of the log. Documents of earlier versions have only the
-            vibration of the IMU that vibrates most.
+        light: the judgement of the vibration in the review document of the log. Its subject is the IMU that vibrates
+            most, and its figures have the vibration of this one and the list of all. Documents of earlier versions do
+            not have the list.
     """
     figures = light.get("figures") or {}
-    levels = {}
+    vibration_by_imu = {}
     if light.get("subject") and "vibration" in figures:
-        levels[light["subject"]] = figures["vibration"]
-    for number, level in enumerate(figures.get("imu_levels") or (), start=1):
-        levels[f"IMU {number}"] = level
-    return levels
+        vibration_by_imu[light["subject"]] = figures["vibration"]
+    vibration_of_all = figures.get("imu_levels") or ()
+    for number, vibration in enumerate(vibration_of_all, start=1):
+        vibration_by_imu[f"IMU {number}"] = vibration
+    return vibration_by_imu
 
 
 def remark_on_imus(lights_by_side: Mapping[str, JsonValues]) -> str:
@@ -258,20 +260,24 @@ def light_blocks(reviews: Mapping[str, Review]) -> Blocks:
 def lights_are_equal(first_light: JsonValues, second_light: JsonValues) -> bool:
     """Returns whether a status light means the same in two logs: the same level and, if it warns, the same reason.
 
-    A light judges one subject, such as the motors. The reason is the same if the code of the finding is, and the motor,
-    IMU or axis that it is about. Its numbers, such as the thrust that was lost, may differ.
+    A status light is the judgement of one subject, such as the motors. The reason is the same if the code of the
+    finding is, and the motor, IMU or axis that it is about. Its numbers, such as the thrust that was lost, may differ.
 
     Args:
         first_light, second_light: the same light in the review documents of both logs.
     """
     if first_light["level"] != second_light["level"]:
         return False
-    if first_light["level"] not in WARNING_LEVELS:
-        # A light that does not warn needs no reason. But good margins of the loops must be those of the same axes:
-        # known on one axis only, they are less than on three. A light on another subject has no axes in both logs.
-        return _axes_of_margins(first_light) == _axes_of_margins(second_light)
-    keys = ("code", "subject", "figures.axis")
-    return all(value_at(first_light, key) == value_at(second_light, key) for key in keys)
+    is_warning = first_light["level"] in WARNING_LEVELS
+    if is_warning:
+        # The figures of a finding are a dictionary within its own, so that this key has a dot.
+        identifying_keys = ("code", "subject", "figures.axis")
+        return all(
+            value_at(first_light, key) == value_at(second_light, key) for key in identifying_keys
+        )
+    # Without a warning there is no reason to compare. But good stability margins of one axis mean less than those of
+    # three axes. For lights on other subjects both sets of axes are empty.
+    return _axes_of_margins(first_light) == _axes_of_margins(second_light)
 
 
 def _axes_of_margins(light: JsonValues) -> frozenset[str]:
@@ -282,21 +288,25 @@ def _axes_of_margins(light: JsonValues) -> frozenset[str]:
 
 
 def _light_cells(first_light: JsonValues, second_light: JsonValues | None) -> list[Rated | str]:
-    """Returns the cells of a status light in a table of two logs: its level in each log, and the sentence behind it.
+    """Returns the two cells of a table that compares a status light of two logs: one cell for each log.
 
-    A light judges one subject, such as the vibration. If it is about IMU 1 in one log and about IMU 3 in the other, the
-    second sentence ends with how each of these sensors changed.
+    A status light is the judgement of one subject, such as the vibration. If it is about IMU 1 in one log and about
+    IMU 3 in the other, the second cell ends with how the vibration of each of them changed.
 
     Args:
         first_light: the light in the review document of the first log, with its ``level`` and ``sentence``.
-        second_light: that in the document of the second log; None if that does not have it, and its cell is empty.
+        second_light: the same light of the second log; None if that log does not have it.
+
+    Returns:
+        Cells with the level, for example "good", which a page colours by it and explains by the sentence. The second
+        cell is empty text without a second light.
     """
     first_cell = _light_cell(first_light)
     if second_light is None:
         return [first_cell, ""]
     first_side, second_side = STATE_NAMES
-    remark = remark_on_imus({first_side: first_light, second_side: second_light})
-    return [first_cell, _light_cell(second_light, remark)]
+    change_of_imus = remark_on_imus({first_side: first_light, second_side: second_light})
+    return [first_cell, _light_cell(second_light, change_of_imus)]
 
 
 def _light_cell(light: JsonValues, remark: str = "") -> Rated:

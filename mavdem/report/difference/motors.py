@@ -78,14 +78,16 @@ NO_VERDICT = MotorVerdict()
 def motor_verdict(reviews: Mapping[str, Review], difference: VehicleDifference) -> MotorVerdict:
     """Collects what a comparison of two logs knows of the motors: which are weak, and how probable a fault is.
 
-    A motor counts as weak if the status light of one log warns of it and the light of the other does not. If both warn
-    of the same motor, its measured quantities show whether it became worse. The probability of a fault is taken from
-    the later log, which was compared with other flights of the vehicle.
+    A motor counts as weak if the status light of one log (its judgement of the motors) warns of it and the light of the
+    other does not. If both warn of the same motor, none is collected: its measured quantities then show whether it
+    became worse. The probability of a fault is taken from the later log, since its motors were also compared with other
+    flights of the vehicle.
 
     Args:
         reviews: review documents of both logs, by side, "A" and "B"; of a fleet, empty.
         difference: comparison of the two states, quantity by quantity.
     """
+    # The weak motor of a log by the side of that log.
     weak_motors = {}
     differs = _has_motor_difference(reviews)
     if differs:
@@ -230,11 +232,9 @@ def _motor_cell(review: Review, warning: JsonValues | None) -> str:
     """
     if warning is None:
         motors_level = value_at(review, f"lights.{Light.MOTORS}.level") or Level.UNKNOWN
+        are_motors_judged = Level(motors_level) is not Level.UNKNOWN
         [sentence] = render_section(
-            "difference_motor",
-            is_known=Level(motors_level) is not Level.UNKNOWN,
-            loss=None,
-            is_control_lost=False,
+            "difference_motor", is_known=are_motors_judged, loss=None, is_control_lost=False
         )
         return sentence.text
     # The row has the name of the motor already.

@@ -88,21 +88,22 @@ def _steps_of_bad_logs(reviewed: ReviewedDifference) -> list[Sentence]:
     later = later_side(reviews)
     (earlier,) = set(STATE_NAMES) - {later}
     is_later_bad = False
-    has_earlier_open_fault = False
+    is_earlier_step_needed = False
     for light in bad_lights(reviews):
         if later in light.bad_sides:
             is_later_bad = True
-        earlier_light = reviews[earlier]["lights"][light.name]
-        later_light = reviews[later]["lights"][light.name]
-        is_resolved = later_light["level"] == Level.GOOD or lights_are_equal(
-            earlier_light, later_light
-        )
-        if earlier in light.bad_sides and (reviewed.are_two_vehicles or not is_resolved):
-            has_earlier_open_fault = True
+        if earlier in light.bad_sides:
+            earlier_light = reviews[earlier]["lights"][light.name]
+            later_light = reviews[later]["lights"][light.name]
+            is_mended = later_light["level"] == Level.GOOD
+            is_bad_again = lights_are_equal(earlier_light, later_light)
+            is_superfluous = is_mended or is_bad_again
+            if reviewed.are_two_vehicles or not is_superfluous:
+                is_earlier_step_needed = True
     sides = []
     if is_later_bad:
         sides.append(later)
-    if has_earlier_open_fault:
+    if is_earlier_step_needed:
         sides.append(earlier)
     steps: list[Sentence] = []
     for side in sides:
@@ -114,22 +115,26 @@ def _steps_of_bad_logs(reviewed: ReviewedDifference) -> list[Sentence]:
 
 
 def _step_of_watched_motor(reviewed: ReviewedDifference) -> list[Sentence]:
-    """Returns the step to inspect a motor that the reviews of two logs of one vehicle say is to be watched.
+    """Returns the step to inspect a motor that the review of one of two logs says is to be watched.
 
-    A motor of the earlier log alone needs no step if the motors of the later one are good.
+    No step is needed for a motor to be watched in the earlier log if the motors of the later log are good, since it was
+    mended then.
 
     Args:
-        reviewed: comparison of the two states, with the reviews of both logs and their verdict on the motors.
+        reviewed: comparison of the two states, with the reviews of both logs.
 
     Returns:
-        A list with one sentence; empty if no motor is named.
+        A list with one sentence; empty if no motor is to be watched, or if both reviews judge the motors alike, so that
+        the comparison has nothing to add to them.
     """
     if not reviewed.motors.differs:
         return []
     later = later_side(reviewed.reviews)
-    lights = lights_of_both(reviewed.reviews)[Light.MOTORS]
-    for side, light in lights.items():
-        is_mended = side != later and lights[later]["level"] == Level.GOOD
+    # The status light of the motors is their judgement, and its subject is the motor that it warns of.
+    lights_by_side = lights_of_both(reviewed.reviews)[Light.MOTORS]
+    are_motors_good_later = lights_by_side[later]["level"] == Level.GOOD
+    for side, light in lights_by_side.items():
+        is_mended = side != later and are_motors_good_later
         number = motor_number(light.get("subject") or "")
         if light["level"] == Level.WATCH and number is not None and not is_mended:
             return render_section("difference_next", motor=f"motor {number}", is_weaker=True)

@@ -18,7 +18,7 @@ from mavdem.fleet.row import FlightRows
 from mavdem.ingest.telemetry import Parameters
 from mavdem.report.difference.lights import NO_REVIEWS, Review
 from mavdem.report.difference.motors import NO_VERDICT, MotorVerdict, motor_verdict
-from mavdem.report.pages.motor_anomaly import review_beside_flights
+from mavdem.report.pages.motor_anomaly import review_with_compared_motors
 
 
 class ComparedState(NamedTuple):
@@ -93,24 +93,30 @@ class ReviewedDifference(NamedTuple):
 
 
 def compared_states(before: ComparedState, after: ComparedState) -> ReviewedDifference:
-    """Compares two states of a vehicle, with their motors judged beside the vehicle's other flights.
+    """Compares two states of a vehicle in all that a report shows: quantities, judgements and parameters.
 
     Args:
-        before: the first state, A.
+        before: the first state, A: a log or a group of flights, with its reviews and parameters.
         after: the second state, B.
+
+    Returns:
+        The comparison: the quantities that changed from A to B, the review of each log, in which the motors are also
+        judged by the vehicle's other flights, and the parameters that changed.
     """
-    parameters = changed_parameters(before.parameters, after.parameters)
+    changes_of_parameters = changed_parameters(before.parameters, after.parameters)
+    common_parameters = compared_parameters(before.parameters, after.parameters)
     first_side, second_side = STATE_NAMES
+    reviews = {
+        first_side: review_with_compared_motors(before.review, before.rows),
+        second_side: review_with_compared_motors(after.review, after.rows),
+    }
     return reviewed_difference(
-        vehicle_difference(before.rows, after.rows, parameters),
-        {
-            first_side: review_beside_flights(before.review, before.rows),
-            second_side: review_beside_flights(after.review, after.rows),
-        },
-        parameters,
-        states_without_gains(before.parameters, after.parameters),
-        len(compared_parameters(before.parameters, after.parameters)),
-        renamed_gain(before.parameters, after.parameters),
+        vehicle_difference(before.rows, after.rows, changes_of_parameters),
+        reviews,
+        parameters=changes_of_parameters,
+        sides_without_parameters=states_without_gains(before.parameters, after.parameters),
+        compared_parameter_count=len(common_parameters),
+        renamed_gain=renamed_gain(before.parameters, after.parameters),
     )
 
 
@@ -122,7 +128,7 @@ def reviewed_difference(
     compared_parameter_count: int = 0,
     renamed_gain: RenamedGain | None = None,
 ) -> ReviewedDifference:
-    """Returns the comparison of two states beside the reviews of their logs, with the verdict of these on the motors.
+    """Returns the comparison of two states with the reviews of their logs, and with what both together say of motors.
 
     Args:
         difference: comparison of the two states.
@@ -132,13 +138,12 @@ def reviewed_difference(
         compared_parameter_count: number of parameters that both sides have.
         renamed_gain: a gain of the rate controllers that both sides name differently; None if there is none.
     """
-    motors = motor_verdict(reviews, difference)
     return ReviewedDifference(
         difference,
-        motors,
-        reviews,
-        parameters,
-        sides_without_parameters,
-        compared_parameter_count,
-        renamed_gain,
+        motors=motor_verdict(reviews, difference),
+        reviews=reviews,
+        parameters=parameters,
+        sides_without_parameters=sides_without_parameters,
+        compared_parameter_count=compared_parameter_count,
+        renamed_gain=renamed_gain,
     )

@@ -110,7 +110,7 @@ def comparison_page(
     Args:
         names: names of the flights, A and B.
         reviewed: comparison of both flights. In their reviews the motors are judged beside other flights
-            (``review_beside_flights``).
+            (``review_with_compared_motors``).
         back: the page that leads here, if any.
         flights: time series of the flight of each side (``flight_series``), which are drawn over each other. They are
             empty for a fleet, which has none, and None for a flight with which they were not stored.

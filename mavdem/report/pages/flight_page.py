@@ -337,16 +337,14 @@ def _titles_to_open(
     bad_titles = _titles_with_level(chapters, lights, Level.BAD)
     if bad_titles:
         return bad_titles
-    watched_titles = [
-        title for title in _titles_with_level(chapters, lights, Level.WATCH) if title != LOG_TITLE
-    ]
-    # The headline may also be an event, or a fact of the log, which none of these chapters explains.
-    opened_titles = watched_titles[:1]
+    watched_titles = _titles_with_level(chapters, lights, Level.WATCH)
+    if LOG_TITLE in watched_titles:
+        watched_titles.remove(LOG_TITLE)
     for title in watched_titles:
         if _explains_headline(title, lights, headline):
-            opened_titles = [title]
-            break
-    return [*opened_titles, TUNING_TITLE]
+            return [title, TUNING_TITLE]
+    # None of these chapters explains the headline, which may be an event. So the first of them is opened, if any.
+    return [*watched_titles[:1], TUNING_TITLE]
 
 
 def _titles_with_level(chapters: Sequence[Chapter], lights: NamedFacts, level: Level) -> list[str]:
@@ -372,15 +370,19 @@ def _explains_headline(title: str, lights: NamedFacts, headline: Fact) -> bool:
 
 
 def chapter_of_light(light: Light, fact: Fact) -> str:
-    """Returns the title of the chapter with more about a light.
+    """Returns the title of the chapter on a flight's page that explains a status light, such as "Vibration".
 
-    The board's supply is plotted with the hardware, the batteries in the chapter of what a vehicle has several of.
+    A status light is the judgement of one subject. The judgement of the power may be about a battery, or about the
+    supply of the autopilot's board, which are in different chapters.
 
     Args:
-        light: the light.
-        fact: what it states.
+        light: name of the light, its subject.
+        fact: the judgement, a coded finding. Its code tells a battery from the supply of the board.
     """
-    return HARDWARE_TITLE if fact.code in SUPPLY_CODES else CHAPTER_OF_LIGHT[light]
+    is_about_supply_of_board = fact.code in SUPPLY_CODES
+    if is_about_supply_of_board:
+        return HARDWARE_TITLE
+    return CHAPTER_OF_LIGHT[light]
 
 
 def lights_of_chapter(title: str, lights: NamedFacts) -> list[Light]:
@@ -497,14 +499,17 @@ def _named_causes(headline: Fact) -> list[Fact]:
     """Returns the facts that a headline on a loss names as its cause: what failed first, and reports of the autopilot.
 
     Args:
-        headline: the headline. Its figures ``cause`` and ``word`` are facts, if it has any; the ``witnesses`` of its
-            cause may repeat a report of the autopilot, which is then their figure ``cause``.
+        headline: the headline, a fact (a coded finding with figures). Facts in the figures of a fact are what its
+            sentence names besides: "cause" is what failed first, and "word" is what the autopilot reported of it. The
+            "witnesses" of a cause are measurements that confirm it, each of which may name a report as its own "cause".
     """
-    named_facts = [headline.figures.get("cause"), headline.figures.get("word")]
-    if isinstance(named_facts[0], Fact):
-        for witness in named_facts[0].figures.get("witnesses", ()):
-            named_facts.append(witness.figures.get("cause"))
-    return [fact for fact in named_facts if isinstance(fact, Fact)]
+    cause = headline.figures.get("cause")
+    candidates = [cause, headline.figures.get("word")]
+    if isinstance(cause, Fact):
+        for witness in cause.figures.get("witnesses", ()):
+            candidates.append(witness.figures.get("cause"))
+    # Of a headline on something else these figures are missing, or are no facts.
+    return [candidate for candidate in candidates if isinstance(candidate, Fact)]
 
 
 def _labels_in_charts(events: Sequence[PageEvent], timeline: Timeline) -> Names:
@@ -652,22 +657,25 @@ def _axes_chapter(assessment: Assessment, timeline: Timeline) -> Chapter:
 
 
 def _scope_of_tracking_level(assessment: Assessment, light: Fact) -> str:
-    """Returns words that limit the level in a chapter's title to a part of the flight; empty if none are needed.
+    """Returns the words after the level in the title of the chapter on tracking, as in "good in settled flight, …".
 
     How well the attitude tracks its setpoint is judged in settled flight only, without take-off, landing and loss. But
-    the charts of the chapter also show how the vehicle was lost. So "good" beside them is limited to the time before.
+    the charts of the chapter also show how a vehicle was lost. "Good" alone would be wrong of these, so that the words
+    limit it to the time before the loss.
 
     Args:
         assessment: all results on a vehicle of the log, with the event by which the vehicle was lost, if it was.
         light: the judgement of how well all axes track, a fact (a coded finding) with a level.
+
+    Returns:
+        Words such as " in settled flight, until 47.2 s", a time on the boot clock. They are empty if the vehicle was
+        not lost, if the tracking was not judged, and if it was judged by the loss itself.
     """
-    loss = None if assessment.evidence is None else assessment.evidence.ending
-    if loss is None or loss.time is None:
+    if assessment.evidence is None:
         return ""
-    is_tracking_judged = light.level is not Level.UNKNOWN
-    # If the light states the loss itself, its level is about the whole flight.
-    states_loss = light.code in Ending
-    if states_loss or not is_tracking_judged:
+    loss = assessment.evidence.ending
+    is_judged_before_loss = light.level is not Level.UNKNOWN and light.code not in Ending
+    if loss is None or loss.time is None or not is_judged_before_loss:
         return ""
     return f" in settled flight, until {loss_onset(loss):.1f} s"
 
@@ -743,21 +751,35 @@ def _notch_trial(name: str, assessment: Assessment, evidence: Evidence) -> Notch
     signals = evidence.signals
     # The gyro's filters are the same for all axes, so that the controller of any one will do.
     controller = controller_if_known(signals.for_axis("roll"))
-    # A filter that follows the motors is shown at their speeds in flight.
-    motor_frequencies = []
-    for speed_controller in speed_controllers(signals):
-        revolutions_per_minute = evidence.values_in_flight(speed_controller.speed)
-        if len(revolutions_per_minute) and np.median(revolutions_per_minute) > 0:
-            median = float(np.median(revolutions_per_minute))
-            motor_frequencies.append(median / SECONDS_PER_MINUTE)
     return notch_trial(
         name,
         signals.telemetry,
         assessment.noise,
         controller,
         fastest_loop(assessment),
-        tuple(motor_frequencies),
+        _motor_frequencies(evidence),
     )
+
+
+def _motor_frequencies(evidence: Evidence) -> tuple[float, ...]:
+    """Returns how often each motor turns in a second (Hz), the median in flight, as their speed controllers report it.
+
+    Args:
+        evidence: signals and measurements of the vehicle, with the reported speeds in revolutions per minute.
+
+    Returns:
+        The frequencies, at which notch filters that follow the motors are shown; none of motors that did not turn, or
+        whose speed was not reported.
+    """
+    frequencies = []
+    for speed_controller in speed_controllers(evidence.signals):
+        speeds = evidence.values_in_flight(speed_controller.speed)
+        if len(speeds) == 0:
+            continue
+        median_speed = float(np.median(speeds))
+        if median_speed > 0:
+            frequencies.append(median_speed / SECONDS_PER_MINUTE)
+    return tuple(frequencies)
 
 
 def _motors_chapter(analysis: LogAnalysis, evidence: Evidence, light: Fact) -> Chapter:
@@ -982,7 +1004,7 @@ def live_page(
 
 
 def _position_of_lost_vehicle(status: SessionStatus) -> str:
-    """Returns latitude and longitude of a vehicle that is lost or whose link is, as a geo URI has them (RFC 5870).
+    """Returns latitude and longitude, degrees, of a vehicle that is lost or whose link is, as in a geo URI (RFC 5870).
 
     Args:
         status: state of the session now, or at its end.
@@ -1077,18 +1099,21 @@ def _live_chapters(
 
 
 def _sentences_on_advised_gains(history: LiveHistory) -> list[Sentence]:
-    """Returns the events of a live session that advise gains after its latest flight, as sentences.
+    """Returns the sentences that advise gains of the controller after the latest flight of a live session.
+
+    Advice is reported once, as an event of the session, when the vehicle has landed and the gains are computed.
 
     Args:
-        history: events and signals of the live flight on one timeline.
+        history: the latest flight, and the events of the whole session; the times of both are on one clock.
     """
     sentences = []
     for event in history.events:
         code = event.fact.code
-        # An event may also say that gains are being computed, which is over when the page is written.
-        is_advice = isinstance(code, GainFact | LoopAction) and code is not GainFact.ADVICE_AWAITED
+        is_about_gains = isinstance(code, GainFact | LoopAction)
+        # This one says only that gains are being computed, which is over when the page is written.
+        is_awaited = code is GainFact.ADVICE_AWAITED
         is_of_latest_flight = event.seconds >= history.flight.start
-        if is_advice and is_of_latest_flight:
+        if is_about_gains and is_of_latest_flight and not is_awaited:
             sentences.append(Sentence(event.sentence))
     return sentences
 
@@ -1166,7 +1191,8 @@ def _numbered_live_events(
 def _live_map_wind(status: SessionStatus) -> MapWind | None:
     """Returns the wind that the map of a live page shows: the present one, or else the mean of the flight.
 
-    The mean is that of the light, which may be of the recording, so that a page has no two means of one flight.
+    After a landing the mean is taken from the status light on wind (its judgement), which then may be that of the whole
+    recording. So the map and the light have the same mean.
 
     Args:
         status: state of the session.
@@ -1179,10 +1205,12 @@ def _live_map_wind(status: SessionStatus) -> MapWind | None:
         return _map_wind_of_estimate(status.present_wind, "wind now")
     name = "mean wind"
     light = status.overall_judgement.lights[Light.WIND]
-    has_direction = light.code is WindLight.WIND_BLEW and light.figures["direction"] is not None
-    if has_direction and not status.is_flying:
-        mean_interval = (light.figures["low"], light.figures["high"])
-        return MapWind(light.figures["direction"], speed_interval=mean_interval, name=name)
+    is_direction_in_light = (
+        light.code is WindLight.WIND_BLEW and light.figures["direction"] is not None
+    )
+    if is_direction_in_light and not status.is_flying:
+        speed_interval = (light.figures["low"], light.figures["high"])
+        return MapWind(light.figures["direction"], speed_interval=speed_interval, name=name)
     if status.mean_wind is None:
         return None
     return _map_wind_of_estimate(status.mean_wind, name)

@@ -5,7 +5,7 @@ from math import inf
 from typing import NamedTuple
 
 from mavdem.assessment import Assessment
-from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopDecision, LoopDiagnosis
+from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopDiagnosis
 from mavdem.assessment.axis.responses import NO_STEPS, Responses, StepsByLoop
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
@@ -262,45 +262,33 @@ def loops_chapters(
 def _margin_sentences(evidence: Evidence, decisions: DecisionsByAxis) -> list[Sentence]:
     """Returns the sentences about the stability margins of all axes, or about why they are not known.
 
-    Axes with the same fact share one sentence.
+    They stand on the page below the decision on each axis: the judgement by all that was measured of it, which is its
+    margins, its oscillations, and how well it follows its setpoint. So what a decision states is left out here.
 
     Args:
-        evidence: margins of each axis; for a loop that was not identified, the fact that says why.
-        decisions: decisions on the loops, by axis. A decision is the judgement of an axis by all that was measured: its
-            margins, oscillations, and how well it follows its setpoint. The page shows it above these sentences.
-    """
-    axes_and_facts = []
-    for margins in evidence.margins:
-        axis = margins.axis
-        facts = [fact.replace(names=(axis,)) for fact in margins.facts]
-        if not facts and isinstance(margins.loop, Fact):
-            # The reason why the loop was not identified.
-            facts = [margins.loop]
-        for fact in facts:
-            consistent_fact = _fact_beside_decision(fact, decisions.get(axis))
-            if consistent_fact is not None:
-                axes_and_facts.append((axis, consistent_fact))
-    return sentences_by_axes(axes_and_facts)
-
-
-def _fact_beside_decision(fact: Fact, decision: LoopDecision | None) -> Fact | None:
-    """Makes a finding on the stability margins of an axis agree with the decision on the axis, which is shown above it.
-
-    The decision also knows whether the axis follows its setpoint. If it does not, good margins are not enough, and the
-    sentence on the margins has to say so.
-
-    Args:
-        fact: the finding, a code with figures.
-        decision: the decision; None without one.
+        evidence: findings on the margins of each axis; for a loop that was not identified, the reason.
+        decisions: decisions by axis; an axis may have none.
 
     Returns:
-        The finding, perhaps with another sentence; None if the decision states the same.
+        The sentences. Axes with the same finding share one.
     """
-    if decision is None:
-        return fact
-    if fact.code is decision.reason.code:
-        return None
-    if fact.is_good and decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY:
-        # This figure makes the sentence say that the axis does not follow its setpoint.
-        return fact.replace(follows=False)
-    return fact
+    axes_and_findings = []
+    for margins in evidence.margins:
+        # The figure ``names`` makes the sentence speak of this axis alone.
+        findings = [fact.replace(names=(margins.axis,)) for fact in margins.facts]
+        if not findings and isinstance(margins.loop, Fact):
+            # In the place of an identified loop there is the reason why it could not be identified.
+            findings = [margins.loop]
+        decision = decisions.get(margins.axis)
+        for finding in findings:
+            is_stated_above = decision is not None and finding.code is decision.reason.code
+            if is_stated_above:
+                continue
+            follows_badly = (
+                decision is not None and decision.diagnosis is LoopDiagnosis.FOLLOWS_BADLY
+            )
+            if finding.is_good and follows_badly:
+                # Good margins are not enough then. This figure makes the sentence say so.
+                finding = finding.replace(follows=False)
+            axes_and_findings.append((margins.axis, finding))
+    return sentences_by_axes(axes_and_findings)

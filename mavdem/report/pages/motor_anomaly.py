@@ -105,7 +105,7 @@ def motor_anomaly(row: FlightRow | None) -> MotorAnomaly | None:
     return MotorAnomaly(level, row.health_reason or "", next_step, motor)
 
 
-def review_beside_flights(review: Mapping[str, Any], rows: FlightRows) -> Mapping[str, Any]:
+def review_with_compared_motors(review: Mapping[str, Any], rows: FlightRows) -> Mapping[str, Any]:
     """Returns the review of a flight with its motors judged beside the other flights of the vehicle.
 
     Args:

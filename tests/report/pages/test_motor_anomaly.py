@@ -18,8 +18,8 @@ from mavdem.report.difference.reviewed import reviewed_difference
 from mavdem.report.pages.difference_page import comparison_page
 from mavdem.report.pages.motor_anomaly import (
     motor_anomaly,
-    review_beside_flights,
     review_with_anomaly,
+    review_with_compared_motors,
     with_motor_anomaly,
 )
 
@@ -154,7 +154,7 @@ def judged_reviews(**health):
     """Returns the reviews of a good flight and of one that is judged beside it."""
     reason = "Motor 1 (front right) lost about 21 % of its thrust with probability 0.60."
     rows = [flight_row("quad", 2, **{"health_reason": reason, **health})]
-    return {"A": GOOD_REVIEW, "B": review_beside_flights(GOOD_REVIEW, rows)}
+    return {"A": GOOD_REVIEW, "B": review_with_compared_motors(GOOD_REVIEW, rows)}
 
 
 def texts(sentences):
@@ -200,7 +200,7 @@ def test_flights_of_a_fleet_which_has_no_reviews_have_one_verdict_too():
         fault_probability=0.6,
     )
     rows = {"A": sound, "B": weak}
-    reviews = {side: review_beside_flights({}, [row]) for side, row in rows.items()}
+    reviews = {side: review_with_compared_motors({}, [row]) for side, row in rows.items()}
     motors, rest = texts(
         headline_of_comparison(reviewed_difference(doubtful_trim(1, 0.08), reviews))
     )
