@@ -27,14 +27,26 @@ class TextPattern(NamedTuple):
     """Value of the code of :class:`ReportedEvent`; empty for a text that reports the end of a problem."""
     level: Level | None = None
     """Level of the fact; None for the usual level of the code."""
+    ended_code: str = ""
+    """Value of the code of the problem whose end the text reports; empty for any other text, or where no fact has that
+    end."""
 
 
 def _text_patterns(rows: Iterable[list[str]]) -> list[TextPattern]:
-    """Compiles the rows (expression, code and, in some, a level) of the table ``texts``."""
+    """Compiles the rows of the table ``texts``.
+
+    Args:
+        rows: expression and code of each text. Some have a level besides or, without a code, that of the problem which
+            is over.
+    """
     patterns = []
-    for expression, code, *levels in rows:
-        level = Level(levels[0]) if levels else None
-        patterns.append(TextPattern(re.compile(expression, re.IGNORECASE), code, level))
+    for text, code, *further_values in rows:
+        pattern = TextPattern(re.compile(text, re.IGNORECASE), code)
+        if further_values and code:
+            pattern = pattern._replace(level=Level(further_values[0]))
+        elif further_values:
+            pattern = pattern._replace(ended_code=further_values[0])
+        patterns.append(pattern)
     return patterns
 
 
@@ -95,6 +107,17 @@ class _TextChunk(NamedTuple):
     """Number of the chunk in its text, from 0."""
     content: str | bytes
     """The characters."""
+
+
+class _ProblemEnd(NamedTuple):
+    """A text of the autopilot by which a problem is over."""
+
+    time: float
+    """Time on the boot clock, s."""
+    boot: int
+    """Number of the boot."""
+    code: str
+    """Value of the code of the problem."""
 
 
 class _Subsystem(NamedTuple):
@@ -266,7 +289,8 @@ def _problems_of_texts(telemetry: Telemetry) -> Iterator[Fact]:
 
     The meaning of known texts is recognised by patterns. Other texts are quoted if their severity is a warning or
     worse. ArduPilot before 3.4 had severities on another scale, so that they do not show which of its texts warn;
-    such a firmware is recognised by texts that only it sends.
+    such a firmware is recognised by texts that only it sends. A problem whose end a later text reports has that time as
+    its end, and the figure ``is_over``.
 
     Args:
         telemetry: messages of the vehicle.
@@ -274,6 +298,7 @@ def _problems_of_texts(telemetry: Telemetry) -> Iterator[Fact]:
     message_name = telemetry.name_in_source("STATUSTEXT")
     texts = status_texts(telemetry)
     has_old_scale = _has_old_severities(texts)
+    problem_ends = _problem_ends(texts)
     for text in texts:
         severity = None
         # Severities count from 0, an emergency. ``SEVERITIES`` are the names of those that are a warning or worse.
@@ -281,8 +306,50 @@ def _problems_of_texts(telemetry: Telemetry) -> Iterator[Fact]:
         if is_warning and not has_old_scale:
             severity = SEVERITIES[text.severity]
         fact = _problem_of_text(text, warns=severity is not None)
-        if fact is not None:
-            yield fact.replace(boot=text.boot, basis=(message_name,), severity=severity)
+        if fact is None:
+            continue
+        fact = fact.replace(boot=text.boot, basis=(message_name,), severity=severity)
+        end_time = _end_of_problem(fact, problem_ends)
+        if end_time is not None:
+            fact = fact.replace(end_time=end_time, is_over=True)
+        yield fact
+
+
+def _problem_ends(texts: Iterable[StatusText]) -> list[_ProblemEnd]:
+    """Returns the texts of the autopilot by which a problem is over, such as "Glitch cleared".
+
+    Args:
+        texts: all texts, in the order of the stream.
+    """
+    problem_ends = []
+    for text in texts:
+        pattern = _first_pattern(text)
+        if pattern is not None and pattern.ended_code:
+            problem_ends.append(_ProblemEnd(text.time, text.boot, pattern.ended_code))
+    return problem_ends
+
+
+def _end_of_problem(problem: Fact, problem_ends: Iterable[_ProblemEnd]) -> float | None:
+    """Returns when a problem was over by a text of the autopilot, s since boot; None without such a text.
+
+    Args:
+        problem: fact that was made from a text.
+        problem_ends: all texts by which a problem is over, in the order of the stream.
+    """
+    for problem_end in problem_ends:
+        is_same_problem = problem_end.code == problem.code
+        is_same_boot = problem_end.boot == problem.figures["boot"]
+        if is_same_problem and is_same_boot and problem_end.time >= problem.start_time:
+            return problem_end.time
+    return None
+
+
+def _first_pattern(message: StatusText) -> TextPattern | None:
+    """Returns the first of the ``PATTERNS`` that is found in a text; None if none is."""
+    for pattern in PATTERNS:
+        if pattern.expression.search(message.text):
+            return pattern
+    return None
 
 
 def _problem_of_text(message: StatusText, *, warns: bool) -> Fact | None:
@@ -295,24 +362,24 @@ def _problem_of_text(message: StatusText, *, warns: bool) -> Fact | None:
     Returns:
         The fact; None for a text that reports no problem, or the end of one.
     """
-    for pattern in PATTERNS:
-        match = pattern.expression.search(message.text)
-        if match is None:
-            continue
-        if not pattern.code:
-            # The text reports the end of a problem.
-            return None
-        captured_texts = match.groupdict()
-        return Fact(
-            ReportedEvent(pattern.code),
-            pattern.level,
-            time=message.time,
-            subject=_subject_of_text(captured_texts),
-            text=captured_texts.get("text", message.text),
-        )
-    if warns:
-        return Fact(ReportedEvent.AUTOPILOT_SAID, time=message.time, text=message.text)
-    return None
+    pattern = _first_pattern(message)
+    if pattern is None:
+        if warns:
+            return Fact(ReportedEvent.AUTOPILOT_SAID, time=message.time, text=message.text)
+        return None
+    if not pattern.code:
+        # The text reports the end of a problem.
+        return None
+    match = pattern.expression.search(message.text)
+    assert match is not None
+    captured_texts = match.groupdict()
+    return Fact(
+        ReportedEvent(pattern.code),
+        pattern.level,
+        time=message.time,
+        subject=_subject_of_text(captured_texts),
+        text=captured_texts.get("text", message.text),
+    )
 
 
 def _subject_of_text(groups: Mapping[str, str | None]) -> str:
@@ -555,6 +622,9 @@ def _merged_pair(first_report: Fact, repetition: Fact) -> Fact:
     never_ends = last_time == inf
     message_names = (*first_report.figures["basis"], *repetition.figures["basis"])
     figures = {**repetition.figures, **first_report.figures}
+    if "is_over" in figures:
+        # A problem that was over and is reported again goes on.
+        figures["is_over"] = repetition.figures.get("is_over", False)
     # A dictionary keeps each name once, in order.
     figures["basis"] = tuple(dict.fromkeys(message_names))
     figures["count"] = first_report.figures["count"] + 1

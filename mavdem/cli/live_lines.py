@@ -2,6 +2,7 @@
 
 A line is ``14:03:07   182.4 s  TEXT``: the time of day, the time on the vehicle's boot clock ("-" before it is known),
 and a text. Lines of alarms have ``ALARM`` before the text, those of their ends ``ALARM OVER``, and no other line has.
+What the pilot must know at once although it is only to be watched has ``WARNING``.
 What to do next has ``NEXT``. At the end verdicts have ``VERDICT`` and written files ``FILE``.
 """
 
@@ -25,6 +26,9 @@ ALARM_MARKER = "ALARM"
 
 ALARM_OVER_MARKER = "ALARM OVER"
 """Words before the text of an alarm that is over."""
+
+WARNING_MARKER = "WARNING"
+"""Word before the text of what the pilot must know at once although it is only to be watched."""
 
 VERDICT_MARKER = "VERDICT"
 """Word before the verdict on a flight: at the end of a session, or once a server has judged its log."""
@@ -78,15 +82,15 @@ def event_line(event: Event, *, has_remedy: bool = True, ends_alarm: bool = Fals
         fact = fact.replace(basis=())
     sentence = fact.sentence
     marker = ALARM_OVER_MARKER if ends_alarm else ""
-    # A fault that is only to be watched was no alarm, so that its end ends none.
+    # A fault that is only to be watched was no alarm, so that its end ends none; its sentence begins with "Over".
     if fact.code is WatchFact.ALARM_OVER and fact.figures["reason"].is_bad:
         marker = ALARM_OVER_MARKER
         if not fact.figures.get("is_at_landing"):
             # That it is over, the marker says.
             sentence = fact.figures["reason"].sentence
     elif fact.code is SessionFact.ALARM:
-        # The sentence of this fact begins with "Alarm:", which the marker says.
-        marker = ALARM_MARKER
+        # The sentence of this fact begins with "Alarm:" or "Warning:", which the marker says.
+        marker = ALARM_MARKER if event.is_alarm else WARNING_MARKER
         sentence = fact.figures["reason"].sentence
     elif event.is_alarm:
         marker = ALARM_MARKER

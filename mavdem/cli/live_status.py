@@ -29,8 +29,9 @@ from mavdem.errors import error_message
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.event import LEARNING_STATES, SESSION_STATES, Event
+from mavdem.facts.margins import MarginsLight
 from mavdem.facts.session import LinkFact, RowsFact, SessionFact, VehicleFact
-from mavdem.facts.watch import WatchFact
+from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.live import clock
 from mavdem.live.session import LiveSession
 from mavdem.live.session_status import SessionStatus
@@ -266,7 +267,7 @@ class StatusLines:
             status: State of the live session: vehicle, learning, alarms, lights and next step.
         """
         if status.loss is None:
-            self._print_watch_changes(status.watch_facts, status.boot_clock)
+            self._print_watch_changes(_watch_facts_to_print(status), status.boot_clock)
         if self.terminal_text is None:
             self._print_state(status)
         else:
@@ -582,6 +583,14 @@ class StatusLines:
             text = first_sentence(text) if is_reminder else ""
         if text:
             self._print(stamped_line(f"{NEXT_MARKER} {text}", boot_clock=status.boot_clock))
+
+
+def _watch_facts_to_print(status: SessionStatus) -> Facts:
+    """Returns the facts on watched quantities, without an oscillation that is an alarm: it shows that it is watched."""
+    is_oscillating = any(alarm.code is MarginsLight.OSCILLATES for alarm in status.active_alarms)
+    if not is_oscillating:
+        return status.watch_facts
+    return tuple(fact for fact in status.watch_facts if fact.subject != WatchedQuantity.OSCILLATION)
 
 
 def _facts_to_report(watch_facts: Facts) -> dict[Hashable, Fact]:

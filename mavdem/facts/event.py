@@ -4,7 +4,7 @@ from math import isfinite, nan
 from typing import NamedTuple
 
 from mavdem.facts.fact import Code, Fact
-from mavdem.facts.loops import GainFact
+from mavdem.facts.loops import GainFact, LoopAction
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.online import OnlineFact
 from mavdem.facts.session import RateFact, RowsFact, SessionFact, VehicleFact
@@ -58,6 +58,12 @@ SESSION_STATES: frozenset[Code] = LEARNING_STATES | {
 """States of a live session itself: what it learns, how fast messages come, and whether this computer keeps up."""
 
 
+FAULTS_SINCE_TAKE_OFF: frozenset[Code] = frozenset(
+    {MarginsLight.LOOP_MARGINS, LoopAction.LOOPS_JUDGED}
+)
+"""Judgements of the control loops: small margins are there from the take-off on, and need no haste."""
+
+
 class Event(NamedTuple):
     """What happened.
 
@@ -89,8 +95,8 @@ class Event(NamedTuple):
 
     @property
     def is_alarm(self) -> bool:
-        """Whether it is bad, and arose in flight: a small margin is there from the take-off on, and needs no haste."""
-        return self.fact.is_bad and self.fact.code is not MarginsLight.LOOP_MARGINS
+        """Whether it is bad, and arose in flight."""
+        return self.fact.is_bad and self.fact.code not in FAULTS_SINCE_TAKE_OFF
 
     @property
     def is_session_state(self) -> bool:

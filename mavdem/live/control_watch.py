@@ -42,6 +42,7 @@ from mavdem.dataset.time_series import TimeSeries, series_of_boot
 from mavdem.facts import Fact
 from mavdem.facts.ending import FailedFirst, MotionEvent
 from mavdem.facts.watch import WatchFact
+from mavdem.facts.witnesses import SensorFact
 from mavdem.ingest.telemetry import Parameters, Telemetry
 from mavdem.ingest.vocabulary import wrapped_angle
 from mavdem.live.live_signals import FlightMoment, LiveSignals, RecentMotion
@@ -234,9 +235,11 @@ class ControlWatch:
         self._attitude_loss = attitude_loss
         # The ending is the loss with its cause; it is None if the loss is not confirmed.
         ending = find_ending(signals, [attitude_loss])
-        if ending is not None and _is_too_low_for_parachute(sensors.height_at(moment.time)):
-            return ending.replace(is_low=True)
-        return ending
+        if ending is None:
+            return None
+        if _is_too_low_for_parachute(sensors.height_at(moment.time)):
+            ending = ending.replace(is_low=True)
+        return _without_end_of_log(ending)
 
     def fall(self, moment: FlightMoment) -> Fact | None:
         """Judges whether the vehicle falls with its motors at idle, as after a closed throttle.
@@ -400,7 +403,9 @@ class ControlWatch:
             return FlightEnd(is_in_air, is_falling, loss=None)
         events = [event for event in losses if event is not None]
         ending = find_ending(signals, [*reports, *events])
-        return FlightEnd(is_in_air, is_falling, ending, losses.contact)
+        if ending is not None:
+            ending = _without_end_of_log(ending)
+        return FlightEnd(is_in_air, is_falling, ending, _without_end_of_log(losses.contact))
 
     def _attitude_loss_since(self, takeoff_time: float) -> Fact | None:
         """Returns the loss of attitude that was found in the flight that began at a time, s; None if none was."""
@@ -534,6 +539,21 @@ def _is_too_low_for_parachute(height: float | None) -> bool:
         height: height above the take-off, m; None if it is not known, which does not count as low.
     """
     return height is not None and height < MIN_PARACHUTE_HEIGHT
+
+
+def _without_end_of_log(event: Fact) -> Fact:
+    """Returns an event of the motion without the evidence that the log ended soon after it.
+
+    Of a log that is evidence for a loss. The messages of a live flight end with the latest one at any time.
+
+    Args:
+        event: a loss of the vehicle, or its contact with the ground.
+    """
+    witnesses = event.figures.get("witnesses")
+    if not witnesses:
+        return event
+    seen_in_flight = [fact for fact in witnesses if fact.code is not SensorFact.LOG_ENDED]
+    return event.replace(witnesses=seen_in_flight)
 
 
 def carries_vehicle(motion: RecentMotion | None, parameters: Parameters) -> bool:

@@ -8,6 +8,7 @@ from math import inf
 from typing import NamedTuple
 
 from mavdem.dataset.axes import model_outputs
+from mavdem.dataset.flight_states import min_airborne_collective
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
 from mavdem.errors import NotLearnable, fact_from_error, failure_fact
 from mavdem.facts import Fact
@@ -227,26 +228,43 @@ class FlightLearning:
             self.has_landed = False
             self._models.append(_KeptModel(row.time, model))
 
-    def note_estimate(self, estimate: Estimate | None) -> None:
+    def note_estimate(
+        self, estimate: Estimate | None, row: AlignedRow, parameters: Parameters
+    ) -> None:
         """Takes the estimate of a row: counts the row, and reports unexpected motion and gusts that begin with it.
 
         The row's segment must have begun, as for :meth:`learn_row`.
 
         Args:
             estimate: estimate of the row; None if it was not learned from.
+            row: motor outputs and motion of the vehicle at one time.
+            parameters: parameters of the vehicle; some of them state the idle output of the motors.
         """
         if estimate is None:
             self.unlearned_rows += 1
             return
         self.learned_rows += 1
         was_unexpected = self.estimate is not None and self.estimate.unusual
-        if estimate.unusual and not was_unexpected:
+        # A vehicle falls while its motors idle, which has an alarm of its own. No gust need have moved it.
+        is_new = estimate.unusual and not was_unexpected
+        if is_new and not self._are_motors_at_idle(row, parameters):
             self._report_unexpected_motion(estimate)
         self.estimate = estimate
         # ``begin`` has made the detector together with the learner that gave the estimate.
         assert self._gusts is not None
         for gust in self._gusts.add(estimate):
             self._log(gust)
+
+    def _are_motors_at_idle(self, row: AlignedRow, parameters: Parameters) -> bool:
+        """Returns whether the motors turn too slowly to carry the vehicle.
+
+        Args:
+            row: motor outputs of the vehicle at one time.
+            parameters: parameters of the vehicle; some of them state the idle output of the motors.
+        """
+        assert self.row_format is not None
+        collective = self.row_format.scale.fraction(row.inputs).mean()
+        return bool(collective <= min_airborne_collective(parameters))
 
     def _report_unexpected_motion(self, estimate: Estimate) -> None:
         """Reports that the motion has become improbable for the model, with the cause if that is known.

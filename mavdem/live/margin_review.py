@@ -167,7 +167,13 @@ class ReviewedMargins(NamedTuple):
 
 
 def review_margins(
-    records: bytes, source: str, vehicle: str, parameters: Parameters, *, is_flying: bool
+    records: bytes,
+    source: str,
+    vehicle: str,
+    parameters: Parameters,
+    *,
+    is_flying: bool,
+    clock: float | None = None,
 ) -> ReviewedMargins:
     """Judges the stability margins of a flight so far, as the review of a log does.
 
@@ -182,6 +188,7 @@ def review_margins(
         vehicle: "system:component" of the vehicle.
         parameters: the autopilot's parameters by name, which may have been received before the messages of the log.
         is_flying: whether the flight goes on.
+        clock: time of the latest message, s of the boot clock; None if it is not known.
 
     Returns:
         The margins as the fact of their status light, and the processor time that the review took.
@@ -201,27 +208,34 @@ def review_margins(
     except Refusal as error:
         margins = Fact(MarginsLight.MARGINS_UNKNOWN, reason=error.fact, rate=None)
     if is_flying:
-        margins = _with_duration_for_loops(margins)
+        margins = _with_duration_for_loops(margins, clock)
     return ReviewedMargins(margins, process_time() - start_time)
 
 
-def _with_duration_for_loops(margins: Fact) -> Fact:
+def _with_duration_for_loops(margins: Fact, clock: float | None) -> Fact:
     """Returns the judgement of the margins with the duration of settled flight that identifying the loops needs.
 
     Any model needs some seconds of settled flight (without take-off and landing), and the loops need more. If the
     flight is too short for any model, the judgement states that shorter duration. It is replaced, so that the pilot
-    reads the longer one from the beginning.
+    reads the longer one from the beginning. The judgement also states until when it is about the flight, since the
+    next one follows some time later, and until then the flight becomes longer than it says.
 
     Args:
         margins: the judgement of the margins, as a review of the flight so far has it.
+        clock: time of the latest message that was reviewed, s of the boot clock; None if it is not known.
     """
     reason = margins.figures.get("reason")
-    if reason is None or reason.code is not NotLearnableReason.TOO_SHORT:
+    if reason is None:
+        return margins
+    if reason.code is LoopFact.LOOP_TOO_SHORT:
+        return margins.replace(reason=reason.replace(clock=clock))
+    if reason.code is not NotLearnableReason.TOO_SHORT:
         return margins
     too_short_for_loops = Fact(
         LoopFact.LOOP_TOO_SHORT,
         least_duration=MIN_IDENTIFIED_SECONDS,
         settled=reason.figures["duration"],
+        clock=clock,
     )
     return margins.replace(reason=too_short_for_loops)
 
@@ -363,6 +377,7 @@ class MarginReview:
                 vehicle.name,
                 stream.parameters,
                 is_flying=stream.is_flying,
+                clock=stream.now,
             )
 
     def _begin_flight(self, now: float) -> None:

@@ -10,6 +10,7 @@ from mavdem.assessment.reported import FAILSAFE_TRIGGERS
 from mavdem.facts import Code, Fact, Facts
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.session import SessionFact
+from mavdem.facts.watch import WatchFact
 
 CRITICAL_SEVERITIES = SEVERITIES[: 1 + SEVERITIES.index("critical")]
 """Severities of texts that are alarms whatever they say: emergency, alert and critical."""
@@ -24,7 +25,8 @@ class ReportAlarms:
     """The alarms about faults that the autopilot reports, since it started.
 
     One about a bad fault, such as a motor that failed, lasts until the flight ends. One about a fault that is to be
-    watched, such as a doubt about GPS, lasts while it is reported, and for ``REPEAT_SECONDS`` after that.
+    watched, such as a doubt about GPS, is over when the autopilot says so. Where it does not, the alarm lasts while the
+    fault is reported, and for ``REPEAT_SECONDS`` after that.
     """
 
     def __init__(self) -> None:
@@ -61,24 +63,39 @@ class ReportAlarms:
             reason=report,
         )
 
-    def update(self, reports: Sequence[Fact], now: float) -> None:
-        """Notes which faults are reported still or again, and ends the alarms on faults that are no longer reported.
+    def update(self, reports: Sequence[Fact], now: float) -> list[Fact]:
+        """Notes which faults are reported still or again, and ends the alarms on faults that are over.
 
         Args:
             reports: all reports of the last minute, with repetitions merged.
             now: present time on the boot clock, s.
+
+        Returns:
+            The ends that the autopilot has reported, each with the report as it is now. That a fault is no longer
+            reported does not show that it is over, and is not returned.
         """
+        latest_reports: dict[Code, Fact] = {}
         for report in reports:
             has_alarm = report.code in self._reports
             if has_alarm:
                 former_time = self._report_times[report.code]
                 self._report_times[report.code] = max(former_time, _latest_time(report, now))
+                latest_reports[report.code] = report
+        ends = []
         for code, alarming_report in list(self._reports.items()):
+            if alarming_report.is_bad:
+                # A bad fault stays an alarm until the flight ends.
+                continue
+            latest_report = latest_reports.get(code, alarming_report)
             seconds_without_report = now - self._report_times[code]
-            # A bad fault stays an alarm until the flight ends.
-            ends_by_itself = not alarming_report.is_bad
-            if ends_by_itself and seconds_without_report > REPEAT_SECONDS:
+            if latest_report.figures.get("is_over"):
                 del self._reports[code]
+                ends.append(
+                    Fact(WatchFact.ALARM_OVER, time=latest_report.end_time, reason=latest_report)
+                )
+            elif seconds_without_report > REPEAT_SECONDS:
+                del self._reports[code]
+        return ends
 
     def end_flight(self) -> None:
         """Drops all alarms, after a landing or before a take-off."""

@@ -513,7 +513,7 @@ class LiveSession:
         learning.is_free_flight = row.is_free_flight
         estimate = self._learn_row(row)
         self.flight.latencies.add(clock.monotonic() - arrival_time)
-        learning.note_estimate(estimate)
+        learning.note_estimate(estimate, row, self.stream.parameters)
         wind = self.stream.wind.latest
         self._presentation.add_to_history(row, row_format, estimate, wind, self.stream.pose)
         model = None if learning.learner is None else learning.learner.learned

@@ -731,8 +731,10 @@ class SessionStatus(ImmutableResult):
             # The pilot flew without alarms meanwhile, which is not over with the outage.
             headline = headline.replace(outage=self.link_outage)
         if headline.code is HeadlineCode.NOTHING_WRONG:
-            # The pilot of a vehicle in flight asks first whether there is an alarm.
-            headline = headline.replace(is_in_flight=True)
+            # The pilot of a vehicle in flight asks first whether there is an alarm. The flight is called sound only
+            # once all is judged.
+            level = Level.UNKNOWN if headline.figures["missing"] else headline.level
+            headline = headline.replace(level, is_in_flight=True)
         judgement = replace(judgement, headline=headline)
         if is_urgent:
             return replace(judgement, next_step=Fact(NextStep.LAND_NOW, reason=headline))

@@ -160,6 +160,11 @@ class LiveStream:
         return self._vehicles.followed
 
     @property
+    def has_heard_attitude(self) -> bool:
+        """Whether any vehicle of the link, followed or not, has sent its attitude."""
+        return any(component.attitude_count for component in self._vehicles)
+
+    @property
     def not_followed_reason(self) -> Fact | None:
         """Why no vehicle is followed; None when one is."""
         return self._vehicles.not_followed_reason

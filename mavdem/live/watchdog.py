@@ -75,7 +75,12 @@ from mavdem.live.watch_list import (
     reason_battery_not_judged,
 )
 from mavdem.loops.advice import gain_reduction_advice
-from mavdem.loops.limit_cycles import STARTING_SECONDS, detect_starting_limit_cycle
+from mavdem.loops.limit_cycles import (
+    STARTING_SECONDS,
+    Oscillation,
+    continued_limit_cycle,
+    detect_starting_limit_cycle,
+)
 from mavdem.motors.motor_changes import alarm_if_bad
 from mavdem.plant.online_wind_torque import MEMORY_SECONDS
 from mavdem.vibration.vibration_message import reported_vibration
@@ -244,6 +249,8 @@ class Watchdog:
         self._was_flying = was_flying
         # When this boot was reviewed first, s of its clock; None before.
         self._first_review_time: float | None = None
+        # The limit cycle of the latest alarm, as it is stated; None before any.
+        self._limit_cycle: Oscillation | None = None
         # The alarm of a fall with the motors at idle that has not ended; None without one.
         self._ongoing_fall: Fact | None = None
         self._report_search = ReportSearch()
@@ -322,7 +329,7 @@ class Watchdog:
                 flight only, since a touch-down shakes the vehicle too.
 
         Returns:
-            Facts that the autopilot has reported since the last review.
+            Facts that the autopilot has reported since the last review, and alarms that are over by its reports.
         """
         self.is_thorough = now - self._thorough_time >= THOROUGH_PERIOD
         if self.is_thorough:
@@ -364,7 +371,7 @@ class Watchdog:
             report_in_flight = _with_level_in_flight(report)
             self._store_warning(report_in_flight)
             reported_facts.append(self._alarm_or_report(report_in_flight, now))
-        self._report_alarms.update(self._report_search.reports, now)
+        reported_facts += self._report_alarms.update(self._report_search.reports, now)
         return reported_facts
 
     def _store_warning(self, report: Fact) -> None:
@@ -1002,6 +1009,9 @@ class Watchdog:
         )
         if limit_cycle is None:
             return
+        if self._limit_cycle is not None and WatchedQuantity.OSCILLATION in self.alarms.facts:
+            limit_cycle = continued_limit_cycle(self._limit_cycle, limit_cycle)
+        self._limit_cycle = limit_cycle
         # The gains to lower follow by the same rule as in the judgement of the recording after the landing.
         parameters = ParametersInFlight.unchanged(review.vehicle.parameters)
         advice = gain_reduction_advice(limit_cycle, parameters)
@@ -1400,7 +1410,10 @@ class Watchdog:
             for quantity in QUANTITIES_BY_ATTITUDE:
                 reasons[quantity] = invalid_attitude
         states = self._landed_states
-        if states.is_in_air and now - states.phase_start < STARTING_SECONDS:
+        has_just_begun = states.is_in_air and now - states.phase_start < STARTING_SECONDS
+        # One that is found earlier needs no more time.
+        is_found = WatchedQuantity.OSCILLATION in self.alarms.facts
+        if has_just_begun and not is_found:
             reasons.setdefault(
                 WatchedQuantity.OSCILLATION,
                 Fact(WatchFact.OSCILLATION_AWAITED, duration=STARTING_SECONDS),

@@ -347,7 +347,8 @@ class LiveWind:
             values: velocity down, north and east in the unit of the message.
 
         Returns:
-            The wind with the flight's first estimate, once; None otherwise.
+            The wind with the flight's first useful estimate, once; None otherwise. An estimate whose speed is not
+            identifiable, such as 0 to 11 m/s, tells a pilot nothing.
         """
         is_selected = self._selects_velocity(name, time)
         unit = VELOCITY_MESSAGES[name]
@@ -366,8 +367,11 @@ class LiveWind:
         self._estimate_complete_steps(time)
         if self.latest is None or self._is_first_estimate_reported:
             return None
+        wind_facts = self.latest.facts
+        if wind_facts[0].figures["status"] is Status.NOT_IDENTIFIABLE:
+            return None
         self._is_first_estimate_reported = True
-        return Fact(SessionFact.WIND_KNOWN, reason=self.latest.facts)
+        return Fact(SessionFact.WIND_KNOWN, reason=wind_facts)
 
     def _is_credible(self, velocity: _VelocitySample) -> bool:
         """Returns whether a velocity is possible, by ``MAX_SPEED``, and valid by the flags of the estimator."""

@@ -292,6 +292,26 @@ def _cycles_at_limits(
     return [cycle for cycle in cycles if cycle.at_limit >= MIN_AT_LIMIT_SHARE]
 
 
+def continued_limit_cycle(first: Oscillation, present: Oscillation) -> Oscillation:
+    """Returns a limit cycle that goes on as it was found first, so that its statement does not change all the time.
+
+    Its axes and frequencies vary from window to window. An axis that oscillates only now is added, and one whose body
+    rate has become ``MIN_GROWTH`` times as large is taken from the present.
+
+    Args:
+        first: the limit cycle as it was stated first.
+        present: the limit cycle of the latest windows.
+    """
+    cycles = {cycle.axis: cycle for cycle in (first, *first.other_axes)}
+    for cycle in (present, *present.other_axes):
+        known_cycle = cycles.get(cycle.axis)
+        if known_cycle is None or cycle.rate >= MIN_GROWTH * known_cycle.rate:
+            cycles[cycle.axis] = cycle
+    strongest = _strongest_limit_cycle(cycle._replace(other_axes=()) for cycle in cycles.values())
+    assert strongest is not None
+    return strongest
+
+
 def _strongest_limit_cycle(cycles: Iterable[Oscillation]) -> Oscillation | None:
     """Combines limit cycles into one: that with the highest body rate, with the strongest of each other axis.
 

@@ -168,6 +168,10 @@ def light_rows(status: SessionStatus) -> list[LightRow]:
             figure = " ".join(
                 sentence.text for sentence in render_section("live_light_unknown", light=light)
             )
+        if not figure and light.level is Level.UNKNOWN:
+            # The reason has no short form.
+            reason = light.figures.get("reason") or light
+            figure = as_clause(first_clause(reason.sentence))
         rows.append(LightRow(light_name, light.level, figure))
     return rows
 

@@ -21,6 +21,7 @@ from mavdem.facts.lights import Light
 from mavdem.facts.serve import RefusalReason, Stage
 from mavdem.facts.session import LinkFact, RecordingState, RowsFact, SessionFact, VehicleFact
 from mavdem.fleet.names import GivenNames
+from mavdem.ingest import read_log
 from mavdem.live import LiveStream, clock
 from mavdem.live.link import Link, ReceivedPiece
 from mavdem.live.raw_recording import RawRecording
@@ -187,6 +188,9 @@ class LinkMonitor:
         self._is_in_air = False
         self._has_restarted = False
         self._has_restarted_in_air = False
+        # Whether it was seen on the ground, and to be armed, since its latest restart.
+        self._is_on_ground_since_restart = False
+        self._is_armed_since_restart = False
         # Whether the vehicle was in the air when its messages ended, and nothing shows that the flight is over.
         self._is_missed_in_air = False
         self._is_stopping = ThreadEvent()
@@ -243,7 +247,7 @@ class LinkMonitor:
             self._warn(self.problem)
 
     def _run_one_session(self, executor: LearningProcess) -> None:
-        """Runs one live session on the link, and adds its recording to the library unless nothing was received.
+        """Runs one live session on the link, and adds its recording to the library unless no vehicle was received.
 
         A session ends when the server ends, after some time without anything received, for example when the vehicle was
         switched off, or when another vehicle is to be followed. However it ends, by an error too, what was recorded is
@@ -288,8 +292,12 @@ class LinkMonitor:
                 )
         finally:
             self._warn_of_lost_datagrams()
-            if not incoming.recording.remove_if_empty():
+            is_empty = incoming.recording.remove_if_empty()
+            if not is_empty and _shows_vehicle(session, incoming.path):
                 self._store_recording(session, incoming)
+            else:
+                # Stray packets, or those of ground stations alone, are no flight.
+                incoming.path.unlink(missing_ok=True)
 
     def _new_session(self, incoming: _IncomingRecording, executor: LearningProcess) -> LiveSession:
         """Begins a session, and resets what the monitor has noted of the session before.
@@ -330,6 +338,8 @@ class LinkMonitor:
         self._is_in_air = False
         self._has_restarted = False
         self._has_restarted_in_air = False
+        self._is_on_ground_since_restart = False
+        self._is_armed_since_restart = False
         self._is_missed_in_air = False
         self._stored_part = None
 
@@ -513,8 +523,8 @@ class LinkMonitor:
         """Stores a take-off, landing or restart of the vehicle, by which is decided when its session ends.
 
         After a landing and a restart, the next flight gets a session of its own. A restart in the air goes on with the
-        same flight, unless a take-off follows: that shows that the vehicle has restarted on the ground, after its link
-        was lost in the air.
+        same flight, unless the vehicle is armed on the ground or takes off afterwards: that shows that it has restarted
+        on the ground, after its link was lost in the air.
 
         Args:
             fact: any event of the session; all others are ignored.
@@ -529,6 +539,15 @@ class LinkMonitor:
         elif fact.code is VehicleFact.VEHICLE_REBOOTED:
             self._has_restarted = self._has_landed
             self._has_restarted_in_air = self._is_in_air
+            self._is_on_ground_since_restart = False
+            self._is_armed_since_restart = False
+        elif fact.code is SessionFact.NOT_FLYING:
+            self._is_on_ground_since_restart = True
+        elif fact.code is ReportedEvent.MOTORS_ARMED:
+            self._is_armed_since_restart = True
+        is_armed_on_ground = self._is_on_ground_since_restart and self._is_armed_since_restart
+        if self._has_restarted_in_air and is_armed_on_ground:
+            self._has_restarted = True
 
     def _report_saved_flight(self, path: str, *, is_part: bool = False) -> None:
         """Reports where a flight is saved.
@@ -697,6 +716,22 @@ class LinkMonitor:
             # The title names the vehicle already.
             vehicle_state = vehicle_text(status).removeprefix(f"{status.vehicle}, ")
             self._summary = f"{title}: {vehicle_state}"
+
+
+def _shows_vehicle(session: LiveSession, recording_path: Path) -> bool:
+    """Returns whether the recording of an ended session has messages of a vehicle, by which a log can be judged.
+
+    Args:
+        session: the session. What waited at its end was recorded, but not analysed.
+        recording_path: path of its recording, which is closed and has a frame.
+    """
+    if session.stream.has_heard_attitude:
+        return True
+    try:
+        return bool(read_log(recording_path).vehicles)
+    except Refusal:
+        # The page of the library says why it cannot be read.
+        return True
 
 
 def _recording_name(first_time: datetime) -> str:

@@ -96,6 +96,21 @@ def test_repeated_reports_are_one_event_with_count_and_interval():
 
 
 @mark.parametrize(
+    "texts, end_times, is_over",
+    [
+        ([b"GPS Glitch", b"Glitch cleared"], [2.0], True),
+        ([b"Radio Failsafe", b"GPS Glitch", b"Radio Failsafe Cleared"], [3.0, None], False),
+        ([b"GPS Glitch", b"Glitch cleared", b"GPS Glitch"], [3.0], False),
+    ],
+)
+def test_a_text_ends_the_problem_that_it_says_is_over(texts, end_times, is_over):
+    telemetry = with_texts(FLOWN, *texts, severity=[4] * len(texts))
+    problems = merge_repeats(reported_problems(telemetry))
+    assert [problem.end_time for problem in problems] == end_times
+    assert problems[-1].figures.get("is_over", False) is is_over
+
+
+@mark.parametrize(
     "second_loss, spans", [(20.0, [(10.0, 11.0), (20.0, 30.0)]), (15.0, [(10.0, 30.0)])]
 )
 def test_a_state_that_was_over_is_not_reported_through_the_pause(second_loss, spans):

@@ -7,6 +7,7 @@ import numpy as np
 from pytest import fixture, mark
 
 from mavdem.assessment.judgement import Judgement, unjudged
+from mavdem.assessment.lights import VEHICLE_LIGHTS
 from mavdem.dataset.segment_learnability import slow_streams
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
@@ -14,7 +15,7 @@ from mavdem.facts.ending import Ending
 from mavdem.facts.event import Event
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.log import LogLight
-from mavdem.facts.loops import LoopAction
+from mavdem.facts.loops import LoopAction, LoopFact
 from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.facts.motors import MotorsLight, MotorWatchFact
 from mavdem.facts.power import PowerLight
@@ -36,6 +37,7 @@ from mavdem.report.live import (
     headline_reason,
     light_rows,
     live_alarm,
+    statement_of_headline,
     vehicle_text,
 )
 from mavdem.report.templates import as_clause
@@ -466,8 +468,42 @@ def test_while_the_vehicle_oscillates_motors_and_tracking_are_not_called_sound()
 
 def test_a_small_margin_that_the_recording_shows_is_no_alarm():
     margin = Fact(MarginsLight.LOOP_MARGINS, Level.BAD)
+    decision = Fact(LoopAction.LOOPS_JUDGED, Level.BAD, reason=margin)
     oscillation = Fact(MarginsLight.OSCILLATES, Level.BAD)
-    assert not Event(60.0, margin).is_alarm and Event(60.0, oscillation).is_alarm
+    assert not Event(60.0, margin).is_alarm and not Event(60.0, decision).is_alarm
+    assert Event(60.0, oscillation).is_alarm
+
+
+def test_a_flight_is_called_sound_in_the_air_only_once_all_is_judged():
+    """All is good but the margins, which take longer; after the landing that is enough to be called sound."""
+    good = Fact(LogLight.RECORDED_FAST, Level.GOOD)
+    waiting = Fact(
+        MarginsLight.MARGINS_UNKNOWN,
+        reason=Fact(LoopFact.LOOP_TOO_SHORT, least_duration=20.0, settled=8.0, clock=31.0),
+        rate=None,
+    )
+    lights = dict.fromkeys(VEHICLE_LIGHTS, good) | {Light.MARGINS: waiting}
+    flying = SessionStatus("1:1", is_flying=True, worst_lights=lights)
+    headline = flying.overall_judgement.headline
+    assert headline.level is Level.UNKNOWN
+    statement = statement_of_headline(str(headline), headline)
+    assert statement == "No alarm now, but margins are not judged."
+    [margins] = [row for row in light_rows(flying) if row.name == Light.MARGINS]
+    assert margins.figure == "after 20 s settled"
+    assert str(waiting).startswith(
+        "Margins take 20 s of settled flight, and until 31 s there was 8 s"
+    )
+    judged = replace(flying, worst_lights=dict.fromkeys(VEHICLE_LIGHTS, good))
+    assert judged.overall_judgement.headline.is_good
+    assert replace(flying, is_flying=False).overall_judgement.headline.is_good
+
+
+def test_a_light_whose_reason_has_no_short_form_has_its_first_clause(slow):
+    constant = Fact(WatchFact.BATTERY_NOT_JUDGED, cause="", is_constant=True)
+    light = Fact(Unjudged.NOT_JUDGED, reason=constant)
+    status = replace(slow, worst_lights={Light.ESTIMATOR: light})
+    figures = {row.name: row.figure for row in light_rows(status)}
+    assert figures["estimator"] == "nothing measures it"
 
 
 def test_what_was_good_in_flight_stays_so_where_the_recording_leaves_it_unknown():

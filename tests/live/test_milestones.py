@@ -23,8 +23,10 @@ from mavdem.facts.motors import MotorsLight
 from mavdem.facts.power import PowerLight
 from mavdem.facts.session import MissingMessages, RowsFact, SessionFact
 from mavdem.facts.watch import WatchFact
+from mavdem.ingest.output_scale import OutputScale
 from mavdem.live.learning import FlightLearning
 from mavdem.live.milestones import MAX_VERDICTS, Milestones
+from mavdem.live.rows import AlignedRow, RowFormat
 from mavdem.live.session_status import Latency, SessionStatus
 from mavdem.plant.parameters import Physical
 from mavdem.report.live import closing_lines, headline_and_next_step, unrepaired_fault_text
@@ -57,6 +59,20 @@ def test_the_first_model_is_reported_once_with_the_time_since_take_off():
     for now in (12.5, 14.5):
         milestones.note_first_model(learning_with(model="model"), now, 8.0)
     assert [str(fact) for fact in facts] == ["First model of roll at 12.5 s, 4.5 s after take-off."]
+
+
+@mark.parametrize("pulse, is_reported", [(1500.0, True), (1100.0, False)])
+def test_the_motion_of_a_falling_vehicle_is_no_disturbance(pulse, is_reported):
+    """Below a fifth of their range, here 1200 µs, motors carry no vehicle: it falls, whatever the wind does."""
+    learning = learning_with()
+    learning.estimate = None
+    scale = OutputScale("PWM", "µs", low=1000.0, high=2000.0, step=1.0)
+    learning._row_format = partial_record(RowFormat, scale=scale)
+    learning._gusts = Mock(add=Mock(return_value=()))
+    row = partial_record(AlignedRow, inputs=np.full(4, pulse))
+    unusual = partial_record(Estimate, unusual=True, latest_mark=None, window_center=30.0)
+    learning.note_estimate(unusual, row, {})
+    assert learning._log.called is is_reported
 
 
 def test_a_landing_reports_what_the_flight_has_shown():

@@ -8,6 +8,7 @@ from mavdem.assessment.autopilot_messages import REPEAT_SECONDS
 from mavdem.facts import Fact, Level
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.session import SessionFact
+from mavdem.facts.watch import WatchFact
 from mavdem.live.report_alarms import ReportAlarms
 from mavdem.live.report_limit import MAX_REPORTS_OF_KIND, ReportLimit
 
@@ -64,6 +65,19 @@ def test_a_bad_report_lasts_until_the_flight_ends_and_another_while_it_is_repeat
     assert alarms.active == (failed,)
     alarms.end_flight()
     assert not alarms.active
+
+
+def test_a_glitch_is_over_when_the_autopilot_says_so():
+    """The autopilot reports a glitch at 20 s, and at 26 s that it is cleared: nothing more is advised then."""
+    alarms = ReportAlarms()
+    glitch = report(ReportedEvent.GPS_JUMPED)
+    warning = alarms.add_report(glitch, 20.0)
+    assert warning.sentence.startswith("Warning: ") and warning.remedy
+    assert alarms.update([glitch], 25.0) == [] and alarms.active == (glitch,)
+    [end] = alarms.update([glitch.replace(end_time=26.0, is_over=True)], 26.5)
+    assert not alarms.active
+    assert (end.code, end.time, end.remedy) == (WatchFact.ALARM_OVER, 26.0, "")
+    assert "glitch for 6.0 s" in end.sentence
 
 
 def test_a_flood_of_texts_is_counted_and_hides_no_known_fault():

@@ -9,7 +9,11 @@ from scipy.signal import cont2discrete, lfilter
 from mavdem.assessment.condition import measure_condition
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
-from mavdem.loops.limit_cycles import detect_starting_limit_cycle
+from mavdem.loops.limit_cycles import (
+    Oscillation,
+    continued_limit_cycle,
+    detect_starting_limit_cycle,
+)
 
 HOVER = Hover(hovering=40.0)
 
@@ -155,6 +159,22 @@ def test_in_flight_a_small_one_from_stop_to_stop_is_found(hertz, soonest, latest
     assert soonest <= found_at[0] - start_time <= latest
     assert end_time - 0.5 <= found_at[-1] <= end_time + 2.0
     assert len(found_at) == 1 + (found_at[-1] - found_at[0]) / 0.5
+
+
+def test_what_is_said_of_a_limit_cycle_stays_until_it_really_changes():
+    """Pitch oscillates, then roll alone, then both, by 17 and 18 Hz in turn; at last roll oscillates much more."""
+
+    def cycle(axis, frequency, rate, *others):
+        return Oscillation(axis, frequency, rate, 0.9, False, 2.0, None, others)
+
+    pitch = cycle("pitch", 18.0, 4.0)
+    roll = cycle("roll", 17.0, 5.0)
+    both = continued_limit_cycle(pitch, roll)
+    assert both == roll._replace(other_axes=(pitch,))
+    for present in (cycle("pitch", 17.0, 6.0), roll, cycle("roll", 18.0, 3.0, pitch)):
+        assert continued_limit_cycle(both, present) == both
+    grown = cycle("roll", 16.0, 10.0)
+    assert continued_limit_cycle(both, grown) == grown._replace(other_axes=(pitch,))
 
 
 @mark.parametrize("steered_share, is_found", [(0.0, True), (1.0, False), (None, False)])

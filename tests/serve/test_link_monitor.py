@@ -45,6 +45,7 @@ from mavdem.serve.link_monitor import LinkMonitor
 from mavdem.serve.listening import end_by_all_signals
 
 FRAMES = FLIGHT.read_bytes()[:100_000]
+GROUND_STATION = heartbeat(255, 190, kind=6, autopilot=8)
 
 
 @fixture
@@ -534,15 +535,39 @@ def test_no_recorded_frame_of_the_next_vehicle_is_lost_when_the_server_ends(idle
     assert not [*live._library.new_incoming_path("f.tlog").parent.iterdir()]
 
 
+@mark.parametrize("sender, is_stored", [(GROUND_STATION, False), (FRAMES, True)])
+def test_packets_without_a_vehicle_leave_no_log(idle, monkeypatch, sender, is_stored):
+    """A ground station sends its HEARTBEAT; no vehicle is there to be judged."""
+    live, _ = idle
+
+    def receive(session, *_):
+        session.intake.recording.add(1.7e9, FrameReader().feed(sender))
+
+    monkeypatch.setattr(live_pages, "live_page", Mock(return_value=""))
+    monkeypatch.setattr(link_monitor, "run_session", receive)
+    live._run_one_session(None)
+    entries, _ = live._library.find("1", [], 10)
+    assert len(entries) == is_stored and not live._incoming.path.exists()
+
+
 @mark.parametrize(
     "before, after, is_new_flight",
     [
         (ReportedEvent.ON_GROUND, [], True),
         (ReportedEvent.OFF_GROUND, [], False),
         (ReportedEvent.OFF_GROUND, [ReportedEvent.OFF_GROUND], True),
+        (ReportedEvent.OFF_GROUND, [ReportedEvent.MOTORS_ARMED, SessionFact.NOT_FLYING], True),
+        (ReportedEvent.OFF_GROUND, [ReportedEvent.MOTORS_ARMED], False),
         (ReportedEvent.OFF_GROUND, [ReportedEvent.ON_GROUND, ReportedEvent.OFF_GROUND], False),
     ],
-    ids=["landed", "flies on", "link lost in the air", "flies on, lands and bounces"],
+    ids=[
+        "landed",
+        "flies on",
+        "link lost in the air",
+        "armed on the ground",
+        "armed in the air by its autopilot",
+        "flies on, lands and bounces",
+    ],
 )
 def test_each_flight_of_a_vehicle_that_restarts_is_a_log(
     idle, monkeypatch, before, after, is_new_flight
