@@ -445,18 +445,18 @@ class Simulation:
             self._touch_down(reference)
 
     def _touch_down(self, reference: Reference) -> None:
-        """Puts the vehicle at rest on the ground.
+        """Puts a vehicle that touches the ground at rest there, and ends the flight if it was to land.
 
-        The flight is over if the plan is landing or the motors are off: then the controller restarts at rest. Otherwise
-        a gust only pushed the vehicle down. Its controller goes on, so that the thrust rises until it lifts off again:
-        integrals that restarted with each contact would never overcome a lasting downdraught.
+        If it was not to land, a gust only pushed the vehicle down, and the flight goes on.
 
         Args:
-            reference: Setpoints of the flight plan.
+            reference: Setpoints of the flight plan, with the state that the autopilot reports, such as landing.
         """
         self._state = _at_rest_on_ground(self._state)
         self._on_ground = True
         self._has_landed = reference.landed_state == LANDING or not self.armed
+        # After a mere push to the ground the controller keeps its integrals, so that the thrust rises until the vehicle
+        # lifts off again. If they restarted with each contact, they would never overcome a lasting downdraught.
         if self._has_landed:
             self._controller.reset()
         # The filters of a new gyro have no memory of the motion before the contact.

@@ -95,11 +95,14 @@ def without_grounded(flights: Intervals, signals: Signals, boot: int) -> Interva
     """
     climb_rate = mean_climb_rate(signals, boot)
     if climb_rate is not None:
+        # Rule 1. Without a climb rate in the log it cannot be applied.
         flights = [flight for flight in flights if _has_vertical_speed(flight, climb_rate)]
     excluded_intervals = []
+    # Rule 2.
     for flight in flights:
         if _was_held(signals, boot, flight):
             excluded_intervals.append(flight)
+    # Rule 3.
     for start, end in intersection(flights, grounded_intervals(signals, boot)):
         if end - start >= MIN_GROUND_SECONDS:
             excluded_intervals.append((start, end))

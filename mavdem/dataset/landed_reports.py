@@ -63,15 +63,20 @@ class LandedReportCheck:
     _contradiction_start: float | None = None
 
     def add(self, report: LandedReport) -> None:
-        """Checks the next report, in the order of time, and updates ``first_time`` and ``contradicted_rise``."""
+        """Checks the next report, in the order of time, and updates ``first_time`` and ``contradicted_rise``.
+
+        A report of the ground is contradicted if the vehicle has risen and its motors give enough thrust to fly. A
+        contradiction counts only after ``MIN_CONTRADICTION_SECONDS``, since a single height or thrust may be wrong.
+        """
         if report.state in OFF_GROUND:
             self.first_time = None
             self.contradicted_rise = None
         elif report.state == ON_GROUND and self.first_time is None:
             self.first_time = report.time
         rise = self._rise_above_ground(report)
-        is_contradicted = rise > MIN_CERTAIN_RISE and report.has_thrust
-        if report.state != ON_GROUND or not is_contradicted:
+        seems_to_fly = rise > MIN_CERTAIN_RISE and report.has_thrust
+        is_contradicted = report.state == ON_GROUND and seems_to_fly
+        if not is_contradicted:
             self._contradiction_start = None
             return
         if self._contradiction_start is None:

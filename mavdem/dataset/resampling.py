@@ -93,14 +93,18 @@ def _sampling_interval(time: Array) -> float:
     cycle = STAMP_RESOLUTION * np.gcd.reduce(usual_steps)
     if not cycle:
         return mean
-    interval = cycle * min(round(mean / cycle), MAX_CYCLES_PER_STEP)
+    cycles_per_step = min(round(mean / cycle), MAX_CYCLES_PER_STEP)
+    interval = cycles_per_step * cycle
+    # The stamps must be multiples of the cycle, counted from the first one.
     elapsed_time = time - time[0]
     deviations = abs(elapsed_time - cycle * np.rint(elapsed_time / cycle))
     is_on_cycles = np.mean(deviations > STAMP_RESOLUTION) < RARE_STEP_SHARE
     # Jitter makes steps that are shorter than the interval; an interval that is rounded to cycles has none.
-    has_shorter_steps = usual_steps[0] * STAMP_RESOLUTION < interval - STAMP_RESOLUTION
+    shortest_step = STAMP_RESOLUTION * usual_steps[0]
+    has_shorter_steps = shortest_step < interval - STAMP_RESOLUTION
     is_near_mean = abs(interval / mean - 1) <= MAX_MEAN_RATIO - 1
-    return interval if is_on_cycles and has_shorter_steps and is_near_mean else mean
+    has_jitter_by_cycles = is_on_cycles and has_shorter_steps and is_near_mean
+    return interval if has_jitter_by_cycles else mean
 
 
 def mean_rate(time: Array | Sequence[float]) -> float:

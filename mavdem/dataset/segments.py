@@ -122,10 +122,10 @@ def settled_segments(signals: Signals) -> Segments:
 
 
 def longest_recorded_segment(signals: Signals) -> Segment | None:
-    """Returns the longest part of a log with both attitude and model inputs, for logs that have no settled flight.
+    """Returns the longest part of a log in which attitude and model inputs were recorded without a gap.
 
-    Settled flight is the flight without take-off and landing, from which models are learned. Here the vehicle may be on
-    the ground, and its messages may be slow, but there are no gaps in them.
+    It describes logs without settled flight, from which no model can be learned: the vehicle may be on the ground, and
+    its messages may be slow.
 
     Args:
         signals: logged time series of the vehicle, with angle, rate and setpoints of one axis.
@@ -133,6 +133,7 @@ def longest_recorded_segment(signals: Signals) -> Segment | None:
     Returns:
         The segment; None if the two were never recorded together.
     """
+    # A segment may lie anywhere in a boot, which lasts from one start of the autopilot to the next.
     whole_boot = [(-inf, inf)]
     segments = []
     for boot in _boots_with_both_streams(signals):
@@ -202,9 +203,10 @@ def rows_of_segment(
     """
     boot_slice = rows_of_boot(stream.boot, segment.boot)
     time = stream.time[boot_slice]
-    first_in_boot = int(np.searchsorted(time, segment.start - slack))
-    stop_in_boot = int(np.searchsorted(time, segment.end + slack, side="right"))
-    return slice(boot_slice.start + first_in_boot, boot_slice.start + stop_in_boot)
+    # Indices within the boot, of the first sample of the segment and of the first one after it.
+    first = int(np.searchsorted(time, segment.start - slack))
+    stop = int(np.searchsorted(time, segment.end + slack, side="right"))
+    return slice(boot_slice.start + first, boot_slice.start + stop)
 
 
 def _boots_with_both_streams(signals: Signals) -> list[int]:

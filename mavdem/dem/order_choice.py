@@ -142,12 +142,13 @@ class OrderChoice:
         (:attr:`chosen`).
         """
         chosen = self.chosen
-        largest_gain = None
-        # The orders begin at 1, so that the higher ones begin at this index.
-        for higher_order in self.orders[chosen:].tolist():
-            gain, _ = self.gain(higher_order, chosen)
-            if np.isfinite(gain) and (largest_gain is None or gain > largest_gain):
-                largest_gain = gain
+        finite_gains = []
+        for order in self.orders.tolist():
+            if order > chosen:
+                gain, _ = self.gain(order, chosen)
+                if np.isfinite(gain):
+                    finite_gains.append(gain)
+        largest_gain = max(finite_gains, default=None)
         return Fact(
             OrderFact.ORDER_CHOSEN,
             order=chosen,

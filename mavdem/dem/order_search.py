@@ -352,16 +352,19 @@ def fits_by_order(data: BlackBoxData, max_order: int) -> tuple[Iterate | None, .
         max_order: largest number of states.
 
     Returns:
-        For each order the iterate of its fit with the highest value of the objective F̄ᵒ, the free energy; None for an
-        order whose fit overflowed or met a singular matrix.
+        The fit of each order from 1 on: parameters and noise precisions at the highest free energy that was found. None
+        for an order whose fit overflowed or met a singular matrix.
     """
     fits: list[Iterate | None] = []
     for order in range(1, max_order + 1):
         try:
+            # An overflow raises a LinAlgError here, as a singular matrix does.
             with raise_on_overflow():
-                fits.append(_fit_order(data, order))
+                fit = _fit_order(data, order)
         except LinAlgError:
             fits.append(None)
+        else:
+            fits.append(fit)
     return tuple(fits)
 
 

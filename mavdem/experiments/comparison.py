@@ -155,16 +155,16 @@ class Comparison:
 
     @cached_property
     def _summaries(self) -> dict[tuple[str, ForecastKind], tuple[JsonValues, ...]]:
-        """The summaries that :meth:`summaries` returns, by name of the flight and kind of forecast.
+        """Summaries of all methods, computed once for all flights, since tests and documents use them several times.
 
-        Each is a dictionary of one method's errors over the windows of the flight. They are computed once, because the
-        tests over flights and the document need them several times.
+        The keys are the name of the flight and the kind of forecast. The values are what :meth:`summaries` returns: a
+        dictionary for each method with its errors over the windows of the flight.
         """
         summaries = {}
         for flight in self.flights:
-            windows_of_flight = self.of_flight(flight)
+            comparison_on_flight = self.of_flight(flight)
             for kind in ForecastKind:
-                summaries[flight, kind] = windows_of_flight._sorted_summaries(kind)
+                summaries[flight, kind] = comparison_on_flight._sorted_summaries(kind)
         return summaries
 
     def _sorted_summaries(self, kind: ForecastKind) -> tuple[JsonValues, ...]:

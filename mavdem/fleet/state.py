@@ -162,10 +162,10 @@ def state_of_log(path: Path) -> VehicleState:
 def with_motors_judged(
     before: VehicleState, after: VehicleState
 ) -> tuple[VehicleState, VehicleState]:
-    """Judges the motors of two logs' flights together, as ``mavdem track`` judges the flights of a vehicle.
+    """Judges the motors of two logs by comparison with each other, as ``mavdem track`` judges the flights of a vehicle.
 
-    A comparison of two logs then has the same verdict on a motor as a fleet of these two. The flights of a fleet are
-    judged already, together with more flights. Flights of two vehicles cannot be judged together.
+    A comparison of two logs then judges a motor as a fleet of these two would. States that are fleets are returned as
+    they are, since their flights are judged already; so are logs of two vehicles, which cannot be judged together.
 
     Args:
         before: flights of the first state.

@@ -179,8 +179,10 @@ def failed(job: Job, ending: JobEnding, status: Fact, key: str = "") -> JobOutco
         status: the reason, a coded finding.
         key: hash and size of the log's content; empty if the content was not reached.
     """
-    row = FlightRow.without_flight(status=status, **_job_columns(job, key))
-    return JobOutcome(job.path, ending, (row,), key)
+    # Such as the path of the log.
+    columns_of_log = _job_columns(job, key)
+    row = FlightRow.without_flight(status=status, **columns_of_log)
+    return JobOutcome(job.path, ending, rows=(row,), key=key)
 
 
 def _job_columns(job: Job, key: str) -> JsonValues:

@@ -419,11 +419,13 @@ def _whitening_filter(residuals: Array) -> Array:
         Coefficients (P,), the latest sample's first; P is the order of the autoregression plus 2.
     """
     differences = np.diff(residuals, axis=1)
-    size = differences.shape[1]
-    autocovariance = [
-        np.mean(differences[:, : size - lag] * differences[:, lag:])
-        for lag in range(AUTOREGRESSION_ORDER + 1)
-    ]
+    sample_count = differences.shape[1]
+    # Entry k is the mean product of samples that are k samples apart.
+    autocovariance = []
+    for lag in range(AUTOREGRESSION_ORDER + 1):
+        earlier_samples = differences[:, : sample_count - lag]
+        later_samples = differences[:, lag:]
+        autocovariance.append(np.mean(earlier_samples * later_samples))
     # A little white noise keeps the Yule-Walker equations well conditioned.
     autocovariance[0] *= 1 + WHITE_NOISE_SHARE
     coefficients = scipy.linalg.solve_toeplitz(autocovariance[:-1], autocovariance[1:])
@@ -538,10 +540,9 @@ def _log_evidence_of_priors(
         Log evidence (S, V) for the V variances, nats, up to a constant.
     """
     # A and g for each shape, in a basis in which A is tridiagonal and g is along the first basis vector.
-    forms = [
-        _tridiagonal_form(factor.T @ precision @ factor, factor.T @ weighted_estimate)
-        for factor in cholesky_factors
-    ]
+    forms = []
+    for R in cholesky_factors:
+        forms.append(_tridiagonal_form(R.T @ precision @ R, R.T @ weighted_estimate))
     # Entries of A (K, S, 1) and (K − 1, S, 1), and |g| (S, 1), to be multiplied by the V variances.
     diagonals_of_a = np.array([form.diagonal for form in forms]).T[:, :, None]
     off_diagonals_of_a = np.array([form.off_diagonal for form in forms]).T[:, :, None]

@@ -193,21 +193,24 @@ def _loop_cautions(loop: Loop) -> list[Fact]:
 def _crossover_too_fast(loop: Loop, highest_frequency: float) -> NotLearnable:
     """Returns the error that a record is too slow for its rate loop: it does not show the crossover frequency.
 
+    The crossover, at which the gain of the open loop is 1, has an interval of uncertainty. The record does not show it
+    if the upper end of the interval is above the highest frequency in the record.
+
     Args:
-        loop: rate and attitude loop of the axis, with the interval of its crossover.
+        loop: rate and attitude loop of the axis, with the crossover, Hz, and its interval.
         highest_frequency: highest frequency that the record shows, Hz.
 
     Returns:
-        The error, to be raised by the caller.
+        The error, to be raised by the caller. It states the upper end only if the estimate itself is shown, since
+        otherwise the estimate is reason enough.
     """
     crossover = loop.rate.crossover
-    _, highest_crossover = loop.rate.crossover_interval
+    _, upper_end = loop.rate.crossover_interval
     is_estimate_shown = crossover < highest_frequency
     return NotLearnable(
         LoopFact.CROSSOVER_UNSEEN,
         crossover=crossover,
-        # If the record shows the estimated crossover, the upper end of its interval is the reason.
-        high=highest_crossover if is_estimate_shown else None,
+        high=upper_end if is_estimate_shown else None,
         rate=1 / loop.record.dt,
         frequency=highest_frequency,
     )

@@ -266,10 +266,13 @@ class _ZeroCrossings(NamedTuple):
                 next.
         """
         is_negative = np.signbit(values)
-        rows, columns = np.nonzero(is_negative[:, :-1] != is_negative[:, 1:])
+        is_crossing = is_negative[:, :-1] != is_negative[:, 1:]
+        # Each crossing has its function (row), and the point before it (column).
+        rows, columns = np.nonzero(is_crossing)
         values_before = values[rows, columns]
         values_after = values[rows, columns + 1]
-        return cls(len(values), rows, columns, values_before / (values_before - values_after))
+        fractions = values_before / (values_before - values_after)
+        return cls(len(values), rows, columns, fractions)
 
     def interpolate(self, values: Array) -> Array:
         """Interpolates other functions linearly at the zero crossings, such as the phase where the gain crosses 1.

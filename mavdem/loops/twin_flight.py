@@ -148,10 +148,12 @@ def _interpolated_setpoints(loop: Loop, rows: slice, names: Sequence[str]) -> li
     if is_finite.mean() < MIN_SETPOINT_SHARE:
         return None
     samples = np.arange(len(recorded_setpoints))
-    return [
-        interpolated_setpoint(np.interp(samples, samples[is_finite], column[is_finite]))
-        for column in recorded_setpoints.T
-    ]
+    setpoints = []
+    for recorded_setpoint in recorded_setpoints.T:
+        # Rows without a value are filled first, so that messages can be told from the rows between them.
+        filled_setpoint = np.interp(samples, samples[is_finite], recorded_setpoint[is_finite])
+        setpoints.append(interpolated_setpoint(filled_setpoint))
+    return setpoints
 
 
 def compare_twin_with_flight(twin: Twin, loops: LoopsByAxis) -> dict[str, dict[str, list[float]]]:

@@ -147,11 +147,12 @@ def _without_flight(healthy: HealthFlights, flight: HealthFigures) -> list[Healt
     Returns:
         The other healthy flights, in the same order.
     """
-    return [
-        healthy_flight
-        for healthy_flight in healthy
-        if healthy_flight is not flight and not healthy_flight.overlaps(flight)
-    ]
+    other_flights = []
+    for healthy_flight in healthy:
+        is_same_flight = healthy_flight is flight or healthy_flight.overlaps(flight)
+        if not is_same_flight:
+            other_flights.append(healthy_flight)
+    return other_flights
 
 
 def _flights_before(flights: HealthFlights, flight: HealthFigures) -> list[HealthFigures]:

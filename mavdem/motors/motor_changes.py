@@ -146,17 +146,25 @@ def thrust_losses(changes: Sequence[MotorChange]) -> list[Fact]:
         all motors whose losses are bad.
     """
     lasting_losses, ended_losses = _losses_by_outcome(changes)
+    # The size of a loss is the rise of the motor's command by which the controller compensates for it.
     smallest_lasting_size = min((loss.size for loss in lasting_losses), default=inf)
-    facts = [loss.fact for loss in lasting_losses]
+    bad_losses = [loss.fact for loss in lasting_losses]
+    watched_losses = []
     for loss, recovery_time in ended_losses:
-        level = Level.BAD if loss.size > smallest_lasting_size else Level.WATCH
-        facts.append(loss.fact.replace(level, end_time=recovery_time))
-    facts.sort(key=lambda fact: fact.figures["rise"], reverse=True)
-    # Python's sorting is stable: it keeps the order by rise among facts of the same level.
-    facts.sort(key=lambda fact: fact.level is Level.WATCH)
-    # A motor may have several losses, but is named once.
-    bad_motors = tuple(dict.fromkeys(fact.subject for fact in facts if fact.is_bad))
-    return [fact.replace(names=bad_motors) for fact in facts]
+        if loss.size > smallest_lasting_size:
+            bad_losses.append(loss.fact.replace(Level.BAD, end_time=recovery_time))
+        else:
+            watched_losses.append(loss.fact.replace(Level.WATCH, end_time=recovery_time))
+    bad_losses.sort(key=_rise_of_command, reverse=True)
+    watched_losses.sort(key=_rise_of_command, reverse=True)
+    # A motor may have several losses, but is named once: a dictionary keeps the order, and each key once.
+    names_of_bad_motors = tuple(dict.fromkeys(fact.subject for fact in bad_losses))
+    return [fact.replace(names=names_of_bad_motors) for fact in (*bad_losses, *watched_losses)]
+
+
+def _rise_of_command(loss: Fact) -> float:
+    """Returns by how much the command of a motor rose when it lost thrust, relative to the command before."""
+    return float(loss.figures["rise"])
 
 
 def is_much_larger(slow_loss: MotorChange, sudden_changes: Sequence[MotorChange]) -> bool:

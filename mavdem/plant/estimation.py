@@ -94,13 +94,15 @@ def physical(train: TrainingData, prior: Physical | None = None) -> Physical | N
     if unit_error:
         return NotIdentifiable(unit_error)
     try:
-        # No warnings of overflow: the fit rejects steps to values that are not finite.
+        # Matrices as small as these are fastest with one thread. Overflow needs no warning, since the fit rejects steps
+        # to values that are not finite.
         with one_thread(), np.errstate(all="ignore"):
-            return _estimate_parameters(cut_windows(record), _mixer_directions(record), prior)
+            windows = cut_windows(record)
+            return _estimate_parameters(windows, _mixer_directions(record), prior)
     except NotLearnable as error:
         return NotIdentifiable(error.fact)
     except ValueError:
-        # LinAlgError is a ValueError.
+        # NumPy's LinAlgError, a ValueError: the likelihood is not finite, or its curvature is singular.
         return NotIdentifiable(Fact(NoPhysical.NO_LIKELIHOOD))
 
 

@@ -339,18 +339,18 @@ class GrayBoxModel(NamedTuple):
             Densities of the samples (b, F), in (rad/s)², normalised so that white noise has the variance of its
             samples.
         """
+        # Angular frequencies of all aliases. With the parameter vectors in front, densities have the axes (b, aliases,
+        # F), and parameters (b, 1, 1).
         omega = _aliases(windows)
-        components = zip(
-            self.wind, self.wind_sizes(thetas).T, self.wind_times(thetas).T, strict=True
-        )
-        torque_densities = [
-            colour.density(omega, size[:, None, None], time[:, None, None])
-            for colour, size, time in components
-        ]
+        sizes_of_components = self.wind_sizes(thetas).T[:, :, None, None]
+        times_of_components = self.wind_times(thetas).T[:, :, None, None]
+        components = zip(self.wind, sizes_of_components, times_of_components, strict=True)
+        torque_densities = [colour.density(omega, size, time) for colour, size, time in components]
         torque_density = np.sum(torque_densities, axis=0)
         damping = self.damping(thetas)[:, None, None]
         rate_density = torque_density / (omega**2 + damping**2)
-        return rate_density.sum(axis=1) / windows.dt + self.noise(thetas)[:, None] ** 2
+        noise_variance = self.noise(thetas)[:, None] ** 2
+        return rate_density.sum(axis=1) / windows.dt + noise_variance
 
     def innovations(self, thetas: Array, windows: FlightWindows) -> ArrayPair:
         """Returns the one-step prediction errors (innovations) of all windows, without their beginnings.
@@ -476,12 +476,12 @@ def _prediction_errors(
     Returns:
         Prediction errors (b, W, N′), rad/s.
     """
+    whitened_residual = residual * (1 / factor)[:, None]
+    errors = scipy.fft.irfft(whitened_residual, windows.samples)
     first_settled_sample = round(SETTLING_SECONDS / windows.dt) + 1
-    errors = scipy.fft.irfft(residual * (1 / factor)[:, None], windows.samples)[
-        ..., first_settled_sample:
-    ]
-    errors -= errors.mean(axis=-1, keepdims=True)
-    return errors
+    settled_errors = errors[..., first_settled_sample:]
+    settled_errors -= settled_errors.mean(axis=-1, keepdims=True)
+    return settled_errors
 
 
 def _aliases(windows: FlightWindows) -> Array:

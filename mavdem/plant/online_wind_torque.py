@@ -338,12 +338,15 @@ class OnlineWindTorque:
         self._smooth_latest()
 
     def drop_blocks_since(self, time: float) -> None:
-        """Removes the samples since a time, and cancels a fit to them: the vehicle was not sound, or not in flight.
+        """Removes the samples since a time, when the vehicle was not sound or not in flight, so that no fit uses them.
+
+        A fit in another process that may have used them is cancelled.
 
         Args:
             time: the time, s on the stream's clock.
         """
-        if drop_blocks_since(self._blocks, time) and self._pending is not None:
+        has_dropped_blocks = drop_blocks_since(self._blocks, time)
+        if has_dropped_blocks and self._pending is not None:
             self._pending.cancel()
             self._pending = None
 

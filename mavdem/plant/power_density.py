@@ -75,7 +75,9 @@ def window_densities(
     periodograms = np.square(np.abs(transforms)) / (rate * (hann_window @ hann_window))
     # The power at negative frequencies is added to the positive ones. Frequency 0 and, for an even number of samples,
     # the highest one have no negative counterpart.
-    has_highest = window_samples % 2 == 0
-    periodograms[..., 1 : -1 if has_highest else None] *= 2
+    end_of_doubled = periodograms.shape[-1]
+    if window_samples % 2 == 0:
+        end_of_doubled -= 1
+    periodograms[..., 1:end_of_doubled] *= 2
     frequency = np.asarray(np.fft.rfftfreq(window_samples, 1 / rate), np.float64)
     return PowerDensity(frequency, periodograms)

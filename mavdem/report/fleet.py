@@ -295,10 +295,10 @@ def urgency_and_age(flights: Flights) -> UrgencyAndAge:
         The key, which sorts in ascending order.
     """
     latest_row = log_row(flights[-1])
-    urgency_of_health = URGENCY_OF_HEALTHS[MotorHealth(vehicle_health(flights))]
-    urgency = min(
-        urgency_of_health, urgency_of_headline(latest_row.headline_level, latest_row.headline_rank)
-    )
+    urgency_by_health = URGENCY_OF_HEALTHS[MotorHealth(vehicle_health(flights))]
+    urgency_by_headline = urgency_of_headline(latest_row.headline_level, latest_row.headline_rank)
+    # Urgencies are ordered from the most urgent one on.
+    urgency = min(urgency_by_health, urgency_by_headline)
     latest_date = latest_row.past_date
     # A later date sorts before an earlier one. A flight without a date sorts last.
     negative_time = -latest_date.timestamp() if latest_date else 0.0
@@ -375,6 +375,7 @@ def motor_next_step(row: FlightRow) -> list[Sentence]:
     Args:
         row: row of a flight whose motors have a fault or a drift, with the number of the suspected motor if any is.
     """
+    # Empty if no single motor is suspected: the step is then about all motors and the load.
     motor = suspected_motor(row)
     return [*render_section("difference_next", motor=motor, is_weaker=bool(motor))]
 

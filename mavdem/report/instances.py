@@ -27,8 +27,8 @@ def instance_table(instances: Sequence[Instance], vibration: Fact, *, has_flown:
 
     Args:
         instances: at least one, in the order of the rows.
-        vibration: the light of the vibration, whose subject is the IMU that vibrates most. If it warns, so does the
-            row of that IMU.
+        vibration: the judgement of the vibration, a coded finding, whose subject is the IMU that vibrates most. If it
+            warns, so does the row of that IMU.
         has_flown: whether the vehicle flew; otherwise the ranges are taken from the whole log.
 
     Returns:
@@ -36,13 +36,13 @@ def instance_table(instances: Sequence[Instance], vibration: Fact, *, has_flown:
     """
     rows = []
     for instance in instances:
-        # A plain "Measured" is not coloured, so that warnings stand out.
+        # A plain "Measured" has no colour, so that warnings stand out. ``Rated`` is text with the colour of a level.
         state = without_full_stop(str(instance.state))
         is_measured = instance.state.code is InstanceState.MEASURED
-        is_judged_by_light = instance.quantity == "vibration" and instance.name == vibration.subject
+        is_vibrating_imu = instance.quantity == "vibration" and instance.name == vibration.subject
         if not is_measured:
             state = Rated(state, instance.state.level)
-        elif is_judged_by_light and vibration.is_watch_or_bad:
+        elif is_vibrating_imu and vibration.is_watch_or_bad:
             state = Rated(f"{capitalize_first(vibration.level)}: see vibration", vibration.level)
         rows.append(
             [

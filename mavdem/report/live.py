@@ -215,16 +215,16 @@ def live_alarm(status: SessionStatus) -> str:
 
 
 def statement_of_headline(headline_text: str, headline_fact: Fact) -> str:
-    """Returns the headline of a live flight without the list of checked parts, which the lights next to it show.
+    """Returns the headline of a live flight, without the list of checked parts that follows if nothing is wrong.
+
+    The page shows the judgement of each part beside the headline.
 
     Args:
         headline_text: the headline in words.
-        headline_fact: the fact that it states.
+        headline_fact: the fact (coded finding) that it states.
     """
-    if headline_fact.code is not Headline.NOTHING_WRONG:
-        return headline_text
-    # The list of what was checked, and what was not, follows a colon.
-    return first_clause(headline_text)
+    has_list_of_parts = headline_fact.code is Headline.NOTHING_WRONG
+    return first_clause(headline_text) if has_list_of_parts else headline_text
 
 
 def headline_and_next_step(judgement: Judgement) -> list[str]:
@@ -274,10 +274,10 @@ def unrepaired_fault_text(status: SessionStatus) -> str:
     """Returns the line on a fault of an earlier flight that may not have been repaired, and what to do about it.
 
     Args:
-        status: state of the session.
+        status: state of the session. It has no such fault if the headline states that already.
 
     Returns:
-        The sentences; empty without such a fault, and if it is the headline.
+        The sentences; empty without such a fault.
     """
     fault = status.unrepaired_fault
     return "" if fault is None else fault.sentence_and_remedy

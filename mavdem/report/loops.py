@@ -378,10 +378,16 @@ def _faults_in_flight(
 def _has_fault_in_flight(tuning: Tuning, axis: str) -> bool:
     """Returns whether the loop of an axis is not known, but the flight shows that something is wrong with the axis.
 
-    What to do about that then is no way to gains, since it does not make the loop known.
+    An example is an axis that swings. The remedy for that does not make the loop known, so that a report states it
+    apart from what leads to new gains.
+
+    Args:
+        tuning: advice on the gains of each axis, or the fact that says why its loop is not known.
+        axis: "roll", "pitch" or "yaw".
     """
-    decision = tuning.judgement.loop_decisions.get(axis)
     is_loop_unknown = isinstance(tuning.axes[axis], Fact)
+    # The decision is the judgement of the axis by all that was measured, with a reason.
+    decision = tuning.judgement.loop_decisions.get(axis)
     return is_loop_unknown and decision is not None and decision.reason.is_watch_or_bad
 
 

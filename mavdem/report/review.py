@@ -46,6 +46,9 @@ CLOCK_BEGINS_ANEW = f"{'restart':<20}The autopilot restarted: its clock begins a
 NO_LIGHTS: NamedFacts = MappingProxyType({})
 """Lights by name that are printed above others, where there are none."""
 
+SAME_EVENT_SECONDS = 1.0
+"""Time between the headline's event and another, s, below which that is taken for a part of it: a choice."""
+
 TIME_ORIGIN = "Times are seconds since boot."
 """What the times of a review count from: the autopilot's start, as in the plots of the page."""
 
@@ -118,19 +121,25 @@ def further_lines(
 ) -> str:
     """Returns the second part of a review on the terminal: remaining lights, events, headline and next step.
 
-    The first part (:func:`first_lines`) is printed before the control loops are identified, which takes longest.
+    The first part (:func:`first_lines`) is printed before the control loops are identified, which takes longest. A
+    status light is the judgement of one subject, such as the motors.
 
     Args:
         assessment: all results on the flight: events, status lights, model, loops and wind.
         findings: the findings without the loops, whose lights the first part has printed.
         columns: number of characters that a line may have.
     """
-    first_lights = _lights_before_loops(findings)
-    further_lights = {}
-    for name, fact in lights_with_reason_once(assessment.lights).items():
-        if name not in first_lights:
-            further_lights[name] = fact
-    light_lines = _lines_of_lights(further_lights, columns, first_lights, assessment.headline)
+    printed_lights = _lights_before_loops(findings)
+    remaining_lights = {}
+    for name, light in lights_with_reason_once(assessment.lights).items():
+        if name not in printed_lights:
+            remaining_lights[name] = light
+    light_lines = _lines_of_lights(
+        remaining_lights,
+        columns,
+        lights_before=printed_lights,
+        headline_fact=assessment.headline,
+    )
     return "\n".join([*light_lines, *_last_lines(assessment, columns)])
 
 
@@ -344,17 +353,16 @@ def _screen_events(assessment: Assessment, events: Facts) -> list[CountedEvent]:
     is_headline_event = assessment.headline in assessment.events
     if not (assessment.headline.is_bad or has_bad_event or is_headline_event):
         return []
-    # An event that a light states already has the code and the time of that light.
+    # An event that a status light (the judgement of one subject) states has the code and the time of that light.
     light_codes_and_times = {(light.code, light.time) for light in assessment.lights.values()}
-    shown_events = []
+    unstated_events = []
     for counted_event in worst_events(events):
         event = events[counted_event.event_index]
         is_in_light = (event.code, event.time) in light_codes_and_times
         if not is_in_light and not _is_part_of_headline(event, assessment.headline):
-            shown_events.append(counted_event)
-    shown_events = shown_events[:MAX_SCREEN_EVENTS] + _modes_of_headline(
-        assessment.headline, events
-    )
+            unstated_events.append(counted_event)
+    mode_changes = _modes_of_headline(assessment.headline, events)
+    shown_events = [*unstated_events[:MAX_SCREEN_EVENTS], *mode_changes]
     # The events of the flight are in the order of time, so that their indices are too.
     return sorted(shown_events, key=lambda counted_event: counted_event.event_index)
 
@@ -394,7 +402,7 @@ def _is_during(event: Fact, longer_event: Fact) -> bool:
 
 
 def _is_part_of_headline(event: Fact, headline_fact: Fact) -> bool:
-    """Returns whether the headline of a review covers an event: it is the same event, or one within a second of it.
+    """Returns whether the headline of a review covers an event: it is the same event, or one at the same time.
 
     Args:
         event: an event of the flight, a coded finding.
@@ -402,7 +410,7 @@ def _is_part_of_headline(event: Fact, headline_fact: Fact) -> bool:
     """
     if event.time is None or headline_fact.time is None:
         return event.code is headline_fact.code
-    return abs(event.time - headline_fact.time) < 1.0
+    return abs(event.time - headline_fact.time) < SAME_EVENT_SECONDS
 
 
 def gain_lines(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> list[str]:
@@ -435,7 +443,14 @@ def gain_lines(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> list[st
 
 
 def page_line(assessment: Assessment) -> str:
-    """Returns the line of a screen that says what only the page shows; empty where no vehicle was analysed."""
+    """Returns the line of a screen that says what only the page of the log shows, such as plots over time.
+
+    Args:
+        assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
+
+    Returns:
+        The line; empty where no vehicle was analysed.
+    """
     if assessment.analysis is None:
         return ""
     # The page lists the saturations of each motor as one event.

@@ -90,7 +90,8 @@ def summary(learned: Learned) -> str:
 def analysis_blocks(assessment: Assessment) -> Blocks:
     """Returns the report of a log for the terminal: first the headline, then the findings, and last the next step.
 
-    If no vehicle was analysed, the status lights that warn take the place of the findings.
+    If no vehicle was analysed, the status lights that warn take the place of the findings. A status light is the
+    judgement of one subject, such as the motors, and the headline is the most important finding.
 
     Args:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
@@ -260,8 +261,8 @@ def flight_sentences(assessment: Assessment, *, has_headline_above: bool) -> lis
         The sentences, verdicts with the worst first; empty for a single flight of a single vehicle.
     """
     facts = []
-    # In which of several flights, assessed together, the event in the headline was.
     if has_headline_above and assessment.flight_of_headline is not None:
+        # Several flights were assessed together. This fact says in which of them the event in the headline was.
         facts.append(assessment.flight_of_headline)
     if assessment.flight_verdicts:
         worst_flight, *other_flights = assessment.flight_verdicts

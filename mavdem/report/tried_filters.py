@@ -153,12 +153,12 @@ def strongest_peaks(noise: MeasuredNoise, spectrum: Spectrum) -> tuple[float, ..
         return tuple(line.frequency for line in lines)
     density = spectrum.mean_density.sum(axis=0)
     log_density = np.log(np.maximum(density, SMALLEST_POSITIVE))
-    peaks = [
-        peak
-        for peak in prominent_peaks(log_density, MIN_PEAK_PROMINENCE)
-        if spectrum.frequency[peak] >= MIN_LINE_FREQUENCY
-    ]
-    peaks.sort(key=lambda peak: -density[peak])
+    # Peaks are indices of the frequencies.
+    peaks = []
+    for peak in prominent_peaks(log_density, MIN_PEAK_PROMINENCE):
+        if spectrum.frequency[peak] >= MIN_LINE_FREQUENCY:
+            peaks.append(peak)
+    peaks.sort(key=lambda peak: density[peak], reverse=True)
     return tuple(spectrum.frequency[peaks].tolist())
 
 

@@ -45,15 +45,16 @@ MOTION_FIGURES = {"lean": ", mean (°)", "sway": ", sd (°)", "rate": " rate, sd
 
 
 def missing_axes(reasons: NamedFacts) -> list[Sentence]:
-    """Returns a sentence for each axis that a twin lacks.
+    """Returns a sentence for each axis that the learned model of a vehicle (its twin) lacks, with the reason.
 
     Args:
-        reasons: reason why an axis was not learned, by axis.
+        reasons: by axis the reason why it was not learned, a fact (a coded finding).
     """
-    return [
-        Sentence(f"{axis.capitalize()} is not learned: {reason.sentence_and_remedy}")
-        for axis, reason in reasons.items()
-    ]
+    sentences = []
+    for axis, reason in reasons.items():
+        text = f"{axis.capitalize()} is not learned: {reason.sentence_and_remedy}"
+        sentences.append(Sentence(text))
+    return sentences
 
 
 def twin_blocks(twin: Twin, comparison: Mapping[str, Mapping[str, list[float]]]) -> Blocks:

@@ -128,10 +128,10 @@ def headline_evidence(fact: Fact, lights: NamedFacts) -> list[Sentence]:
         return sentences
     light_name = light_of_event(fact)
     light = None if light_name is None else lights.get(light_name)
-    # A light that states the event itself is no further evidence for it.
-    if light is None or not light.is_watch_or_bad or light.code is fact.code:
+    if light is None or not light.is_watch_or_bad:
         return []
-    return [Sentence(light.sentence, lead="Why:")]
+    states_event_itself = light.code is fact.code
+    return [] if states_event_itself else [Sentence(light.sentence, lead="Why:")]
 
 
 def _witnesses_of_cause(fact: Fact) -> Facts:
@@ -156,23 +156,24 @@ def margin_sentences(fact: Fact, loops: "LoopsByAxis", margins: Iterable[Fact]) 
     # Imported here, since pages without loops need nothing of it.
     from mavdem.loops.axis_loops import MARGIN_TARGETS
 
+    is_on_small_margins = fact.code is MarginsLight.LOOP_MARGINS and fact.is_watch_or_bad
     axis_loop = loops.get(str(fact.figures.get("axis")))
-    if fact.code is not MarginsLight.LOOP_MARGINS or not fact.is_watch_or_bad or axis_loop is None:
+    if not is_on_small_margins or axis_loop is None:
         return []
-    other_axes = []
-    for other_margins in margins:
-        is_of_other_axis = (
-            other_margins.code is fact.code and other_margins.figures["axis"] != axis_loop.axis
-        )
-        if is_of_other_axis and other_margins.is_watch_or_bad:
-            other_axes.append(other_margins.figures)
+    small_margins_of_other_axes = []
+    for finding in margins:
+        if finding.code is not MarginsLight.LOOP_MARGINS or not finding.is_watch_or_bad:
+            continue
+        if finding.figures["axis"] != axis_loop.axis:
+            small_margins_of_other_axes.append(finding.figures)
+    # The subject of the finding is the loop of the axis that it is about: "rate" or "attitude".
     open_loop = axis_loop.open_loop(fact.subject)
     return render_section(
         "why_margins",
         fact=fact.figures,
         crossover=open_loop.crossover,
         target=MARGIN_TARGETS["default"],
-        others=other_axes,
+        others=small_margins_of_other_axes,
     )
 
 

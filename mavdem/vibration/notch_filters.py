@@ -235,15 +235,19 @@ def _ardupilot_harmonic_notch(
     Returns:
         Values by the autopilot's name.
     """
-    mode = NotchMode.FIXED
     reference = 1.0
-    if line.cause is LineCause.MOTOR and line.order is None:
-        mode = NotchMode.THROTTLE
-        hover = controller.parameters.get("MOT_THST_HOVER", DEFAULT_HOVER_THROTTLE)
-        reference = float(f"{hover:.3g}")
-    elif line.cause is LineCause.MOTOR:
+    if line.cause is not LineCause.MOTOR:
+        mode = NotchMode.FIXED
+    elif line.order is not None:
         mode = NotchMode.ESC_TELEMETRY
-    harmonics_mask = sum(1 << (multiple - 1) for multiple in line.harmonics)
+    else:
+        mode = NotchMode.THROTTLE
+        hover_throttle = controller.parameters.get("MOT_THST_HOVER", DEFAULT_HOVER_THROTTLE)
+        # Three digits, so that the value can be typed in.
+        reference = float(f"{hover_throttle:.3g}")
+    harmonics_mask = 0
+    for multiple in line.harmonics:
+        harmonics_mask |= 1 << (multiple - 1)
     return {
         "INS_HNTCH_ENABLE": 1.0,
         "INS_HNTCH_MODE": float(mode),

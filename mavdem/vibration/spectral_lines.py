@@ -237,10 +237,10 @@ class _LogSpectra:
         Returns:
             Mean logarithmic density at the frequencies of the spectra (F,).
         """
-        aligned_densities = [
-            np.interp(self.frequency * drive**exponent, self.frequency, log_density)
-            for drive, log_density in zip(self.drive, self.log_density, strict=True)
-        ]
+        aligned_densities = []
+        for drive, log_density in zip(self.drive, self.log_density, strict=True):
+            frequency_in_window = self.frequency * drive**exponent
+            aligned_densities.append(np.interp(frequency_in_window, self.frequency, log_density))
         return np.mean(aligned_densities, axis=0)
 
 

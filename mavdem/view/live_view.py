@@ -166,11 +166,16 @@ class SinkThread(threading.Thread):
         that cannot be opened is not tried again. A new recording has no layout yet; the writer, which sends the layout,
         is therefore created again with the next rows.
         """
+        is_open = self._recording is not None
         is_due = wall.monotonic() >= self._next_attempt
-        if self._recording is not None or not self._rows or not is_due:
+        if is_open or not self._rows or not is_due:
             return
-        self._next_attempt = wall.monotonic() + RETRY_SECONDS if self.sink.is_retried else inf
+        if self.sink.is_retried:
+            self._next_attempt = wall.monotonic() + RETRY_SECONDS
+        else:
+            self._next_attempt = inf
         recording = rr.RecordingStream("mavdem", recording_id=self._recording_id)
+        # Rows are sent with the time of the flight, so that Rerun's own times, of logging and of ticks, are left out.
         recording.set_log_time_enabled(False)
         recording.set_log_tick_enabled(False)
         if not self.sink.open(recording):

@@ -134,20 +134,16 @@ def mean_wind_by_minute(
         ``direction`` that the wind comes from, degrees; and ``start`` and ``end``, the times of its first and last
         step, s.
     """
-    # The number is rounded up: a flight of more than a minute has two parts, so that a wind that rose is seen.
     minutes = len(winds) * step / PART_SECONDS
+    # The number is rounded up, so that a flight of more than a minute has two parts, which show a wind that rose.
     part_count = max(ceil(minutes - PART_TOLERANCE), 1)
-    wind_of_parts = []
-    for rows in np.array_split(np.arange(len(winds)), part_count):
-        mean_wind = mean_wind_of_steps(winds[rows], variances[rows], step)
-        wind_of_parts.append(
-            {
-                **mean_wind.reported_values,
-                "start": float(time[rows[0]]),
-                "end": float(time[rows[-1]]),
-            }
-        )
-    return wind_of_parts
+    parts = []
+    for steps_of_part in np.array_split(np.arange(len(winds)), part_count):
+        mean_wind = mean_wind_of_steps(winds[steps_of_part], variances[steps_of_part], step)
+        times_of_part = time[steps_of_part]
+        start_and_end = {"start": float(times_of_part[0]), "end": float(times_of_part[-1])}
+        parts.append({**mean_wind.reported_values, **start_and_end})
+    return parts
 
 
 def wind_profile(

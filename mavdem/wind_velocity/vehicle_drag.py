@@ -153,9 +153,9 @@ def drag_model_setting(autopilot: str, parameters: Mapping[str, float]) -> str:
     if autopilot not in DRAG_MODEL_SETTINGS:
         return ""
     name, value = DRAG_MODEL_SETTINGS[autopilot]
-    if parameters and name not in parameters:
-        return ""
-    return f"{name} {value}"
+    # If no parameters were recorded, the firmware is assumed to have this one.
+    is_missing = bool(parameters) and name not in parameters
+    return "" if is_missing else f"{name} {value}"
 
 
 class AxisDrag(NamedTuple):

@@ -154,17 +154,17 @@ def accelerometer_records(signals: Signals, boot: int) -> tuple[AccelerometerRec
     Returns:
         The accelerometers in the order of their IMUs; empty if none was recorded.
     """
-    # Specific force (acceleration less gravity) by the number of the IMU.
-    force_by_imu = dict(further_specific_forces(signals))
-    main_force = specific_force(signals)
-    if main_force is not None:
+    # Specific force (acceleration less gravity) by the number of the IMU, as far as messages have the number.
+    forces_by_imu = dict(further_specific_forces(signals))
+    force_without_number = specific_force(signals)
+    if force_without_number is not None:
         # PX4 logs the IMU that it selects at each time without a number, and all IMUs by number besides. ArduPilot logs
         # the first IMU without a number, and only the others with theirs.
-        is_first_imu_numbered = 1 in force_by_imu
-        number_of_main_force = SELECTED_IMU if is_first_imu_numbered else 1
-        force_by_imu[number_of_main_force] = main_force
+        has_first_imu = 1 in forces_by_imu
+        number = SELECTED_IMU if has_first_imu else 1
+        forces_by_imu[number] = force_without_number
     records = []
-    for number, force in sorted(force_by_imu.items()):
+    for number, force in sorted(forces_by_imu.items()):
         is_used = _is_used(signals.telemetry.parameters, number)
         record = _measured_accelerometer(signals, boot, number, is_used, force)
         if record is not None:
@@ -393,21 +393,13 @@ def window_ranges(time: Array, values: Array, window_starts: Array) -> Array:
     Returns:
         (W,) ranges, in the unit of the samples; NaN in windows with fewer than two samples.
     """
-    # Rows of the first sample in each window, and of the first one after it.
-    first_rows = np.searchsorted(time, window_starts, side="left")
-    end_rows = np.searchsorted(time, window_starts + REST_SECONDS, side="left")
+    # Indices of the first sample in each window, and of the first one after it.
+    first_samples = np.searchsorted(time, window_starts)
+    end_samples = np.searchsorted(time, window_starts + REST_SECONDS)
     ranges = np.full(len(window_starts), np.nan)
-    has_two_samples = end_rows - first_rows >= 2
-    if not has_two_samples.any():
-        return ranges
-    # NumPy's ``reduceat`` takes the maximum of the samples from each first row to the row before the next one. Since
-    # the windows lie side by side, these are a window, and the single samples of left-out windows after it. The last
-    # window has no next one, so that the samples after it are cut off.
-    values_in_windows = values[: end_rows[-1]]
-    reduced_rows = first_rows[has_two_samples]
-    window_maxima = np.maximum.reduceat(values_in_windows, reduced_rows)
-    window_minima = np.minimum.reduceat(values_in_windows, reduced_rows)
-    ranges[has_two_samples] = window_maxima - window_minima
+    for window, (first, end) in enumerate(zip(first_samples, end_samples, strict=True)):
+        if end - first >= 2:
+            ranges[window] = np.ptp(values[first:end])
     return ranges
 
 

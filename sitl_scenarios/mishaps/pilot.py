@@ -250,16 +250,17 @@ class Pilot:
         Returns:
             Output of the pilot; None before the dive, when the flight plan sets the motors.
         """
-        # The log has this mode from the beginning, as of a pilot who flew there by hand and holds the stick at hover.
+        # The log has this mode from the beginning, as of a pilot who flew there by hand.
         self.mode = "stabilize"
-        self.throttle_stick = self.hover_stick
         if time < dive.start:
+            self.throttle_stick = self.hover_stick
             return None
         if time < dive.start + dive.seconds:
-            # The motors keep some thrust, by which the attitude stays controlled.
             self.throttle_stick = 0.0
+            # The motors keep some thrust, by which the attitude stays controlled.
             return self._level(estimate, DIVE_THRUST)
         self.throttle_stick = 1.0
+        # The velocity is north, east and down.
         _, _, sink_speed = estimate.velocity
         if sink_speed < CAUGHT_SPEED:
             self.has_ended_manoeuvre = True

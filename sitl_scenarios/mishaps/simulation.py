@@ -90,20 +90,24 @@ class InstrumentedSimulation(Simulation):
         4. A vehicle that landed after the planned end is recorded at rest for ``LATE_RECORD_SECONDS``.
         5. Any other recording ends as planned.
         """
-        mishap = self.scenario.mishap
-        if isinstance(mishap, BrownOut) and self._flight_time >= mishap.start + mishap.seconds:
-            return True
-        if self._lying_since is not None:
-            # The autopilot takes ``CRASH_CHECK_SECONDS`` to recognise the crash, and then disarms.
-            disarming_time = self._lying_since + CRASH_CHECK_SECONDS
-            return self._flight_time >= disarming_time + LYING_SECONDS
+        # Times are seconds since the beginning of the flight.
+        time = self._flight_time
         planned_end = self.scenario.duration
-        may_still_land = self._flight_time < planned_end + MAX_LATE_SECONDS
-        if self.armed and may_still_land:
+        mishap = self.scenario.mishap
+        # Rule 1.
+        if isinstance(mishap, BrownOut) and time >= mishap.start + mishap.seconds:
+            return True
+        # Rule 2. The autopilot takes ``CRASH_CHECK_SECONDS`` to recognise the crash, and then disarms.
+        if self._lying_since is not None:
+            disarming_time = self._lying_since + CRASH_CHECK_SECONDS
+            return time >= disarming_time + LYING_SECONDS
+        # Rule 3.
+        if self.armed and time < planned_end + MAX_LATE_SECONDS:
             return False
-        # A vehicle that lands as planned is disarmed in the cycle of the planned end.
+        # Rule 4. A vehicle that lands as planned is disarmed in the cycle of the planned end.
         if self._disarmed_at is not None and self._disarmed_at > planned_end + self.cycle:
-            return self._flight_time >= self._disarmed_at + LATE_RECORD_SECONDS
+            return time >= self._disarmed_at + LATE_RECORD_SECONDS
+        # Rule 5.
         return super().finished
 
     def set_parameter(self, name: str, value: float) -> bool:
@@ -125,19 +129,16 @@ class InstrumentedSimulation(Simulation):
 
         Args:
             estimate: Position, velocity, attitude and rates as the autopilot estimates them.
-
-        Returns:
-            The setpoints.
         """
-        planned = super()._reference(estimate)
-        reference = self._pilot.reference(self._flight_time, estimate, planned)
+        planned_reference = super()._reference(estimate)
+        reference = self._pilot.reference(self._flight_time, estimate, planned_reference)
         self._planned_state = reference.landed_state
         mishap = self.scenario.mishap
-        if isinstance(mishap, BarometerStuck):
-            climb_start = mishap.start + CLIMB_DELAY
-            added_height = mishap.climb * _climb_fraction(self._flight_time - climb_start)
-            return reference._replace(height=reference.height + added_height)
-        return reference
+        if not isinstance(mishap, BarometerStuck):
+            return reference
+        seconds_of_climb = self._flight_time - (mishap.start + CLIMB_DELAY)
+        added_height = mishap.climb * _climb_fraction(seconds_of_climb)
+        return reference._replace(height=reference.height + added_height)
 
     def _update_arming(self) -> None:
         """Arms and disarms the vehicle as planned, and disarms it by a failsafe in the air, or after a crash.

@@ -56,7 +56,9 @@ class ErrorBands:
         """
         self._errors[0, :, self._next_slot] = one_step_error
         self._errors[1:, :, self._next_slot] = horizon_errors
-        self._next_slot = (self._next_slot + 1) % self._errors.shape[2]
+        # The buffer is a ring: after its last slot the oldest errors, in the first slot, are overwritten.
+        _, _, capacity = self._errors.shape
+        self._next_slot = (self._next_slot + 1) % capacity
 
     def update(self) -> None:
         """Computes the half widths from the errors of the last ``BAND_SECONDS``.

@@ -134,6 +134,8 @@ def sign_of_effect(record: Record, mixer: Array) -> float:
 def recorded_controller(record: Record, mixer_row: Array) -> LoopController:
     """Returns the controller of an axis by the autopilot's parameters, with a combination of the motors as its output.
 
+    The autopilot's own controller has a demand of torque as its output, from which the mixer makes the motor outputs.
+
     Args:
         record: the training data of the axis, with the autopilot's parameters.
         mixer_row: (r,) weights of the r motors in the combination, such as +1 on one side of the axis and −1 on the
@@ -153,8 +155,8 @@ def recorded_controller(record: Record, mixer_row: Array) -> LoopController:
     if not controller.p > 0:
         name = controller.parameter_names["p"]
         raise NotLearnable(LoopFact.NO_PROPORTIONAL_GAIN, name=name, value=controller.p)
-    # The autopilot's controller has a demand of torque as output, from which the mixer makes motor outputs. Its gains
-    # times the change of the combination per unit of demand are the gains of a controller that sets the combination.
+    # Change of the combination per unit of demand: the factor by which gains of the torque become gains of the
+    # combination.
     combination_per_demand = float(mixer_row @ inputs_per_demand(controller, record))
     if not combination_per_demand > 0:
         raise NotLearnable(LoopFact.MIXER_REVERSED)

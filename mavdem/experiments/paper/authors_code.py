@@ -145,19 +145,20 @@ def agreement_check(method: str, start: str, ours: Array, theirs: Array) -> Chec
     our_median = np.median(ours)
     if method == EM:
         return Check(
-            f"{method}, from {start}: the median of ours lies between the best and the worst of theirs",
-            bool(theirs.min() <= our_median <= theirs.max()),
-            f"{method} from {start}: our MSPE is {_range_text(ours)}, theirs {_range_text(theirs)}",
+            rule=f"{method}, from {start}: the median of ours lies between the best and the worst of theirs",
+            holds=bool(theirs.min() <= our_median <= theirs.max()),
+            finding=f"{method} from {start}: our MSPE is {_range_text(ours)}, theirs {_range_text(theirs)}",
         )
     # The authors' DEM has a single result. Its quantile among ours is the fraction of our errors below it.
     their_error = theirs[0]
     quantile = float((ours < their_error).mean())
     lowest_quantile, highest_quantile = INTERVAL_QUANTILES
     return Check(
-        f"{method}, from {start}: theirs lies in the central {percent(CONFIDENCE_LEVEL)} of ours over random priors",
-        lowest_quantile <= quantile <= highest_quantile,
-        f"{method} from {start}: their MSPE is {rounded(their_error, 3)}, above {percent(quantile)} of ours (median "
-        f"{rounded(float(our_median), 3)})",
+        rule=f"{method}, from {start}: theirs lies in the central {percent(CONFIDENCE_LEVEL)} of ours over random "
+        "priors",
+        holds=lowest_quantile <= quantile <= highest_quantile,
+        finding=f"{method} from {start}: their MSPE is {rounded(their_error, 3)}, above {percent(quantile)} of ours "
+        f"(median {rounded(float(our_median), 3)})",
     )
 
 

@@ -216,10 +216,10 @@ def lowest_error_check(errors: ErrorsByMethod, conditions: str) -> Check:
     log_ratios = np.log(errors[DEM_P2] / lowest_peer_errors)
     geometric_mean_ratio = float(np.exp(np.mean(log_ratios)))
     return Check(
-        f"{DEM_P2}, {conditions}: its error is lower than that of {listed(PEER_METHODS)} on every flight",
-        lower_count == flight_count,
-        f"{DEM_P2}, {conditions}, has a lower error than the paper’s peers on {lower_count} of {flight_count}; its "
-        f"error is {rounded(geometric_mean_ratio, 3)} times that of the best of them",
+        rule=f"{DEM_P2}, {conditions}: its error is lower than that of {listed(PEER_METHODS)} on every flight",
+        holds=lower_count == flight_count,
+        finding=f"{DEM_P2}, {conditions}, has a lower error than the paper’s peers on {lower_count} of "
+        f"{flight_count}; its error is {rounded(geometric_mean_ratio, 3)} times that of the best of them",
     )
 
 
@@ -242,9 +242,11 @@ def _steps_check(squared_errors: Mapping[str, Array], flight: str) -> Check:
     best_row = np.array([dem_errors, *peer_errors]).argmin(axis=0)
     fraction_best = float((best_row == 0).mean())
     return Check(
-        f"{DEM_P2}, {flight}: of the paper’s four methods it has the least squared error at over half of the steps",
-        fraction_best > 0.5,
-        f"{DEM_P2} has the least squared error of the four at {percent(fraction_best)} of the steps of {flight}",
+        rule=f"{DEM_P2}, {flight}: of the paper’s four methods it has the least squared error at over half of the "
+        "steps",
+        holds=fraction_best > 0.5,
+        finding=f"{DEM_P2} has the least squared error of the four at {percent(fraction_best)} of the steps of "
+        f"{flight}",
     )
 
 

@@ -125,11 +125,11 @@ def lower_error_check(errors: ErrorsByOrder, data: str) -> Check:
     is_lower_in_total = medians_p2.sum() < medians_p1.sum()
     is_lower_on_most = lower_count >= MIN_SHARE_OF_EXPERIMENTS * len(medians_p2)
     return Check(
-        f"{data}: the total MSPE over experiments is lower with p = 2 than with p = 1, and also on at least "
+        rule=f"{data}: the total MSPE over experiments is lower with p = 2 than with p = 1, and also on at least "
         f"{percent(MIN_SHARE_OF_EXPERIMENTS)} of them (median over random priors)",
-        bool(is_lower_in_total and is_lower_on_most),
-        f"{data}: the total MSPE is {rounded(medians_p2.sum(), 3)} with p = 2 and {rounded(medians_p1.sum(), 3)} "
-        f"with p = 1, lower with p = 2 on {lower_count} of {len(medians_p2)}",
+        holds=bool(is_lower_in_total and is_lower_on_most),
+        finding=f"{data}: the total MSPE is {rounded(medians_p2.sum(), 3)} with p = 2 and "
+        f"{rounded(medians_p1.sum(), 3)} with p = 1, lower with p = 2 on {lower_count} of {len(medians_p2)}",
     )
 
 
@@ -150,10 +150,10 @@ def _ardrone_check(comparison: Paired) -> Check:
         The check.
     """
     return Check(
-        f"{ARDRONE_NAME}, from {DATA_START}: the median over windows of the error with p = 2 over that with p = 1 is "
-        "less than 1",
-        comparison.ratio < 1,
-        f"on {ARDRONE_NAME} the error ratio of p = 2 to p = 1 is {rounded(comparison.ratio, 3)}, below 1 in "
+        rule=f"{ARDRONE_NAME}, from {DATA_START}: the median over windows of the error with p = 2 over that with p "
+        "= 1 is less than 1",
+        holds=comparison.ratio < 1,
+        finding=f"on {ARDRONE_NAME} the error ratio of p = 2 to p = 1 is {rounded(comparison.ratio, 3)}, below 1 in "
         f"{comparison.less} of {comparison.windows} windows",
     )
 

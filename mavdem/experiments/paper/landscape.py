@@ -139,9 +139,9 @@ def _peak_check(peaks: list[float], curvatures: list[float]) -> Check:
     rises = (np.diff(peaks) > 0).all()
     sharpens = (np.diff(curvatures) > 0).all()
     return Check(
-        "the peak of F̄ᵒ rises and sharpens from iteration to iteration",
-        bool(rises and sharpens),
-        f"the peak rises from {rounded(peaks[0], 3)} to {rounded(peaks[-1], 3)} nats, and its curvature along "
+        rule="the peak of F̄ᵒ rises and sharpens from iteration to iteration",
+        holds=bool(rises and sharpens),
+        finding=f"the peak rises from {rounded(peaks[0], 3)} to {rounded(peaks[-1], 3)} nats, and its curvature along "
         f"A from {rounded(curvatures[0], 3)} to {rounded(curvatures[-1], 3)}",
     )
 
@@ -157,10 +157,10 @@ def _end_check(settings_name: str, spread: float) -> Check:
         The check.
     """
     return Check(
-        f"with {settings_name} settings, ascents from fifty priors on a circle end within {MAX_END_SPREAD:g} posterior "
-        "standard deviations of each other",
-        spread < MAX_END_SPREAD,
-        f"with {settings_name} settings, the ends from fifty priors scatter by {rounded(spread, 3)} posterior "
+        rule=f"with {settings_name} settings, ascents from fifty priors on a circle end within {MAX_END_SPREAD:g} "
+        "posterior standard deviations of each other",
+        holds=spread < MAX_END_SPREAD,
+        finding=f"with {settings_name} settings, the ends from fifty priors scatter by {rounded(spread, 3)} posterior "
         "standard deviations",
     )
 

@@ -363,10 +363,10 @@ def order_checks(chosen_orders: Mapping[str, list[int]]) -> tuple[Check, ...]:
             )
         checks.append(
             Check(
-                f"system {system}: F̄ of the model search, averaged over the flights, chooses order {system}, with "
-                f"{listed(chosen_orders)} inputs",
-                all(order == system for order in orders.values()),
-                f"for system {system} F̄ chooses order {orders_text}",
+                rule=f"system {system}: F̄ of the model search, averaged over the flights, chooses order {system}, "
+                f"with {listed(chosen_orders)} inputs",
+                holds=all(order == system for order in orders.values()),
+                finding=f"for system {system} F̄ chooses order {orders_text}",
             )
         )
     return tuple(checks)

@@ -106,15 +106,15 @@ def noise_checks(noises: Sequence[NoiseAnalysis], subject: str, pieces: str) -> 
             coloured_count += 1
     return (
         Check(
-            f"{subject}: the test for Gaussian noise of any colour has p ≥ {SIGNIFICANCE_LEVEL} every time",
-            gaussian_count == len(noises),
-            f"{subject} is Gaussian in {gaussian_count} of {len(noises)} {pieces}",
+            rule=f"{subject}: the test for Gaussian noise of any colour has p ≥ {SIGNIFICANCE_LEVEL} every time",
+            holds=gaussian_count == len(noises),
+            finding=f"{subject} is Gaussian in {gaussian_count} of {len(noises)} {pieces}",
         ),
         Check(
-            f"{subject}: its autocorrelation lies above the 95 % bound at the first lag that shares no samples, and "
-            f"the test for white noise of values that share none has p < {SIGNIFICANCE_LEVEL}, every time",
-            coloured_count == len(noises),
-            f"{subject} is coloured in {coloured_count} of {len(noises)}",
+            rule=f"{subject}: its autocorrelation lies above the 95 % bound at the first lag that shares no "
+            f"samples, and the test for white noise of values that share none has p < {SIGNIFICANCE_LEVEL}, every time",
+            holds=coloured_count == len(noises),
+            finding=f"{subject} is coloured in {coloured_count} of {len(noises)}",
         ),
     )
 

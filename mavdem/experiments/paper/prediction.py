@@ -119,16 +119,17 @@ def _one_step_checks(window: Window, learned: Learned) -> tuple[Check, Check]:
     error_ratios = one_step_errors / hold_errors
     return (
         Check(
-            f"one-step predictions explain over {percent(MIN_EXPLAINED_VARIANCE)} of each output’s training variance",
-            bool((explained_fractions > MIN_EXPLAINED_VARIANCE).all()),
-            f"one-step predictions explain {listed(map(percent, explained_fractions))} of the variance of "
+            rule=f"one-step predictions explain over {percent(MIN_EXPLAINED_VARIANCE)} of each output’s training "
+            "variance",
+            holds=bool((explained_fractions > MIN_EXPLAINED_VARIANCE).all()),
+            finding=f"one-step predictions explain {listed(map(percent, explained_fractions))} of the variance of "
             f"{listed(train.output_names)}",
         ),
         Check(
-            "one-step predictions of each output have a lower MSPE than holding its last sample",
-            bool((error_ratios < 1).all()),
-            f"the one-step MSPE is {listed(rounded(ratio, 3) for ratio in error_ratios)} times that of holding the "
-            "last sample",
+            rule="one-step predictions of each output have a lower MSPE than holding its last sample",
+            holds=bool((error_ratios < 1).all()),
+            finding=f"the one-step MSPE is {listed(rounded(ratio, 3) for ratio in error_ratios)} times that of "
+            "holding the last sample",
         ),
     )
 
@@ -145,9 +146,9 @@ def _forecast_check(window: Window, learned: Learned) -> Check:
     """
     error_ratio = relative_mspe(window.train, window.test, learned.forecast(window.test.inputs))
     return Check(
-        "150 steps ahead, from the data, the error is less than that of the constant mean",
-        error_ratio < 1,
-        f"150 steps ahead the error is {rounded(error_ratio, 3)} times that of the constant mean",
+        rule="150 steps ahead, from the data, the error is less than that of the constant mean",
+        holds=error_ratio < 1,
+        finding=f"150 steps ahead the error is {rounded(error_ratio, 3)} times that of the constant mean",
     )
 
 
@@ -169,15 +170,15 @@ def _convergence_checks(learned: Learned) -> tuple[Check, Check]:
     trend = "increases" if never_decreases else "does not always increase"
     return (
         Check(
-            f"after {MAX_ITERATIONS} iterations every parameter is within {percent(CONVERGED_FRACTION)} of the "
+            rule=f"after {MAX_ITERATIONS} iterations every parameter is within {percent(CONVERGED_FRACTION)} of the "
             "largest distance from its end",
-            iteration <= MAX_ITERATIONS,
-            f"the parameters have converged at iteration {iteration}",
+            holds=iteration <= MAX_ITERATIONS,
+            finding=f"the parameters have converged at iteration {iteration}",
         ),
         Check(
-            "F̄ decreases in no iteration",
-            never_decreases,
-            f"F̄ {trend} over {len(free_energy_steps)} iterations",
+            rule="F̄ decreases in no iteration",
+            holds=never_decreases,
+            finding=f"F̄ {trend} over {len(free_energy_steps)} iterations",
         ),
     )
 
@@ -193,10 +194,10 @@ def _prior_check(prior_errors: Sequence[float] | Array) -> Check:
     """
     low_quantile, high_quantile = np.percentile(prior_errors, RANGE_PERCENTILES)
     return Check(
-        f"over random priors, the 10 % and 90 % quantiles of the forecasts’ errors differ by less than a factor of "
-        f"{MAX_PRIOR_RATIO:g}",
-        bool(high_quantile < MAX_PRIOR_RATIO * low_quantile),
-        f"forecasts from {len(prior_errors)} random priors have an MSPE from {rounded(low_quantile, 3)} to "
+        rule="over random priors, the 10 % and 90 % quantiles of the forecasts’ errors differ by less than a "
+        f"factor of {MAX_PRIOR_RATIO:g}",
+        holds=bool(high_quantile < MAX_PRIOR_RATIO * low_quantile),
+        finding=f"forecasts from {len(prior_errors)} random priors have an MSPE from {rounded(low_quantile, 3)} to "
         f"{rounded(high_quantile, 3)} (10 % and 90 % quantiles)",
     )
 

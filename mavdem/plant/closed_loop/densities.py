@@ -205,29 +205,30 @@ class DensityModel:
         """Sets the densities of output and reference, which are estimated from the log instead of being modelled.
 
         The density of the output scales the noise that is proportional to it. The reference is made by the pilot, who
-        is not modelled. Since the log is slow, its estimate at each frequency is the sum over the frequencies that
-        alias onto it. ``unfolded_density`` divides the sum among these.
+        is not modelled. The log is slow, so that higher frequencies alias onto those of the estimates: the estimated
+        density of the reference is the sum over all of them, and is divided among them again.
 
         Args:
             frequency: frequencies (J,) of the estimates, Hz.
             power_densities: estimated power densities (J, 4) of all quantities, in the order of ``Quantity``.
         """
-        # (J, F): magnitude of each frequency of the estimates, and of those that alias onto it, which may be negative.
+        # (J, F): each frequency of the estimates with the F frequencies that alias onto it, itself included. These may
+        # be negative, but densities of real signals depend on their magnitude alone.
         alias_frequency = np.abs(self._frequency)
-        output = np.interp(alias_frequency, frequency, power_densities[:, Quantity.OUTPUT])
-        self._output_density = output * self._in_range
+        output_density = np.interp(alias_frequency, frequency, power_densities[:, Quantity.OUTPUT])
+        # Aliases beyond the range of the model, where ``_in_range`` is 0, are left out of all sums.
+        self._output_density = output_density * self._in_range
 
-        aliased_reference = power_densities[:, Quantity.REFERENCE]
+        sum_over_aliases = power_densities[:, Quantity.REFERENCE]
         # (J, 1, 1), like the cross-spectral densities (J, C, C).
-        self._aliased_reference_density = aliased_reference[:, None, None]
+        self._aliased_reference_density = sum_over_aliases[:, None, None]
         # Alias number 0 is the frequency itself.
         is_not_aliased = self._alias_numbers == 0
-        reference = unfolded_density(
-            aliased_reference, alias_frequency, is_not_aliased, self._in_range
+        reference_density = unfolded_density(
+            sum_over_aliases, alias_frequency, is_not_aliased, self._in_range
         )
-        # Aliases beyond the range of the model are left out of all sums, by a factor of 0. Their density is set to 1
-        # only because other densities are divided by it.
-        self._reference_density = np.where(self._in_range, reference, 1.0)
+        # Other densities are divided by this one, so that it is 1 and not 0 beyond the range.
+        self._reference_density = np.where(self._in_range, reference_density, 1.0)
 
     def _set_alias_phases(self, stamp_offsets: Array) -> None:
         """Sets the phase by which aliases of two quantities differ, because their messages have different time stamps.

@@ -117,11 +117,15 @@ class LoopData(NamedTuple):
         Returns:
             (3,) in the units of the channels, at least ``MIN_START_ERROR`` times their standard deviations.
         """
+        # A row of the past has the START_LAGS samples before the sample in the same row of ``samples``.
         past = np.concatenate([lagged_rows(segment, START_LAGS) for segment in self.segments])
         samples = np.concatenate([segment[START_LAGS:] for segment in self.segments])
-        coefficients, *_ = np.linalg.lstsq(past / self.tiled_scale, samples / self.scale)
-        errors = samples / self.scale - past / self.tiled_scale @ coefficients
-        return np.asarray(np.maximum(errors.std(axis=0), MIN_START_ERROR) * self.scale)
+        scaled_past = past / self.tiled_scale
+        scaled_samples = samples / self.scale
+        coefficients, *_ = np.linalg.lstsq(scaled_past, scaled_samples)
+        errors = scaled_samples - scaled_past @ coefficients
+        scaled_sds = np.maximum(errors.std(axis=0), MIN_START_ERROR)
+        return np.asarray(scaled_sds * self.scale)
 
     @property
     def tiled_scale(self) -> Array:

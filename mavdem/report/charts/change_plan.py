@@ -147,11 +147,11 @@ def change_plan(
 
 
 def is_uncertain_evidence(change: QuantityChange, evidence: Collection[QuantityChange]) -> bool:
-    """Returns whether a change agrees with a motor that is known to be weak, and is no sure change by itself.
+    """Returns whether a change is drawn as evidence of a weak motor although it is not certain by itself.
 
     Args:
-        change: change of one quantity.
-        evidence: changes that agree with a weak motor, which a light of one side names.
+        change: change of one quantity between two states of a vehicle.
+        evidence: changes that agree with a weak motor, which the judgement of one of the states names.
     """
     return change in evidence and change.outcome is not QuantityOutcome.CHANGED
 

@@ -188,7 +188,15 @@ class Line(NamedTuple):
         Returns:
             The line, with the lower and upper edge of its band.
         """
-        return cls(name, colour, x, y, y - half_width, y + half_width, style)
+        return cls(
+            name,
+            colour,
+            x,
+            y,
+            lower_edge=y - half_width,
+            upper_edge=y + half_width,
+            style=style,
+        )
 
     @property
     def step(self) -> float:
@@ -588,18 +596,20 @@ def step_chart(title: str, loop_name: str, steps: Sequence[Line]) -> Chart:
         steps: responses to a step of 1, all of the same duration.
     """
     setpoint = 1.0
+    chart = Chart(title, TIME_AFTER_STEP, STEP_RESPONSE, tuple(steps), levels=(setpoint,))
     if loop_name == "rate":
-        return Chart(title, TIME_AFTER_STEP, STEP_RESPONSE, tuple(steps), (setpoint,))
-    settling_times = []
+        return chart
+    longest_settling_time = 0.0
     for step in steps:
-        is_unsettled = abs(step.y - step.y[-1]) > SETTLED_SHARE * abs(step.y[-1])
-        settling_times.append(step.x[is_unsettled].max(initial=0.0))
-    end = 2 * float(max(settling_times))
-    if end == 0.0:
-        # If all responses are settled from the beginning, nothing is cut off.
-        end = np.inf
-    shown_steps = tuple(step.until(end) for step in steps)
-    return Chart(title, TIME_AFTER_STEP, STEP_RESPONSE, shown_steps, (setpoint,))
+        last_value = step.y[-1]
+        is_unsettled = abs(step.y - last_value) > SETTLED_SHARE * abs(last_value)
+        # Time of the last sample that is not settled; 0 if all are.
+        settling_time = float(step.x[is_unsettled].max(initial=0.0))
+        longest_settling_time = max(longest_settling_time, settling_time)
+    if longest_settling_time == 0.0:
+        return chart
+    end = 2 * longest_settling_time
+    return chart._replace(lines=tuple(step.until(end) for step in steps))
 
 
 def over_time(title: str, unit: str, lines: Iterable[Line]) -> Chart:

@@ -363,8 +363,9 @@ def _path_pieces(
         mode_numbers: (N,) number of the flight mode.
     """
     is_change = (np.diff(height_classes) != 0) | (np.diff(mode_numbers) != 0)
-    edges = [0, *(np.flatnonzero(is_change) + 1).tolist(), len(x)]
-    for start, end in pairwise(edges):
+    # Indices of the points at which another colour begins; between two points a change belongs to the second one.
+    first_points = (np.flatnonzero(is_change) + 1).tolist()
+    for start, end in pairwise([0, *first_points, len(x)]):
         # Each piece goes on to the first point of the next one, so that the path has no gaps.
         points = zip(x[start : end + 1], y[start : end + 1], strict=True)
         svg_path = "M" + " ".join(f"{right:.1f} {downward:.1f}" for right, downward in points)

@@ -50,13 +50,17 @@ def plant_response(
     Returns:
         Responses (1 + POSTERIOR_DRAWS, F), complex: of the estimate in the first row, then of the draws.
     """
-    # A row has the effectiveness of each motor, then damping, time constant and delay.
+    # A row is the estimate or a draw: the effectiveness of each motor, then damping, time constant and delay.
     draws = physical.draws(POSTERIOR_DRAWS, DRAWS_SEED)
-    effect = draws[:, :-DYNAMICS_COUNT] @ motors
-    damping, lag, delay = draws[:, -DYNAMICS_COUNT:].T[..., None]
+    effectiveness = draws[:, :-DYNAMICS_COUNT]
+    dynamics = draws[:, -DYNAMICS_COUNT:]
+    # (1 + POSTERIOR_DRAWS, 1) each, so that a row has all frequencies of one draw.
+    acceleration_per_command = (effectiveness @ motors)[:, None]
+    damping, time_constant, delay = dynamics.T[..., None]
     s = 2j * np.pi * frequency
-    rate = effect[:, None] * np.exp(-delay * s) / ((s + damping) * (lag * s + 1))
-    return rate / s if is_angle else rate
+    denominator = (s + damping) * (time_constant * s + 1)
+    rate_response = acceleration_per_command * np.exp(-delay * s) / denominator
+    return rate_response / s if is_angle else rate_response
 
 
 def identified_plant(learned: Learned) -> Physical | None:

@@ -62,10 +62,12 @@ def line_with_quantile_band(name: str, colour: str, x: Array, values: Array) -> 
         x: abscissae (T,).
         values: (N, T): the estimate in the first row, then the draws. Without draws the line is dashed.
     """
-    if len(values) == 1:
-        return Line(name, colour, x, values[0], style=LineStyle.DASHES)
-    low, high = np.quantile(values[1:], INTERVAL_QUANTILES, axis=0)
-    return Line(name, colour, x, values[0], low, high)
+    estimate = values[0]
+    draws = values[1:]
+    if len(draws) == 0:
+        return Line(name, colour, x, estimate, style=LineStyle.DASHES)
+    low, high = np.quantile(draws, INTERVAL_QUANTILES, axis=0)
+    return Line(name, colour, x, estimate, low, high)
 
 
 def bode_charts(learned: Learned, output: int = -1) -> Charts:

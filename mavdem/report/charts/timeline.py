@@ -279,9 +279,10 @@ def _rank_of_mark(event: Event) -> int:
 def assessment_timeline(
     assessment: Assessment, *, has_all_flights: bool = False
 ) -> Timeline | None:
-    """Returns the charts of a log over time, with its events and, unlike :func:`history_timeline`, the wind torque.
+    """Returns the charts of a log over time, with its events, the wind torque, and the settled flight in grey.
 
-    A log may have several boots of the autopilot, whose clocks begin at 0 each.
+    Settled flight is flight without take-off and landing, by which the vehicle is judged. A log may have several boots
+    of the autopilot, whose clocks begin at 0 each.
 
     Args:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
@@ -303,11 +304,11 @@ def assessment_timeline(
     torque_chart = _wind_torque_chart(assessment.analyses)
     if torque_chart.lines:
         wind_charts.append(torque_chart)
-    settled_intervals = [
-        (segment.start, segment.end)
-        for segment in settled_flight(evidence.signals)
-        if segment.boot == history.segment.boot
-    ]
+    settled_intervals = []
+    for segment in settled_flight(evidence.signals):
+        # The times of other boots are on other clocks.
+        if segment.boot == history.segment.boot:
+            settled_intervals.append((segment.start, segment.end))
     return timeline._replace(
         grey_intervals=tuple(settled_intervals), wind_charts=tuple(wind_charts)
     )

@@ -138,22 +138,18 @@ def _charts_over_flights(flights: Sequence[AxisRows], addresses: Sequence[str]) 
         lines = [*_lines_of_estimates(estimates, suspect_motor)]
         if title in (VIBRATION_TITLE, VIBRATION_LEVEL_TITLE):
             lines.append(_vibration_limit(title, len(flights)))
-        # A horizontal line at 0, where the deviations of even motors are.
+        # Motors that all work equally hard deviate by 0, where a horizontal line is drawn.
         levels = (0.0,) if title in TITLES_OF_DEVIATIONS else ()
-        chart = Chart(
-            title,
-            flight_axis,
-            Axis(""),
-            tuple(lines),
-            levels,
-            marks=tuple(marks),
+        # The title has the unit, so that the vertical axis needs no name.
+        unnamed_axis = Axis("")
+        charts.append(
+            Chart(title, flight_axis, unnamed_axis, tuple(lines), levels, marks=tuple(marks))
         )
-        charts.append(chart)
     return charts
 
 
 def _vibration_limit(title: str, flight_count: int) -> Line:
-    """Returns a line over all flights at the vibration, m/s², from which on the light of the vibration warns.
+    """Returns a line over all flights at the vibration, m/s², from which on a flight is judged as to be watched.
 
     Args:
         title: title of the chart: of the three axes that ArduPilot measures, or of the one level that PX4 measures.
@@ -168,16 +164,18 @@ def _vibration_limit(title: str, flight_count: int) -> Line:
 
 
 def _known_flight_count(estimates: Estimates) -> int:
-    """Returns of how many flights at least one of the estimates is known.
+    """Returns in how many flights of a vehicle at least one of the charted quantities is known.
 
     Args:
         estimates: (flights, 2) estimates and half widths of their intervals by the name of the line, NaN where not
             known.
     """
-    known_flights: set[int] = set()
-    for values_and_half_widths in estimates.values():
-        known_flights.update(np.flatnonzero(np.isfinite(values_and_half_widths[:, 0])).tolist())
-    return len(known_flights)
+    indices_of_known_flights: set[int] = set()
+    for estimates_of_line in estimates.values():
+        values, _ = estimates_of_line.T
+        is_known = np.isfinite(values)
+        indices_of_known_flights.update(np.flatnonzero(is_known).tolist())
+    return len(indices_of_known_flights)
 
 
 def _flight_axis(flights: Sequence[AxisRows]) -> Axis:
@@ -295,14 +293,17 @@ def _least_headrooms(flights: Sequence[AxisRows]) -> Array:
         flights: rows of the vehicle's flights, one for each axis, in the order of date.
 
     Returns:
-        (flights, 2) headroom, and NaN since its interval is not known; NaN where it is not known.
+        (flights, 2) like other estimates, with a half width in the second column, which is NaN here since it is not
+        known. The headroom is NaN for a flight of which no motor's headroom is known.
     """
-    headrooms = np.full((len(flights), 2), np.nan)
-    for number, flight in enumerate(flights):
-        known_headrooms = [value for value in log_row(flight).headroom or () if value is not None]
+    least_headrooms = np.full(len(flights), np.nan)
+    for flight_index, flight in enumerate(flights):
+        headrooms_of_motors = log_row(flight).headroom or ()
+        known_headrooms = [headroom for headroom in headrooms_of_motors if headroom is not None]
         if known_headrooms:
-            headrooms[number, 0] = min(known_headrooms)
-    return headrooms
+            least_headrooms[flight_index] = min(known_headrooms)
+    unknown_half_widths = np.full(len(flights), np.nan)
+    return np.column_stack([least_headrooms, unknown_half_widths])
 
 
 def _motor_deviations(flights: Sequence[AxisRows]) -> tuple[str, Estimates]:
@@ -444,13 +445,15 @@ def _estimates_of_column(
         (count, flights, 2): the estimate, then its half width; NaN where not known.
     """
     estimates = np.full((count, len(flights), 2), np.nan)
-    for number, flight in enumerate(flights):
+    for flight_index, flight in enumerate(flights):
         for row in flight:
             value = getattr(row, column)
-            is_selected = axis in ("", row.axis) and input_unit in ("", row.per_input)
-            if value is not None and np.size(value) == count and is_selected:
+            is_requested_row = axis in ("", row.axis) and input_unit in ("", row.per_input)
+            is_usable = value is not None and np.size(value) == count
+            if is_requested_row and is_usable:
                 half_width = getattr(row, f"{column}_interval", None)
-                estimates[:, number, 0] = value
-                estimates[:, number, 1] = np.nan if half_width is None else half_width
+                estimates[:, flight_index, 0] = value
+                estimates[:, flight_index, 1] = np.nan if half_width is None else half_width
+                # The first such row stands for the flight.
                 break
     return estimates

@@ -80,10 +80,11 @@ def _sentence_on_compared_flights(latest_row: FlightRow, difference: VehicleDiff
         latest_row: row of the latest flight in the fleet's table, with its file and, if it is known, its date.
         difference: comparison of the baseline with the latest flight, with the number of flights in the baseline.
     """
-    file_name = PurePath(latest_row.file).name
-    date = "" if latest_row.date is None else f" ({latest_row.date:%Y-%m-%d})"
+    latest_flight = PurePath(latest_row.file).name
+    if latest_row.date is not None:
+        latest_flight += f" ({latest_row.date:%Y-%m-%d})"
     baseline_flights = counted(difference.flights.before, "flight")
-    text = f"the latest flight, {file_name}{date}, compared with {baseline_flights}."
+    text = f"the latest flight, {latest_flight}, compared with {baseline_flights}."
     return Sentence(text, lead="Since the baseline:")
 
 

@@ -61,19 +61,21 @@ def detail_sentences(reviewed: ReviewedDifference) -> list[Sentence]:
         reviewed: comparison of two states of a vehicle, quantity by quantity.
     """
     difference = reviewed.difference
-    method = render_section(
+    sentences = sentences_without_change(reviewed)
+    # If nothing at all was compared, the sentences above name the missing quantities already.
+    if difference.changes:
+        sentences += sentences_on_missing_quantities(difference)
+    sentences_on_method = render_section(
         "difference",
         difference,
+        # Assumed standard deviation of each kind of quantity between flights of an unchanged vehicle.
         between=SD_BETWEEN_FLIGHTS,
         tested_count=len(difference.tested),
+        # Quantities are tested in groups of one subject, such as the motors.
         families=difference.tested_families,
         are_two_vehicles=reviewed.are_two_vehicles,
     )
-    sentences = sentences_without_change(reviewed)
-    # If there are no changes at all, the missing figures are named above.
-    if difference.changes:
-        sentences += sentences_on_missing_quantities(difference)
-    return [*sentences, *method]
+    return [*sentences, *sentences_on_method]
 
 
 def sentences_on_missing_quantities(difference: VehicleDifference) -> list[Sentence]:

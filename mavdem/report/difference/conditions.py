@@ -93,15 +93,16 @@ def condition_rows(reviewed: ReviewedDifference) -> list[ConditionRow]:
         reviewed: comparison of two states.
     """
     before, after = reviewed.difference.conditions
+    voltages = (_cell(before.voltage, 1), _cell(after.voltage, 1))
+    motor_outputs = (_percent_cell(before.collective), _percent_cell(after.collective))
     rows = [
-        ConditionRow(BATTERY, "V", (_cell(before.voltage, 1), _cell(after.voltage, 1))),
-        ConditionRow(
-            MOTOR_OUTPUT, "%", (_percent_cell(before.collective), _percent_cell(after.collective))
-        ),
+        ConditionRow(BATTERY, "V", voltages),
+        ConditionRow(MOTOR_OUTPUT, "%", motor_outputs),
         *wind_rows(reviewed.reviews),
         ConditionRow("mean roll and pitch", "°", (_lean_cell(before), _lean_cell(after))),
     ]
     for axis in AXES:
+        # Standard deviation of the wind's angular acceleration, rad/s².
         torque_before = before.wind_torque.get(axis)
         torque_after = after.wind_torque.get(axis)
         if torque_before is not None and torque_after is not None:
@@ -145,15 +146,17 @@ def vibration_row(reviewed: ReviewedDifference) -> ConditionRow:
     for side in STATE_NAMES:
         review = reviewed.reviews.get(side) or {}
         lights_by_side[side] = value_at(review, "lights.vibration") or {}
-    # The IMU that the light of A names comes first.
-    levels_by_imu = vibrations_of_same_imu(lights_by_side)
-    if levels_by_imu:
-        imu, (first_level, second_level) = next(iter(levels_by_imu.items()))
-        cells = (rounded(first_level), rounded(second_level))
-        return ConditionRow(f"vibration of {imu}", "m/s²", cells)
-    before, after = reviewed.difference.conditions
-    cells = (_rounded_cell(before.vibration), _rounded_cell(after.vibration))
-    return ConditionRow("vibration of IMU 1", "m/s²", cells)
+    vibrations_by_imu = vibrations_of_same_imu(lights_by_side)
+    if not vibrations_by_imu:
+        # Reviews without a common IMU, as of fleets, still have the vibration of the first IMU among the conditions.
+        before, after = reviewed.difference.conditions
+        cells = (_rounded_cell(before.vibration), _rounded_cell(after.vibration))
+        return ConditionRow("vibration of IMU 1", "m/s²", cells)
+    # The first one is the IMU that vibrates most in A, if it was recorded in both.
+    imu = next(iter(vibrations_by_imu))
+    first_vibration, second_vibration = vibrations_by_imu[imu]
+    cells = (rounded(first_vibration), rounded(second_vibration))
+    return ConditionRow(f"vibration of {imu}", "m/s²", cells)
 
 
 def _cell(value: float | None, decimals: int) -> str:

@@ -201,12 +201,13 @@ def _change_of_bad_margin(light: BadLight, reviewed: ReviewedDifference) -> str:
 
     Returns:
         The change from state A to state B. It is empty for a light on another subject, and if no single margin can be
-        named: the two states lack different margins, a margin is in doubt, or it is not known in both states.
+        named: different margins are bad in the two states, a margin is in doubt, or it is not known in both states.
     """
     if light.name != Light.MARGINS:
         return ""
     lights_by_side = lights_of_both(reviewed.reviews)[light.name]
-    lacking_margins = set[tuple[str, str, str]]()
+    # Each margin that makes the light bad in one of the states: its loop ("rate"), its name ("phase_margin"), the axis.
+    bad_margins = set[tuple[str, str, str]]()
     for side in light.bad_sides:
         bad_light = lights_by_side[side]
         # The light may also be bad because of an oscillation, for example.
@@ -216,10 +217,10 @@ def _change_of_bad_margin(light: BadLight, reviewed: ReviewedDifference) -> str:
         if not is_about_margin or is_doubtful:
             return ""
         figures = bad_light["figures"]
-        lacking_margins.add((bad_light["subject"], figures["lacking"], figures["axis"]))
-    if len(lacking_margins) > 1:
+        bad_margins.add((bad_light["subject"], figures["lacking"], figures["axis"]))
+    if len(bad_margins) > 1:
         return ""
-    [(loop_name, margin_name, axis)] = lacking_margins
+    [(loop_name, margin_name, axis)] = bad_margins
     kind = KINDS_OF_MARGINS.get((loop_name, margin_name))
     for change in reviewed.difference.changes:
         if change.quantity.kind == kind and change.quantity.axis == axis:
@@ -230,11 +231,11 @@ def _change_of_bad_margin(light: BadLight, reviewed: ReviewedDifference) -> str:
 def with_evidence(
     sentences: Sequence[Sentence], motors: MotorVerdict, difference: VehicleDifference
 ) -> list[Sentence]:
-    """Adds the measured evidence for a weak motor to the sentence of the headline that names it.
+    """Adds the measured evidence for a weak motor to the sentence that names the motor.
 
     Args:
-        sentences: sentences on status lights, such as the light of the motors.
-        motors: what is known of the motors, with the changes that are evidence.
+        sentences: sentences that compare the judgements of two flights, among them, perhaps, that of the motors.
+        motors: what is known of the motors, with the measured changes that are evidence of a weak one.
         difference: comparison of the two states, with the names of the motors.
 
     Returns:

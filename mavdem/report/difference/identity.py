@@ -42,7 +42,9 @@ def identity_cautions(reviewed: ReviewedDifference) -> list[Sentence]:
 
 
 def identity_remarks(reviewed: ReviewedDifference) -> list[Sentence]:
-    """Returns the warning that the flights may be of different vehicles, unless the headline says that they are.
+    """Returns the warning that the compared flights may be of different vehicles, for the text below the headline.
+
+    If they are known to be of different vehicles, the headline of the comparison says so, and there is no warning here.
 
     Args:
         reviewed: comparison of two states.

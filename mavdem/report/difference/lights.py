@@ -111,7 +111,7 @@ class ComparedLevels(NamedTuple):
 
 
 def compared_levels(lights_by_side: Mapping[str, JsonValues]) -> ComparedLevels:
-    """Compares a status light of two logs: its levels, and the reason for the worse one.
+    """Compares a status light, the judgement of one subject, of two logs: its levels, and the reason for the worse one.
 
     Args:
         lights_by_side: the light in the review document of each log, by side, "A" and "B"; at least one is bad or to be
@@ -124,22 +124,22 @@ def compared_levels(lights_by_side: Mapping[str, JsonValues]) -> ComparedLevels:
     first_side, second_side = STATE_NAMES
     first = lights_by_side[first_side]
     second = lights_by_side[second_side]
-    if first["level"] != second["level"]:
-        # The lights have different levels, and one of them is bad or "watch". The second is worse if it is bad, or if
-        # it is to be watched and the first is good or unknown.
-        second_is_worse = second["level"] == Level.BAD or first["level"] not in WARNING_LEVELS
-        worse_light = second if second_is_worse else first
-        levels = f"{first['level']} in {first_side}, {second['level']} in {second_side}"
-        reason = worse_light["sentence"] + remark_on_imus(lights_by_side)
-        for side, light in lights_by_side.items():
-            if light["level"] == Level.UNKNOWN:
-                reason += f" {side}: {light['sentence']}"
-        return ComparedLevels(levels, reason)
-    levels = f"{first['level']} in {first_side} and {second_side}"
-    if first["sentence"] == second["sentence"]:
-        return ComparedLevels(levels, first["sentence"])
-    reasons = f"{first_side}: {first['sentence']} {second_side}: {second['sentence']}"
-    return ComparedLevels(levels, reasons + remark_on_imus(lights_by_side))
+    if first["level"] == second["level"]:
+        levels = f"{first['level']} in {first_side} and {second_side}"
+        if first["sentence"] == second["sentence"]:
+            return ComparedLevels(levels, first["sentence"])
+        reasons = f"{first_side}: {first['sentence']} {second_side}: {second['sentence']}"
+        return ComparedLevels(levels, reasons + remark_on_imus(lights_by_side))
+    levels = f"{first['level']} in {first_side}, {second['level']} in {second_side}"
+    # Of different levels at least one is a warning, bad or "watch". So the second light is the worse one if it is bad,
+    # or if the first is no warning.
+    is_second_worse = second["level"] == Level.BAD or first["level"] not in WARNING_LEVELS
+    worse_light = second if is_second_worse else first
+    reason = worse_light["sentence"] + remark_on_imus(lights_by_side)
+    for side, light in lights_by_side.items():
+        if light["level"] == Level.UNKNOWN:
+            reason += f" {side}: {light['sentence']}"
+    return ComparedLevels(levels, reason)
 
 
 def vibrations_of_same_imu(
@@ -157,13 +157,18 @@ def vibrations_of_same_imu(
         By the name of the IMU, such as "IMU 2", its mean vibration in A and in B, m/s², along the axis that vibrates
         most. IMUs that were not recorded in both logs are left out.
     """
-    first_levels, second_levels = (_vibration_by_imu(light) for light in lights_by_side.values())
-    levels_of_both = {}
-    for light in lights_by_side.values():
-        imu = light.get("subject") or ""
-        if imu in first_levels and imu in second_levels:
-            levels_of_both[imu] = (first_levels[imu], second_levels[imu])
-    return levels_of_both
+    first_light, second_light = lights_by_side.values()
+    first_vibrations = _vibration_by_imu(first_light)
+    second_vibrations = _vibration_by_imu(second_light)
+    vibrations_of_both = {}
+    for light in (first_light, second_light):
+        most_vibrating_imu = light.get("subject") or ""
+        if most_vibrating_imu in first_vibrations and most_vibrating_imu in second_vibrations:
+            vibrations_of_both[most_vibrating_imu] = (
+                first_vibrations[most_vibrating_imu],
+                second_vibrations[most_vibrating_imu],
+            )
+    return vibrations_of_both
 
 
 def _vibration_by_imu(light: JsonValues) -> dict[str, float]:
@@ -188,16 +193,17 @@ def remark_on_imus(lights_by_side: Mapping[str, JsonValues]) -> str:
     """Returns a remark for the reader if a status light is about another IMU in each of two logs, as IMU 1 and IMU 3.
 
     Args:
-        lights_by_side: the same light in the review document of each log, by side, "A" and "B".
+        lights_by_side: the same light in the review document of each log, by side, "A" and "B". The light on vibration
+            has as its subject the IMU that vibrates most.
 
     Returns:
         The remark with a space before it: the vibration of each of these IMUs in both logs or, if neither was recorded
         in both, that they are different sensors. Empty if both lights are about the same IMU, or about something else
         than an IMU.
     """
-    first_subject, second_subject = (
-        light.get("subject") or "" for light in lights_by_side.values()
-    )
+    first_light, second_light = lights_by_side.values()
+    first_subject = first_light.get("subject") or ""
+    second_subject = second_light.get("subject") or ""
     are_imus = first_subject.startswith("IMU ") and second_subject.startswith("IMU ")
     if not are_imus or first_subject == second_subject:
         return ""
@@ -310,11 +316,11 @@ def _light_cells(first_light: JsonValues, second_light: JsonValues | None) -> li
 
 
 def _light_cell(light: JsonValues, remark: str = "") -> Rated:
-    """Returns a cell with the level of a status light, which a page colours by it and explains by the light's sentence.
+    """Returns a table cell with the level of a status light: the text, its colour, and the sentence that explains it.
 
     Args:
-        light: the light in the review document of a log.
-        remark: a further sentence behind that one, with a space before it.
+        light: the light, a judgement with a level and a sentence, in the review document of a log.
+        remark: text that is added to the sentence, with a space before it; empty for none.
     """
     level = light["level"]
     return Rated(level, Level(level), light["sentence"] + remark)

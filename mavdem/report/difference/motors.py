@@ -78,16 +78,16 @@ NO_VERDICT = MotorVerdict()
 def motor_verdict(reviews: Mapping[str, Review], difference: VehicleDifference) -> MotorVerdict:
     """Collects what a comparison of two logs knows of the motors: which are weak, and how probable a fault is.
 
-    A motor counts as weak if the status light of one log (its judgement of the motors) warns of it and the light of the
-    other does not. If both warn of the same motor, none is collected: its measured quantities then show whether it
-    became worse. The probability of a fault is taken from the later log, since its motors were also compared with other
-    flights of the vehicle.
+    A motor counts as weak in a log if the log's status light of the motors, their judgement, warns of it. If the lights
+    of both logs are the same, none counts: whether a motor became worse is then shown by its measured quantities alone.
+    The probability of a fault is taken from the later log, since its motors were also compared with other flights of
+    the vehicle.
 
     Args:
         reviews: review documents of both logs, by side, "A" and "B"; of a fleet, empty.
         difference: comparison of the two states, quantity by quantity.
     """
-    # The weak motor of a log by the side of that log.
+    # Number of the weak motor of a log, by the side of the log.
     weak_motors = {}
     differs = _has_motor_difference(reviews)
     if differs:
@@ -129,22 +129,23 @@ def evidence_of_weak_motors(
 ) -> Iterator[QuantityChange]:
     """Yields the measured changes that confirm a weak motor, such as its higher trim in the state in which it is weak.
 
-    The status lights of the two states have shown already which motor is weak.
-
     Args:
-        difference: comparison of the two states, quantity by quantity.
-        weak_motors: number of the weak motor by the name of the state, "A" or "B"; None for an unknown one.
+        difference: comparison of the two states, A and B, quantity by quantity.
+        weak_motors: number of the motor that was judged as weak in a state, by the name of the state; None for an
+            unknown one.
 
     Yields:
-        Changes of a weak motor's quantities, such as its trim, in the direction of the weakness.
+        Changes of a weak motor's quantities, such as its trim, in the direction of the weakness. They are significant
+        or, as a weaker sign, doubtful: significant alone, but not among all tested quantities.
     """
     first_side, second_side = STATE_NAMES
     for change in difference.changes:
         if not change.quantity.is_of_motor:
             continue
-        is_significant = change.outcome is QuantityOutcome.CHANGED or change.is_doubtful
+        is_sign = change.outcome is QuantityOutcome.CHANGED or change.is_doubtful
+        # A change that does not show a weaker motor in B shows a stronger one there, which is weaker in A.
         weaker_side = second_side if change.shows_weaker_motor else first_side
-        if is_significant and weak_motors.get(weaker_side) == change.quantity.motor:
+        if is_sign and weak_motors.get(weaker_side) == change.quantity.motor:
             yield change
 
 

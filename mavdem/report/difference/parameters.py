@@ -66,14 +66,19 @@ def _log_factor(parameter: ParameterChange) -> float:
 def parameter_text(parameter: ParameterChange) -> str:
     """Returns a changed parameter as text, such as "ATC_RAT_RLL_P 0.135 → 0.108".
 
-    Gains of rate control have three significant digits, as far as these show the change.
+    Gains of rate control have three significant digits, unless these are equal before and after the change. Other
+    parameters, and such gains, have all digits.
+
+    Args:
+        parameter: the parameter with both values.
     """
+    rounded_before = f"{parameter.before:.3g}"
+    rounded_after = f"{parameter.after:.3g}"
+    is_rate_gain = bool(RATE_PID_GAINS.match(parameter.name))
+    if is_rate_gain and rounded_before != rounded_after:
+        return f"{parameter.name} {rounded_before} → {rounded_after}"
     before = parameter_value_text(parameter.before)
     after = parameter_value_text(parameter.after)
-    if RATE_PID_GAINS.match(parameter.name):
-        rounded_before, rounded_after = f"{parameter.before:.3g}", f"{parameter.after:.3g}"
-        if rounded_before != rounded_after:
-            before, after = rounded_before, rounded_after
     return f"{parameter.name} {before} → {after}"
 
 

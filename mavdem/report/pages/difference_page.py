@@ -250,13 +250,11 @@ def _do_loops_differ(reviewed: ReviewedDifference) -> bool:
         reviewed: comparison of both flights, which knows the axes with other gains.
     """
     difference = reviewed.difference
+    has_other_rate_gains = bool(difference.axes_with_other_gains)
+    has_other_attitude_gains = bool(difference.axes_with_other_attitude_gains)
     changes = difference.changes_with(QuantityOutcome.CHANGED)
     has_changed_loop = any(change.quantity.kind in LOOP_KINDS for change in changes)
-    return bool(
-        has_changed_loop
-        or difference.axes_with_other_gains
-        or difference.axes_with_other_attitude_gains
-    )
+    return has_changed_loop or has_other_rate_gains or has_other_attitude_gains
 
 
 def _motor_chapter(
@@ -328,19 +326,22 @@ def _missing_step_sentences(reviews_by_side: Reviews) -> list[Sentence]:
 
 
 def _light_chapter(reviewed: ReviewedDifference, headline: Sequence[Sentence]) -> Chapter:
-    """Returns the chapter with the lights of both flights, and the headline of each flight by itself.
+    """Returns the chapter on how each flight was judged by itself: its status lights, and its headline.
+
+    A status light is the judgement of one subject, such as the motors. The headline is the most important one.
 
     Args:
         reviewed: comparison of both flights.
         headline: the sentences that head the comparison; what they state is not repeated.
     """
     blocks = light_blocks(reviewed.reviews)
-    if not reviewed.difference.is_of_same_flight:
-        headlines = {
-            side: value_at(review, "headline.sentence") for side, review in reviewed.reviews.items()
-        }
-        blocks += headline_blocks(headlines, [*headline, *_reasons_in_tables(blocks)])
-    return Chapter("Lights of both", blocks)
+    if reviewed.difference.is_of_same_flight:
+        return Chapter("Lights of both", blocks)
+    headlines = {}
+    for side, review in reviewed.reviews.items():
+        headlines[side] = value_at(review, "headline.sentence")
+    sentences_above = [*headline, *_reasons_in_tables(blocks)]
+    return Chapter("Lights of both", [*blocks, *headline_blocks(headlines, sentences_above)])
 
 
 def _reasons_in_tables(blocks: Blocks) -> list[Sentence]:
@@ -470,14 +471,13 @@ def _paired_groups(charts: Sequence[Chart], caption: str = "") -> list[Group]:
         charts: charts in the order of reading.
         caption: what stands below them; empty for nothing.
     """
-    groups = []
+    rows = []
     for first in range(0, len(charts), CHARTS_IN_ROW):
-        is_last_row = first + CHARTS_IN_ROW >= len(charts)
-        row = Group.side_by_side(
-            charts[first : first + CHARTS_IN_ROW], caption if is_last_row else ""
-        )
-        groups.append(row._replace(is_flat=True))
-    return groups
+        row = Group.side_by_side(charts[first : first + CHARTS_IN_ROW])
+        rows.append(row._replace(is_flat=True))
+    if rows:
+        rows[-1] = rows[-1]._replace(caption=caption)
+    return rows
 
 
 def _series_chapter(

@@ -274,12 +274,11 @@ class LightCounts(NamedTuple):
     @property
     def text(self) -> str:
         """In how many flights the light is not good, by level, such as "4 bad, 2 watch"; "all good" if in none."""
-        counts = [
-            f"{count} {level}"
-            for level, count in self.counts.items()
-            if level != Level.GOOD and count
-        ]
-        return ", ".join(counts) or "all good"
+        texts = []
+        for level, count in self.counts.items():
+            if level != Level.GOOD and count > 0:
+                texts.append(f"{count} {level}")
+        return ", ".join(texts) or "all good"
 
 
 @dataclass
@@ -527,14 +526,15 @@ def _note_on_vehicle(vehicle: VehicleFlights) -> str:
 
 
 def _bar_count(vehicles: Mapping[str, VehicleFlights]) -> int:
-    """Returns for how many bars, one a flight, the row of each vehicle has room.
+    """Returns for how many bars each vehicle's row of bars has room, so that all rows have the same scale.
 
-    It is the largest number that a vehicle needs, and at least ``MIN_BARS``.
+    It is the largest number of bars that a vehicle needs, and at least ``MIN_BARS``.
+
+    Args:
+        vehicles: summary of each vehicle's flights, by name. Each of its latest flights is a bar, coloured by level.
     """
-    bar_count = MIN_BARS
-    for vehicle in vehicles.values():
-        bar_count = max(bar_count, len(vehicle.levels))
-    return bar_count
+    counts = [len(vehicle.levels) for vehicle in vehicles.values()]
+    return max([MIN_BARS, *counts])
 
 
 def _flight_calendar(lines: Sequence[FlightLine]) -> Calendar | None:
@@ -628,24 +628,24 @@ def _light_counts(summaries: Sequence[VehicleSummary]) -> list[LightCounts]:
         The counts, sorted so that the light that is bad in most flights comes first; empty if no flight
         counts, as of a fleet of simulated flights of unknown vehicles.
     """
-    if not any(
-        any(summary.light_counts[light].values()) for summary in summaries for light in Light
-    ):
-        return []
     counts = []
+    has_counted_flight = False
     for light in Light:
         flights_by_level: Counter[Level] = Counter()
         for summary in summaries:
             flights_by_level.update(summary.light_counts[light])
+        if flights_by_level.total() > 0:
+            has_counted_flight = True
         counts_in_order = {level: flights_by_level[level] for level in LEVEL_MARKS}
         counts.append(LightCounts(light, counts_in_order))
-    counts.sort(
-        key=lambda light_counts: (
-            -light_counts.counts[Level.BAD],
-            -light_counts.counts[Level.WATCH],
-        )
-    )
-    return counts
+    if not has_counted_flight:
+        return []
+
+    def bad_and_watched(light_counts: LightCounts) -> tuple[int, int]:
+        """Returns in how many flights a light is bad, and in how many it is to be watched."""
+        return light_counts.counts[Level.BAD], light_counts.counts[Level.WATCH]
+
+    return sorted(counts, key=bad_and_watched, reverse=True)
 
 
 def _move_repeated_summaries(sections: Sequence[VehicleSection]) -> Table:

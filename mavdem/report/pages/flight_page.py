@@ -386,17 +386,19 @@ def chapter_of_light(light: Light, fact: Fact) -> str:
 
 
 def lights_of_chapter(title: str, lights: NamedFacts) -> list[Light]:
-    """Returns the lights that a chapter of a page explains.
+    """Returns the names of the status lights that a chapter of a page explains.
+
+    A status light is the judgement of one part of the vehicle, such as its motors.
 
     Args:
         title: title of the chapter.
-        lights: the judgement of each part of the vehicle by name, a fact (a coded finding) with a level.
+        lights: the lights of the flight by name, each a fact (a coded finding) with a level; some may be missing.
     """
-    return [
-        light
-        for light in CHAPTER_OF_LIGHT
-        if light in lights and chapter_of_light(light, lights[light]) == title
-    ]
+    names = []
+    for name in CHAPTER_OF_LIGHT:
+        if name in lights and chapter_of_light(name, lights[name]) == title:
+            names.append(name)
+    return names
 
 
 def _levels_of_chapter(chapter: Chapter, lights: NamedFacts) -> set[Level]:
@@ -584,9 +586,9 @@ def _flight_chapters(
 
 
 def scope_of_instances_level(lights: NamedFacts) -> str:
-    """Returns the lights that have the level of the chapter of batteries, sensors, estimators and outputs.
+    """Returns which status lights the level of the chapter of batteries, sensors, estimators and outputs comes from.
 
-    The vibration of the IMUs in that chapter has a light and a chapter of its own.
+    The chapter also has the vibration of the IMUs, which has a chapter of its own, and is not meant by the level.
 
     Args:
         lights: the judgement of each part of the vehicle by name, a fact (a coded finding) with a level.
@@ -594,12 +596,13 @@ def scope_of_instances_level(lights: NamedFacts) -> str:
     Returns:
         Text that follows the level, such as " (power)"; empty if no light is about the chapter.
     """
-    levels = {light: lights[light].level for light in lights_of_chapter(INSTANCES_TITLE, lights)}
-    if not levels:
+    names = lights_of_chapter(INSTANCES_TITLE, lights)
+    if not names:
         return ""
-    worst_level = min(levels.values(), key=CHAPTER_LEVELS.index)
-    names = [str(light) for light, level in levels.items() if level is worst_level]
-    return f" ({' and '.join(names)})"
+    # The level of the chapter is the worst of these. The levels are listed from the worst to the best.
+    worst_level = min([lights[name].level for name in names], key=CHAPTER_LEVELS.index)
+    names_of_worst = [str(name) for name in names if lights[name].level is worst_level]
+    return f" ({' and '.join(names_of_worst)})"
 
 
 def _trust_chapter(trust_of_boots: Sequence[SensorTrust]) -> Chapter:
@@ -643,7 +646,7 @@ def _axes_chapter(assessment: Assessment, timeline: Timeline) -> Chapter:
     blocks: Blocks = [*_tracking_sentences(tracking_light, assessment.headline)]
     error_tables = _tracking_tables(assessment.tracking)
     sections = []
-    # The charts can be divided if each axis has a rate, and something else.
+    # The charts can be divided if each axis has a rate, and something else. A section is the part to open.
     can_be_divided = all(rate_charts.values()) and all(other_charts.values())
     if tracking_light.is_bad and can_be_divided:
         group = Group.of_axes(rate_charts, tracking_light)
@@ -700,10 +703,13 @@ def _tracking_sentences(light: Fact, headline: Fact) -> list[Sentence]:
 
 
 def _tracking_tables(axes: NamedFacts) -> list[Table]:
-    """Returns the table of the tracking errors of each axis in settled flight; none where no error is known.
+    """Returns a table of how well each axis follows its setpoint in settled flight, without take-off and landing.
 
     Args:
-        axes: a fact for each axis, whose figures are the errors and the delay, each with its unit.
+        axes: a fact (coded finding) for each axis, whose figures are the errors and the delay, each with its unit.
+
+    Returns:
+        A list with the table, which has a row for each axis with a known figure; empty without such an axis.
     """
     rows = []
     for axis, fact in axes.items():
@@ -795,9 +801,13 @@ def _motors_chapter(analysis: LogAnalysis, evidence: Evidence, light: Fact) -> C
     """
     hover = analysis.condition.hover
     blocks = motor_blocks(analysis.learned, hover)
-    if analysis.learned is None or not analysis.tier.allows_full_model:
-        # If there is a hover, the table has what the first sentence on the motors says.
-        leads = MOTOR_LEADS if hover is None else MOTOR_LEADS[1:]
+    has_full_model = analysis.learned is not None and analysis.tier.allows_full_model
+    if not has_full_model:
+        # Sentences are selected by their first words, such as "Motors:".
+        leads = list(MOTOR_LEADS)
+        if hover is not None:
+            # The table of the hover has what the first sentence on the motors says.
+            del leads[0]
         for sentence in render_section("condition", analysis.condition):
             if sentence.lead in leads:
                 blocks.append(sentence)
@@ -1239,21 +1249,24 @@ def _map_wind_of_estimate(estimate: WindEstimate, name: str) -> MapWind | None:
 
 
 def _live_anchors(timeline: Timeline | None, chapters: Sequence[Chapter]) -> dict[str, str]:
-    """Returns the anchors of the parts of a live page to which its status lights link.
+    """Returns the HTML anchors to which the status lights of a live page link.
+
+    A status light is the judgement of one subject. It links to the part of the page that shows more of the subject.
 
     Args:
         timeline: charts over time at the top of the page, of motors and wind among others; None without any.
-        chapters: chapters of the page. The one on advised gains belongs to the light on margins.
+        chapters: chapters of the page, which may have one on advised gains.
 
     Returns:
         Anchors by the name of the light; a light without a link is left out.
     """
     anchors = {}
     if timeline is not None:
-        anchor_of_timeline = "flight"
-        anchors[str(Light.MOTORS)] = anchor_of_timeline
-        anchors[str(Light.WIND)] = anchor_of_timeline
+        anchor_of_charts = "flight"
+        anchors[str(Light.MOTORS)] = anchor_of_charts
+        anchors[str(Light.WIND)] = anchor_of_charts
     for chapter in chapters:
         if chapter.title == GAINS_TITLE:
+            # The gains are advised for the sake of the stability margins.
             anchors[str(Light.MARGINS)] = chapter.anchor
     return anchors

@@ -29,7 +29,8 @@ def hardware_chapters(
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        lights: status lights by name; the light on the power is the finding of the section on the power supply.
+        lights: status lights by name, each the judgement of one subject. That of the power is the sentence of the
+            section on the power supply.
         timeline: charts of the flight over time, whose time range the charts of the sections share; None if there are
             none, and then the sections have no charts either.
 

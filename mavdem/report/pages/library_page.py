@@ -333,29 +333,30 @@ def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values
     Returns:
         The page as HTML.
     """
-    # Without a flight there is no judgement.
-    texts = VehicleTexts(latest_flight="", reason="", all_flights="", next_step="")
-    level = Level.UNKNOWN
     if flights:
         texts = vehicle_texts(flights)
         level = badge_level(flights)
+    else:
+        # Nothing is judged.
+        texts = VehicleTexts(latest_flight="", reason="", all_flights="", next_step="")
+        level = Level.UNKNOWN
     changes = [*changes]
-    words = texts.all_flights
-    changes_text = plain_text(changes)
-    if texts.reason and texts.reason in changes_text:
-        # The comparison with the baseline says how the motors differ.
-        words = words.replace(f": {texts.reason}", ".")
-    groups: list[Group] = []
+    text_on_all_flights = texts.all_flights
+    is_reason_in_changes = texts.reason in plain_text(changes)
+    if texts.reason and is_reason_in_changes:
+        # The text ends with ": " and the reason why the motors are judged so, which the changes below state as well.
+        text_on_all_flights = text_on_all_flights.replace(f": {texts.reason}", ".")
+    charts: list[Group] = []
     if len(flights) > 1:
-        groups = vehicle_groups(flights, _addresses_of_flights(flights, values.get("entries", ())))
+        charts = vehicle_groups(flights, _addresses_of_flights(flights, values.get("entries", ())))
     return render_server_page(
         "vehicle",
         latest_flight=texts.latest_flight,
         level=level,
-        words=words,
+        words=text_on_all_flights,
         next_step=texts.next_step,
         changes=changes,
-        groups=groups,
+        groups=charts,
         **values,
     )
 

@@ -161,11 +161,13 @@ def _responses_caption(
         caption += "its |T| is measured."
     if has_advised_steps:
         caption += " Green: predicted with the advised gains."
-    attitudes = [loops["attitude"] for loops in responses.values() if "attitude" in loops]
-    if any(
-        attitude.has_feedforward and isinstance(attitude.measured, StepResponse)
-        for attitude in attitudes
-    ):
+    has_measured_feedforward = False
+    for responses_of_axis in responses.values():
+        attitude = responses_of_axis.get("attitude")
+        # A response that could not be measured is a fact (a coded finding) with the reason.
+        if attitude is not None and isinstance(attitude.measured, StepResponse):
+            has_measured_feedforward = has_measured_feedforward or attitude.has_feedforward
+    if has_measured_feedforward:
         caption += " Attitudes follow their setpoint with ArduPilot's feedforward (ATC_RATE_FF_ENAB), as flown."
     return caption
 

@@ -38,9 +38,9 @@ class RepeatedMessage(NamedTuple):
 
 
 def messages_chapter(telemetry: Telemetry, charts_boot: int | None) -> Chapter:
-    """Returns the chapter with the messages of the autopilot, which readers can search.
+    """Returns the chapter with the texts that the autopilot itself wrote into the log, in a table that can be searched.
 
-    Paper has only the warnings, and nothing of a flight without any.
+    The chapter is printed on paper only if there is a warning among them.
 
     Args:
         telemetry: messages of the vehicle.
@@ -70,13 +70,22 @@ def messages_chapter(telemetry: Telemetry, charts_boot: int | None) -> Chapter:
 
 
 def _without_repetitions(messages: Sequence[StatusText]) -> list[RepeatedMessage]:
-    """Returns the messages in their order; equal ones in a row, of one boot, are one with their count."""
+    """Joins messages of the autopilot that repeat the one before them: one message remains of them, with their number.
+
+    Args:
+        messages: the messages in the order of time. A repetition has the same text and severity, and is of the same
+            boot; only its time differs.
+
+    Returns:
+        The remaining messages, each with the time of the first of its repetitions, in the order of time.
+    """
     counted_messages: list[RepeatedMessage] = []
     for message in messages:
         if counted_messages:
-            previous, total = counted_messages[-1]
-            if message._replace(time=previous.time) == previous:
-                counted_messages[-1] = RepeatedMessage(previous, total + 1)
+            previous_message, total = counted_messages[-1]
+            is_repetition = message._replace(time=previous_message.time) == previous_message
+            if is_repetition:
+                counted_messages[-1] = RepeatedMessage(previous_message, total + 1)
                 continue
         counted_messages.append(RepeatedMessage(message, 1))
     return counted_messages
@@ -138,10 +147,13 @@ def _moment(message: StatusText, charts_boot: int | None, *, has_one_boot: bool)
 
 
 def _level(entry: RepeatedMessage) -> str:
-    """Returns the name of a message's severity, rated if it is a warning or worse; empty if it is not known.
+    """Returns the table cell with the severity of a message, such as "warning"; empty if the severity is not known.
 
-    The autopilot's own levels are not those of the lights: a refused arming is "critical" too. So they all count as to
-    be watched.
+    A warning, or worse, has the colour of what is to be watched. It never has the colour of what is bad, since
+    autopilots call harmless events "critical", such as that they refuse to arm.
+
+    Args:
+        entry: the message, with its severity by MAVLink's numbers, from 0 (emergency) on.
     """
     severity = entry.message.severity
     if severity >= len(SEVERITY_NAMES):

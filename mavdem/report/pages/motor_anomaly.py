@@ -106,17 +106,18 @@ def motor_anomaly(row: FlightRow | None) -> MotorAnomaly | None:
 
 
 def review_with_compared_motors(review: Mapping[str, Any], rows: FlightRows) -> Mapping[str, Any]:
-    """Returns the review of a flight with its motors judged beside the other flights of the vehicle.
+    """Returns the review of a flight with its motors judged also by comparison with other flights of the vehicle.
 
     Args:
         review: review document of the flight, by its log alone. It is empty if a whole fleet is compared, which has no
             review. It is not modified.
-        rows: rows of the fleet's table for the flight, with its health; of several flights the latest counts.
+        rows: rows of the fleet's table for the flight, with the health of its motors by that comparison; of several
+            flights the latest counts.
 
     Returns:
-        A changed copy, as :func:`review_with_anomaly` makes it, with the judgement of the motors as ``motor_health``. A
-        review without lights, such as the empty one of a fleet, gets the light of the motors alone. If the motors were
-        not judged, the review itself.
+        A changed copy, as :func:`review_with_anomaly` makes it, with the health of the motors as ``motor_health``. A
+        review without status lights (judgements of one subject each), such as the empty one of a fleet, gets that of
+        the motors alone. If the motors were not compared, the review itself.
     """
     flown_rows = [row for row in rows if row.is_read]
     if not flown_rows:

@@ -47,11 +47,12 @@ Of the filtered signal, what is above {nyquist:.0f} Hz appears below it (aliasin
 def vibration_chapter(
     assessment: Assessment, timeline: Timeline | None, *, has_spectrograms: bool
 ) -> Chapter:
-    """Returns the chapter to which the light of the vibration leads: vibration, clips and spectra of gyro and IMU.
+    """Returns the chapter on vibration: its strength over time, and the spectra of gyro and accelerometer.
 
-    Vibration and clips over time come first, with the limits of the light. The spectra of the gyro show where they come
-    from. Parts to open follow, since two rows of plots say enough at first: the spectrograms of the gyro, the spectra
-    of the accelerometer, and the samples of both sensors.
+    Vibration and clips (samples at the end of an accelerometer's range) over time come first, with the limits by which
+    they are judged. The spectra of the gyro show where they come from. Parts to open follow, since two rows of plots
+    say enough at first: the spectrograms of the gyro, the spectra of the accelerometer, and the samples of both
+    sensors.
 
     Args:
         assessment: all results on a vehicle of the log: events, status lights, model, loops and wind.
@@ -154,7 +155,10 @@ def _spectra(noise: MeasuredNoise, sensor: str, loop: Loop | None = None) -> lis
     if _first_spectrum(noise, sensor) is None:
         return []
     charts = axis_spectrum_charts(noise, loop, sensor, AXES_OF_SENSORS.get(sensor, AXES))
-    mark_names = {mark.name for chart in charts.values() for mark in chart.marks}
+    # Spectral lines are marked in the charts with their cause.
+    mark_names = set[str]()
+    for chart in charts.values():
+        mark_names.update(mark.name for mark in chart.marks)
     captions = []
     if UNNAMED_LINE in mark_names:
         captions.append(UNNAMED_LINE_CAPTION)

@@ -451,9 +451,7 @@ class Head(NamedTuple):
         for page_event in self.events:
             is_active_alarm = page_event.event.is_alarm and not page_event.is_over
             if is_active_alarm:
-                if page_event.is_headline:
-                    return None
-                return page_event
+                return None if page_event.is_headline else page_event
         return None
 
     @property

@@ -45,14 +45,22 @@ def meaning_of(name: str) -> str:
 
 
 def reference_address(autopilot: str, parameter: str) -> str:
-    """Returns the address where an autopilot's makers describe a parameter; empty for an unknown autopilot."""
+    """Returns the web address where an autopilot's makers describe a parameter.
+
+    Args:
+        autopilot: name of the autopilot, such as "PX4".
+        parameter: name of the parameter.
+
+    Returns:
+        The address of the reference of all parameters, with the anchor of this one; empty for an unknown autopilot.
+    """
     page = PARAMETER_REFERENCES.get(autopilot)
     if page is None:
         return ""
-    anchor = parameter
-    if autopilot != "PX4":
-        # ArduPilot's page, made by Sphinx, writes its anchors in small letters and with hyphens.
-        anchor = parameter.lower().replace("_", "-")
+    if autopilot == "PX4":
+        return f"{page}#{parameter}"
+    # ArduPilot's page, made by Sphinx, has its anchors in small letters and with hyphens.
+    anchor = parameter.lower().replace("_", "-")
     return f"{page}#{anchor}"
 
 
@@ -73,15 +81,12 @@ def parameters_chapter(telemetry: Telemetry, *, is_full: bool) -> Chapter:
     """
     blocks: Blocks = []
     changes = []
-    for name, value_before in sorted(telemetry.initial_parameters.items()):
+    # The initial values are those of the parameters that changed during the log.
+    for name, initial_value in sorted(telemetry.initial_parameters.items()):
         if not AUTOPILOT_SET_PARAMETERS.search(name):
-            changes.append(
-                [
-                    name,
-                    parameter_value_text(value_before),
-                    parameter_value_text(telemetry.parameters[name]),
-                ]
-            )
+            last_value = telemetry.parameters[name]
+            row = [name, parameter_value_text(initial_value), parameter_value_text(last_value)]
+            changes.append(row)
     if changes:
         blocks.append(Table(["changed in flight", "from", "to"], changes))
     blocks += _control_parameter_tables(telemetry)

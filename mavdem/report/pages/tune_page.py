@@ -140,15 +140,15 @@ def _table_of_kept_gains(tuning: Tuning, evidence: Evidence) -> list[Table]:
     """
     rows = []
     for axis, advice in tuning.axes.items():
-        if isinstance(advice, Advice) and advice.parameters:
-            continue
+        has_new_gains = isinstance(advice, Advice) and bool(advice.parameters)
         controller = controller_if_known(evidence.signals.for_axis(axis))
-        if controller is None:
+        if has_new_gains or controller is None:
             continue
         gains = logged_gains(controller)
         row = [axis]
         for gain_field in GAIN_HEADERS:
             parameter_name = controller.parameter_names[gain_field]
+            # A gain that the log does not have leaves its cell empty.
             gain = gains.get(parameter_name)
             row.append("" if gain is None else f"{gain:.4g}")
         rows.append(row)
@@ -233,8 +233,8 @@ def _groups_of_columns(
 
     Args:
         charts: charts by axis, and then by loop, "rate" or "attitude".
-        assessment: assessment of the log. Its light of the margins names the axis with the worst margins, whose column
-            a phone shows first.
+        assessment: assessment of the log. Its judgement of the stability margins names the axis with the worst ones,
+            whose column a phone shows first.
         caption: text below the charts.
 
     Returns:

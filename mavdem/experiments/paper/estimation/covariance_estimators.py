@@ -361,8 +361,10 @@ def sage_husa(record: NoisyRecord) -> RecursiveEstimates:
 def variational_bayes(record: NoisyRecord) -> RecursiveEstimates:
     """Estimates the variances together with the state, by variational Bayes.
 
-    Each variance has an inverse gamma distribution, whose shape and scale parameters decrease by ``FORGETTING_FACTOR``
-    from sample to sample, so that new samples count more than old ones.
+    Each variance has an inverse gamma distribution, whose shape α and scale β decrease by ``FORGETTING_FACTOR`` from
+    sample to sample, so that new samples count more than old ones. With each sample, α grows by ½, and β by half of the
+    expected squared error of measurement. That error depends on the variance β / α itself, so that β is computed by
+    ``VB_ITERATIONS`` of a fixed-point iteration.
 
     S. Särkkä and A. Nummenmaa, "Recursive noise adaptive Kalman filtering by variational Bayesian approximations", IEEE
     Transactions on Automatic Control 54(3), 2009.
@@ -373,7 +375,7 @@ def variational_bayes(record: NoisyRecord) -> RecursiveEstimates:
     Returns:
         Variances (T, n) and states (T, n) at each sample.
     """
-    step = _first_prediction(record)
+    prediction = _first_prediction(record)
     shape = np.ones(len(record.process_variances))
     scale = first_variances(record)
     variances = np.zeros_like(record.outputs)
@@ -381,14 +383,15 @@ def variational_bayes(record: NoisyRecord) -> RecursiveEstimates:
     for t, output in enumerate(record.outputs):
         shape = shape + 0.5
         new_scale = scale
-        filter_step = step
+        correction = prediction
         for _ in range(VB_ITERATIONS):
-            filter_step = corrected_step(step, output, new_scale / shape)
-            residual = output - filter_step.state
-            new_scale = scale + 0.5 * (residual**2 + filter_step.covariance.diagonal())
+            correction = corrected_step(prediction, output, new_scale / shape)
+            residual = output - correction.state
+            expected_squared_error = residual**2 + correction.covariance.diagonal()
+            new_scale = scale + 0.5 * expected_squared_error
         variances[t] = new_scale / shape
-        states[t] = filter_step.state
-        step = predicted_step(record, filter_step, t)
+        states[t] = correction.state
+        prediction = predicted_step(record, correction, t)
         shape = FORGETTING_FACTOR * shape
         scale = FORGETTING_FACTOR * new_scale
     return RecursiveEstimates(variances, states)

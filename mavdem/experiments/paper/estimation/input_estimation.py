@@ -361,19 +361,19 @@ def input_checks(errors: Mapping[str, Mapping[str, float]], data: str) -> list[C
         similar_count = int((np.maximum(ratios, 1 / ratios) <= MAX_SIMILAR_RATIO).sum())
         checks.append(
             Check(
-                f"{data}: the SSE of DEM is at most {MAX_SIMILAR_RATIO} times that of the {observer}, and the reverse, "
-                "every time",
-                similar_count == len(ratios),
-                f"{data}: the SSE of DEM is {rounded(ratios.min(), 3)} to {rounded(ratios.max(), 3)} times that of the "
-                f"{observer}, similar in {similar_count} of {len(ratios)}",
+                rule=f"{data}: the SSE of DEM is at most {MAX_SIMILAR_RATIO} times that of the {observer}, and the "
+                "reverse, every time",
+                holds=similar_count == len(ratios),
+                finding=f"{data}: the SSE of DEM is {rounded(ratios.min(), 3)} to {rounded(ratios.max(), 3)} times "
+                f"that of the {observer}, similar in {similar_count} of {len(ratios)}",
             )
         )
     lower_count = sum(sse[DEM] < sse[INPUT_MEAN] for sse in errors.values())
     checks.append(
         Check(
-            f"{data}: the SSE of DEM is lower than that of the constant mean of the input, every time",
-            lower_count == len(errors),
-            f"{data}: DEM estimates the input better than its constant mean in {lower_count} of {len(errors)}",
+            rule=f"{data}: the SSE of DEM is lower than that of the constant mean of the input, every time",
+            holds=lower_count == len(errors),
+            finding=f"{data}: DEM estimates the input better than its constant mean in {lower_count} of {len(errors)}",
         )
     )
     return checks

@@ -338,10 +338,10 @@ def covariance_checks(errors: Mapping[str, Mapping[str, MeanErrors]], data: str)
         best_factor = means[best_baseline].variance_factor
         checks.append(
             Check(
-                f"{data}, {noise}: the variances of DEM are wrong by a smaller factor than those of every other "
+                rule=f"{data}, {noise}: the variances of DEM are wrong by a smaller factor than those of every other "
                 "estimator",
-                dem_factor < best_factor,
-                f"{data}, {noise}: the variances are wrong by a factor of {rounded(dem_factor, 3)} by DEM and "
+                holds=dem_factor < best_factor,
+                finding=f"{data}, {noise}: the variances are wrong by a factor of {rounded(dem_factor, 3)} by DEM and "
                 f"{rounded(best_factor, 3)} by {best_baseline}",
             )
         )
@@ -360,10 +360,10 @@ def state_check(means: Mapping[str, MeanErrors]) -> Check:
     dem_error = means[DEM].state_error
     bayes_error = means[VARIATIONAL_BAYES].state_error
     return Check(
-        f"simulated, {SMOOTHEST}: the states of DEM have a lower squared error than those of {VARIATIONAL_BAYES}",
-        dem_error < bayes_error,
-        f"simulated, {SMOOTHEST}: the squared error of the states is {rounded(dem_error, 3)} of the measurement’s by "
-        f"DEM and {rounded(bayes_error, 3)} by {VARIATIONAL_BAYES}",
+        rule=f"simulated, {SMOOTHEST}: the states of DEM have a lower squared error than those of {VARIATIONAL_BAYES}",
+        holds=dem_error < bayes_error,
+        finding=f"simulated, {SMOOTHEST}: the squared error of the states is {rounded(dem_error, 3)} of the "
+        f"measurement’s by DEM and {rounded(bayes_error, 3)} by {VARIATIONAL_BAYES}",
     )
 
 
@@ -378,10 +378,10 @@ def online_check(factors: Mapping[str, float]) -> Check:
     """
     best_estimator = min(RECURSIVE_ESTIMATORS, key=lambda name: factors[name])
     return Check(
-        f"simulated, {STEP_NOISE}, after a step of the variances: those of {ONLINE_DEM} are wrong by a smaller factor "
-        "than those of every recursive estimator",
-        factors[ONLINE_DEM] < factors[best_estimator],
-        f"after a step of the variances they are wrong by a factor of {rounded(factors[ONLINE_DEM], 3)} by "
+        rule=f"simulated, {STEP_NOISE}, after a step of the variances: those of {ONLINE_DEM} are wrong by a smaller "
+        "factor than those of every recursive estimator",
+        holds=factors[ONLINE_DEM] < factors[best_estimator],
+        finding=f"after a step of the variances they are wrong by a factor of {rounded(factors[ONLINE_DEM], 3)} by "
         f"{ONLINE_DEM} and {rounded(factors[best_estimator], 3)} by {best_estimator}",
     )
 
@@ -447,7 +447,7 @@ def online_table(factors: Mapping[str, float]) -> list[Block]:
         rows.append([name, rounded(factors[name], 3)])
     return [
         Sentence(
-            f"factor by which the variances are wrong some time after they rose by a factor of "
+            "factor by which the variances are wrong some time after they rose by a factor of "
             f"{rounded(VARIANCE_STEP, 2)}, {STEP_NOISE}.",
             "Online:",
         ),

@@ -283,10 +283,10 @@ def coverage_check(results_by_width: Mapping[int, Sequence[SimulatedResult]]) ->
     coverage_text = ", ".join(coverage_texts)
     coverage_errors = [abs(share - COVERAGE) for share in coverages.values()]
     return Check(
-        f"the {percent(COVERAGE)} interval of s, by the sandwich, covers the true s within "
+        rule=f"the {percent(COVERAGE)} interval of s, by the sandwich, covers the true s within "
         f"{percent(MAX_COVERAGE_ERROR)} at every smoothness",
-        max(coverage_errors) <= MAX_COVERAGE_ERROR,
-        f"the {percent(COVERAGE)} interval of s covers the true one in {coverage_text}",
+        holds=max(coverage_errors) <= MAX_COVERAGE_ERROR,
+        finding=f"the {percent(COVERAGE)} interval of s covers the true one in {coverage_text}",
     )
 
 
@@ -307,10 +307,10 @@ def learned_smoothness_check(comparisons: Mapping[str, Paired]) -> Check:
             f"{comparison.windows} windows"
         )
     return Check(
-        f"on {ARDRONE_NAME} the median of the error with s learned over that with s = dt is at most "
+        rule=f"on {ARDRONE_NAME} the median of the error with s learned over that with s = dt is at most "
         f"{1 - MIN_GAIN:g}",
-        all(comparison.ratio <= 1 - MIN_GAIN for comparison in comparisons.values()),
-        f"on {ARDRONE_NAME} the error with s learned over that with s = dt is {'; '.join(findings)}",
+        holds=all(comparison.ratio <= 1 - MIN_GAIN for comparison in comparisons.values()),
+        finding=f"on {ARDRONE_NAME} the error with s learned over that with s = dt is {'; '.join(findings)}",
     )
 
 

@@ -364,9 +364,10 @@ def least_error_check(errors: Mapping[str, float], peers: Sequence[str], data: s
     """
     best_peer = min(peers, key=lambda name: errors[name])
     return Check(
-        f"{data}: the mean SSE of {DEM} is lower than that of {listed(peers)}",
-        errors[DEM] < errors[best_peer],
-        f"{data}: {DEM} has an SSE of {rounded(errors[DEM], 3)}, {best_peer} of {rounded(errors[best_peer], 3)}",
+        rule=f"{data}: the mean SSE of {DEM} is lower than that of {listed(peers)}",
+        holds=errors[DEM] < errors[best_peer],
+        finding=f"{data}: {DEM} has an SSE of {rounded(errors[DEM], 3)}, {best_peer} of "
+        f"{rounded(errors[best_peer], 3)}",
     )
 
 
